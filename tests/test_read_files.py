@@ -24,6 +24,7 @@ READING = {
     "allan log": ("allan", "{}"),
     "baseline save run": ("baseline", "save", "{}", "new.json"),
     "baseline update run": ("baseline", "update", "--accept", "*", "--because", "a test", "base.json", "{}"),
+    "bisect --rig": ("bisect", "v1", "v2", "--firmware", "app.elf", "--rig", "{}", "--", "make"),
     "calibrate --firmware": ("calibrate", "--firmware", "{}"),
     "calibrate --rig": ("calibrate", "--rig", "{}"),
     "compare base": ("compare", "{}", "run.json"),

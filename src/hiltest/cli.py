@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from hiltest import __version__
-from hiltest.commands.options import EXIT_CODES
+from hiltest.commands.options import ERROR_SCHEMA, EXIT_CODES, print_document
 from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
@@ -20,7 +20,7 @@ _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 _SAID_OF_OUTPUT = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
 # In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
 _GROUPS = {
-    "Run and judge": ("run", "compare", "baseline", "trend", "report", "export"),
+    "Run and judge": ("run", "compare", "baseline", "bisect", "trend", "report", "export"),
     "Firmware": ("profile", "timing"),
     "Bench": ("init", "device", "serve", "calibrate", "log"),
     "Recordings": ("fit", "fit-imu", "allan", "decode", "play"),
@@ -70,20 +70,31 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name may hold what no encoding has
             stream.reconfigure(errors="backslashreplace")
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    as_json = "--json" in given[: given.index("--") if "--" in given else None]
     try:
-        code = command(args=arguments, prog_name="hiltest", standalone_mode=False)
+        code = command(args=given, prog_name="hiltest", standalone_mode=False)
     except click.ClickException as error:
         error.show()
-        code = _USAGE_ERROR
+        code = _failed(error, error.format_message(), _USAGE_ERROR, as_json=as_json)
     except HiltestError as error:
         click.echo(f"ERROR: {error}", err=True)
         code = next((code for kind, code in _CODES.items() if isinstance(error, kind)), _FAILED)
+        _failed(error, str(error), code, as_json=as_json)
     except OSError as error:
         if error.errno not in _SAID_OF_OUTPUT:
             raise
         click.echo(f"ERROR: {_SAID_OF_OUTPUT[error.errno]}: {error.strerror}", err=True)
+        # Without a document: it is the output that cannot be written.
         code = _USAGE_ERROR
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt) as error:
         click.echo("interrupted", err=True)
-        code = _INTERRUPTED
+        code = _failed(error, "interrupted", _INTERRUPTED, as_json=as_json)
     sys.exit(code or 0)
+
+
+def _failed(error: BaseException, message: str, code: int, *, as_json: bool) -> int:
+    """Return the exit code; with ``--json``, print the document of an error in the place of the command's."""
+    if as_json:
+        print_document(ERROR_SCHEMA, {"error": type(error).__name__, "message": message, "exit_code": code})
+    return code

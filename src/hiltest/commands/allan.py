@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from hiltest.commands.options import RATE_UNITS, NumberRange
+from hiltest.commands.options import RATE_UNITS, NumberRange, json_option
 
 _EXIT_CODES = """
 \b
@@ -33,7 +33,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
               help="First instant to take, in seconds after the first row.")
 @click.option("--to", "last", metavar="S", type=NumberRange(0.0), default=math.inf,
               help="First instant not to take, likewise.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.allan/1) and nothing else.")
+@json_option("hiltest.allan/1")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the curve.")
 def allan(
     log: Path, columns: str | None, unit: str | None, time: str | None, rate_hz: float | None, first: float,
@@ -55,9 +55,7 @@ def allan(
     )  # fmt: skip
     check_rest(read)
     curve = allan_curve(read.rates, rate_hz=read.rate_hz)
-    if as_json:
-        click.echo(to_json(read, curve), nl=False)
-    else:
+    if not as_json:
         click.echo(headline(read))
         rows = [HEADER, *table(read, curve)]
         widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
@@ -67,3 +65,5 @@ def allan(
             click.echo(note)
     if html is not None:
         write_page(read, curve, html)
+    if as_json:  # last: an error has a document of its own
+        click.echo(to_json(read, curve), nl=False)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from hiltest.commands.options import documented
 from hiltest.errors import ConfigError
 from hiltest.text import counted, readable
 
@@ -31,9 +32,10 @@ def baseline() -> None:
 
 
 @baseline.command(epilog=_EXIT_CODES)
+@documented("hiltest.baseline-save/1")
 @click.argument("run", nargs=-1, required=True, type=_PATH)
 @click.argument("file", type=_PATH)
-def save(run: tuple[Path, ...], file: Path) -> int:
+def save(run: tuple[Path, ...], file: Path) -> tuple[int, dict[str, Any]]:
     """Write the measurements of RUN to FILE, without the volatile ones.
 
     RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). An existing
@@ -51,17 +53,19 @@ def save(run: tuple[Path, ...], file: Path) -> int:
         saved = renewed(saved, before)
     _write(saved, file)
     click.echo(f"{file}: {_counted(len(saved.measurements))} of build {saved.side.build_id}, {_seeds(saved)}")
-    return 0
+    return 0, {"file": str(file), "measurements": len(saved.measurements), "build_id": saved.side.build_id,
+               "seeds": saved.seeds}  # fmt: skip
 
 
 @baseline.command(epilog=_EXIT_CODES)
+@documented("hiltest.baseline-update/1")
 @click.option("--accept", "names", metavar="NAME", required=True, multiple=True,
               help="Measurement to accept, * matches anything; may be given more than once.")
 @click.option("--because", metavar="TEXT", required=True,
               help="Reason for the change; goes into the file's history.")
 @click.argument("file", type=_PATH)
 @click.argument("run", nargs=-1, required=True, type=_PATH)
-def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: str) -> int:
+def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: str) -> tuple[int, dict[str, Any]]:
     """Copy the named measurements of RUN into FILE, and keep all others.
 
     A measurement that RUN no longer makes is removed, but none after a run of chosen tests (-k, node ids). Of a real
@@ -92,7 +96,8 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
         edited = _edited(was.get(each.name), now.get(each.name))
         click.echo(f"{each.name}: {_value(each.was)} -> {_value(each.now)}{edited}")
     click.echo(f"{file}: {_counted(len(moved))} moved, {len(after.measurements)} in it, of {build(after.side)}")
-    return 0
+    found = [{"name": each.name, "was": each.was, "now": each.now} for each in moved]
+    return 0, {"file": str(file), "moved": found, "measurements": len(after.measurements)}
 
 
 def _before(file: Path) -> Baseline | None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import checked
+from hiltest.commands.options import checked, documented
 from hiltest.errors import ConfigError
 from hiltest.operator_prompt import ask
 from hiltest.settings import file_name, seed
@@ -36,6 +37,7 @@ Exit codes:
 
 
 @click.command(epilog=_EXIT_CODES)
+@documented("hiltest.imu-calibration/1")
 @click.option("--rig", metavar="R", callback=checked(file_name),
               help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
 @click.option("--hil-port", metavar="URL", callback=checked(file_name),
@@ -50,7 +52,7 @@ Exit codes:
               help="Calibration file; the C header beside it has the same name and ends in .h.")
 def calibrate(
     rig: str | None, hil_port: str | None, firmware: str | None, seed: str | None, calibrator: str, out: Path
-) -> int:
+) -> tuple[int, dict[str, Any]]:
     """Calibrate the IMU of a board step by step, and write one file.
 
     A virtual board runs without questions. For a board that is turned by hand it says what to do next, shows progress,
@@ -73,7 +75,7 @@ def calibrate(
         made = _led_through(board, described, calibrator)
     _write(made, out, header)
     click.echo(f"{out}, {header}")
-    return 0
+    return 0, asdict(made)
 
 
 def _check_before_the_work(out: Path, header: Path) -> None:

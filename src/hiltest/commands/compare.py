@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hiltest.commands.options import json_option
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ Exit codes:
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.comparison/1) and nothing else.")
+@json_option("hiltest.comparison/1")
 @click.option("--detect", metavar="SIZE", help="Say how many runs a side see a change of SIZE, such as 0.05deg.")
 @click.argument("base", type=click.Path(path_type=Path))
 @click.argument("new", nargs=-1, type=click.Path(path_type=Path))

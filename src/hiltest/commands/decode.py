@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import NumberRange, asked_to_end, checked, opened
+from hiltest.commands.options import NumberRange, asked_to_end, checked, documented, opened
 from hiltest.errors import BenchError, ConfigError
 from hiltest.settings import file_name
 
@@ -32,6 +32,7 @@ _LARGEST_BYTES = 512 << 20
 
 
 @click.command(epilog=_EXIT_CODES)
+@documented("hiltest.decode/1")
 @click.argument("source", metavar="FILE|PORT", callback=checked(file_name))
 @click.option(
     "--csv",
@@ -54,14 +55,23 @@ _LARGEST_BYTES = 512 << 20
     show_default=True,
     help="Of a port: speed of the line.",
 )
-def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> int:
+def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> tuple[int, dict[str, Any]]:
     """Show the packets of NXP's sensor fusion in a recording.
 
     FILE holds the bytes as they came, PORT is a serial device or a pyserial URL. Packets of releases 4.22, 5.00 and 7
     are known: see docs/decode.md.
     """
     summary = _listen(source, csv_file, seconds, baud) if _is_port(source) else _read(source, csv_file)
-    return 0 if summary.kinds else 1
+    return 0 if summary.kinds else 1, {
+        "source": source, "packets": sum(summary.counts.values()), "lost_bytes": summary.lost_bytes,
+        "missing": summary.missing, "resets": summary.clock.resets,
+        "releases": [str(each) for each in summary.releases()],
+        "firmware": summary.firmware, "elapsed_s": summary.clock.elapsed_us / 1e6,
+        "kinds": [
+            {"type": each.type, "title": each.title, "packets": summary.counts[each],
+             "per_second": summary.rate_hz(each)} for each in summary.kinds
+        ],
+    }  # fmt: skip
 
 
 def _read(source: str, csv_file: Path | None) -> StreamSummary:

@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import NumberRange, asked_to_end, checked
+from hiltest.commands.options import NumberRange, asked_to_end, checked, documented
 from hiltest.errors import ConfigError, LinkLostError
 from hiltest.settings import file_name
 
@@ -45,6 +45,7 @@ def device() -> None:
 
 
 @device.command("try", epilog=_TRY_EXIT_CODES)
+@documented("hiltest.device-try/1")
 @click.option("--rig", metavar="R", required=True, callback=checked(file_name),
               help="Rig file with a [device] table, or name of a rig in hil/rigs.")
 @click.option("--hil-port", metavar="URL", callback=checked(file_name),
@@ -53,7 +54,7 @@ def device() -> None:
               help="Firmware for the virtual board, or the ELF that runs where variables are read.")
 @click.option("--for", "seconds", metavar="SECONDS", type=NumberRange(min=0.0, max=1e9, min_open=True),
               help="How long to listen, by the board's clock.  [default: until Ctrl-C]")
-def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | None) -> int:
+def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
     """Show each line that the board sends, and what is understood of it; and variables, with what they hold.
 
     A line that means nothing has a question mark, and why. What the rig sends at the start is sent; nothing is turned,
@@ -72,12 +73,16 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
             interfaces, opened.memory,
             {name: each.paths for name, each in table.memory.values.items()} if table.memory else {},
         )
-        _listen(opened, trial, [*interfaces.values()], seconds)
+        listened_s = _listen(opened, trial, [*interfaces.values()], seconds)
     finally:
         opened.close()
     for sentence in opened.bench.said_of_playback if opened.bench else ():
         click.echo(sentence, err=True)
-    return 0 if trial.values else 1
+    rates = {each.key: {"values": count, "per_second": trial.rate_hz(each)} for each, count in trial.values.items()}
+    return int(not trial.values), {
+        "seconds": listened_s, "understood": trial.understood, "not_understood": trial.not_understood,
+        "quantities": rates,
+    }  # fmt: skip
 
 
 def _table(rig: Rig) -> Device:
@@ -158,8 +163,8 @@ def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, 
         raise
 
 
-def _listen(opened: _Opened, trial: Trial, interfaces: list[StreamInterface], seconds: float | None) -> None:
-    """Show what comes for a time, and sum it up."""
+def _listen(opened: _Opened, trial: Trial, interfaces: list[StreamInterface], seconds: float | None) -> float:
+    """Show what comes for a time, sum it up, and return how long that was."""
     from hiltest.device.quantities import Moment
 
     now = opened.now
@@ -179,7 +184,9 @@ def _listen(opened: _Opened, trial: Trial, interfaces: list[StreamInterface], se
                     for heard in trial.look(now()):
                         _show(heard)
     finally:
-        click.echo("\n".join(["", *trial.summary(now() - begin_s)]))
+        listened_s = now() - begin_s
+        click.echo("\n".join(["", *trial.summary(listened_s)]))
+    return listened_s
 
 
 def _pieces(port: SerialPort | None, ended: Callable[[], bool]) -> Iterator[bytes]:

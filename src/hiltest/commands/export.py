@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import click
 
+from hiltest.commands.options import documented
 from hiltest.errors import ConfigError
 
 _EXIT_CODES = """
@@ -20,6 +23,7 @@ Exit codes:
 
 @click.command(epilog=_EXIT_CODES)
 @click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
+@documented("hiltest.export/1")
 @click.option("--format", "form", required=True, type=click.Choice(["bencher", "github-action-benchmark"]),
               help="bencher: Bencher Metric Format. github-action-benchmark: the list for its custom tools.")
 @click.option("--better", type=click.Choice(["smaller", "larger"]),
@@ -27,7 +31,7 @@ Exit codes:
                    "  [default: smaller]")
 @click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
               help="File to write.  [default: standard output]")
-def export(run: Path, form: str, better: str | None, out: Path | None) -> None:
+def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
     """Write the numbers of a run as JSON for dashboards.
 
     RUN is a run.json, its folder, the folder of a campaign or a baseline. Measurements that should be near zero are
@@ -57,3 +61,5 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> None:
     else:
         write_asked_for(out, text)
         click.echo(f"{out}: {len(wanted)} numbers", err=True)
+    file = None if out is None else str(out)
+    return 0, {"format": form, "numbers": len(wanted), "file": file, "content": json.loads(text)}

@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from hiltest.calibration.acceptance import Acceptance
-from hiltest.commands.options import ErrorOutput, checked
+from hiltest.commands.options import ErrorOutput, checked, json_option
 from hiltest.settings import file_name
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
               help="virtual: the firmware's calibrators, cycles counted. host: their float64 references.")
 @click.option("--firmware", metavar="ELF", callback=checked(file_name),
               help="Firmware for the virtual board.  [default: the packaged one]")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit/1) and nothing else.")
+@json_option("hiltest.fit/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
 @click.option("--force", is_flag=True, help="Export a refused calibration as well; it says so itself.")
@@ -93,12 +93,15 @@ def fit(
     if steady or first is not None or last is not None:
         read = _part(read, first, last, steady=steady)
     fitted = _fit(read, calibrator, shape, on, firmware, robust=robust != "none", field_ut=field_ut)
-    _show(fitted, as_json=as_json)
+    if not as_json:
+        _show(fitted, as_json=False)
     _export(fitted, export_json, export_header, force=force)
     if html is not None:
         from hiltest.logs.sample_fit_page import write_page
 
         write_page(fitted, read, html)
+    if as_json:  # last: an error has a document of its own
+        _show(fitted, as_json=True)
     return int(_worse(fitted, at_least))
 
 

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import RATE_UNITS, NumberRange
+from hiltest.commands.options import RATE_UNITS, NumberRange, json_option
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from hiltest.logs import ImuLog, Intervals
+    from hiltest.logs.imu_fit import ImuLogFit
 
 _EXIT_CODES = """
 \b
@@ -72,7 +73,7 @@ class _Options:
               help="Rate of a turntable (33.333, 45), wherever the log turns steadily: scale of that axis.")
 @click.option("--bias-from", metavar="FILE", type=_FILE,
               help="A log of the gyroscope at rest: its mean is the bias.  [default: of the rests in LOG]")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit-imu/1) and nothing else.")
+@json_option("hiltest.fit-imu/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the calibration as a C header.")
 def fit_imu(**given: Any) -> int:
@@ -82,8 +83,7 @@ def fit_imu(**given: Any) -> int:
     Rests, six faces and whole turns about the vertical are detected.
     """
     from hiltest.logs import AccelerationUnit, LogColumns, read_imu_log
-    from hiltest.logs.imu_fit import fit_imu_log, print_fit, to_header, to_json
-    from hiltest.record.files import write_asked_for
+    from hiltest.logs.imu_fit import fit_imu_log, print_fit, to_json
     from hiltest.report.console import standard_output
     from hiltest.units import RATE_WORDS
 
@@ -100,10 +100,18 @@ def fit_imu(**given: Any) -> int:
     bias = _bias(read, options.bias_from, options) if options.bias_from else None
     fitted = fit_imu_log(read, _intervals(read, listed, bias, turns=options.rate_rpm is not None), options.method,
                          turn_deg=options.turn_deg, bias=bias, rpm=options.rate_rpm)
-    if options.as_json:
-        click.echo(to_json(fitted), nl=False)
-    else:
+    if not options.as_json:
         print_fit(fitted, standard_output())
+    code = _export(fitted, options)
+    if options.as_json:  # last: an error has a document of its own
+        click.echo(to_json(fitted), nl=False)
+    return code
+
+
+def _export(fitted: ImuLogFit, options: _Options) -> int:
+    from hiltest.logs.imu_fit import to_header, to_json
+    from hiltest.record.files import write_asked_for
+
     if not (fitted.accelerometer.fit is not None if options.rate_rpm is None else fitted.scales):
         if options.export_json or options.export_header:
             click.echo("refused: no calibration was exported", err=True)

@@ -8,11 +8,12 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
 from hiltest.bench_files import shipped
-from hiltest.commands.options import checked
+from hiltest.commands.options import checked, documented
 from hiltest.errors import ConfigError
 from hiltest.operator_prompt import ask
 from hiltest.settings import file_name
@@ -29,10 +30,11 @@ _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 
 @click.command()
+@documented("hiltest.init/1")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--firmware", metavar="ELF", callback=checked(file_name),
               help="Also write a rig for this firmware: what its names and texts tell of headings.")
-def init(folder: Path, firmware: str | None) -> int:
+def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
     """Copy suites, rigs, benchmarks and a baseline to DIR/hil.
 
     The baseline holds the numbers of the packaged firmware on the default rig.
@@ -59,9 +61,10 @@ def init(folder: Path, firmware: str | None) -> int:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot copy to {target}: {reason}. Choose a folder that can be written to") from error
     click.echo(f"suites, rigs, benchmarks and the baseline of the packaged firmware are in {target}. Next:")
-    options = f"--rig {proposed[0]}" if proposed else f"--baseline {'hil' / _BASELINE}"
-    click.echo(f"cd {folder} && hiltest run {options}")
-    return 0
+    options = ["--rig", proposed[0]] if proposed else ["--baseline", str("hil" / _BASELINE)]
+    click.echo(f"cd {folder} && hiltest run {' '.join(options)}")
+    rig = proposed[0] if proposed else None
+    return 0, {"folder": str(target), "rig": rig, "next": ["hiltest", "run", *options]}
 
 
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import ErrorOutput, NumberRange, asked_to_end, checked, opened
+from hiltest.commands.options import ErrorOutput, NumberRange, asked_to_end, checked, documented, opened
 from hiltest.settings import file_name, seed
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ Exit codes:
 
 
 @click.command(epilog=_EXIT_CODES)
+@documented("hiltest.log/1")
 @click.option("--seconds", metavar="N", type=NumberRange(min=0.0, max=1e9, min_open=True), required=True,
               help="Duration by the board's clock.")
 @click.option("--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path),
@@ -49,7 +50,7 @@ Exit codes:
 def log(
     seconds: float, out: Path, sensors: Sequence[str], rig: str | None, hil_port: str | None, firmware: str | None,
     seed: str | None,
-) -> int:  # fmt: skip
+) -> tuple[int, dict[str, Any]]:  # fmt: skip
     """Record sensor samples of a board to a CSV file.
 
     Every sample of the gyroscope is written, with the board's time. Samples of accelerometer and magnetometer between
@@ -69,7 +70,10 @@ def log(
     told = ", ".join(f"{counts[kind]} of the {kind.name.lower()}" for kind in kinds)
     _tell_of_playback(board)
     click.echo(f"{out}: {told}" + (f"; {counts[None]} times samples were lost" if counts[None] else ""))
-    return _INTERRUPTED if ending else 0
+    return _INTERRUPTED if ending else 0, {
+        "file": str(out), "samples": {kind.name.lower(): counts[kind] for kind in kinds}, "lost": counts[None],
+        "ended_early": bool(ending),
+    }  # fmt: skip
 
 
 def _tell_of_playback(board: Board) -> None:

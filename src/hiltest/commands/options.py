@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
+import io
+import json
 import math
 import signal
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
 import click
 
 from hiltest.errors import ConfigError
-from hiltest.settings import jobs
+from hiltest.settings import jobs, seed
 
 EXIT_CODES = """
 \b
@@ -30,6 +34,9 @@ Exit codes:
   23  wrong firmware, or another protocol version
 """
 
+ERROR_SCHEMA = "hiltest.error/1"
+"""Of the document that stands in the place of any other where a command cannot do what it is asked to."""
+_SAID_MOST = 10_000
 #: Of `hiltest.units.RATE_WORDS`, which commands import when they run.
 RATE_UNITS = ("deg/s", "dps", "mdps", "rad/s", "deg/h", "counts")
 
@@ -60,6 +67,21 @@ def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Param
     return callback
 
 
+def seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
+    """Parse ``A..B``, both ends included."""
+    if text is None:
+        return None
+    first, dots, last = text.partition("..")
+    try:
+        seeds = range(seed(first), seed(last) + 1)
+    except argparse.ArgumentTypeError as error:
+        reason = str(error) if dots else f"{text!r} is not a range of seeds"
+        raise click.BadParameter(f"{reason}; write for example 1..100") from error
+    if not seeds:
+        raise click.BadParameter(f"{text!r} is not a range of seeds; write for example 1..100")
+    return seeds
+
+
 def jobs_option(begins: str = "Processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return the option ``--jobs``, whose value is a number or a scheduler's address; `begins` its help."""
     return click.option(
@@ -73,6 +95,69 @@ def _jobs(_context: click.Context, _parameter: click.Parameter, text: str | None
         return None if text is None else jobs(text)
     except argparse.ArgumentTypeError as error:
         raise click.BadParameter(str(error)) from error
+
+
+def json_option(schema: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option ``--json`` of a command that prints its document by itself."""
+    return click.option("--json", "as_json", is_flag=True, help=f"Print JSON ({schema}) and nothing else.")
+
+
+def documented(schema: str) -> Callable[[Callable[..., tuple[int, Mapping[str, Any]]]], Callable[..., int]]:
+    """Return a decorator that gives a command ``--json``.
+
+    Such a command prints for people, and returns its exit code and the content of its document. With the option what it
+    prints goes to standard error, and the document alone to standard output.
+    """
+
+    def decorated(command: Callable[..., tuple[int, Mapping[str, Any]]]) -> Callable[..., int]:
+        @functools.wraps(command)
+        def with_json(*, as_json: bool, **given: Any) -> int:
+            if not as_json:
+                return command(**given)[0]
+            with contextlib.redirect_stdout(sys.stderr):
+                code, content = command(**given)
+            print_document(schema, content)
+            return code
+
+        return json_option(schema)(with_json)
+
+    return decorated
+
+
+def print_document(schema: str, content: Mapping[str, Any]) -> None:
+    """Print a document on standard output."""
+    click.echo(json.dumps({"schema": schema, **content}, indent=1, ensure_ascii=False, allow_nan=False))
+
+
+class Said(io.TextIOBase):
+    """Standard error, with what was last said on it."""
+
+    def __init__(self) -> None:
+        self._to = sys.stderr
+        self._text = ""
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        self._text = (self._text + text)[-_SAID_MOST:]
+        return self._to.write(text)
+
+    def flush(self) -> None:
+        """Pass on what was written."""
+        self._to.flush()
+
+    def isatty(self) -> bool:
+        """Say whether it is a terminal."""
+        return self._to.isatty()
+
+    def fileno(self) -> int:
+        """Return standard error's number."""
+        return self._to.fileno()
+
+    @property
+    def last_words(self) -> str:
+        """The last line."""
+        lines = self._text.strip().splitlines()
+        return lines[-1].removeprefix("ERROR: ") if lines else "no output"
 
 
 class ErrorOutput:

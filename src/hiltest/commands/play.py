@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import ErrorOutput, NumberRange, checked
+from hiltest.commands.options import ErrorOutput, NumberRange, checked, json_option
 from hiltest.errors import ConfigError
 from hiltest.settings import file_name
 
@@ -45,7 +45,7 @@ _MOST_MOMENTS = 10_000
               help="Firmware for the rig's board.  [default: the rig's, else the packaged one]")
 @click.option("--every", "every_s", metavar="SECONDS", type=NumberRange(min=0.1, max=3600.0),
               help="Time between two headings.  [default: twelve over the recording]")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.play/1) and nothing else.")
+@json_option("hiltest.play/1")
 def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -> int:
     """Play a recording to firmware, and show what it finds from it.
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hiltest.commands.options import json_option
+
 if TYPE_CHECKING:
     from hiltest.profiling.image import ProfiledImage
 
@@ -42,7 +44,7 @@ Exit codes:
               help="How many source lines to show.")
 @click.option("--instructions", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
               help="How many instructions to show.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON (schema hiltest.profile/1) instead of tables.")
+@json_option("hiltest.profile/1")
 @click.option("--folded", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the stacks as flame graph tools read them.")
 @click.option("--flame-graph", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),

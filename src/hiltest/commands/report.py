@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from hiltest.commands.options import documented
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,9 +28,10 @@ _TRIES = 3
 
 @click.command(epilog=_EXIT_CODES)
 @click.argument("record", metavar="DIR|FILE", type=click.Path(path_type=Path))
+@documented("hiltest.report/1")
 @click.option("--out", metavar="DIR", type=click.Path(path_type=Path),
               help="Folder for run.json and the reports.  [default: where the record is]")
-def report(record: Path, out: Path | None) -> int:
+def report(record: Path, out: Path | None) -> tuple[int, dict[str, Any]]:
     """Write the reports of a run again, and print the verdict.
 
     DIR is the folder of a run, FILE a run.json. If the run was cut short or is still running, the reports say so and
@@ -44,7 +47,8 @@ def report(record: Path, out: Path | None) -> int:
         _elsewhere(stored, out)
     click.echo(f"{out or folder}: report.html, report.md")
     click.echo(stored.run.verdict.sentence)
-    return 0
+    return 0, {"folder": str(out or folder), "files": ["report.html", "report.md"],
+               "verdict": asdict(stored.run.verdict)}  # fmt: skip
 
 
 def _in_place(record: Path, folder: Path) -> RecordFile:

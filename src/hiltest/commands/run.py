@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 
 from hiltest.bench_files import suites
-from hiltest.commands.options import EXIT_CODES, checked, jobs_option
+from hiltest.commands.options import (
+    ERROR_SCHEMA,
+    EXIT_CODES,
+    Said,
+    checked,
+    jobs_option,
+    json_option,
+    print_document,
+    seed_range,
+)
 from hiltest.errors import ConfigError
-from hiltest.record.files import OLDER_FOLDER
+from hiltest.record.exit_codes import ExitCode
+from hiltest.record.files import OLDER_FOLDER, RUN_FILE, SEEDS_FILE
 from hiltest.record.run import Run
 from hiltest.runs.folders import folder_beside_complete, said_of_folder
 from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
@@ -39,6 +50,7 @@ class RunCommand:
 
     def __init__(self, older: OlderFirmware | None = None) -> None:
         self.run: Run | None = None
+        self.folder = Path()
         self._older = older
         self._remarks: list[str] = []
 
@@ -69,6 +81,7 @@ class RunCommand:
     def pytest_configure(self, config: pytest.Config) -> None:
         """Open the bench, which this command always needs."""
         hil = config.stash[SESSION]
+        self.folder = hil.settings.out
         if self._older is not None:
             try:
                 _check_against(hil.gate.asked_for, hil.settings.port)
@@ -82,21 +95,6 @@ class RunCommand:
     def pytest_hil_finished(self, run: Run) -> None:
         """Keep the finished record."""
         self.run = run
-
-
-def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
-    """Parse ``A..B``, both ends included."""
-    if text is None:
-        return None
-    first, dots, last = text.partition("..")
-    try:
-        seeds = range(seed(first), seed(last) + 1)
-    except argparse.ArgumentTypeError as error:
-        reason = str(error) if dots else f"{text!r} is not a range of seeds"
-        raise click.BadParameter(f"{reason}; write for example 1..100") from error
-    if not seeds:
-        raise click.BadParameter(f"{text!r} is not a range of seeds; write for example 1..100")
-    return seeds
 
 
 class _Run(click.Command):
@@ -123,7 +121,7 @@ class _Run(click.Command):
 @click.option("--out", metavar="DIR", default=DEFAULT_OUT, show_default=True, callback=checked(file_name),
               help="Folder for the record and reports.")
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
-@click.option("--seeds", metavar="A..B", callback=_seed_range, help="Run once for each seed, and sum up.")
+@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed, and sum up.")
 @click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
               help="With --seeds: how many seeds may miss a limit.")
 @jobs_option("With --seeds: processes")
@@ -140,17 +138,33 @@ class _Run(click.Command):
               help="Older firmware that this one must not be worse than; it is run first, on the same bench.")
 @click.option("--coverage", metavar="FILE", type=click.Path(), callback=checked(file_name),
               help="Write the coverage of the firmware as the virtual board executes it, for LCOV's genhtml.")
+@json_option("hiltest.run/1, with --seeds hiltest.seeds/1")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
-def run(
-    out: str, seeds: range | None, may_fail: int, jobs: int | str | None, against: str | None, verbose: bool,
-    pytest_args: Sequence[str], **given: str | None,
-) -> int:
+def run(*, as_json: bool, **given: Any) -> int:
     """Run the suites and end with a verdict.
 
     The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
     -- goes to pytest: hiltest run -- -k heading
     """
+    if not as_json:
+        return _run(**given)[0]
+    said = Said()
+    with redirect_stdout(said), redirect_stderr(said):
+        code, record = _run(**given)
+    if record is not None and record.exists():
+        click.echo(record.read_text(encoding="utf-8"), nl=False)
+    else:
+        error = "UsageError" if code == ExitCode.USAGE_ERROR else "NoRecord"
+        print_document(ERROR_SCHEMA, {"error": error, "message": said.last_words, "exit_code": code})
+    return code
+
+
+def _run(
+    *, out: str, seeds: range | None, may_fail: int, jobs: int | str | None, against: str | None, verbose: bool,
+    pytest_args: Sequence[str], **given: str | None,
+) -> tuple[int, Path | None]:
+    """Run them, and return the exit code and the file with the record; None where there is none."""
     from hiltest.runs.folders import sole_command
 
     check_environment()
@@ -176,10 +190,11 @@ def run(
             _try_out(against, given["firmware"], given["rig"], given["base"])
         base = baseline or base_of_environment()
         with sole_command(Path(out)):
-            return run_seeds(
+            code = run_seeds(
                 seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against, jobs=jobs,
                 coverage=coverage or os.environ.get("HIL_COVERAGE"),
             )  # fmt: skip
+        return code, Path(out) / SEEDS_FILE
     older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
     of_this_run = {"--hil-baseline": baseline, "--hil-coverage": coverage}
     options += [f"{name}={value}" for name, value in of_this_run.items() if value is not None]
@@ -218,7 +233,9 @@ def _try_out(older: str, newer: str | None, rig: str | None, base: str | None) -
     open_board(bench, firmware=None if newer is None else Path(newer), base=at).close()
 
 
-def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None = None) -> int:
+def run_suites(
+    options: Sequence[str], out: Path, *, older: OlderFirmware | None = None
+) -> tuple[int, Path | None]:
     """Run pytest on the suites.
 
     Parameters
@@ -232,8 +249,8 @@ def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None
 
     Returns
     -------
-    int
-        Exit code.
+    int, Path or None
+        Exit code, and the file with the record; None where none was finished.
     """
     command = RunCommand(older)
     here = Path.cwd()
@@ -248,4 +265,4 @@ def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None
         ],
         plugins=[command],
     )
-    return int(code)
+    return int(code), None if command.run is None else command.folder / RUN_FILE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import signal
 import time
@@ -20,7 +21,7 @@ from hiltest.boards.paced import PacedBench, SerialPortOfBoard
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
 from hiltest.boards.uart_ports import opened_ports, uart_ports
-from hiltest.commands.options import NumberRange, checked
+from hiltest.commands.options import NumberRange, checked, json_option
 from hiltest.errors import BenchError, ConfigError
 from hiltest.rig.file import load_rig
 from hiltest.settings import address, file_name, seed
@@ -69,11 +70,12 @@ _PORTS = click.IntRange(0, _LAST_PORT)
               help="Start the board at once.  [default: it stays in reset until a program opens one of its ports]")
 @click.option("--until", metavar="S", type=NumberRange(min=0.0, min_open=True), default=math.inf,
               help="End at this virtual time.  [default: never]")
+@json_option("hiltest.serve/1, in one line when the ports are open")
 @click.option("--gdb", type=_PORTS, metavar="PORT",
               help="Let GDB debug the firmware on this TCP port; 0 takes any free one. See docs/debug.md.")
 def serve(
     pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, uarts: tuple[str, ...],
-    no_wait: bool, until: float, gdb: int | None, **described: Any,
+    no_wait: bool, until: float, gdb: int | None, as_json: bool, **described: Any,
 ) -> int:
     """Put the virtual board and its turntable on real ports.
 
@@ -106,11 +108,17 @@ def serve(
             stack.callback(debugger.close)  # and lets the board's thread go, before it is waited for
         paced.power_on()
         if held or _listening(paced, ending):
-            click.echo(f"board: {urls[0]}\nturntable: {urls[1]}")
-            for port, _, url in further:
-                click.echo(f"{port.name}: {url}")
-            if debugger is not None:
-                click.echo(f"gdb: {host}:{debugger.port}")
+            urls_of_uarts = {port.name: url for port, _, url in further}
+            gdb_at = None if debugger is None else f"{host}:{debugger.port}"
+            if as_json:
+                click.echo(json.dumps({
+                    "schema": "hiltest.serve/1", "board": urls[0], "turntable": urls[1], "uarts": urls_of_uarts,
+                    "gdb": gdb_at,
+                    "firmware": bench.firmware.name, "rig": bench.rig.name, "cycle_model": model,
+                }))  # fmt: skip
+            else:
+                listed = {"board": urls[0], "turntable": urls[1], **urls_of_uarts, "gdb": gdb_at}
+                click.echo("\n".join(f"{name}: {url}" for name, url in listed.items() if url))
             if bench.playback:
                 _tell(bench.playback.described())
             waits = ", in reset until a program opens a port" if held else ""

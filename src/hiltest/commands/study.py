@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import checked, jobs_option
+from hiltest.commands.options import checked, documented, jobs_option
 from hiltest.settings import DEFAULT_OUT, file_name, seed
 from hiltest.studies import NAMES
 
@@ -50,6 +50,7 @@ def _is_given(option: str) -> bool:
 
 
 @click.command(epilog=_EXIT_CODES)
+@documented("hiltest.study/1")
 @click.argument("name", type=click.Choice(NAMES))
 @click.option("--instances", metavar="N", type=click.IntRange(1, 1_000_000_000),
               help="Instances of each condition, such as a noise level.  [default: as in the paper]")
@@ -70,7 +71,7 @@ def _is_given(option: str) -> bool:
 def study(
     name: str, instances: int | None, points: int | None, rig: str | None, noise_ut: float | None,
     coverage_percent: float, cycles: int | None, seed_text: str, jobs: int | str | None, out: str | None,
-) -> int:  # fmt: skip
+) -> tuple[int, dict[str, Any]]:  # fmt: skip
     """Run an experiment of a paper again, and compare.
 
     \b
@@ -112,9 +113,12 @@ def study(
             progress.clear()
             click.echo(f"what is done is kept in {folder}: the same command goes on from there", err=True)
             raise
-    for figure, paper, printed, measured, reproduced, why in printed_rows(chosen, run):
+    rows = list(printed_rows(chosen, run))
+    for figure, paper, printed, measured, reproduced, why in rows:
         word = "reproduced" if reproduced == "yes" else "not reproduced"
         click.echo(f"{paper}: {figure}: printed {printed}, measured {measured}: {word}: {why}")
     click.echo(f"{folder}: run.json, {PAGE_FILE}")
     click.echo(run.verdict.sentence)
-    return 0
+    names = ("figure", "paper", "printed", "measured", "reproduced", "because")
+    figures = [dict(zip(names, (*row[:4], row[4] == "yes", *row[5:]), strict=True)) for row in rows]
+    return 0, {"folder": str(folder), "figures": figures, "verdict": asdict(run.verdict)}

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import ErrorOutput, checked
+from hiltest.commands.options import ErrorOutput, checked, documented, json_option
 from hiltest.errors import ConfigError
 from hiltest.settings import file_name
 
@@ -44,7 +44,7 @@ def timing() -> None:
 @timing.command(epilog=_EXIT_CODES)
 @click.option("--profile", "named", metavar="NAME|FILE",
               help="Timing profile, or a file of your own (.toml).  [default: cortex-m4-trm/2]")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.timing/1) and nothing else.")
+@json_option("hiltest.timing/1")
 def show(named: str | None, as_json: bool) -> int:
     """Print a timing profile: cycles, range and source of each row."""
     from hiltest.profiling.timing_table import json_text, print_table
@@ -62,6 +62,7 @@ def show(named: str | None, as_json: bool) -> int:
 
 
 @timing.command(epilog=_MEASURE_EXIT_CODES)
+@documented("hiltest.timing-measure/1")
 @click.option("--hil-port", metavar="URL", callback=checked(file_name),
               help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's virtual board]")
 @click.option("--rig", metavar="R", callback=checked(file_name),
@@ -69,7 +70,7 @@ def show(named: str | None, as_json: bool) -> int:
 @click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
               help="Profile to write; one of this board is replaced.  "
                    "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]")
-def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
+def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
     """Time instructions on a board and write its timing profile.
 
     The firmware runs sequences of one kind of instruction each, from SRAM and from flash, with nothing but its cycle
@@ -99,7 +100,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     print_judgements(standard_output(), measured.judgements)
     print_places(standard_output(), raw)
     click.echo(f"{file}: {name}, {len(measured.rows)} rows")
-    return 0
+    return 0, {"file": str(file), "name": name, "rows": len(measured.rows), "remarks": measured.remarks}
 
 
 def _check_replaceable(file: Path, name: str) -> None:

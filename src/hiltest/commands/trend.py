@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hiltest.commands.options import json_option
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _NAMED_AT_MOST = 20
 @click.option("--html", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
               help="Page with a plot of each measurement.  [default: trend.html in DIR; with --json none]")
 @click.option("--all", "every", is_flag=True, help="Also show measurements without a limit or a change point.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.trend/1) and nothing else.")
+@json_option("hiltest.trend/1")
 def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     """Show each measurement over all runs in a folder.
 
@@ -43,18 +44,17 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     if not entries:
         raise ConfigError("\n".join([f"{folder}: no run in it", *map(_in_words, skipped[:_NAMED_AT_MOST])]))
     found = trend_of(entries)
-    if as_json:
-        click.echo(to_json(found, skipped), nl=False)
-    else:
+    if not as_json:
         from hiltest.report.console import standard_output
 
         print_trend(found, standard_output(), every=every)
         _print_skipped(skipped)
-    if html is None and as_json:
-        return
-    page = html or folder / "trend.html"
-    write_asked_for(page, trend_page(found, skipped))
-    click.echo(f"{page}", err=as_json)
+    if html is not None or not as_json:
+        page = html or folder / "trend.html"
+        write_asked_for(page, trend_page(found, skipped))
+        click.echo(f"{page}", err=as_json)
+    if as_json:  # last: an error has a document of its own
+        click.echo(to_json(found, skipped), nl=False)
 
 
 def _print_skipped(skipped: list[Skipped]) -> None:

@@ -52,6 +52,8 @@ class Trial:
     ----------
     values : Counter of Quantity
         How often each was said.
+    understood : int
+        How many lines, packets or readings meant something.
     """
 
     def __init__(
@@ -59,7 +61,7 @@ class Trial:
         paths: Mapping[str, Sequence[str]] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         self._interfaces, self._memory, self._paths = interfaces, memory, paths
-        self._understood = 0
+        self.understood = 0
         self._reasons: Counter[str] = Counter()
         self.values: Counter[Quantity] = Counter()
         self._first_s: dict[Quantity, float] = {}
@@ -70,7 +72,7 @@ class Trial:
         for interface in self._interfaces.values():
             for each in _readings(interface, data, time_s):
                 self._count(each.values, time_s)
-                self._understood += each.understood
+                self.understood += each.understood
                 if not each.understood:
                     self._reasons[each.remark] += 1
                 said = [_in_words(each.values), each.error and f"error: {each.error}", each.remark]
@@ -82,7 +84,7 @@ class Trial:
             return
         values = self._memory.read(time_s).values
         self._count(values, time_s)
-        self._understood += 1
+        self.understood += 1
         said = {each.key: _in_words({each: value}) for each, value in values.items()}
         absent = {each.key: f"{each.key} has no value: {why}" for each, why in self._memory.absent.items()}
         for name, paths in self._paths.items():
@@ -93,17 +95,26 @@ class Trial:
         self._last_s.update(dict.fromkeys(values, time_s))
         self._first_s = dict.fromkeys(values, time_s) | self._first_s
 
+    @property
+    def not_understood(self) -> int:
+        """How many lines or packets meant nothing."""
+        return sum(each.not_understood for each in self._interfaces.values())
+
+    def rate_hz(self, quantity: Quantity) -> float | None:
+        """Return how often a quantity was said in a second; None where it was said once, or at one time."""
+        over_s = self._last_s[quantity] - self._first_s[quantity]
+        return (self.values[quantity] - 1) / over_s if over_s > 0.0 else None
+
     def summary(self, seconds: float) -> list[str]:
         """Return lines that sum up what came in a time."""
-        lost = sum(each.not_understood for each in self._interfaces.values())
         rows = [f"{'quantity':<24}{'values':>8}{'per second':>13}"]
         for quantity, count in sorted(self.values.items(), key=lambda item: list(Quantity).index(item[0])):
-            over_s = self._last_s[quantity] - self._first_s[quantity]
-            rate = f"{(count - 1) / over_s:.1f}" if over_s > 0.0 else "-"
+            rate_hz = self.rate_hz(quantity)
+            rate = "-" if rate_hz is None else f"{rate_hz:.1f}"
             rows.append(f"{quantity.key:<24}{readable(count):>8}{rate:>13}")
         unseen = [each.key for each in Quantity if each not in self.values and self._offered(each)]
         return [
-            f"{readable(self._understood)} understood, {readable(lost)} not, in {seconds:.1f} s",
+            f"{readable(self.understood)} understood, {readable(self.not_understood)} not, in {seconds:.1f} s",
             *(rows if self.values else []),
             *([f"not seen: {', '.join(unseen)}"] if unseen else []),
             *(f"not understood, {counted(count, 'time')}: {reason}"

@@ -8,6 +8,7 @@ folder's name is taken out of what was written there, it is what a run here woul
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
 import tempfile
@@ -17,6 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from hiltest import __version__
 from hiltest.bench_files import rig_file
 from hiltest.errors import ConfigError
 from hiltest.record.files import RUN_FILE
@@ -109,13 +111,11 @@ def sent_bench(
         If a file cannot be read, or they are too large together.
     """
     here = Path.cwd()
-    read = {name: value for name, value in environment.items() if name in _READ}
-    given = (*options, *(read.get(name, "") for name in _FILES))
-    named = [path for each in given if (path := _named_path(each, here)) is not None]
+    read = _variables(environment)
     files = io.BytesIO()
     total = 0
     with zipfile.ZipFile(files, "w", zipfile.ZIP_DEFLATED) as archive:
-        for path in sorted(set(_files_of(here, [*named, *_of_rig(here, options, read)]))):
+        for path in _files_of_bench(here, options, read):
             try:
                 total += path.stat().st_size
                 if total > LARGEST_BYTES:
@@ -125,6 +125,36 @@ def sent_bench(
             except (OSError, UnicodeError) as error:
                 raise ConfigError(f"cannot send {path} to the workers: {error}") from error
     return SentBench(files.getvalue(), str(here), tuple(options), read, covers)
+
+
+def digest_of_bench(options: Sequence[str], environment: Mapping[str, str] = os.environ) -> str:
+    """Return a digest of all that a run in this folder depends on, but for firmware that no option names.
+
+    Raises
+    ------
+    ConfigError
+        If a file cannot be read.
+    """
+    here = Path.cwd()
+    read = _variables(environment)
+    digest = hashlib.sha256(repr((__version__, str(here), list(options), sorted(read.items()))).encode())
+    for path in _files_of_bench(here, options, read):
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise ConfigError(f"cannot read {path}: {error.strerror or error}") from error
+        digest.update(repr((str(path), hashlib.sha256(content).hexdigest())).encode())
+    return digest.hexdigest()
+
+
+def _variables(environment: Mapping[str, str]) -> dict[str, str]:
+    return {name: value for name, value in environment.items() if name in _READ}
+
+
+def _files_of_bench(here: Path, options: Sequence[str], read: Mapping[str, str]) -> list[Path]:
+    given = (*options, *(read.get(name, "") for name in _FILES))
+    named = [path for each in given if (path := _named_path(each, here)) is not None]
+    return sorted(set(_files_of(here, [*named, *_of_rig(here, options, read)])))
 
 
 def _named_path(text: str, here: Path) -> Path | None:

@@ -129,12 +129,17 @@ def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
     if beside_failures:
         parts = [_of_obstacles(comparison), *_counts(comparison, named=False)]
         return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
+    return f"{answer} (against {comparison.base.file}): {reasons(comparison)}."
+
+
+def reasons(comparison: Comparison) -> str:
+    """Return the reasons of a comparison's answer: what failed, what kept it from being made, and what changed."""
     worse = {entry(each) for each in comparison.of(Change.WORSE)} if comparison.evaluated else set()
     parts = [
         _named("failed: ", [each for each in comparison.failed if each not in worse]),
         _of_obstacles(comparison), _named("not evaluated: ", comparison.unjudged), *_counts(comparison),
     ]
-    return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
+    return "; ".join(filter(None, parts)) or "nothing measured"
 
 
 def counted_by(models: Iterable[str]) -> str:

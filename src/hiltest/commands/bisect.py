@@ -1,0 +1,107 @@
+"""``hiltest bisect``: the commit that made the firmware worse."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hiltest.commands.options import checked, documented, jobs_option, seed_range
+from hiltest.errors import ConfigError
+from hiltest.settings import DEFAULT_OUT, file_name
+
+if TYPE_CHECKING:
+    from hiltest.runs.bisection import FirstWorse
+
+SCHEMA = "hiltest.bisection/1"
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   one commit is the first that is worse
+  2   interrupted; the same command goes on
+  4   usage: GOOD does not build or pass, or BAD is not worse
+  22  cannot say which: commits that could not be judged stand before BAD
+"""
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.option("--firmware", metavar="PATH", required=True, callback=checked(file_name),
+              help="What BUILD leaves, as named in this folder: ELF, Intel HEX or raw binary.")
+@click.option("--measure", "measures", metavar="NAME", multiple=True,
+              help="Measurement that decides, * matches anything; may be given more than once.  [default: all, as "
+                   "hiltest compare judges them]")
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
+@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed.  [default: the rig's]")
+@jobs_option("With --seeds: processes")
+@click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
+@click.option("--suite", type=click.Choice(["gate", "full"]), help="Set of tests.  [default: gate]")
+@click.option("-k", "tests", metavar="EXPRESSION", help="Only the tests that match, as for pytest.  [default: all]")
+@click.option("--out", metavar="DIR", default=f"{DEFAULT_OUT}/bisect", show_default=True, callback=checked(file_name),
+              help="Folder for what is built and run, and remembered.")
+@documented(SCHEMA)
+@click.argument("good")
+@click.argument("bad")
+@click.argument("build", nargs=-1, required=True, type=click.UNPROCESSED)
+def bisect(
+    good: str, bad: str, build: tuple[str, ...], firmware: str, measures: tuple[str, ...], rig: str | None,
+    seeds: range | None, jobs: int | str | None, poses: str | None, suite: str | None, tests: str | None, out: str
+) -> tuple[int, dict[str, Any]]:
+    """Find the first commit after GOOD that is worse than it.
+
+    BAD is a later one that is worse. Each commit on the way is built by the command that follows --, in a working tree
+    of its own, and run with the rigs and suites of this folder: hiltest bisect v1.2 HEAD --firmware build/app.elf --
+    make -j4. One that does not build is skipped.
+    """
+    from hiltest.bench_files import rig_file
+    from hiltest.rig.file import load_rig
+    from hiltest.runs.bisection import first_worse
+
+    if jobs and seeds is None:
+        raise ConfigError("--jobs says who shares the work of several seeds: give --seeds A..B too")
+    named = {"--hil-rig": rig, "--hil-poses": poses, "--hil-suite": suite}
+    options = [f"{name}={value}" for name, value in named.items() if value is not None]
+    runs = [] if seeds is None else [f"--seeds={seeds[0]}..{seeds[-1]}", *([f"--jobs={jobs}"] if jobs else [])]
+    load_rig(rig_file(Path.cwd(), rig))  # what is wrong with it is no commit's doing
+    try:
+        found = first_worse(
+            good, bad, build, firmware=firmware, out=Path(out), options=[*options, *(["-k", tests] if tests else [])],
+            runs=runs, measures=measures,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        click.echo(f"\nthe same command goes on: {out} keeps what was built and run", err=True)
+        raise
+    _print(found, measures)
+    return int(found.exit_code), asdict(found)
+
+
+def _print(found: FirstWorse, measures: tuple[str, ...]) -> None:
+    """Print the first commit that is worse, what it changed, and which could not be judged."""
+    from hiltest.report.comparison_text import printable, say
+    from hiltest.report.console import standard_output
+    from hiltest.runs.judged_commit import worse_in
+    from hiltest.verdict.wording import entry
+
+    console = standard_output()
+    newest = found.candidates[0]
+    if len(found.candidates) == 1:
+        say(console, f"{newest.name} is the first commit that is worse")
+        say(console, f"  by {newest.author}, {newest.author_date}")
+    else:
+        say(console, f"one of these {len(found.candidates)} is the first commit that is worse; the others could not be "
+                     "judged:")  # fmt: skip
+        for each in found.candidates:
+            say(console, f"  {each.name}")
+    since = {each.name: each for each in found.against_before.differences}
+    say(console, f"since {found.before.name}:")
+    for worse in worse_in(found.against_good, measures):
+        say(console, f"  {entry(since.get(worse.name, worse))}")
+    if not found.against_good.evaluated or found.against_good.failed:
+        say(console, f"  {newest.because}")
+    if found.skipped:
+        say(console, "skipped:")
+        for skipped in found.skipped:
+            say(console, f"  {skipped.name}: {printable(skipped.because)}")
+    say(console, f"records: {found.before.record}, {newest.record}")

@@ -1,0 +1,517 @@
+"""What the commands print with ``--json``, as data: one class a schema, its attributes the keys.
+
+``python -m hiltest.documents`` writes the JSON Schemas of these classes anew; docs/json.md lists them.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hiltest.imu_calibration.contents import ImuCalibration
+from hiltest.record.comparison import Comparison
+from hiltest.record.run import Verdict
+from hiltest.runs.bisection import FirstWorse
+from hiltest.verdict.detection import Detection
+
+SCHEMAS = Path(__file__).with_name("schemas")
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """Error of any command, in the place of its document; standard error says the same.
+
+    Attributes
+    ----------
+    error : str
+        Class of the error, as in ``hiltest.errors``.
+    message : str
+        What is wrong, where, and the next step.
+    exit_code : int
+        That of the command.
+    """
+
+    error: str
+    message: str
+    exit_code: int
+
+
+@dataclass(frozen=True, slots=True)
+class Seeds:
+    """``seeds.json``: a campaign over several seeds.
+
+    Attributes
+    ----------
+    exit_code : int
+        Of the seeds, apart from a comparison.
+    made_with : list of dict
+        Firmware, build, cycle model and rig of the runs.
+    seeds : list of dict
+        Exit code and sentence of each seed.
+    measurements : list of dict
+        Smallest, middle and largest of each measurement.
+    comparison : Comparison
+        With the base, where one was named.
+    """
+
+    exit_code: int
+    made_with: list[dict[str, Any]]
+    seeds: list[dict[str, Any]]
+    measurements: list[dict[str, Any]]
+    comparison: Comparison | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Comparisons:
+    """Comparisons of runs with a base.
+
+    Attributes
+    ----------
+    comparisons : list of Comparison
+        One for each NEW: sentence, obstacles, and the difference of each measurement.
+    detection : Detection
+        With ``--detect``: how many runs see a change.
+    """
+
+    comparisons: list[Comparison]
+    detection: Detection | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Saved:
+    """A baseline that was saved.
+
+    Attributes
+    ----------
+    file : str
+        That was written.
+    measurements : int
+        How many it has.
+    build_id : str
+        Build that they are of.
+    seeds : list of int or None
+        Their seeds; null for a run of no seed.
+    """
+
+    file: str
+    measurements: int
+    build_id: str
+    seeds: list[int | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Updated:
+    """A baseline that was updated.
+
+    Attributes
+    ----------
+    file : str
+        That was written.
+    moved : list of dict
+        Measurements that were accepted: ``name``, and what it ``was`` and is ``now``.
+    measurements : int
+        How many are in it.
+    """
+
+    file: str
+    moved: list[dict[str, Any]]
+    measurements: int
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """Measurements over the runs of a folder.
+
+    Attributes
+    ----------
+    entries : list of dict
+        The runs, in the order of time.
+    lines : list of dict
+        Conditions that joined runs share.
+    measurements : list of dict
+        Each with its values, limits and change points by line.
+    skipped : list of dict
+        Files that are no records, and why.
+    """
+
+    entries: list[dict[str, Any]]
+    lines: list[dict[str, Any]]
+    measurements: list[dict[str, Any]]
+    skipped: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """Reports that were written again.
+
+    Attributes
+    ----------
+    folder : str
+        Where they are.
+    files : list of str
+        Their names.
+    verdict : Verdict
+        Of the run.
+    """
+
+    folder: str
+    files: list[str]
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """Numbers for another tool.
+
+    Attributes
+    ----------
+    format : str
+        As asked for.
+    numbers : int
+        How many.
+    file : str or None
+        That was written; null where none was asked for.
+    content : dict or list
+        What the other tool reads.
+    """
+
+    format: str
+    numbers: int
+    file: str | None
+    content: dict[str, Any] | list[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """A timing profile.
+
+    Attributes
+    ----------
+    name, digest, file : str
+        Of the profile.
+    rows : list of dict
+        Cycles, range and source of each row.
+    memory : list of dict
+        The same of memories.
+    """
+
+    name: str
+    digest: str
+    file: str
+    rows: list[dict[str, Any]]
+    memory: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A timing profile that was measured.
+
+    Attributes
+    ----------
+    file : str
+        That was written; ``hiltest timing show --profile FILE --json`` has its rows.
+    name : str
+        Of the profile.
+    rows : int
+        How many were measured.
+    remarks : list of str
+        What does not fit the rules.
+    """
+
+    file: str
+    name: str
+    rows: int
+    remarks: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Copied:
+    """A bench of one's own.
+
+    Attributes
+    ----------
+    folder : str
+        Where suites, rigs, benchmarks and a baseline are now.
+    rig : str or None
+        Rig that was proposed for the firmware; null without one.
+    next : list of str
+        Arguments of the command to give next, in DIR.
+    """
+
+    folder: str
+    rig: str | None
+    next: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Understood:
+    """What was understood of firmware in its own words.
+
+    Attributes
+    ----------
+    seconds : float
+        How long it was listened to, by the board's clock.
+    understood, not_understood : int
+        Lines, packets or readings.
+    quantities : dict of str to dict
+        Of each quantity that was said, how many ``values`` and how many ``per_second``, null where that is unknown.
+    """
+
+    seconds: float
+    understood: int
+    not_understood: int
+    quantities: dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """The ports of a board, in one line, as soon as they can be opened; the command goes on.
+
+    Attributes
+    ----------
+    board, turntable : str
+        Names of their ports.
+    uarts : dict of str to str
+        Ports of further UARTs, by name.
+    gdb : str or None
+        Address for GDB; null without ``--gdb``.
+    firmware, rig, cycle_model : str
+        What is served.
+    """
+
+    board: str
+    turntable: str
+    uarts: dict[str, str]
+    gdb: str | None
+    firmware: str
+    rig: str
+    cycle_model: str
+
+
+@dataclass(frozen=True, slots=True)
+class Logged:
+    """Samples that were logged.
+
+    Attributes
+    ----------
+    file : str
+        That was written.
+    samples : dict of str to int
+        How many of each sensor.
+    lost : int
+        How often samples of the gyroscope are missing.
+    ended_early : bool
+        Whether Ctrl-C ended it.
+    """
+
+    file: str
+    samples: dict[str, int]
+    lost: int
+    ended_early: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ImuFit:
+    """A calibration from an IMU log.
+
+    Attributes
+    ----------
+    hiltest, verdict : str
+        Version, and good, fair, poor or refused.
+    complete : bool
+        Whether both sensors were calibrated.
+    files : list of str
+        That were read.
+    samples : int
+        How many.
+    seconds : float
+        From the first to the last.
+    rests : list of dict
+        Intervals at rest.
+    accelerometer : dict
+        Gain, offset, and how good they are.
+    gyroscope : dict or None
+        Bias, matrix, turns and rates; null without a gyroscope.
+    notes : list of str
+        What else is to be known.
+    """
+
+    hiltest: str
+    verdict: str
+    complete: bool
+    files: list[str]
+    samples: int
+    seconds: float
+    rests: list[dict[str, Any]]
+    accelerometer: dict[str, Any]
+    gyroscope: dict[str, Any] | None
+    notes: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Allan:
+    """Noise of a gyroscope at rest.
+
+    Attributes
+    ----------
+    hiltest, file, unit : str
+        Version, log, and dps or counts.
+    samples, rows, gaps : int
+        Samples taken, rows of the file, and gaps in it.
+    start_s, rate_hz, jitter_s : float or None
+        First instant, rate, and how far time stamps stray.
+    notes : list of str
+        What else is to be known.
+    columns : list of dict
+        Random walk, instability and bias of each column.
+    curve : dict
+        Deviation over time by column, with 95 % limits.
+    """
+
+    hiltest: str
+    file: str
+    unit: str
+    samples: int
+    rows: int
+    gaps: int
+    start_s: float | None
+    rate_hz: float | None
+    jitter_s: float | None
+    notes: list[str]
+    columns: list[dict[str, Any]]
+    curve: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """Packets of NXP's sensor fusion.
+
+    Attributes
+    ----------
+    source : str
+        File or port.
+    packets, lost_bytes, missing, resets : int
+        Packets, bytes in none, packets missing by their numbers, and resets of the board's clock.
+    releases : list of str
+        Releases that send such packets.
+    firmware : int or None
+        Number of the firmware, 720 for 7.20; null where no packet says it.
+    elapsed_s : float
+        By the board's clock.
+    kinds : list of dict
+        ``type``, ``title``, ``packets`` and ``per_second`` of each kind that came.
+    """
+
+    source: str
+    packets: int
+    lost_bytes: int
+    missing: int
+    resets: int
+    releases: list[str]
+    firmware: int | None
+    elapsed_s: float
+    kinds: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """What firmware found in a recording.
+
+    Attributes
+    ----------
+    hiltest, playing : str
+        Version, and the recording in words.
+    points : int
+        Of the magnetometer.
+    moments_s : list of float
+        When the headings were, from the recording's beginning on.
+    remarks : list of str
+        What else is to be known.
+    found : list of dict
+        By firmware or calibrator: hard iron, field, errors, cycles and headings.
+    """
+
+    hiltest: str
+    playing: str
+    points: int
+    moments_s: list[float]
+    remarks: list[str]
+    found: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Studied:
+    """A study that was run.
+
+    Attributes
+    ----------
+    folder : str
+        Of ``run.json`` and ``study.html``.
+    figures : list of dict
+        ``figure``, ``paper``, what is ``printed`` and was ``measured``, whether it was ``reproduced``, and ``because``.
+    verdict : Verdict
+        Of its record.
+    """
+
+    folder: str
+    figures: list[dict[str, Any]] = field(default_factory=list)
+    verdict: Verdict | None = None
+
+
+DOCUMENTS: dict[str, type] = {
+    "hiltest.error/1": Failed,
+    "hiltest.seeds/1": Seeds,
+    "hiltest.comparison/1": Comparisons,
+    "hiltest.baseline-save/1": Saved,
+    "hiltest.baseline-update/1": Updated,
+    "hiltest.bisection/1": FirstWorse,
+    "hiltest.trend/1": Trend,
+    "hiltest.report/1": Reported,
+    "hiltest.export/1": Exported,
+    "hiltest.timing/1": Timing,
+    "hiltest.timing-measure/1": Measured,
+    "hiltest.init/1": Copied,
+    "hiltest.device-try/1": Understood,
+    "hiltest.serve/1": Served,
+    "hiltest.imu-calibration/1": ImuCalibration,
+    "hiltest.log/1": Logged,
+    "hiltest.fit-imu/1": ImuFit,
+    "hiltest.allan/1": Allan,
+    "hiltest.decode/1": Decoded,
+    "hiltest.play/1": Played,
+    "hiltest.study/1": Studied,
+}
+"""Class of each schema. The record of a run, a fit and a profile have schemas in packages of their own."""
+
+
+def schema_file(schema: str) -> Path:
+    """Return where the JSON Schema of a document is."""
+    from hiltest.logs.sample_fit_exports import SCHEMA_FILE as FIT
+    from hiltest.profiling.document import SCHEMA_FILE as PROFILE
+    from hiltest.record.schema import SCHEMA_FILE as RUN
+
+    elsewhere = {"hiltest.run/1": RUN, "hiltest.fit/1": FIT, "hiltest.profile/1": PROFILE}
+    return elsewhere.get(schema) or SCHEMAS / f"{schema.partition('/')[0].removeprefix('hiltest.')}.schema.json"
+
+
+def schema_text(schema: str) -> str:
+    """Return the text of a JSON Schema, generated from the document's class.
+
+    Required is what has no default. Keys that a later version adds have one: a reader ignores those that it does not
+    know.
+    """
+    from pydantic import TypeAdapter
+
+    made = TypeAdapter(DOCUMENTS[schema]).json_schema(mode="validation")
+    made["properties"] = {"schema": {"const": schema}, **made["properties"]}
+    made["required"] = ["schema", *(each for each in made["required"] if each != "schema")]
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": schema}
+    return json.dumps(head, indent=1, ensure_ascii=False) + "\n"
+
+
+if __name__ == "__main__":
+    SCHEMAS.mkdir(exist_ok=True)
+    for each in DOCUMENTS:
+        schema_file(each).write_text(schema_text(each), encoding="utf-8")

@@ -1,0 +1,184 @@
+"""Every command has --json, and prints one document, which its JSON Schema describes."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+from tests.calibration.synthetic_rates import white
+from tests.command_files import every_command, folder_of_inputs, run
+from tests.device.test_packet_stream import RECORDING
+from tests.finished_run import Finished
+
+from hiltest.bench_files import shipped
+from hiltest.documents import DOCUMENTS, schema_file, schema_text
+from hiltest.procedures.golden_points import golden_points
+
+DOCS = Path(__file__).parents[1] / "docs"
+# What makes each command print its document, and its exit code where that is not 0.
+PRINTING = {
+    "allan": ("allan", "rates.csv"),
+    "baseline save": ("baseline", "save", "run.json", "saved.json"),
+    "baseline update": ("baseline", "update", "--accept", "cycles.direct.total", "--because", "a test", "base.json",
+                        "dearer.json"),
+    "calibrate": ("calibrate",),
+    "compare": ("compare", "base.json", "run.json", "--detect", "0.05deg"),
+    "decode": ("decode", "packets.bin"),
+    "device try": ("device", "try", "--rig", "text-compass", "--for", "1"),
+    "export": ("export", "run.json", "--format", "bencher"),
+    "fit": ("fit", "points.csv", "--on", "host"),
+    "fit-imu": ("fit-imu", "imu.csv"),
+    "init": ("init", "bench"),
+    "log": ("log", "--seconds", "1", "--out", "log.csv"),
+    "play": ("play", "--rig", "field.toml"),
+    "profile": ("profile", "shipped", "crc32", "text:123456789", "9"),
+    "report": ("report", "run.json"),
+    "serve": ("serve", "--no-wait", "--until", "1"),
+    "study": ("study", "imu", "--instances", "1", "--jobs", "1"),
+    "timing measure": ("timing", "measure"),
+    "timing show": ("timing", "show"),
+    "trend": ("trend", "."),
+}
+# A run of their own: in tests/runs/test_bisect.py, and below.
+ELSEWHERE = {"bisect", "run"}
+
+
+def schemas_of(command: click.Command) -> list[str]:
+    """Return the schemas that the help of --json names."""
+    (option,) = [each for each in command.params if isinstance(each, click.Option) and "--json" in each.opts]
+    return re.findall(r"hiltest\.[a-z-]+/\d+", option.help or "")
+
+
+def checked(text: str, schema: str) -> dict[str, Any]:
+    """Return a document that its schema describes."""
+    content: dict[str, Any] = json.loads(text)
+    assert content["schema"] == schema
+    validator = Draft202012Validator(json.loads(schema_file(schema).read_text(encoding="utf-8")))
+    assert [f"{each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []
+    return content
+
+
+def test_every_command_has_it_and_is_tried_here() -> None:
+    assert {name for name, command in every_command() if not schemas_of(command)} == set()
+    assert {name for name, _ in every_command()} == PRINTING.keys() | ELSEWHERE
+
+
+@pytest.mark.parametrize("schema", sorted(DOCUMENTS))
+def test_the_shipped_schema_is_the_one_of_its_class(schema: str) -> None:
+    assert schema_file(schema).read_text(encoding="utf-8") == schema_text(schema), "python -m hiltest.documents"
+
+
+def test_the_page_is_the_one_that_its_script_writes() -> None:
+    spec = importlib.util.spec_from_file_location("documents_page", DOCS / "documents.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert script.page() == (DOCS / "json.md").read_text(encoding="utf-8"), "python docs/documents.py"
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> Path:
+    """A folder with what the commands read."""
+    points = "\n".join(",".join(f"{value:.1f}" for value in point) for point in golden_points(400) / 10.0)
+    folder = folder_of_inputs(tmp_path_factory, default_run, points)
+    record = default_run.record
+    next(each for each in record["measurements"] if each["name"] == "cycles.direct.total")["value"] += 1
+    (folder / "dearer.json").write_text(json.dumps(record), encoding="utf-8")
+    assert run("baseline", "save", str(folder / "run.json"), str(folder / "base.json")) == 0
+    (folder / "packets.bin").write_bytes(RECORDING)
+    random = np.random.default_rng(1)
+    rates = [white(random, 4000, rate_hz=100.0, angle_random_walk=0.01) for _axis in "xyz"]
+    header = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
+    np.savetxt(folder / "rates.csv", np.column_stack([np.arange(4000) / 100.0, *rates]), fmt="%.6f", delimiter=",",
+               header=header, comments="")  # fmt: skip
+    rig = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
+    (folder / "field.toml").write_text(f'{rig}\n[world.playback]\nfile = "field.csv"\n', encoding="utf-8")
+    turned = np.radians(np.arange(0.0, 720.0, 2.0))
+    track = np.column_stack([np.arange(turned.size) / 20.0, 30.0 * np.cos(turned), 30.0 * np.sin(turned),
+                             30.0 * np.cos(3.0 * turned)])  # fmt: skip
+    np.savetxt(folder / "field.csv", track, fmt="%.4f", delimiter=",", header="t_s,mx_uT,my_uT,mz_uT", comments="")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(PRINTING))
+def test_standard_output_is_one_document(
+    name: str, inputs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(inputs)
+    (schema,) = schemas_of(dict(every_command())[name])
+    first, *rest = PRINTING[name]
+    assert run(first, *rest, "--json") == 0
+    out = capsys.readouterr().out
+    checked(out, schema)
+    if name == "serve":
+        assert out.count("\n") == 1
+
+
+def hiltest(folder: Path, *words: str) -> tuple[int, str]:
+    """Run a command in a process of its own; return its exit code and standard output."""
+    given = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", *words], cwd=folder, env=given, capture_output=True, text=True, check=False,
+        timeout=300.0,
+    )  # fmt: skip
+    return done.returncode, done.stdout
+
+
+@pytest.mark.slow
+def test_a_run_and_a_campaign_print_their_records(tmp_path: Path) -> None:
+    code, out = hiltest(tmp_path, "run", "--json", "--", "-k", "identity")
+    assert code == 0
+    assert out == (tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8")
+    checked(out, "hiltest.run/1")
+    code, out = hiltest(tmp_path, "run", "--seeds", "1..1", "--out", "seeds", "--json", "--", "-k", "identity")
+    assert code == 0
+    checked(out, "hiltest.seeds/1")
+
+
+def wrong() -> Iterator[tuple[int, str, tuple[str, ...]]]:
+    """Yield the exit code, the error and the command of what cannot be done."""
+    yield 4, "UsageError", ("run", "--json", "--rig", "gone")
+    yield 4, "UsageError", ("run", "--json", "--", "-p", "no:hiltest")
+    yield 22, "NoRecord", ("run", "--json", "--seeds", "1..1", "--baseline", "gone.json")
+    yield 4, "NoSuchOption", ("compare", "--json", "--gone")
+    yield 4, "ConfigError", ("report", "gone", "--json")
+    yield 4, "ConfigError", ("bisect", "v1", "v2", "--firmware", "a.elf", "--json", "--", "make")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("code", "error", "command"), [*wrong()], ids=lambda each: " ".join(each)
+                         if isinstance(each, tuple) else "")  # fmt: skip
+def test_an_error_is_a_document_too(tmp_path: Path, code: int, error: str, command: tuple[str, ...]) -> None:
+    found, out = hiltest(tmp_path, *command)
+    assert found == code
+    content = checked(out, "hiltest.error/1")
+    assert (content["error"], content["exit_code"]) == (error, code)
+    assert content["message"] != "no output"
+
+
+@pytest.mark.slow
+def test_a_log_that_ctrl_c_has_ended_prints_its_document(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hiltest", "log", "--seconds", "1e6", "--out", "log.csv", "--json"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        log = tmp_path / "log.csv"
+        while running.poll() is None and not (log.exists() and log.stat().st_size > 1000):
+            time.sleep(0.05)
+        running.send_signal(signal.SIGINT)
+        out, _ = running.communicate(timeout=300.0)
+    assert running.returncode == 2
+    assert checked(out, "hiltest.log/1")["ended_early"]
