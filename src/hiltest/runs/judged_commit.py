@@ -308,7 +308,9 @@ def _run(bisection: Bisection, commit: str, firmware: Path) -> tuple[str, bool, 
     folder = Path(bisection.out) / "runs" / f"{digest[:_DIGITS]}-{bisection.bench[:_DIGITS]}"
     if _has_whole_record(folder):
         return bisection.shown(folder), True, ""
-    options = (*bisection.options, f"--hil-firmware={firmware}", f"--hil-label={commit[:_DIGITS]}", *UNJUDGED, *UNCOVERED)
+    options = (
+        *bisection.options, f"--hil-firmware={firmware}", f"--hil-label={commit[:_DIGITS]}", *UNJUDGED, *UNCOVERED,
+    )  # fmt: skip
     done = run_command(
         *bisection.runs, f"--out={folder}", "--", *options, folder=folder, here=Path(bisection.here),
         environment=without_git(),
