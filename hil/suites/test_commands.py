@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,19 +15,34 @@ from hiltest.calibration.gyroscope import GyroscopeTurn, TurnsStatus
 from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.errors import DeviceError
 from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAccelerometer
+from hiltest.link.dpi import FitDpi
 from hiltest.link.framing import Frame
-from hiltest.link.gyroscope import FitGyroscope, GetGyroscope, SetGyroscope
+from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
+from hiltest.link.gyroscope import (
+    FitGyroscope,
+    GetGyroscope,
+    GyroscopeRest,
+    IntegrateGyroscope,
+    LogGyroscope,
+    SetGyroscope,
+)
 from hiltest.link.messages import (
     Average,
     Calibrate,
     ClearCalibration,
     ClearPoints,
+    Collect,
     GetCalibration,
+    Points,
+    Read,
+    Select,
     SetCalibration,
+    TimeRange,
     Upload,
 )
-from hiltest.link.poses import ClearPoses, UploadPoses
+from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import Status
+from hiltest.link.request import Request
 from hiltest.link.streams import StreamFeed, StreamRemove, StreamReset, StreamState, StreamStateReply
 from hiltest.procedures import Turntable
 from hiltest.procedures.cycles import upload_points
@@ -33,6 +50,7 @@ from hiltest.procedures.golden_points import golden_points
 
 pytestmark = pytest.mark.hil
 
+POINTS = [(100, -20, 30), (-40, 500, 60), (70, 80, -900)]
 FIRST = (np.diag([1.0, 2.0, 3.0]) + 0.25, [10.0, -20.0, 30.0])
 SECOND = (np.diag([3.0, 1.0, 2.0]) - 0.125, [-5.0, 15.0, 40.0])
 # An ellipsoid three times as long as it is thin.
@@ -73,6 +91,68 @@ def test_a_cleared_slot_answers_none(board: Board, turntable: Turntable) -> None
     accelerometer = board.session.request(GetAccelerometer(slot))
     assert np.array_equal(accelerometer.offset, NOMINAL.offset), "a cleared slot keeps its accelerometer calibration"
     assert np.array_equal(accelerometer.gain, NOMINAL.gain), "an empty slot has another scale than the data sheet's"
+
+
+def requests_in_order(board: Board) -> list[Request[Any]]:
+    """Return a request of each kind whose fields a board has to check."""
+    calibrator, pose = board.identity.calibrators[0], faces(board)[0]
+    found: list[Request[Any]] = [
+        Select(0), Read(0, 1), Collect(1), Upload(len(POINTS), POINTS), Points(0, 1), TimeRange(1), Average(1),
+        Calibrate(1, calibrator), SetCalibration(0, *SECOND), GetCalibration(0), ClearCalibration(0),
+        SetAccelerometer(0, *SECOND), GetAccelerometer(0), AddPose(1), Poses(0, 1), UploadPoses(0, [pose]),
+        FitAccelerometer(1, "six-position"), FitDpi(1, 0), GyroscopeRest(1), IntegrateGyroscope(100), LogGyroscope(1),
+        SetGyroscope(*SECOND), FusionStart(0, 1, 1, 0.01, 1.0, 1.0, 0.1), FusionRun(1), FusionRead(0, 1),
+    ]  # fmt: skip
+    for stream in board.identity.stream_calibrators[:1]:
+        found += [StreamReset(stream), StreamFeed(stream, 0, 1), StreamRemove(stream, 0, 1), StreamState(stream)]
+    return found
+
+
+def requests_too_much(board: Board) -> list[tuple[Request[Any], Status]]:
+    """Return requests in order that ask for what there is not, and what each is refused with."""
+    slots, calibrator, beyond = board.identity.slots, board.identity.calibrators[0], len(POINTS) + 1
+    found: list[tuple[Request[Any], Status]] = [
+        (Select(99), Status.NO_SUCH_SENSOR), (Read(99, 1), Status.NO_SUCH_SENSOR),
+        (Upload(beyond, POINTS), Status.BAD_ARGUMENT), (Points(beyond, 1), Status.BAD_ARGUMENT),
+        (TimeRange(beyond), Status.TOO_FEW_POINTS), (Calibrate(beyond, calibrator), Status.TOO_FEW_POINTS),
+        (Calibrate(1, "nobody"), Status.UNKNOWN_CALIBRATOR), (SetCalibration(slots, *SECOND), Status.BAD_ARGUMENT),
+        (GetCalibration(slots), Status.BAD_ARGUMENT), (ClearCalibration(slots), Status.BAD_ARGUMENT),
+        (SetAccelerometer(slots, *SECOND), Status.BAD_ARGUMENT), (GetAccelerometer(slots), Status.BAD_ARGUMENT),
+        (FitAccelerometer(1, "nobody"), Status.UNKNOWN_CALIBRATOR), (FitDpi(beyond, 0), Status.TOO_FEW_POINTS),
+        (FitAccelerometer(1, "six-position"), Status.TOO_FEW_POINTS),
+    ]  # fmt: skip
+    for stream in board.identity.stream_calibrators[:1]:
+        found += [
+            (StreamReset("nobody"), Status.UNKNOWN_CALIBRATOR), (StreamState("nobody"), Status.UNKNOWN_CALIBRATOR),
+            (StreamFeed("nobody", 0, 1), Status.UNKNOWN_CALIBRATOR),
+            (StreamFeed(stream, beyond, 1), Status.TOO_FEW_POINTS),
+        ]  # fmt: skip
+    return found
+
+
+def test_a_request_that_makes_no_sense_is_refused_and_changes_nothing(board: Board) -> None:
+    session, slot = board.session, 0
+    session.request(ClearPoints())
+    session.request(ClearPoses())
+    session.request(Upload(0, POINTS))
+    session.request(SetCalibration(slot, *FIRST))
+    kept = session.request(GetGyroscope())
+    for request, status in requests_too_much(board):
+        with pytest.raises(DeviceError) as refused:
+            session.request(request)
+        assert refused.value.status == status.name, f"{request} is refused with {refused.value.status}"
+    for request in requests_in_order(board):
+        payload = request.payload()
+        # Every number as large as its field, and every real number NaN.
+        for wrong in (payload[:-1], payload + b"\0", b"\xff" * len(payload)):
+            reply = session.exchange_raw(session.numbered(request.code, wrong))
+            assert reply is not None, f"{request} as {wrong.hex(' ')} is not answered"
+            assert reply.payload[0] != Status.OK, f"{request} as {wrong.hex(' ')} is not refused"
+    assert session.request(Points(0, 10)).magnetometer.tolist() == [list(each) for each in POINTS]
+    assert np.array_equal(session.request(GetCalibration(slot)).soft_iron, FIRST[0])
+    assert np.array_equal(session.request(GetGyroscope()).matrix, kept.matrix)
+    session.request(ClearCalibration(slot))
+    session.request(ClearPoints())
 
 
 def test_another_payload_is_another_request_whatever_its_sequence_number(board: Board) -> None:
