@@ -48,7 +48,8 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
 
 @pytest.mark.parametrize(
     "command",
-    ["", "run", "compare", "baseline save", "baseline update", "trend", "report", "export", "timing measure", "study"],
+    ["", "run", "compare", "baseline save", "baseline update", "trend", "report", "export", "timing measure", "study",
+     "worst"],
 )
 def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> None:
     told = hiltest(*command.split(), "--help", folder=tmp_path).stdout

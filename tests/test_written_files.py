@@ -41,7 +41,10 @@ WRITING = {
     "profile --folded": ("profile", "shipped", "crc32", "text:123456789", "9", "--folded"),
     "timing measure --out": ("timing", "measure", "--out"),
     "trend --html": ("trend", ".", "--html"),
+    "worst --out": ("worst", "crc32", "uint8:9:0..255", "9", "--calls", "1", "--out"),
 }
+# What is called FILE and is read.
+READ = {"fit-imu --bias-from", "fit-imu --gyroscope-log", "worst --replay"}
 
 
 def options_that_write() -> Iterator[str]:
@@ -55,7 +58,7 @@ def options_that_write() -> Iterator[str]:
 
 
 def test_all_of_them_are_tested_here() -> None:
-    assert set(options_that_write()) - {"fit-imu --bias-from", "fit-imu --gyroscope-log"} == set(WRITING)
+    assert set(options_that_write()) - READ == set(WRITING)
 
 
 @pytest.fixture(scope="module")
