@@ -159,6 +159,7 @@ def test_a_point_set_of_a_calibrator_is_found_and_replays(
     assert capsys.readouterr().out.endswith(" cycles (cortex-m4-trm/2@sram), as it was kept\n")
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_keeps_the_worst_so_far(elf: Path, tmp_path: Path) -> None:
     screen, terminal = pty.openpty()
     words = ["--firmware", str(elf), "set_bits", "0..255", "--seconds", "60", "--out", str(tmp_path / "w.json")]
