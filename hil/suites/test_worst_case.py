@@ -1,4 +1,4 @@
-"""The most cycles that a search has found: each input kept beside this suite again. Points of the board are replaced."""
+"""The most cycles that a search has found: each input that is kept here again. Points of the board are replaced."""
 
 from __future__ import annotations
 

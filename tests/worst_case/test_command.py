@@ -17,6 +17,7 @@ import pytest
 from tests.command_files import run
 from tests.virtual.conftest import FLAGS, PROGRAMS
 
+from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.worst_case.kept import load_worst_case
 
@@ -44,6 +45,12 @@ float halvings(float x) {
     float k = 0.0f;
     for (; x > 1.0f; x *= 0.5f) k += 1.0f;
     return k;
+}
+struct row { const int16_t *values; uint16_t count; };
+int sum(const struct row *row) {
+    int total = 0;
+    for (int k = 0; k < row->count; k++) total += row->values[k];
+    return total;
 }
 int faulty(int n) { return n > 50 ? *(volatile int *)0x50000000 : n; }
 """
@@ -101,6 +108,14 @@ def test_a_float_is_searched_between_its_ends(elf: Path) -> None:
     case = load_worst_case(Path("worst.json"))
     assert 512.0 < float(case.arguments[0]) <= 1000.0
     assert case.cycles == cycles_of(elf, "halvings", 1000.0)
+
+
+def test_numbers_in_the_members_of_a_struct_are_searched(elf: Path) -> None:
+    assert worst(elf, "sum", "ptr:int16:4:-9..9+uint16:1..4", "--calls", "50") == 0
+    case = load_worst_case(Path("worst.json"))
+    row = Structure(Address(np.zeros(4, np.int16)), np.array([4], np.uint16))
+    assert case.arguments[0].endswith("+uint16:4")
+    assert case.cycles == cycles_of(elf, "sum", row)
 
 
 def test_only_what_returns_a_success_is_a_worst_case(elf: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""The inputs that are kept beside the suites are measured by a run, and a limit on them is red when it does not hold."""
+"""Inputs kept beside the suites are measured by a run, and a limit on them is red when it does not hold."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ NAME = "cycles.iterative.worst_found"
 def run(bench: Path, limit: int) -> tuple[int, Run]:
     """Run the suite of the worst cases on the default rig, with a limit of its own; return exit code and record."""
     rig = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
-    limited = re.sub(r"(?ms)^\[limits\]\n.*?(?=^\[)", f'[limits]\n"{NAME}" = {{ max = {limit}, unit = "cycle" }}\n', rig)
+    mine = f'[limits]\n"{NAME}" = {{ max = {limit}, unit = "cycle" }}\n'
+    limited = re.sub(r"(?ms)^\[limits\]\n.*?(?=^\[)", mine, rig)
     (bench / "limited.toml").write_text(limited, encoding="utf-8")
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
