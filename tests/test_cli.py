@@ -49,7 +49,7 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
 @pytest.mark.parametrize(
     "command",
     ["", "run", "compare", "baseline save", "baseline update", "bisect", "trend", "report", "export", "timing measure",
-     "study"],
+     "study", "worst"],
 )
 def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> None:
     told = hiltest(*command.split(), "--help", folder=tmp_path).stdout
@@ -207,6 +207,6 @@ def test_the_suites_run_in_their_order(tmp_path: Path) -> None:
         # The second time at the known angles, which the heading suite takes.
         "test_identity.py", "test_accelerometer.py", "test_gyroscope.py", "test_accelerometer.py", "test_heading.py",
         "test_dpi.py", "test_streams.py", "test_budget.py", "test_cycles.py", "test_fusion.py", "test_link.py",
-        "test_commands.py", "test_sensors.py",
+        "test_commands.py", "test_sensors.py", "test_worst_case.py",
     ]
     assert not (tmp_path / "hil-out" / "run.json").exists(), "collecting needs no board and leaves no record"

@@ -58,6 +58,8 @@ READING = {
     "study --rig": ("study", "choose", "--rig", "{}"),
     "timing measure --rig": ("timing", "measure", "--rig", "{}"),
     "timing show --profile": ("timing", "show", "--profile", "{}"),
+    "worst --firmware": ("worst", "crc32", "uint8:9:0..255", "9", "--firmware", "{}"),
+    "worst --replay": ("worst", "--replay", "{}"),
 }
 # As help calls what is a file and no click.Path.
 FILES = {"R", "ELF", "FILE", "NAME|FILE", "FILE|COLUMN", "FILE|PORT"}

@@ -41,7 +41,10 @@ WRITING = {
     "profile --folded": ("profile", "shipped", "crc32", "text:123456789", "9", "--folded"),
     "timing measure --out": ("timing", "measure", "--out"),
     "trend --html": ("trend", ".", "--html"),
+    "worst --out": ("worst", "crc32", "uint8:9:0..255", "9", "--calls", "1", "--out"),
 }
+# What is called FILE and is read.
+READ = {"fit-imu --bias-from", "fit-imu --gyroscope-log", "worst --replay"}
 
 
 def options_that_write() -> Iterator[str]:
@@ -55,9 +58,8 @@ def options_that_write() -> Iterator[str]:
 
 
 def test_all_of_them_are_tested_here() -> None:
-    read = {"fit-imu --bias-from", "fit-imu --gyroscope-log"}
     at_the_end_of_a_run = {"run --coverage"}  # tests/plugin/test_coverage_option.py
-    assert set(options_that_write()) - read - at_the_end_of_a_run == set(WRITING)
+    assert set(options_that_write()) - READ - at_the_end_of_a_run == set(WRITING)
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ _SAID_OF_OUTPUT = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: 
 # In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
 _GROUPS = {
     "Run and judge": ("run", "compare", "baseline", "bisect", "trend", "report", "export"),
-    "Firmware": ("profile", "timing"),
+    "Firmware": ("profile", "worst", "timing"),
     "Bench": ("init", "device", "serve", "calibrate", "log"),
     "Recordings": ("fit", "fit-imu", "allan", "decode", "play"),
     "Papers": ("study",),

@@ -67,8 +67,8 @@ class ProgressLine:
         self._said_s = time.monotonic()
         self._is_drawn = False
 
-    def __call__(self, what: str, done: int, of: int) -> None:
-        """Show that `done` of `of` steps of `what` are over."""
+    def __call__(self, what: str, done: int, of: int, note: str = "") -> None:
+        """Show that `done` of `of` steps of `what` are over, and a note behind it."""
         now_s = time.monotonic()
         if what != self._what or done == 0:
             self._what, self._started_s = what, now_s
@@ -76,6 +76,7 @@ class ProgressLine:
             self.clear()
             return
         text = progress_text(what, done, of, elapsed_s=now_s - self._started_s)
+        text += f"; {note}" if note else ""
         if self._shown and now_s - self._drawn_s >= _REDRAW_S:
             self._drawn_s = now_s
             self._draw(text)

@@ -112,6 +112,7 @@ def _cycles() -> Iterator[Kind]:
         ("regression_residual", "cycle", _NEITHER,
          _allow(1, 0.05, "how well the line describes the calls, not what they cost"),
          "Largest distance of a count from that line"),
+        ("worst_found", "cycle", _LOWER, _KERNEL, "Most cycles that a search over inputs has found: its input again"),
         ("spread", "cycle", _LOWER, _allow(5, 0.05, "between the cheapest and the dearest of some point sets"),
          "Most less fewest cycles over several sets of as many points"),
         ("per_iteration", "cycle", _LOWER, line, "Cycles of one sweep of an iterative solver"),

@@ -210,7 +210,11 @@ def _cells(run: Run, cost: CalibratorCost) -> tuple[Cell, ...]:
 
 
 def _batch_cells(run: Run, name: str) -> list[Cell]:
-    return [_cell(run, f"cycles.{name}.{what}") for what in ("total", "per_point", "fixed")]
+    total, *parts = (_cell(run, f"cycles.{name}.{what}") for what in ("total", "per_point", "fixed"))
+    worst = run.measurement(f"cycles.{name}.worst_found")
+    if worst is not None and worst.value is not None:
+        total = replace(total, note=", ".join(filter(None, (total.note, f"worst found {readable(worst.value)}"))))
+    return [total, *parts]
 
 
 def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,18 +24,23 @@ MOST_POINTS = 10_000
 
 
 class BoardCalibrators:
-    """The table of calibrators of the packaged ELF, called on a virtual board that did not boot.
+    """The table of calibrators of an ELF, called on a virtual board that did not boot.
+
+    Parameters
+    ----------
+    firmware : Path, optional
+        By default the packaged one.
 
     Attributes
     ----------
     names : tuple of str
-        As the firmware's identity has them.
+        As the firmware's identity has them; none of an ELF that has no such table.
     cycle_model : str
         That counts the cycles.
     """
 
-    def __init__(self) -> None:
-        self._board = VirtualK64F(default_firmware())
+    def __init__(self, firmware: Path | None = None) -> None:
+        self._board = VirtualK64F(firmware or default_firmware())
         self._functions = dict(self._table())
         self.names = tuple(self._functions)
         sram = self._board.processor.memory.sram
@@ -42,11 +48,13 @@ class BoardCalibrators:
                       for each in self._functions.values())  # fmt: skip
         self.cycle_model = f"{self._board.processor.profile.name}@{'sram' if in_sram else 'flash'}"
         # What the firmware subtracts from each count.
-        self._empty = self._call("magnetometer_empty", np.zeros((1, 3)), None)[1]
+        self._empty = self._call("magnetometer_empty", np.zeros((1, 3)), None)[1] if self.names else 0
 
     def _table(self) -> list[tuple[str, str]]:
         image, memory = self._board.image, self._board.processor.memory
-        table = image.symbols["calibrators"]
+        table = image.symbols.get("calibrators")
+        if table is None or table.is_function:
+            return []
         found = []
         for name, function in _ENTRY.iter_unpack(memory.read(table.address, table.size)):
             text = bytes(memory.read(name, _LONGEST_NAME)).partition(b"\0")[0].decode("ascii")

@@ -1,0 +1,47 @@
+"""The most cycles that a search has found: each input that is kept here again. Points of the board are replaced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hiltest.boards import Board
+from hiltest.calibration.fit import FitStatus
+from hiltest.fixtures import Cycles, Measure
+from hiltest.link.messages import Calibrate
+from hiltest.procedures import upload_points
+from hiltest.profiling.arguments import parse_argument
+from hiltest.worst_case import WorstCase, load_worst_case
+
+pytestmark = pytest.mark.hil
+
+KEPT = Path(__file__).with_name("worst")
+
+
+def measure_points(case: WorstCase, board: Board, measure: Measure) -> None:
+    """Calibrate from the points that are kept, as any points are calibrated from."""
+    upload_points(board, case.counts)
+    reply = board.timed(Calibrate(len(case.points), case.function), case.function)
+    if reply.cost is None:
+        pytest.skip("this core counts no cycles")
+    measure(
+        f"cycles.{case.function}.worst_found",
+        reply.cost.cycles if reply.fit is FitStatus.ELLIPSOID else None,
+        "cycle", cycle_model=board.cycle_model, band=board.cycle_range(reply.cost, case.function),
+        not_offered="" if reply.fit is FitStatus.ELLIPSOID else
+        f"this firmware refuses the points ({reply.fit.name}): search again with hiltest worst {case.function}",
+        note=f"{len(case.points)} points, found in {case.calls} calls",
+    )  # fmt: skip
+
+
+def test_the_worst_cases_that_were_found(
+    board: Board, judged: list[str], cycles: Cycles, measure: Measure
+) -> None:
+    for file in sorted(KEPT.glob("*.json")):
+        case = load_worst_case(file)
+        if case.function in judged:
+            measure_points(case, board, measure)
+        elif case.arguments and board.executes_firmware:
+            counted = cycles().call(case.function, *map(parse_argument, case.arguments))
+            measure(f"cycles.{case.function}.worst_found", counted, note=f"found in {case.calls} calls")

@@ -1,0 +1,157 @@
+"""``hiltest worst``: the input with the most cycles of a function."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hiltest.commands.options import NumberRange, checked
+from hiltest.settings import DEFAULT_OUT, file_name, make_folder, seed
+
+if TYPE_CHECKING:
+    from hiltest.worst_case.kept import WorstCase
+    from hiltest.worst_case.search import Budget, Problem
+
+_FEWEST_POINTS, _MOST_POINTS = 9, 512  # unknowns of an ellipsoid, and what the firmware's buffer holds
+_SECONDS = 60.0
+_EPILOG = """
+\b
+Arguments are those of hiltest profile, with numbers left open:
+  0..100          a whole number from 0 to 100
+  -1.0..2.5       a number
+  int16:50:-9..9  fifty numbers by address (int8 to uint64, float32, float64)
+
+\b
+Exit codes:
+  0   searched; or replayed, with the cycles that were kept or on another build
+  1   no call has succeeded; or the same build takes other cycles than kept
+  2   interrupted; the worst so far is kept
+  4   usage: an option, an argument, the ELF or a kept file is wrong
+  20  the function faulted or hung
+"""
+
+
+# Unknown options are let through: a negative number is an argument of the function.
+@click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Any program for a Cortex-M4.  [default: the packaged firmware]")
+@click.option("--seconds", metavar="S", type=NumberRange(0.1, 1e6),
+              help=f"How long to search.  [default: {_SECONDS:g}]")
+@click.option("--calls", metavar="N", type=click.IntRange(1, 1_000_000_000),
+              help="How many calls to search: the same seed then finds the same.")
+@click.option("--seed", "seed_text", metavar="S", default="1", show_default=True, callback=checked(seed),
+              help="Seed of the search.")
+@click.option("--points", metavar="N", type=click.IntRange(_FEWEST_POINTS, _MOST_POINTS), default=100,
+              show_default=True, help="Most points that a calibrator gets.")
+@click.option("--returns", metavar="LOW..HIGH", help="What a function returns that has succeeded.  [default: anything]")
+@click.option("--out", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
+              help=f"File to keep the input in.  [default: {DEFAULT_OUT}/worst-FUNCTION.json]")
+@click.option("--replay", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
+              help="Call a function again as it was kept, and compare.")
+@click.argument("function", required=False)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def worst(
+    function: str | None, arguments: tuple[str, ...], firmware: str | None, seconds: float | None, calls: int | None,
+    seed_text: str, points: int, returns: str | None, out: Path | None, replay: Path | None,
+) -> int:  # fmt: skip
+    """Search for the input with the most cycles of a function.
+
+    FUNCTION is a calibrator of the firmware, which gets sets of points, or any function, which gets ARGUMENTS.
+    """
+    from hiltest.boards import default_firmware
+    from hiltest.commands.options import asked_to_end
+    from hiltest.record.files import write_asked_for
+    from hiltest.worst_case.kept import to_json
+    from hiltest.worst_case.search import Budget
+
+    elf = Path(firmware) if firmware is not None else default_firmware()
+    if replay is not None:
+        if function is not None:
+            raise click.UsageError("--replay has the function and its input in its file; give neither")
+        return _replay(replay, elf)
+    if function is None:
+        raise click.UsageError("give a FUNCTION, or --replay FILE")
+    if seconds is not None and calls is not None:
+        raise click.UsageError("give --seconds or --calls, not both")
+    file = out or Path(DEFAULT_OUT) / f"worst-{function}.json"
+    problem = _problem(elf, function, arguments, points, returns)
+    if out is None:
+        make_folder(file.parent)
+    with asked_to_end() as came:
+        budget = Budget(calls, None if calls else seconds or _SECONDS, lambda: bool(came))
+        case, said = _searched(problem, budget, seed(seed_text), elf, function)
+    click.echo(said)
+    if case is None:
+        return 1
+    write_asked_for(file, to_json(case))
+    click.echo(f"kept in {file}; call it again: hiltest worst --replay {file}{_option(firmware)}")
+    return 2 if came else 0
+
+
+def _option(firmware: str | None) -> str:
+    return "" if firmware is None else f" --firmware {firmware}"
+
+
+def _problem(elf: Path, function: str, arguments: tuple[str, ...], points: int, returns: str | None) -> Problem[Any]:
+    from hiltest.studies.board_calibrators import BoardCalibrators
+    from hiltest.worst_case.argument_ranges import ArgumentRanges, parse_range
+    from hiltest.worst_case.point_sets import PointSets
+
+    if not arguments and function in (calibrators := BoardCalibrators(elf)).names:
+        return PointSets(calibrators, function, points)
+    return ArgumentRanges(elf, function, arguments, parse_range(returns) if returns else None)
+
+
+def _searched(
+    problem: Problem[Any], budget: Budget, seed_number: int, elf: Path, function: str
+) -> tuple[WorstCase | None, str]:
+    """Return what is to be kept, and what to say; nothing is kept where no call has succeeded."""
+    from hiltest.commands.options import ErrorOutput
+    from hiltest.progress_line import ProgressLine
+    from hiltest.text import readable
+    from hiltest.worst_case.kept import case_of
+    from hiltest.worst_case.search import search
+
+    line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
+
+    def progress(calls: int, elapsed_s: float, cycles: int) -> None:
+        note = f"{readable(cycles)} cycles so far"
+        if budget.calls is not None:
+            line(f"{function}: call", calls, budget.calls, note)
+        elif budget.seconds is not None:
+            line(f"{function}: second", int(elapsed_s), math.ceil(budget.seconds), note)
+
+    found = search(problem, seed=seed_number, budget=budget, progress=progress)
+    line.clear()
+    searched = f"{readable(found.calls)} calls, {found.elapsed_s:.0f} s, seed {seed_number}"
+    refused = "" if found.refused_cycles is None else f"; refused ones {readable(found.refused_cycles)} at most"
+    if not found.call.counts:
+        return None, f"{function}: no call has succeeded of {searched}{refused}"
+    case = case_of(found, problem.kept(found.given), elf, function, seed_number)
+    return case, f"{case.said}: {readable(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
+
+
+def _replay(file: Path, elf: Path) -> int:
+    from hiltest.text import readable
+    from hiltest.worst_case.kept import digest, load_worst_case
+
+    case = load_worst_case(file)
+    call, cycle_model = case.replayed(elf)
+    now = f"{case.said}: {readable(call.cycles)} cycles ({cycle_model})"
+    if not call.counts:
+        now += f"; refused, with {call.returned}"
+    is_same_build = digest(elf) == case.elf_sha256
+    if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
+        click.echo(f"{now}, as it was kept{'' if is_same_build else f', on another build than {case.elf}'}")
+        return 0
+    kept = f"{readable(case.cycles)} ({case.cycle_model})"
+    if is_same_build and cycle_model == case.cycle_model:
+        click.echo(f"{now}, and {kept} were kept of the same build, by hiltest {case.hiltest}")
+        return 1
+    why = "the same build by another cycle model" if is_same_build else f"another build, {case.elf}"
+    click.echo(f"{now}; {kept} were kept of {why}")
+    return 0

@@ -1,0 +1,213 @@
+"""Arguments of a function with numbers left open: ``LOW..HIGH``, and ``TYPE:COUNT:LOW..HIGH`` for many of a type.
+
+All else is as `hiltest.profiling.arguments` has it. An input is the texts with numbers in these places, so that
+``hiltest profile`` takes what was found as it is.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.errors import BoardFault, ConfigError
+from hiltest.profiling.arguments import parse_argument
+from hiltest.virtual.calling import function_named
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.worst_case.search import Call
+
+_NUMBER = r"[-+]?(?:0[xX][0-9a-fA-F]+|[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?)"
+_RANGE = re.compile(
+    rf"(?:(?P<type>(?:u?int(?:8|16|32|64)|float(?:32|64))):(?P<count>[0-9]+):)?(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})"
+)
+_FILE = re.compile(r"(?:^|[:+])@")
+_MOST_NUMBERS = 100_000  # more bytes than the RAM holds
+# Below this whole numbers are apart as doubles.
+_LARGEST = 1 << 53
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Numbers of one place that are left open.
+
+    Attributes
+    ----------
+    low, high : float
+    is_whole : bool
+        Whether only whole numbers are meant: both ends are written as such, and no type says otherwise.
+    is_single : bool
+        Whether the type is float32.
+    """
+
+    low: float
+    high: float
+    is_whole: bool
+    is_single: bool = False
+
+    @classmethod
+    def of(cls, found: re.Match[str]) -> Range:
+        """Read a range.
+
+        Raises
+        ------
+        ConfigError
+            If its ends are not in order, or a type cannot hold them.
+        """
+        low, high = (_number(found[end]) for end in ("low", "high"))
+        kind = found["type"] or ""
+        is_whole = isinstance(low, int) and isinstance(high, int) and not kind.startswith("float")
+        if not low < high:
+            raise ConfigError(f"{found[0]!r}: the lower end comes first, and the upper one is higher")
+        if not (math.isfinite(high - low) and max(abs(low), abs(high)) < _LARGEST) and is_whole:
+            raise ConfigError(f"{found[0]!r}: whole numbers are searched below 2**53")
+        if "int" in kind:
+            holds = np.iinfo(kind)
+            if not is_whole or low < holds.min or high > holds.max:
+                raise ConfigError(f"{found[0]!r}: {kind} holds whole numbers from {holds.min} to {holds.max}")
+        return cls(low, high, is_whole, kind == "float32")
+
+    def text(self, number: float) -> str:
+        """Return a number of this range as an argument has it."""
+        if self.is_whole:
+            return str(round(min(max(number, self.low), self.high)))
+        single = float(np.float32(number)) if self.is_single else float(number)
+        return repr(min(max(single, self.low), self.high))
+
+
+def parse_range(text: str) -> Range:
+    """Read one range or, of both ends, one number.
+
+    Raises
+    ------
+    ConfigError
+        If it is neither.
+    """
+    if (found := _RANGE.fullmatch(text)) and not found["type"]:
+        return Range.of(found)
+    if re.fullmatch(_NUMBER, text):
+        return Range(_number(text), _number(text), is_whole=False)
+    raise ConfigError(f"{text!r}: write LOW..HIGH, or one number")
+
+
+def _number(text: str) -> int | float:
+    try:
+        return int(text, 0)
+    except ValueError:
+        return float(text)
+
+
+class ArgumentRanges:
+    """The arguments that a function of an ELF may get.
+
+    Parameters
+    ----------
+    elf : Path
+    function : str
+    texts : sequence of str
+    returns : Range, optional
+        What the function returns where it has succeeded; by default any answer is a success.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such function, an argument is none, or none leaves a number open.
+    """
+
+    def __init__(self, elf: Path, function: str, texts: Sequence[str], returns: Range | None) -> None:
+        self._board = VirtualK64F(elf)
+        self._function, self._returns = function_named(self._board.image, function).name, returns
+        self._pieces: list[list[str | Range]] = [_pieces(text) for text in texts]
+        self._open = [each for pieces in self._pieces for each in pieces if isinstance(each, Range)]
+        if not self._open:
+            raise ConfigError(f"{function}: no argument leaves a number open; write LOW..HIGH for one, or "
+                              "int16:100:LOW..HIGH for a hundred by address")  # fmt: skip
+        if len(self._open) > _MOST_NUMBERS:
+            raise ConfigError(f"{function}: {len(self._open)} numbers are left open, and no RAM holds them")
+        self.bounds = np.array([(each.low, each.high) for each in self._open], dtype=np.float64)
+
+    def made(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers as they are."""
+        return numbers.copy()
+
+    def varied(self, given: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
+        """Move a few numbers, little or much, put them anywhere, to an end, or where another one is."""
+        low, high = self.bounds.T
+        numbers = given.copy()
+        for k in random.integers(len(given), size=round(len(given) ** random.random())):
+            width, choice = high[k] - low[k], random.random()
+            if choice < 0.6:
+                step = width * 10.0 ** random.uniform(-6.0, 0.0) * random.standard_normal()
+                numbers[k] += math.copysign(max(abs(step), 1.0), step) if self._open[k].is_whole else step
+            elif choice < 0.8:
+                numbers[k] = random.uniform(low[k], high[k])
+            elif choice < 0.9:
+                numbers[k] = low[k] if random.random() < 0.5 else high[k]
+            else:
+                numbers[k] = numbers[random.integers(len(given))]
+        return np.clip(numbers, low, high)
+
+    def kept(self, given: NDArray[np.float64]) -> dict[str, tuple[str, ...]]:
+        """Return the arguments as a kept worst case has them."""
+        return {"arguments": self._texts(given)}
+
+    def _texts(self, given: NDArray[np.float64]) -> tuple[str, ...]:
+        numbers = iter(given)
+        return tuple(
+            "".join(each.text(float(next(numbers))) if isinstance(each, Range) else each for each in pieces)
+            for pieces in self._pieces
+        )
+
+    def call(self, given: NDArray[np.float64]) -> Call:
+        """Call the function; what counts is an answer that is a success.
+
+        Raises
+        ------
+        BoardFault
+            The function faulted or hung; says on which arguments.
+        """
+        texts = self._texts(given)
+        try:
+            result = self._board.call(self._function, *map(parse_argument, texts))
+        except BoardFault as fault:
+            raise BoardFault(
+                f"{fault.cause} ({self._function} was called with {' '.join(texts)})", pc=fault.pc,
+                function=fault.function, location=fault.location, registers=fault.registers, ending=fault.ending,
+            ) from fault
+        wanted, value = self._returns, result.value
+        counts = wanted is None or (value is not None and wanted.low <= value <= wanted.high)
+        return Call(result.cycles, value, counts)
+
+
+def refuse_files(texts: Sequence[str]) -> None:
+    """Refuse an argument that is the content of a file, since what is kept would not be all of it."""
+    for text in texts:
+        if not text.startswith("text:") and _FILE.search(text):
+            raise ConfigError(f"{text!r}: a file's content cannot be kept with the arguments; write its numbers")
+
+
+def _pieces(text: str) -> list[str | Range]:
+    """Split an argument where it leaves numbers open."""
+    refuse_files([text])
+    if text.startswith("text:"):
+        return [text]
+    pieces: list[str | Range] = []
+    end = 0
+    for found in _RANGE.finditer(text):
+        pieces.append(text[end : found.start()])
+        end = found.end()
+        each = Range.of(found)
+        if not found["type"]:
+            pieces.append(each)
+            continue
+        count = int(found["count"]) if len(found["count"]) < 7 else 0
+        if not 1 <= count <= _MOST_NUMBERS:
+            raise ConfigError(f"{found[0]!r}: at least one number, and no more than the RAM holds")
+        pieces.append(f"{found['type']}:")
+        for k in range(count):
+            pieces += [each] if k == 0 else [",", each]
+    return [*pieces, text[end:]]

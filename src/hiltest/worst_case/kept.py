@@ -1,0 +1,154 @@
+"""The worst case that was found, as a file that replays: JSON that is hostile until it is parsed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest import __version__
+from hiltest.errors import ConfigError
+from hiltest.profiling.arguments import parse_argument
+from hiltest.profiling.image import ProfiledImage
+from hiltest.strict_json import read_json, shown
+from hiltest.studies.board_calibrators import BoardCalibrators
+from hiltest.worst_case.argument_ranges import refuse_files
+from hiltest.worst_case.point_sets import MOST_POINTS, PointSets
+from hiltest.worst_case.search import Call, Found
+
+SCHEMA: Literal["hiltest.worst-case/1"] = "hiltest.worst-case/1"
+
+_LARGEST_BYTES = 4_000_000  # a hundred thousand numbers as text have a fourth of it
+_OTHERWISE = "search again: hiltest worst"
+_LONGEST = 60  # characters of arguments that are shown
+_COUNTS = np.iinfo(np.int16)
+# A list of numbers alone, which stands on one line.
+_NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*?)\n\s*\]")
+
+
+@dataclass(frozen=True, slots=True)
+class WorstCase:
+    """The most cycles of a function that a search found, and the input that takes them.
+
+    Attributes
+    ----------
+    function : str
+        A calibrator by its name on the link, or a function of the ELF.
+    cycles : int
+        Of a calibrator as the firmware reports them, less those of an empty call.
+    cycle_model : str
+        That counted them.
+    elf : str
+        Name of the file that was searched.
+    elf_sha256 : str
+    hiltest : str
+        Version that searched.
+    seed, calls : int
+        Of the search.
+    points : tuple of (int, int, int)
+        Points that the calibrator got [counts]; empty for a function that is none.
+    arguments : tuple of str
+        Arguments of a function, as `hiltest profile` takes them; empty for a calibrator.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True}
+    schema: Literal["hiltest.worst-case/1"]
+    function: str
+    cycles: int
+    cycle_model: str
+    elf: str
+    elf_sha256: str
+    hiltest: str
+    seed: int
+    calls: int
+    points: tuple[tuple[int, int, int], ...] = ()
+    arguments: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.function.isprintable() or not self.function:
+            raise ValueError(f"function {self.function!r} is no name")
+        if bool(self.points) == bool(self.arguments):
+            raise ValueError("either points or arguments are kept")
+        if len(self.points) > MOST_POINTS:
+            raise ValueError(f"{len(self.points)} points, and the firmware holds {MOST_POINTS}")
+        if any(not _COUNTS.min <= each <= _COUNTS.max for point in self.points for each in point):
+            raise ValueError("a point is out of the range of int16")
+        if self.cycles < 0 or self.calls < 1:
+            raise ValueError("cycles and calls are counted")
+        refuse_files(self.arguments)
+
+    @property
+    def said(self) -> str:
+        """The call, in a few words."""
+        given = f"{len(self.points)} points" if self.points else " ".join(self.arguments)
+        return f"{self.function}({given if len(given) <= _LONGEST else f'{given[:_LONGEST]}...'})"
+
+    @property
+    def counts(self) -> NDArray[np.int16]:
+        """The points, shape (n, 3) [counts]."""
+        return np.array(self.points, dtype=np.int16).reshape(-1, 3)
+
+    def replayed(self, elf: Path) -> tuple[Call, str]:
+        """Call the function of an ELF with the input that is kept; return the call and its cycle model."""
+        if self.points:
+            calibrators = BoardCalibrators(elf)
+            if self.function not in calibrators.names:
+                raise ConfigError(f"{elf}: no calibrator {self.function!r}: {', '.join(calibrators.names) or 'none'}")
+            call = PointSets(calibrators, self.function, len(self.points)).call(self.counts)
+            return call, calibrators.cycle_model
+        profile = ProfiledImage(elf).call(self.function, *map(parse_argument, self.arguments))
+        return Call(profile.cycles, profile.value, counts=True), profile.cycle_model
+
+
+def case_of(
+    found: Found[Any], kept: Mapping[str, Any], elf: Path, function: str, seed: int
+) -> WorstCase:
+    """Return what is to be kept of a search; the input is called once more, with the memories that it ran from."""
+    case = WorstCase(
+        SCHEMA, function, found.call.cycles, "", elf.name, digest(elf), __version__, seed, found.calls, **kept
+    )
+    call, cycle_model = case.replayed(elf)
+    if call.cycles != case.cycles:
+        raise ConfigError(f"{function} takes {call.cycles} cycles now, and took {case.cycles}: what it does depends on "
+                          "the clock, so its worst case cannot be kept")  # fmt: skip
+    return replace(case, cycle_model=cycle_model)
+
+
+def digest(elf: Path) -> str:
+    """Return the SHA-256 of a file."""
+    return sha256(elf.read_bytes()).hexdigest()
+
+
+def to_json(case: WorstCase) -> str:
+    """Return the text of the file."""
+    text = json.dumps(asdict(case), indent=1, ensure_ascii=False, allow_nan=False)
+    return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
+
+
+def load_worst_case(path: Path) -> WorstCase:
+    """Read and check a file.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read or is no such file; says what is wrong with it.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    file = read_json(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    if file.schema != SCHEMA:
+        raise ConfigError(f"{path}: no worst case: its schema is {shown(file.schema)}, not {SCHEMA!r}; {_OTHERWISE}")
+    try:
+        return TypeAdapter(WorstCase).validate_json(json.dumps(file.content))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(step) for step in first["loc"])
+        told = f"{place}: {first['msg']}" if place else first["msg"]
+        raise ConfigError(f"{path}: {told.replace('Value error, ', '')}; {_OTHERWISE}") from error
