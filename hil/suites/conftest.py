@@ -52,11 +52,12 @@ from hiltest.settings import Settings, resolve
 from hiltest.world import EarthField
 
 # What a later suite's numbers rest on comes first; suites of your own come last. A test of any
-# suite that needs the known angles waits for the heading suite: rest comes before they are taken.
+# suite that needs the known angles waits for the heading suite: rest comes before they are taken. What disturbs a
+# field has its time, right after the board is known.
 ORDER = (
-    "test_identity", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading", "test_dpi",
-    "test_streams", "test_budget", "test_cycles", "test_fusion", "test_link", "test_commands", "test_sensors",
-    "test_worst_case",
+    "test_identity", "test_driving", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading",
+    "test_dpi", "test_streams", "test_budget", "test_cycles", "test_fusion", "test_link", "test_commands",
+    "test_sensors", "test_worst_case",
 )
 
 # As few as calibrate a magnetometer by gravity too, of 16 readings each.
@@ -64,13 +65,17 @@ STILL_POSES = 40
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out the suites of another language than the firmware's, and that of a calibration file without one."""
+    """Leave out the suites of another language than the firmware's, and what a rig or a run has nothing for."""
     here = Path(__file__).parent
     of_a_compass = collection_path == here / "compass"
     if of_a_compass or (collection_path.parent == here and collection_path.stem in ORDER):
         with suppress(ConfigError):  # which the session says itself
             if of_a_compass != (config.stash[SESSION].rig.own_language is not None):
                 return True
+    if collection_path == here / "test_driving.py":
+        with suppress(ConfigError):
+            world = config.stash[SESSION].rig.world
+            return None if world is not None and world.disturbances else True
     of_a_file = collection_path == here / "test_calibration_file.py"
     return True if of_a_file and resolve(config).calibration is None else None
 

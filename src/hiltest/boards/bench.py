@@ -14,6 +14,7 @@ from hiltest.virtual.executed_code import ExecutionWatch
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
+from hiltest.world import Vector
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment
 from hiltest.world.sway import SWAY_S, Sway
@@ -192,6 +193,13 @@ class VirtualBench:
     def attitude_at(self, board_us: int) -> Pose:
         """Return the board's true attitude at a time of the firmware's clock [us]."""
         return self._world.at(self.firmware_clock_began_s + 1e-6 * board_us).pose
+
+    def disturbances_at_ut(self, board_us: int) -> dict[str, Vector]:
+        """Return what disturbs the field at a time of the firmware's clock [us], by cause, body frame."""
+        if self._world.disturbances is None:
+            return {}
+        time_s = self.firmware_clock_began_s + 1e-6 * board_us
+        return self._world.disturbances.by_cause_ut(time_s, self._world.at(time_s).pose)
 
     def next_move_s(self) -> float:
         """Return when a move that is planned now can begin [virtual s]."""

@@ -22,7 +22,7 @@ from hiltest.link.session import Session
 from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
 from hiltest.virtual.executed_code import ExecutionWatch
-from hiltest.world import EarthField
+from hiltest.world import EarthField, Vector
 
 _SHIELD_HINT = (
     "Put the FRDM-FXS-MULTI-B shield on the board, or name sensors that are there in the rig file. "
@@ -286,6 +286,10 @@ class Board(ABC):
 
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None where it is unknown."""
+        return None
+
+    def true_disturbances_ut(self, board_us: int) -> Mapping[str, Vector] | None:
+        """Return what disturbs the field at a time of its own clock [us], by cause, body frame; None where unknown."""
         return None
 
     def call_counter(self, calibrator: str) -> CallCounter | None:

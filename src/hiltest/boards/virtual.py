@@ -25,6 +25,7 @@ from hiltest.virtual.call_watch import CallWatch
 from hiltest.virtual.cycle_range import TimedSteps, range_where_it_ran
 from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
+from hiltest.world import Vector
 
 _CLOCK_TOLERANCE = 0.005  # a clock is often stated in whole MHz: 20.97 as 21
 _ID_DIGITS = 8  # 32 bits: two builds of one person's never share them
@@ -144,6 +145,10 @@ class VirtualBoard(Board):
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None while a recording is played."""
         return None if self.truth is None else self._bench.attitude_at(board_us)
+
+    def true_disturbances_ut(self, board_us: int) -> Mapping[str, Vector] | None:
+        """Return what disturbs the field at a time of its own clock [us], by cause; None for a recording."""
+        return None if self.truth is None else self._bench.disturbances_at_ut(board_us)
 
     def instructions_counted(self, cycles: int) -> int | None:
         """Count the instructions between the two latest readings of CYCCNT that lie `cycles` apart."""

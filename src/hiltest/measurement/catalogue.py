@@ -63,6 +63,7 @@ def _kinds() -> Iterator[Kind]:
     yield from _fit()
     yield from _imu()
     yield from _fusion()
+    yield from _driving()
     yield from _own_language()
     yield from _board()
     yield from _studies()
@@ -273,6 +274,38 @@ def _fusion() -> Iterator[Kind]:
                        decided_by=rms)
     yield Kind("fusion.left_out", "", _LOWER, _COUNTED, Section.FUSION, "Samples lost and corrections refused")
     yield Kind("fusion.corrections", "", _NEITHER, _COUNTED, Section.FUSION, "Corrections that the filter took")
+
+
+def _driving() -> Iterator[Kind]:
+    moving = _allow(0.15, 0.02, f"as fusion.heading.rms: {_MOTION}")
+    largest = _allow(0.5, 0.05, f"as fusion.accelerometer_magnetometer.heading.max: {_MOTION}")
+    seen = _allow(0.2, 0.05, "seen at records 0.15 s apart")
+    for what, unit, allowance, meaning in (
+        ("quiet_rms", "deg", moving, "rms heading error before anything disturbs the field"),
+        ("rms", "deg", moving, "rms heading error while anything disturbs the field"),
+        ("max", "deg", largest, "Largest heading error while anything disturbs the field"),
+        ("current_rms", "deg", moving, "rms heading error while a current disturbs the field"),
+        ("passing_rms", "deg", moving, "rms heading error while a magnet passes"),
+        ("cable_rms", "deg", moving, "rms heading error while a cable is out of its place"),
+        ("recovery_time", "s", seen,
+         "Longest time from the end of a disturbance until the heading is right to 5 degrees"),
+        ("unsaid", "s", seen, "Time for which a heading was answered that was wrong by more than 5 degrees"),
+    ):
+        yield Kind(f"driving.{{source}}.{what}", unit, _LOWER, allowance, Section.DRIVING, meaning)
+    yield Kind("driving.fusion.left_out", "", _NEITHER, _COUNTED, Section.DRIVING,
+               "Corrections that the filter left out while the field was disturbed: all that it says of it")
+    calibrated = _allow(0.1, 0.05, f"as heading.dpi.max: {_MOTION}")
+    for what, unit, allowance, meaning in (
+        ("calibrated_max", "deg", calibrated,
+         "Largest heading error, undisturbed, of a calibration from points that were all disturbed"),
+        ("calibrated_error", "%", _allow(0.02, 0.02, f"as fit.dpi.standard_error: {_MOTION}"),
+         "Its own word for its error: the residual of a fit, the fit error of a streaming calibrator"),
+        ("kept_max", "deg", calibrated,
+         "Largest heading error, undisturbed, of a streaming calibrator that got disturbed points after good ones"),
+        ("recalibrated_after", "s", _allow(1, 0.05, "seen at the end of tumbles 7 s apart"),
+         "Time of turning without a disturbance until a calibration from disturbed points is right to 2 degrees"),
+    ):
+        yield Kind(f"driving.{{calibrator}}.{what}", unit, _LOWER, allowance, Section.DRIVING, meaning)
 
 
 def _own_language() -> Iterator[Kind]:

@@ -31,6 +31,7 @@ class Section(StrEnum):
     ACCELEROMETER = "Accelerometer"
     GYROSCOPE = "Gyroscope"
     FUSION = "Sensor fusion"
+    DRIVING = "While the field is disturbed"
     BOARD = "Board and link"
     STUDIES = "Studies"
     OWN = "Other measurements"
@@ -49,6 +50,7 @@ NEXT_STEP = {
     Section.ACCELEROMETER: "Calibrate the accelerometer again on its six faces, and check how each face lies.",
     Section.GYROSCOPE: "Check the table's angle and the rate of the gyroscope's samples: a turn is their sum.",
     Section.FUSION: "Look first at heading, accelerometer and gyroscope alone: the filter mixes their errors.",
+    Section.DRIVING: "See which disturbance the heading follows: a filter has to notice that the field is another one.",
     Section.BOARD: "Look at the wire trace, then at cable, ground and baud rate.",
     Section.STUDIES: "Run the study again with the same seed: its numbers do not depend on the machine.",
     Section.OWN: "For a measurement of your own, look at the line that measured it, which stands beside it.",

@@ -13,6 +13,8 @@ from hiltest.procedures.calibrate import (
 )
 from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_pairs, upload_points
 from hiltest.procedures.dpi import DPI, DpiRun, fit_still_poses, fit_tumble, measure_dpi_cycles
+from hiltest.procedures.driven_calibrations import DrivenCalibrations, DrivenStage, calibrate_while_driving
+from hiltest.procedures.driving import DrivingResult, measure_driving
 from hiltest.procedures.fast_fit import FAST, FastFit, measure_fast_fit
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
 from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
@@ -46,15 +48,16 @@ from hiltest.procedures.turntables import (
 
 __all__ = [
     "DPI", "FAST", "UNCALIBRATED", "UNCALIBRATED_SLOT", "AccelerometerRestResult", "AccelerometerRun", "Achieved",
-    "AttitudeErrors", "BoardMovedError", "CalibratorRun", "CycleCost", "DpiRun", "Effort", "EffortKind", "FastFit",
-    "FittedTurns", "FusionResult", "GrblTurntable", "GyroscopeLog", "HeadingSummary", "KnownAngles", "LinkCheck",
-    "LogChunk", "MeasuredTurn", "OperatorTurntable", "Progress", "SimulatedTurntable", "StreamRun", "StreamStage",
-    "Tumble", "TurnInvalidError", "Turntable", "check_link", "collect_still_poses", "collect_tumble", "effort_curve",
-    "evenly_spread", "filter_noise", "fit_on_board", "fit_poses", "fit_still_poses", "fit_tumble",
-    "float32_error_deg", "golden_pairs", "golden_points", "heading_errors_deg", "held_as_taken",
-    "largest_effort_within", "log_gyroscope", "measure_accelerometer_rest", "measure_cycles", "measure_dpi_cycles",
-    "measure_fast_fit", "measure_fusion", "measure_known_angles", "measure_six_positions", "measure_turn",
-    "open_grbl_turntable", "open_table", "open_turntable", "predicted_residual_percent", "rest_gyroscope",
-    "run_calibrators", "run_streams", "see_axes", "spread_poses", "store_accelerometer", "store_streams",
-    "store_untrimmed", "summarise", "upload_pairs", "upload_points",
+    "AttitudeErrors", "BoardMovedError", "CalibratorRun", "CycleCost", "DpiRun", "DrivenCalibrations", "DrivenStage",
+    "DrivingResult", "Effort", "EffortKind", "FastFit", "FittedTurns", "FusionResult", "GrblTurntable",
+    "GyroscopeLog", "HeadingSummary", "KnownAngles", "LinkCheck", "LogChunk", "MeasuredTurn", "OperatorTurntable",
+    "Progress", "SimulatedTurntable", "StreamRun", "StreamStage", "Tumble", "TurnInvalidError", "Turntable",
+    "calibrate_while_driving", "check_link", "collect_still_poses", "collect_tumble", "effort_curve", "evenly_spread",
+    "filter_noise", "fit_on_board", "fit_poses", "fit_still_poses", "fit_tumble", "float32_error_deg", "golden_pairs",
+    "golden_points", "heading_errors_deg", "held_as_taken", "largest_effort_within", "log_gyroscope",
+    "measure_accelerometer_rest", "measure_cycles", "measure_dpi_cycles", "measure_driving", "measure_fast_fit",
+    "measure_fusion", "measure_known_angles", "measure_six_positions", "measure_turn", "open_grbl_turntable",
+    "open_table", "open_turntable", "predicted_residual_percent", "rest_gyroscope", "run_calibrators", "run_streams",
+    "see_axes", "spread_poses", "store_accelerometer", "store_streams", "store_untrimmed", "summarise",
+    "upload_pairs", "upload_points",
 ]  # fmt: skip

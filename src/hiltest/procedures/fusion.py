@@ -145,27 +145,36 @@ def measure_fusion(
     tell = progress or silent
     for kind in SensorKind:
         board.sensor(kind)
-    tell("fusion", 0, 3)
+    tell("fusion", 0, 2)
     turntable.rest()
     rest_gyroscope(board, seconds=bias_s, store=True)
-    tell("fusion", 1, 3)
-    summary = _run_through(board, turntable.sway, slot=slot, noise=noise, readings=readings)
-    tell("fusion", 2, 3)
-    records = _read(board, summary.records)
-    tell("fusion", 3, 3)
-    return _result(board, noise, summary, records)
+    tell("fusion", 1, 2)
+    found = follow_motion(board, turntable.sway, slot=slot, noise=noise, readings=readings)
+    tell("fusion", 2, 2)
+    return found
 
 
-def _run_through(
-    board: Board, sway: Callable[[], float], *, slot: int, noise: FusionNoise, readings: int
-) -> FusionSummary:
+def follow_motion(
+    board: Board, move: Callable[[], float], *, slot: int, noise: FusionNoise, readings: int = 16,
+    longest_s: float = _LONGEST_S,
+) -> FusionResult:
+    """Let the board at rest begin the filter, and follow a motion; its gyroscope's bias is the one it has.
+
+    Parameters
+    ----------
+    move : callable
+        Begins the motion, comes back at once, and says how long it takes [s].
+    longest_s : float
+        The motion is followed for no longer, and the records spread over as much.
+    """
     # At the rate of the fastest magnetometer: the board has room for so many records, whichever is selected.
-    every = math.ceil(SAMPLE_RATE_HZ * (_LONGEST_S + _AFTER_S) / MAX_FUSION_RECORDS)
+    every = math.ceil(SAMPLE_RATE_HZ * (longest_s + _AFTER_S) / MAX_FUSION_RECORDS)
     board.session.request(FusionStart(
         slot, every, readings, noise.rate_dps_rthz, noise.tilt_deg, noise.heading_deg, noise.gate_g
     ))  # fmt: skip
-    takes_s = min(sway(), _LONGEST_S)
-    return board.session.request(FusionRun(round(1e6 * (takes_s + _AFTER_S))))
+    takes_s = min(move(), longest_s)
+    summary = board.session.request(FusionRun(round(1e6 * (takes_s + _AFTER_S))))
+    return _result(board, noise, summary, _read(board, summary.records))
 
 
 def _read(board: Board, count: int) -> FusionRecords:

@@ -124,7 +124,8 @@ class Rig:
             reading_ut = world.largest_reading_ut(part, self.field.strength_ut)
             range_ut = PARTS[part].magnetometer_range_ut or 0.0
             require(reading_ut < range_ut, "world",
-                    f"hard_iron_ut makes {part} read up to {reading_ut:.0f} uT; its axes stop at {range_ut:.0f}")
+                    f"{' with '.join(('hard_iron_ut', *world.disturbances))} makes {part} read up to {reading_ut:.0f} "
+                    f"uT; its axes stop at {range_ut:.0f}")
             self._check_noise("magnetometer_noise_ut", self.sensors.magnetometer_noise_ut, world.noise_ut(part), "uT")
             self._check_noise("gyroscope_noise_mdps_per_rthz", self.sensors.gyroscope_noise_mdps_per_rthz,
                               world.gyroscope_noise_mdps_per_rthz, "mdps/rtHz")
@@ -256,6 +257,7 @@ def build_world(rig: Rig) -> World:
         If the rig has no simulated world.
     """
     from hiltest.world import Temperature, World
+    from hiltest.world.disturbances import Disturbances
     from hiltest.world.spiral import Cap
 
     world, covered = _simulated(rig), rig.turntable.covered
@@ -265,6 +267,11 @@ def build_world(rig: Rig) -> World:
     return World(
         _earth_field(rig), mounting_yaw_deg=_true_yaw_deg(rig, world), temperature=temperature,
         covered=Cap(covered.axis, covered.fraction) if covered else None,
+        disturbances=Disturbances(
+            current=world.current.in_world() if world.current else None,
+            passing=world.passing.in_world() if world.passing else None,
+            cable=world.cable.in_world() if world.cable else None,
+        ) if world.disturbances else None,
     )
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from hiltest.rig.disturbances import CableTable, CurrentTable, PassingTable
 from hiltest.rig.parts import PARTS
 from hiltest.rig.playback import PlaybackFile
 from hiltest.rig.tables import STRICT, Triple, require
@@ -87,6 +88,8 @@ class SimulatedWorld:
         True where the soft iron is meant to mirror the field, as a wrong sign in its file does.
     playback : PlaybackFile or None
         A recording that the parts measure in place of all that.
+    current, passing, cable : CurrentTable, PassingTable, CableTable or None
+        What disturbs the field over time: a current on the board, a magnet that passes, a cable that is moved.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -111,8 +114,13 @@ class SimulatedWorld:
     fitted: tuple[str, ...] = tuple(PARTS)
     mirrored: bool | None = None
     playback: PlaybackFile | None = None
+    current: CurrentTable | None = None
+    passing: PassingTable | None = None
+    cable: CableTable | None = None
 
     def __post_init__(self) -> None:
+        require(self.playback is None or not self.disturbances, "playback",
+                f"has its own field: {', '.join(self.disturbances)} cannot disturb it")
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
         require(all(sigma >= 0.0 for sigma in self.fxos8700cq_noise_ut), "fxos8700cq_noise_ut", "must not be negative")
         require(self.gyroscope_noise_mdps_per_rthz >= 0.0, "gyroscope_noise_mdps_per_rthz", "must not be negative")
@@ -143,6 +151,12 @@ class SimulatedWorld:
             require(duration_s > 0.0, key, "must be above 0")
 
     @property
+    def disturbances(self) -> dict[str, CurrentTable | PassingTable | CableTable]:
+        """What disturbs the field over time, by cause."""
+        tables = {"current": self.current, "passing": self.passing, "cable": self.cable}
+        return {cause: table for cause, table in tables.items() if table is not None}
+
+    @property
     def accelerometer_response(self) -> tuple[Triple, Triple, Triple]:
         """Gravity to what the accelerometer reads of it, before its offset: 3 rows of 3."""
         rows = []
@@ -165,8 +179,13 @@ class SimulatedWorld:
         return self.mag3110_noise_ut[0] if part == "mag3110" else math.sqrt(math.prod(self.fxos8700cq_noise_ut))
 
     def largest_reading_ut(self, part: str, strength_ut: float) -> float:
-        """Return the largest reading of any axis of a magnetometer in any attitude, without noise [uT]."""
+        """Return the largest reading of any axis of a magnetometer in any attitude, without noise [uT].
+
+        Of what disturbs it the strongest field counts, all at once and along this axis.
+        """
         hard_iron = self.hard_iron_at_ut(part)
-        return max(
-            abs(hard) + strength_ut * math.hypot(*row) for hard, row in zip(hard_iron, self.soft_iron, strict=True)
+        outside_ut = strength_ut + (self.passing.largest_ut if self.passing else 0.0)
+        own_ut = sum(each.largest_ut for each in (self.current, self.cable) if each is not None)
+        return own_ut + max(
+            abs(hard) + outside_ut * math.hypot(*row) for hard, row in zip(hard_iron, self.soft_iron, strict=True)
         )

@@ -339,7 +339,7 @@ class Fxos8700cq(RegisterDevice):
             limit=_MAGNETOMETER_LIMIT / _COUNTS_PER_UT,
         )  # fmt: skip
         if recorded is None:
-            field_ut = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+            field_ut = self._world.field_at_part_ut(self._distortion, instant_s)
             x, y, z = self._magnetometer_drift.apply(field_ut, self._world.temperature_degc(instant_s))
             sigma = self._sigma_ut
         else:

@@ -175,7 +175,7 @@ class Mag3110(RegisterDevice):
             Sensed.MAGNETOMETER, instant_s, part="MAG3110", limit=_RAW_LIMIT / COUNTS_PER_UT
         )
         if recorded is None:
-            field_ut = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+            field_ut = self._world.field_at_part_ut(self._distortion, instant_s)
             x, y, z = self._drift.apply(field_ut, self._world.temperature_degc(instant_s))
             sigma = self._noise_counts[self._oversampling]
         else:

@@ -7,6 +7,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 from hiltest.angles import Pose, rotation_rows, wrap_180
+from hiltest.world.distortion import MagneticDistortion
+from hiltest.world.disturbances import Disturbances
 from hiltest.world.earth_field import GRAVITY_NED_G, EarthField, Vector, apply_rows
 from hiltest.world.motion import (
     MOVE_GRID_S,
@@ -70,11 +72,15 @@ class World:
         In which the table stands at power-on.
     covered : Cap, optional
         The part of the sphere that a tumble shows the field from; without it all of it.
+    disturbances : Disturbances, optional
+        What changes the field of the earth and of the body's iron over time.
 
     Attributes
     ----------
     playback : Playback or None
         A recording that sensors measure in place of this world.
+    disturbances : Disturbances or None
+        As given.
 
     Notes
     -----
@@ -91,8 +97,10 @@ class World:
         temperature: Temperature = Temperature(),  # noqa: B008 - frozen, so it may be shared
         pose: Pose = Pose(0.0),  # noqa: B008
         covered: Cap | None = None,
+        disturbances: Disturbances | None = None,
     ) -> None:
         self.field = field
+        self.disturbances = disturbances
         self.playback: Playback | None = None
         self._covered = covered
         self.mounting_yaw_deg = mounting_yaw_deg
@@ -206,6 +214,13 @@ class World:
         if resting is None:
             resting = self._resting[index] = self._state(segment.angles(segment.end_s)[0], _STILL)
         return resting
+
+    def field_at_part_ut(self, distortion: MagneticDistortion, time_s: float) -> Vector:
+        """Return the field at a part at a virtual time, distorted and disturbed, body frame [uT]."""
+        state = self.at(time_s)
+        if self.disturbances is None:
+            return distortion.apply(state.field_body_ut)
+        return self.disturbances.apply(distortion, state.field_body_ut, time_s, state.pose)
 
     def temperature_degc(self, time_s: float) -> float:
         """Return the temperature of the board at a virtual time [degC]."""

@@ -1,0 +1,146 @@
+"""Heading while the field is disturbed: what errs, for how long, and whether the firmware says so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.calibration.accelerometer import AccelerometerFit
+from hiltest.calibration.fit import MagnetometerFit
+from hiltest.fixtures import Measure
+from hiltest.procedures import (
+    CalibratorRun,
+    DrivenCalibrations,
+    DrivenStage,
+    DrivingResult,
+    KnownAngles,
+    Progress,
+    Tumble,
+    Turntable,
+    calibrate_while_driving,
+    filter_noise,
+    heading_errors_deg,
+    measure_driving,
+)
+from hiltest.rig import Rig
+
+pytestmark = pytest.mark.hil
+
+# The first calibration of the heading suite.
+CALIBRATOR = "direct"
+# The thesis' goal for a compass heading.
+RIGHT_DEG = 2.0
+
+
+@pytest.fixture(scope="module")
+def drive(
+    board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun]
+) -> DrivingResult:
+    """Headings of the filter and of its two halves while the board was turned through the disturbances."""
+    assert rig.world is not None
+    noise = filter_noise(
+        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut, field_ut=rig.field.strength_ut,
+        dip_deg=rig.field.dip_deg,
+    )
+    return measure_driving(
+        board, turntable, begins_s=min(each.begins_s for each in rig.world.disturbances.values()),
+        slot=calibrations[CALIBRATOR].slot, noise=noise, readings=rig.procedure.readings_per_pose,
+    )
+
+
+@pytest.fixture(scope="module")
+def driven(
+    board: Board, turntable: Turntable, rig: Rig, tumble: Tumble, drive: DrivingResult, hil_progress: Progress
+) -> DrivenCalibrations:
+    """Calibrations from points that were taken while the field was disturbed, and afterwards."""
+    return calibrate_while_driving(
+        board, turntable, tumble=tumble, calibrator=CALIBRATOR, n=rig.procedure.calibration_points,
+        progress=hil_progress,
+    )
+
+
+def test_heading_while_driving(drive: DrivingResult, measure: Measure) -> None:
+    for source, found in drive.headings.items():
+        measure(f"driving.{source}.quiet_rms", found.quiet_rms_deg, "deg")
+        measure(f"driving.{source}.rms", found.rms_deg, "deg")
+        measure(f"driving.{source}.max", found.max_deg, "deg")
+        for cause, rms_deg in found.rms_by_cause_deg.items():
+            measure(f"driving.{source}.{cause}_rms", rms_deg, "deg")
+
+
+def test_time_to_recover(drive: DrivingResult, measure: Measure) -> None:
+    for source, found in drive.headings.items():
+        note = "" if found.recovered else "still wrong then"
+        measure(f"driving.{source}.recovery_time", found.recovery_s, "s", note=note)
+
+
+def test_whether_the_firmware_says_that_it_does_not_know(drive: DrivingResult, measure: Measure) -> None:
+    summary = drive.motion.summary
+    measure("driving.fusion.left_out", summary.no_attitude + summary.accelerated, "")
+    for source, found in drive.headings.items():
+        measure(f"driving.{source}.unsaid", found.unsaid_s, "s")
+
+
+def test_headings_over_time(drive: DrivingResult, measure: Measure) -> None:
+    truth = drive.motion.truth or ()
+    fields_ut = {cause: np.linalg.norm(field, axis=1).tolist() for cause, field in drive.field_ut.items()}
+    measure.table(
+        "driving.motion",
+        {"time": "s", "heading": "deg"} | dict.fromkeys(fields_ut, "uT") | dict.fromkeys(drive.headings, "deg"),
+        zip(
+            drive.motion.time_s.tolist(), (pose.heading_deg for pose in truth), *fields_ut.values(),
+            *(map(cell, each.error_deg.tolist()) for each in drive.headings.values()), strict=True,
+        ),
+    )
+
+
+def test_what_a_calibration_from_disturbed_points_says_of_itself(driven: DrivenCalibrations, measure: Measure) -> None:
+    measure(f"driving.{CALIBRATOR}.calibrated_error", driven.residual_percent, "%")
+    for name, stages in driven.begun_disturbed.items():
+        measure(f"driving.{name}.calibrated_error", disturbed(stages)[-1].stage.state.fit_error_percent, "%",
+                not_offered="it has no measure of its own")
+
+
+def test_what_a_calibration_from_disturbed_points_is_worth(
+    known_angles: KnownAngles, driven: DrivenCalibrations, accelerometer_fit: AccelerometerFit, measure: Measure
+) -> None:
+    def worst(fit: MagnetometerFit) -> float:
+        errors = heading_errors_deg(known_angles, fit, accelerometer_fit)
+        return math.nan if errors is None else float(np.abs(errors).max())
+
+    measure(f"driving.{CALIBRATOR}.calibrated_max", worst(driven.fit), "deg")
+    rows = []
+    for name, stages in driven.begun_disturbed.items():
+        measure(f"driving.{name}.calibrated_max", worst(disturbed(stages)[-1].stage.fit), "deg")
+        after = [each for each in stages if not each.disturbed]
+        right = [worst(each.stage.fit) <= RIGHT_DEG for each in after]
+        first = next((at for at in range(len(after)) if all(right[at:])), None)
+        measure(f"driving.{name}.recalibrated_after", after[-1 if first is None else first].time_s, "s",
+                note="not right by then" if first is None else "")
+    for name, stages in driven.begun_before.items():
+        measure(f"driving.{name}.kept_max", max(worst(each.stage.fit) for each in disturbed(stages)), "deg")
+    for begun, found in (("before", driven.begun_before), ("disturbed", driven.begun_disturbed)):
+        for name, stages in found.items():
+            rows += [
+                [name, begun, each.disturbed, each.time_s, each.stage.state.elements, each.stage.state.held,
+                 each.stage.state.accepted, each.stage.state.fit_error_percent, worst(each.stage.fit)]
+                for each in stages
+            ]
+    measure.table(
+        "driving.stages",
+        {"calibrator": "", "begun": "", "disturbed": "", "time": "s", "elements": "", "held": "", "accepted": ""}
+        | {"fit_error": "%", "max_error": "deg"},
+        rows,
+    )
+
+
+def disturbed(stages: list[DrivenStage]) -> list[DrivenStage]:
+    return [each for each in stages if each.disturbed]
+
+
+def cell(value: float) -> float | None:
+    return value if math.isfinite(value) else None
