@@ -51,6 +51,7 @@ PRINTING = {
     "timing measure": ("timing", "measure"),
     "timing show": ("timing", "show"),
     "trend": ("trend", "."),
+    "worst": ("worst", "direct", "--calls", "20"),
 }
 # A run of their own: in tests/runs/test_bisect.py, and below.
 ELSEWHERE = {"bisect", "run"}

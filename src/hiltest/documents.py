@@ -205,6 +205,40 @@ class Timing:
 
 
 @dataclass(frozen=True, slots=True)
+class Worst:
+    """A search for the most cycles of a function, or a call of what was kept.
+
+    Attributes
+    ----------
+    call : str
+        Function and input, in a few words.
+    cycles : int or None
+        Of the worst call; null where none succeeded.
+    cycle_model : str
+        That counted them.
+    file : str or None
+        Where the input is kept.
+    calls : int or None
+        Of the search; null for a call of what was kept.
+    refused_cycles : int or None
+        The most of a call that did not succeed.
+    kept_cycles : int or None
+        Of a call of what was kept: the cycles that were kept.
+    same_build : bool
+        Whether they were kept of this ELF.
+    """
+
+    call: str
+    cycles: int | None
+    cycle_model: str
+    file: str | None
+    calls: int | None = None
+    refused_cycles: int | None = None
+    kept_cycles: int | None = None
+    same_build: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Measured:
     """A timing profile that was measured.
 
@@ -470,6 +504,7 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.trend/1": Trend,
     "hiltest.report/1": Reported,
     "hiltest.export/1": Exported,
+    "hiltest.worst/1": Worst,
     "hiltest.timing/1": Timing,
     "hiltest.timing-measure/1": Measured,
     "hiltest.init/1": Copied,

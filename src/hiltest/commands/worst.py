@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import NumberRange, checked
+from hiltest.commands.options import NumberRange, checked, documented
 from hiltest.settings import DEFAULT_OUT, file_name, make_folder, seed
 
 if TYPE_CHECKING:
     from hiltest.worst_case.kept import WorstCase
-    from hiltest.worst_case.search import Budget, Problem
+    from hiltest.worst_case.search import Budget, Found, Problem
 
 _FEWEST_POINTS, _MOST_POINTS = 9, 512  # unknowns of an ellipsoid, and what the firmware's buffer holds
 _SECONDS = 60.0
@@ -37,6 +37,7 @@ Exit codes:
 
 # Unknown options are let through: a negative number is an argument of the function.
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
+@documented("hiltest.worst/1")
 @click.option("--firmware", metavar="ELF", callback=checked(file_name),
               help="Any program for a Cortex-M4.  [default: the packaged firmware]")
 @click.option("--seconds", metavar="S", type=NumberRange(0.1, 1e6),
@@ -57,7 +58,7 @@ Exit codes:
 def worst(
     function: str | None, arguments: tuple[str, ...], firmware: str | None, seconds: float | None, calls: int | None,
     seed_text: str, points: int, returns: str | None, out: Path | None, replay: Path | None,
-) -> int:  # fmt: skip
+) -> tuple[int, dict[str, Any]]:  # fmt: skip
     """Search for the input with the most cycles of a function.
 
     FUNCTION is a calibrator of the firmware, which gets sets of points, or any function, which gets ARGUMENTS.
@@ -83,13 +84,15 @@ def worst(
         make_folder(file.parent)
     with asked_to_end() as came:
         budget = Budget(calls, None if calls else seconds or _SECONDS, lambda: bool(came))
-        case, said = _searched(problem, budget, seed(seed_text), elf, function)
+        found, case, said = _searched(problem, budget, seed(seed_text), elf, function)
     click.echo(said)
+    told = {"calls": found.calls, "refused_cycles": found.refused_cycles}
     if case is None:
-        return 1
+        return 1, {"call": function, "cycles": None, "cycle_model": "", "file": None, **told}
     write_asked_for(file, to_json(case))
     click.echo(f"kept in {file}; call it again: hiltest worst --replay {file}{_option(firmware)}")
-    return 2 if came else 0
+    kept = {"call": case.said, "cycles": case.cycles, "cycle_model": case.cycle_model, "file": str(file)}
+    return 2 if came else 0, {**kept, **told}
 
 
 def _option(firmware: str | None) -> str:
@@ -108,8 +111,8 @@ def _problem(elf: Path, function: str, arguments: tuple[str, ...], points: int, 
 
 def _searched(
     problem: Problem[Any], budget: Budget, seed_number: int, elf: Path, function: str
-) -> tuple[WorstCase | None, str]:
-    """Return what is to be kept, and what to say; nothing is kept where no call has succeeded."""
+) -> tuple[Found[Any], WorstCase | None, str]:
+    """Return what was found, what is to be kept, and what to say; nothing is kept where no call has succeeded."""
     from hiltest.commands.options import ErrorOutput
     from hiltest.progress_line import ProgressLine
     from hiltest.text import readable
@@ -130,12 +133,13 @@ def _searched(
     searched = f"{readable(found.calls)} calls, {found.elapsed_s:.0f} s, seed {seed_number}"
     refused = "" if found.refused_cycles is None else f"; refused ones {readable(found.refused_cycles)} at most"
     if not found.call.counts:
-        return None, f"{function}: no call has succeeded of {searched}{refused}"
+        return found, None, f"{function}: no call has succeeded of {searched}{refused}"
     case = case_of(found, problem.kept(found.given), elf, function, seed_number)
-    return case, f"{case.said}: {readable(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
+    said = f"{case.said}: {readable(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
+    return found, case, said
 
 
-def _replay(file: Path, elf: Path) -> int:
+def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
     from hiltest.text import readable
     from hiltest.worst_case.kept import digest, load_worst_case
 
@@ -145,13 +149,15 @@ def _replay(file: Path, elf: Path) -> int:
     if not call.counts:
         now += f"; refused, with {call.returned}"
     is_same_build = digest(elf) == case.elf_sha256
+    told = {"call": case.said, "cycles": call.cycles, "cycle_model": cycle_model, "file": str(file),
+            "kept_cycles": case.cycles, "same_build": is_same_build}  # fmt: skip
     if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
         click.echo(f"{now}, as it was kept{'' if is_same_build else f', on another build than {case.elf}'}")
-        return 0
+        return 0, told
     kept = f"{readable(case.cycles)} ({case.cycle_model})"
     if is_same_build and cycle_model == case.cycle_model:
         click.echo(f"{now}, and {kept} were kept of the same build, by hiltest {case.hiltest}")
-        return 1
+        return 1, told
     why = "the same build by another cycle model" if is_same_build else f"another build, {case.elf}"
     click.echo(f"{now}; {kept} were kept of {why}")
-    return 0
+    return 0, told
