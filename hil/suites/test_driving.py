@@ -36,7 +36,8 @@ CALIBRATOR = "direct"
 RIGHT_DEG = 2.0
 
 
-@pytest.fixture(scope="module")
+# Of the session: the test that needs the known angles too comes after other suites, when the drive is long over.
+@pytest.fixture(scope="session")
 def drive(
     board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun]
 ) -> DrivingResult:
@@ -52,7 +53,7 @@ def drive(
     )
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def driven(
     board: Board, turntable: Turntable, rig: Rig, tumble: Tumble, drive: DrivingResult, hil_progress: Progress
 ) -> DrivenCalibrations:
