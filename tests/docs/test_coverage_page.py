@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -46,8 +46,8 @@ def test_a_campaign_adds_up_its_seeds(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_genhtml_makes_pages_of_it(tmp_path: Path, require_tool: Callable[[str], str]) -> None:
-    require_tool("genhtml")
+@pytest.mark.skipif(shutil.which("genhtml") is None, reason="of Debian's package lcov, which nothing else here needs")
+def test_genhtml_makes_pages_of_it(tmp_path: Path) -> None:
     (tmp_path / "firmware_stub").symlink_to(ROOT / "firmware_stub")
     run(RUN, tmp_path)
     done = subprocess.run(shlex.split(GENHTML), cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)

@@ -27,7 +27,7 @@ Arguments are those of hiltest profile, with numbers left open:
 
 \b
 Exit codes:
-  0   searched; or replayed, with the cycles that were kept or on another build
+  0   searched; or replayed: the cycles that were kept, or another build
   1   no call has succeeded; or the same build takes other cycles than kept
   2   interrupted; the worst so far is kept
   4   usage: an option, an argument, the ELF or a kept file is wrong
