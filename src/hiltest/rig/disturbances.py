@@ -90,8 +90,10 @@ class CableTable:
     @property
     def largest_ut(self) -> float:
         """The strongest field that it may ever make, beside that in its first place [uT]."""
+        from hiltest.world.disturbances import WIRE_UT_M_PER_A
+
         first_m = math.hypot(*_across(self.places[0][1:], self.direction))
-        return 0.2 * abs(self.current_a) * (1.0 / self._nearest_m + 1.0 / first_m)
+        return WIRE_UT_M_PER_A * abs(self.current_a) * (1.0 / self._nearest_m + 1.0 / first_m)
 
     @property
     def begins_s(self) -> float:
@@ -132,7 +134,9 @@ class PassingTable:
     @property
     def largest_ut(self) -> float:
         """No field of it is stronger than this one, on its axis where it is nearest [uT]."""
-        return 0.2 * math.hypot(*self.moment_am2) / self.nearest_m**3
+        from hiltest.world.disturbances import DIPOLE_UT_M3_PER_AM2
+
+        return 2.0 * DIPOLE_UT_M3_PER_AM2 * math.hypot(*self.moment_am2) / self.nearest_m**3
 
     @property
     def begins_s(self) -> float:

@@ -12,8 +12,10 @@ import io
 import re
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -34,7 +36,7 @@ _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker says of the whole
 _LARGEST_BYTES = 256 << 20
 _BUILD_ID = re.compile(rb"\x04\0{3}([\x04-\x20])\0{3}\x03\0{3}GNU\0(.{4,32})", re.DOTALL)  # the note, by its header
 _IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
-_MARK = re.compile(r"\$[dt](\..*)?")  # a mapping symbol: data or Thumb code begins
+_MARK = re.compile(r"\$[dt](\..*)?")  # a mapping symbol (AAELF32, 5.5.5): data or Thumb code begins
 # Folders of the compiler's own libraries in the names of their units: which of them are linked in, the code decides.
 LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
 
@@ -137,7 +139,7 @@ class FirmwareImage:
             self._check_processor()
             self.hard_float = bool(self._elf.header.e_flags & _HARD_FLOAT)
             self.segments = self._read_segments()
-            self._marks: list[tuple[int, bool]] = []
+            self._marks: list[tuple[int, bool]] = []  # address, and whether code begins there
             self._all_symbols = self._read_symbols()
             self.symbols = {symbol.name: symbol for symbol in self._all_symbols}
         except ConfigError:
@@ -192,20 +194,18 @@ class FirmwareImage:
     def _read_symbols(self) -> list[Symbol]:
         """Read named functions and objects, global ones last: by name they win over local ones. Marks go beside."""
         found: list[Symbol] = []
-        self._code_marks: list[tuple[int, bool]] = []
         table: Any = self._elf.get_section_by_name(".symtab")
         if table is None:
             return found
         for entry in sorted(table.iter_symbols(), key=lambda symbol: symbol.entry.st_info.bind == "STB_GLOBAL"):
             kind = entry.entry.st_info.type
-            if kind == "STT_NOTYPE" and _MARK.fullmatch(entry.name):
-                self._marks.append((entry.entry.st_value, entry.name[1] == "d"))
             if kind in ("STT_FUNC", "STT_OBJECT") and entry.name:
                 is_function = kind == "STT_FUNC"
                 address = entry.entry.st_value & ~1 if is_function else entry.entry.st_value
                 found.append(Symbol(entry.name, address, entry.entry.st_size, is_function))
-            elif entry.name[:2] in ("$t", "$d") and entry.name[2:3] in ("", "."):  # mapping symbols of the Arm ABI
-                self._code_marks.append((entry.entry.st_value & ~1, entry.name[1] == "t"))
+            elif _MARK.fullmatch(entry.name):
+                self._marks.append((entry.entry.st_value & ~1, entry.name[1] == "t"))
+        self._marks.sort()
         return found
 
     def read(self, address: int, size: int) -> bytes:
@@ -222,28 +222,19 @@ class FirmwareImage:
                 return segment.data[offset : offset + size]
         raise ValueError(f"{self.name}: nothing at 0x{address:08x}")
 
-    @cached_property
-    def _mapping(self) -> tuple[list[int], list[bool]]:
-        """Where code and data begin in sections of code, by mapping symbols (AAELF32, 5.5.5), and which of the two."""
-        found = sorted(self._marks)
-        return [address for address, _ in found], [is_data for _, is_data in found]
-
     def is_data_in_code(self, address: int) -> bool:
         """Whether data is at an address, as far as the file says it."""
-        addresses, is_data = self._mapping
-        index = bisect.bisect_right(addresses, address) - 1
-        return index >= 0 and is_data[index]
+        index = bisect.bisect_right(self._marks, address, key=lambda mark: mark[0]) - 1
+        return index >= 0 and not self._marks[index][1]
 
     @cached_property
     def code(self) -> tuple[tuple[int, bytes], ...]:
         """Return address and content of all that is instructions, and no data between them; empty without symbols."""
-        marks = sorted(self._code_marks)
         found = []
-        for (begin, is_code), (end, _) in zip(marks, [*marks[1:], (1 << 32, False)], strict=True):
-            for segment in self.segments if is_code else ():
-                offset = begin - segment.run_address
-                if 0 <= offset < len(segment.data) and begin < end:
-                    found.append((begin, segment.data[offset : offset + end - begin]))
+        for (begin, is_code), (end, _) in pairwise([*self._marks, (1 << 32, False)]):
+            if is_code and begin < end:
+                with suppress(ValueError):  # of what is not loaded
+                    found.append((begin, self.read(begin, end - begin)))
         return tuple(found)
 
     @cached_property

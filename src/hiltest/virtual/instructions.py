@@ -199,7 +199,7 @@ def mnemonics(address: int, code: bytes) -> Iterator[tuple[int, str]]:
         position += size
         if position + 1 < len(code):
             yield address + position, ""
-            position += 4 if code[position + 1] >> 3 in _LONG else 2
+            position += instruction_size(code[position:])
         else:
             break
 

@@ -15,8 +15,8 @@ from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import Vector, apply_rows
 
 # mu0 / 4 pi is 1e-7 T m/A to five parts in 1e10.
-_DIPOLE_UT_M3_PER_AM2 = 0.1
-_WIRE_UT_M_PER_A = 0.2
+DIPOLE_UT_M3_PER_AM2 = 0.1
+WIRE_UT_M_PER_A = 0.2
 
 _NOTHING: Vector = (0.0, 0.0, 0.0)
 
@@ -85,7 +85,7 @@ class Cable:
         along = (self.direction[0] / length, self.direction[1] / length, self.direction[2] / length)
         behind = _dot(place_m, along)
         x, y, z = (behind * unit - component for unit, component in zip(along, place_m, strict=True))
-        factor = _WIRE_UT_M_PER_A * self.current_a / (x * x + y * y + z * z)
+        factor = WIRE_UT_M_PER_A * self.current_a / (x * x + y * y + z * z)
         return (
             factor * (along[1] * z - along[2] * y),
             factor * (along[2] * x - along[0] * z),
@@ -117,7 +117,7 @@ class Passing:
         # From the parts to it: both signs of r are one field.
         r = [place + gone_s * speed for place, speed in zip(self.place_m, self.velocity_mps, strict=True)]
         square = _dot(r, r)
-        factor = _DIPOLE_UT_M3_PER_AM2 / (square * math.sqrt(square))
+        factor = DIPOLE_UT_M3_PER_AM2 / (square * math.sqrt(square))
         towards = 3.0 * _dot(self.moment_am2, r) / square
         x, y, z = (factor * (towards * place - moment) for place, moment in zip(r, self.moment_am2, strict=True))
         return (x, y, z)

@@ -26,7 +26,6 @@ _EXPLORED = 600  # calls of one evolution: fifteen generations
 _STUCK = 1500  # calls of a climb without a worse one, after which it is left
 # Far more than any call has: a refused input is better than none, and worse than any that counts.
 _REFUSED = 1e15
-_PROGRESS = "worst case"
 
 
 @dataclass(frozen=True, slots=True)
