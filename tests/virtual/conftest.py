@@ -15,6 +15,8 @@ from hiltest.virtual.native import CHOICE
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 from hiltest.virtual.native.library import missing_because
 
+from .foreign import PROGRAMS as FOREIGN
+from .foreign import Program
 from .published import FOLDER as PUBLISHED
 
 HERE = Path(__file__).parent
@@ -65,6 +67,23 @@ def published_programs() -> None:
     if not PUBLISHED.is_dir():
         assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{PUBLISHED} is missing, and HILTEST_REQUIRE_TOOLS is set"
         pytest.skip(f"{PUBLISHED} is not there")
+
+
+ForeignProgram = Callable[[str], Program]
+
+
+@pytest.fixture
+def foreign_program() -> ForeignProgram:
+    """Return a function that finds a program of others by its name: they lie beside the project, and not everywhere."""
+
+    def find(name: str) -> Program:
+        (program,) = [each for each in FOREIGN if each.name == name]
+        if not program.path.is_file():
+            assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{program.path} is missing"
+            pytest.skip(f"{program.path} is not there")
+        return program
+
+    return find
 
 
 @pytest.fixture

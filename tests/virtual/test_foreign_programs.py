@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 
-from .foreign import PROGRAMS, Program, run
+from .conftest import ForeignProgram
+from .foreign import PROGRAMS, run
 
 pytestmark = pytest.mark.slow  # seconds of virtual time, and what is not waiting takes as long
 
 
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda each: each.name)
-def test_a_program_of_others_does_what_its_readme_says(program: Program) -> None:
-    if not program.path.is_file():
-        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), (
-            f"{program.path} is missing, and HILTEST_REQUIRE_TOOLS is set"
-        )
-        pytest.skip(f"{program.path} is not there")
-    assert run(program).wrong == ()
+@pytest.mark.parametrize("name", [each.name for each in PROGRAMS])
+def test_a_program_of_others_does_what_its_readme_says(name: str, foreign_program: ForeignProgram) -> None:
+    assert run(foreign_program(name)).wrong == ()

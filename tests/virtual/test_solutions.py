@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 
 from hiltest.boards.bench import VirtualBench
@@ -15,8 +13,7 @@ from hiltest.virtual.profile_file import load_profile
 from hiltest.virtual.recount import counted_with_waits
 from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd
 
-from .conftest import Build
-from .foreign import PROGRAMS as FOREIGN
+from .conftest import Build, ForeignProgram
 from .foreign import RIG
 
 SLICES = """
@@ -145,12 +142,10 @@ def test_no_solution_is_kept_before_one_is_complete(build_c: Build) -> None:
 
 
 @pytest.mark.slow
-def test_slices_of_anothers_calibration_are_as_many_as_its_source_says() -> None:
-    program = next(each for each in FOREIGN if each.name == "nxp_sensor_fusion")
-    if not program.path.is_file():
-        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{program.path} is missing"
-        pytest.skip(f"{program.path} is not there")
-    bench = VirtualBench(load_rig(RIG), firmware=program.path)
+def test_slices_of_anothers_calibration_are_as_many_as_its_source_says(
+    foreign_program: ForeignProgram,
+) -> None:
+    bench = VirtualBench(load_rig(RIG), firmware=foreign_program("nxp_sensor_fusion").path)
     # sfg.MagCal.iCalInProgress: how many elements are being fitted, or 0.
     watch = bench.machine.watch_solutions(["fUpdateMagCalibration4Slice"], SolutionEnd("sfg+0xa80", size=1))
     bench.machine.run_until(0.3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +11,7 @@ import pytest
 from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
-from .conftest import FLAGS, PROGRAMS, Build
-from .foreign import PROGRAMS as FOREIGN
+from .conftest import FLAGS, PROGRAMS, Build, ForeignProgram
 from .foreign import machine_for
 from .foreign import watch as run_for
 from .test_peripherals import Part
@@ -172,15 +170,6 @@ def test_a_call_in_a_task_does_not_count_what_other_tasks_do(
     assert watch.summary("PendSV_Handler").abandoned == 0
 
 
-def foreign_board(name: str) -> VirtualK64F:
-    """Return the board of another's program."""
-    program = next(each for each in FOREIGN if each.name == name)
-    if not program.path.is_file():
-        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{program.path} is missing"
-        pytest.skip(f"{program.path} is not there")
-    return machine_for(program)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seconds", "functions", "at_least"),
@@ -191,11 +180,12 @@ def foreign_board(name: str) -> VirtualK64F:
     ],
 )
 def test_a_switch_of_tasks_in_a_kernel_of_others_is_not_its_callers_time(
-    name: str, seconds: float, functions: tuple[str, ...], at_least: int
+    name: str, seconds: float, functions: tuple[str, ...], at_least: int, foreign_program: ForeignProgram
 ) -> None:
-    board = foreign_board(name)
+    program = foreign_program(name)
+    board = machine_for(program)
     watch = board.watch_calls(functions)
-    run_for(next(each for each in FOREIGN if each.name == name), board, seconds)
+    run_for(program, board, seconds)
     for function in functions:
         calls = watch.calls(function)
         assert len(calls) >= at_least
@@ -208,9 +198,11 @@ def test_a_switch_of_tasks_in_a_kernel_of_others_is_not_its_callers_time(
     "name",
     ["sdk_freertos_hello", "sdk_freertos_swtimer", "z_synchronization", "riot_thread_cooperation", "riot_ztimer_msg"],
 )
-def test_every_function_of_a_kernel_of_others_can_be_watched_at_once(name: str) -> None:
-    program = next(each for each in FOREIGN if each.name == name)
-    plain, board = foreign_board(name), foreign_board(name)
+def test_every_function_of_a_kernel_of_others_can_be_watched_at_once(
+    name: str, foreign_program: ForeignProgram
+) -> None:
+    program = foreign_program(name)
+    plain, board = machine_for(program), machine_for(program)
     symbols = board.image.symbols.values()
     functions = [each.name for each in symbols if each.is_function and each.size]
     watch = board.watch_calls(functions)
