@@ -59,7 +59,8 @@ _ONLY_IN_CI = {
         "end_to_end/test_wrong_firmware", "firmware/test_calibrators_of_ones_own", "mutation/test_mutations",
         "record/test_killed_at_every_step", "runs/test_advice_for_a_campaign", "runs/test_bisect", "runs/test_campaign",
         "runs/test_campaign_summary", "serve/test_clients", "serve/test_ending", "serve/test_main_job",
-        "serve/test_start", "test_json_documents", "test_read_files", "test_written_files",
+        "serve/test_start", "test_json_documents", "test_read_files", "test_release",
+        "test_written_files",
         "virtual/test_foreign_programs", "virtual/test_sequences_of_the_firmware",
     )
 }  # fmt: skip

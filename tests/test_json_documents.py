@@ -53,8 +53,8 @@ PRINTING = {
     "trend": ("trend", "."),
     "worst": ("worst", "direct", "--calls", "20"),
 }
-# A run of their own: in tests/runs/test_bisect.py, and below.
-ELSEWHERE = {"bisect", "run"}
+# A run of their own: in tests/runs/test_bisect.py, tests/boards/test_contributed_profile.py, and below.
+ELSEWHERE = {"bisect", "run", "timing check"}
 
 
 def schemas_of(command: click.Command) -> list[str]:

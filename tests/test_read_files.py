@@ -56,6 +56,7 @@ READING = {
     "serve --flash-file": ("serve", "--flash-file", "{}"),
     "serve --rig": ("serve", "--rig", "{}"),
     "study --rig": ("study", "choose", "--rig", "{}"),
+    "timing check file": ("timing", "check", "{}"),
     "timing measure --rig": ("timing", "measure", "--rig", "{}"),
     "timing show --profile": ("timing", "show", "--profile", "{}"),
     "worst --firmware": ("worst", "crc32", "uint8:9:0..255", "9", "--firmware", "{}"),

@@ -261,6 +261,26 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
+class ProfileChecked:
+    """A measured timing profile, checked before it is sent in.
+
+    Attributes
+    ----------
+    file, name : str
+        Of the profile.
+    objections : list of str
+        Why it cannot be taken as it is; empty where it can.
+    remarks : list of str
+        What does not fit the rules.
+    """
+
+    file: str
+    name: str
+    objections: list[str]
+    remarks: list[str]
+
+
+@dataclass(frozen=True, slots=True)
 class Copied:
     """A bench of one's own.
 
@@ -507,6 +527,7 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.worst/1": Worst,
     "hiltest.timing/1": Timing,
     "hiltest.timing-measure/1": Measured,
+    "hiltest.timing-check/1": ProfileChecked,
     "hiltest.init/1": Copied,
     "hiltest.device-try/1": Understood,
     "hiltest.serve/1": Served,

@@ -26,16 +26,21 @@ PAGE = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
 WORKFLOW = yaml.safe_load(WORKFLOW_TEXT)
 SET_UP, WHEN_WORSE, OVER_TIME = (block.splitlines() for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S))
 (JOB,) = WORKFLOW["jobs"].values()
+ACTION = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
+USES = f"OWNER/hiltest@v{__version__}"
+(WITH,) = [step["with"] for step in JOB["steps"] if step.get("uses") == USES]
+INPUTS = {name: each["default"] for name, each in ACTION["inputs"].items()} | WITH
 BASELINE = Path("hil") / "baselines" / "mine.json"
 COMMITTED = ROOT / "hil" / "baselines" / "virtual-k64f.json"
 
-# The two lines of the workflow that are not run as they stand: hiltest is the one under test, and both are installed.
-INSTALL = f"python -m pip install hiltest=={__version__}"
+# The two lines of the job that are not run as they stand: hiltest is the one under test, and both are installed.
+INSTALL = 'python -m pip install "$GITHUB_ACTION_PATH"'
 INSTALL_COMPILER = (
     "sudo apt-get update && sudo apt-get install --yes gcc-arm-none-eabi libnewlib-arm-none-eabi cmake ninja-build"
 )
 FIRMWARE = ROOT / "firmware_stub"
 ELF = Path("build") / "mine.elf"
+RUN = "Run on the virtual board"
 SHAS = {"green": "a" * 40, "red": "b" * 40}
 
 # Of three runs on the main branch; the record of one is gone.
@@ -80,24 +85,43 @@ def sh(command: str, folder: Path, **more: Any) -> subprocess.CompletedProcess[s
     )  # fmt: skip
 
 
+def filled(value: Any, inputs: dict[str, str]) -> Any:
+    """Return what a step of the action is given, with the action's inputs filled in as GitHub does it."""
+    if isinstance(value, dict):
+        return {name: filled(each, inputs) for name, each in value.items()}
+    return re.sub(r"\$\{\{ inputs\.([\w-]+) }}", lambda found: inputs[found[1]], value)
+
+
+def steps_of(inputs: dict[str, str]) -> Iterator[dict[str, Any]]:
+    """Return the steps of the job, those of the action in the place where the job uses it."""
+    for step in JOB["steps"]:
+        if step.get("uses") != USES:
+            yield step
+            continue
+        for inner in ACTION["runs"]["steps"]:
+            yield inner | {name: filled(inner[name], inputs) for name in ("env", "with") if name in inner}
+
+
+STEPS = list(steps_of(INPUTS))
+
+
 def run_job(folder: Path, sha: str) -> dict[str, Ran]:
     """Run the steps of the job that are commands in a checked-out folder; those behind a red one as `if` says."""
     ran: dict[str, Ran] = {}
-    for number, step in enumerate(JOB["steps"]):
+    for number, step in enumerate(STEPS):
         red = any(each.code for each in ran.values())
         if "run" not in step or (red and "!cancelled()" not in step.get("if", "")):
             continue
         summary = folder.parent / f"summary-{number}.md"  # one of its own a step, as GitHub has it
         command = "true" if step["run"] in (INSTALL, INSTALL_COMPILER) else step["run"]
-        done = sh(command, folder, env=environment(folder, summary) | checkout_of(sha))
+        done = sh(command, folder, env=environment(folder, summary) | checkout_of(sha) | step.get("env", {}))
         text = summary.read_text(encoding="utf-8") if summary.exists() else ""
         ran[step["name"]] = Ran(done.returncode, done.stdout + done.stderr, text)
     return ran
 
 
 def the_run(ran: dict[str, Ran]) -> Ran:
-    (name,) = [step["name"] for step in JOB["steps"] if step.get("run", "").startswith("hiltest run")]
-    return ran[name]
+    return ran[RUN]
 
 
 @pytest.fixture(scope="module")
@@ -142,11 +166,11 @@ def red(
 
 
 def commands() -> Iterator[str]:
-    yield from (step["run"] for step in JOB["steps"] if "run" in step)
+    yield from (step["run"] for step in STEPS if "run" in step)
 
 
 def test_only_installations_are_replaced() -> None:
-    assert [each for each in commands() if "install" in each] == [INSTALL, INSTALL_COMPILER]
+    assert [each for each in commands() if "install" in each] == [INSTALL_COMPILER, INSTALL]
     build = [sys.executable, "-B", str(FIRMWARE / "build.py")]
     refused = subprocess.run(build, env={"PATH": ""}, capture_output=True, text=True, check=False, timeout=60)
     packages = refused.stderr.strip().partition("apt install ")[2]
@@ -157,8 +181,10 @@ def test_only_installations_are_replaced() -> None:
 def test_the_job_builds_what_the_set_up_builds_and_tests_that() -> None:
     (build,) = [step["run"] for step in JOB["steps"] if step.get("name") == "Build the firmware"]
     assert build.splitlines() == SET_UP[:2]
-    runs = [shlex.split(each) for each in (*SET_UP, *WHEN_WORSE, *commands()) if each.startswith("hiltest run")]
-    assert [run[2:4] for run in runs] == [["--firmware", str(ELF)]] * 3
+    runs = [shlex.split(each) for each in (*SET_UP, *WHEN_WORSE) if each.startswith("hiltest run")]
+    assert [run[2:4] for run in runs] == [["--firmware", WITH["firmware"]]] * 2
+    assert (WITH["firmware"], WITH["baseline"]) == (str(ELF), str(BASELINE))
+    assert WHEN_WORSE[0] == f"hiltest run --firmware {ELF} --baseline {BASELINE}", "as the action does it"
 
 
 def test_the_job_is_green_for_the_firmware_as_it_was_and_shows_its_report(green: tuple[Path, dict[str, Ran]]) -> None:
@@ -188,11 +214,11 @@ def test_one_cycle_more_is_red_with_the_reason_in_summary_and_annotation(red: tu
 
 def test_a_red_job_still_keeps_its_record(red: tuple[Path, dict[str, Ran]]) -> None:
     folder, ran = red
-    (upload,) = [step for step in JOB["steps"] if step.get("uses", "").startswith("actions/upload-artifact@")]
+    (upload,) = [step for step in STEPS if step.get("uses", "").startswith("actions/upload-artifact@")]
     assert "!cancelled()" in upload["if"]
     kept = {path.name for path in (folder / upload["with"]["path"]).iterdir()}
     assert {"run.json", "report.html", "report.md", "junit.xml", "numbers.bmf"} <= kept
-    assert len([step for step in JOB["steps"] if "run" in step]) == len(ran)
+    assert len(list(commands())) == len(ran)
 
 
 def test_the_baseline_that_the_page_saves_is_the_committed_one_of_the_same_seed(set_up: Path) -> None:
@@ -208,8 +234,7 @@ def test_the_baseline_that_the_page_saves_is_the_committed_one_of_the_same_seed(
 
 def test_a_change_is_accepted_by_name_and_the_job_is_green_again(red: tuple[Path, dict[str, Ran]]) -> None:
     folder, _ = red
-    run, update, diff = WHEN_WORSE
-    assert run in commands(), "which the job has run"
+    _, update, diff = WHEN_WORSE
     assert diff.startswith("git diff hil/")
     done = sh(update, folder)
     assert done.returncode == 0, done.stderr
@@ -222,8 +247,8 @@ def test_the_records_of_many_jobs_are_fetched_and_shown_together(
     green: tuple[Path, dict[str, Ran]], red: tuple[Path, dict[str, Ran]], tmp_path: Path
 ) -> None:
     """GitHub's command line is not here: one that answers these two lines stands in, with the records of the jobs."""
-    (upload,) = [step for step in JOB["steps"] if step.get("uses", "").startswith("actions/upload-artifact@")]
-    assert upload["with"]["retention-days"] <= 90
+    (upload,) = [step for step in STEPS if step.get("uses", "").startswith("actions/upload-artifact@")]
+    assert int(upload["with"]["retention-days"]) <= 90
     for number, (folder, _) in ((11, green), (12, red)):
         shutil.copytree(folder / upload["with"]["path"], tmp_path / "kept" / str(number) / upload["with"]["name"])
     (tmp_path / "bin").mkdir()
@@ -240,13 +265,37 @@ def test_the_records_of_many_jobs_are_fetched_and_shown_together(
     assert "worse: cycles.direct.total" in shown.stdout
 
 
+def test_every_input_of_the_action_reaches_the_run(tmp_path: Path) -> None:
+    """A program that prints its arguments stands in for hiltest: what they do is shown by the run's own tests."""
+    (tmp_path / "hiltest").write_text("#!/bin/sh\nprintf '%s\\n' \"$@\"\n", encoding="utf-8")
+    (tmp_path / "hiltest").chmod(0o755)
+    inputs = INPUTS | {
+        "firmware": "my $(id).elf", "rig": "mine", "seeds": "1..8", "out": "out; id",
+        "options": "--suite full -- -k 'heading or cycles'",
+    }  # fmt: skip
+    (step,) = [each for each in steps_of(inputs) if each.get("name") == RUN]
+    there = environment(tmp_path)
+    there["PATH"] = f"{tmp_path}{os.pathsep}{there['PATH']}"
+    done = sh(step["run"], tmp_path, env=there | step["env"])
+    assert done.stdout.splitlines() == [
+        "run", "--out", "out; id", "--firmware", "my $(id).elf", "--baseline", str(BASELINE), "--rig", "mine",
+        "--seeds", "1..8", "--suite", "full", "--", "-k", "heading or cycles",
+    ]  # fmt: skip
+    unclosed = sh(step["run"], tmp_path, env=there | step["env"] | {"OPTIONS": "-k 'heading"})
+    assert (unclosed.returncode != 0, unclosed.stdout) == (True, ""), "it does not run without what was asked for"
+
+
+def test_the_page_names_the_inputs_of_the_action() -> None:
+    assert re.findall(r"^\| `([\w-]+)` \|", PAGE, re.M) == list(ACTION["inputs"])
+
+
 def test_the_workflow_needs_no_token_and_runs_nothing_that_a_stranger_names() -> None:
     triggers = WORKFLOW[True]  # YAML 1.1 reads the key "on" as a truth
     assert set(triggers) == {"push", "pull_request"}
     assert WORKFLOW["permissions"] == {"contents": "read"}
     assert "permissions" not in JOB
-    assert not re.search(r"secrets\.|github\.token|github-token|GITHUB_TOKEN", WORKFLOW_TEXT)
-    assert not [each for each in commands() if "${{" in each]
+    assert not re.search(r"secrets\.|github\.token|github-token|GITHUB_TOKEN", WORKFLOW_TEXT + json.dumps(ACTION))
+    assert not [each for each in commands() if "${{" in each], "an input is no part of a script"
     (checkout,) = [step for step in JOB["steps"] if step.get("uses", "").startswith("actions/checkout@")]
     assert checkout["with"]["persist-credentials"] is False
     assert JOB["timeout-minutes"] <= 30

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from hiltest.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
+    from hiltest.virtual.contributed_profile import MeasuredOn
 
 _EXIT_CODES = """
 \b
@@ -33,6 +35,13 @@ Exit codes:
       written
   20  connection lost: link, cable or board
   23  wrong firmware, or another protocol version
+"""
+_CHECK_EXIT_CODES = """
+\b
+Exit codes:
+  0   complete, and its rows are those of its clocks
+  1   something is missing or does not fit; each has a line
+  4   usage: the file is no timing profile
 """
 
 
@@ -84,18 +93,18 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     from hiltest.record.files import write_asked_for
     from hiltest.report.console import standard_output
     from hiltest.rig.file import load_rig
+    from hiltest.virtual.contributed_profile import about, board_lines
     from hiltest.virtual.elf import load_image
     from hiltest.virtual.measured_profile import profile_text, solve
 
     with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:
-        identity, name = board.identity, _name(board)
+        name = _name(board)
         file = out or Path(f"{name}.toml")
-        _check_replaceable(file, name)
+        measured_on = _measured_on(board, _by_hand(file, name))
         found = measure_sequences(board, progress=ProgressLine(ErrorOutput(), shown=sys.stderr.isatty()))
     raw = {place.name.lower(): clocks for place, clocks in found.items()}
-    about = f"board {identity.unique_id.hex()}, firmware build {identity.build_id}"
-    measured = solve(raw["sram"], about, load_image(default_firmware()))
-    write_asked_for(file, profile_text(name, measured, raw))
+    measured = solve(raw["sram"], about(measured_on), load_image(default_firmware()))
+    write_asked_for(file, profile_text(name, measured, raw, board_lines(measured_on)))
     print_measured(standard_output(), measured)
     print_judgements(standard_output(), measured.judgements)
     print_places(standard_output(), raw)
@@ -103,15 +112,67 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     return 0, {"file": str(file), "name": name, "rows": len(measured.rows), "remarks": measured.remarks}
 
 
-def _check_replaceable(file: Path, name: str) -> None:
-    """Refuse to overwrite a file that is not an earlier measurement of this board; a device can be written."""
-    from hiltest.virtual.profile_file import measured_as
+@timing.command(epilog=_CHECK_EXIT_CODES)
+@documented("hiltest.timing-check/1")
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+def check(file: Path) -> tuple[int, dict[str, Any]]:
+    """Check a measured profile before it is sent in.
 
-    if os.path.isfile(file) and measured_as(file) != name:
+    FILE is what measure wrote of a real board, with the board's name and revision and your signature filled in. Its
+    rows are solved again from its clocks.
+    """
+    from hiltest.boards.bench import default_firmware
+    from hiltest.link.sequences import SEQUENCES
+    from hiltest.virtual.contributed_profile import check
+    from hiltest.virtual.elf import load_image
+
+    found = check(file, load_image(default_firmware()), SEQUENCES)
+    for objection in found.objections:
+        click.echo(f"{file}: {objection}")
+    for remark in found.remarks:
+        click.echo(f"{file}: remark: {remark}")
+    if not found.objections and found.board:
+        click.echo(f"{file}: {found.board.name} {found.board.revision}, signed off by {found.board.signed_off_by}: "
+                   "complete, and its rows are those of its clocks")  # fmt: skip
+    document = {"file": str(file), "name": found.name, "objections": found.objections, "remarks": found.remarks}
+    return int(bool(found.objections)), document
+
+
+def _measured_on(board: Board, by_hand: dict[str, str]) -> MeasuredOn:
+    """Return what is known of a board that is measured, and of its firmware."""
+    from hiltest.virtual.contributed_profile import MeasuredOn
+
+    identity = board.identity
+    return MeasuredOn(
+        **({"name": "", "revision": "", "signed_off_by": ""} | by_hand), unique_id=identity.unique_id.hex(),
+        core_clock_hz=identity.core_clock_hz, firmware=f"{identity.name} {identity.version}",
+        build_id=identity.build_id, compiler=identity.compiler, date=date.today().isoformat(),
+    )
+
+
+def _by_hand(file: Path, name: str) -> dict[str, str]:
+    """Return what was filled in by hand in an earlier measurement of this board, which is replaced.
+
+    Raises
+    ------
+    ConfigError
+        If the file is anything else; a device can be written.
+    """
+    from hiltest.virtual.contributed_profile import filled_in
+    from hiltest.virtual.profile_file import measured_file
+
+    if not os.path.isfile(file):
+        return {}
+    try:
+        content, found, _ = measured_file(file)
+    except ConfigError:
+        content, found = {}, ""
+    if "measured" not in content or found != name:
         raise ConfigError(
             f"{file}: what is there is no measured profile {name}, and is not overwritten; remove it, or name another "
             "file with --out"
         )
+    return filled_in(content)
 
 
 def _name(board: Board) -> str:

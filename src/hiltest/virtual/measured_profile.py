@@ -233,7 +233,9 @@ def _row(row: str, value: Fraction, source: str) -> tuple[CostRow, list[str]]:
     return CostRow(min(max(round(value), low), high), (low, high), source), remarks
 
 
-def profile_text(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]]) -> str:
+def profile_text(
+    name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]], board: Iterable[str] = ()
+) -> str:
     """Return the file of a measured profile.
 
     Parameters
@@ -243,11 +245,15 @@ def profile_text(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping
     measured : MeasuredProfile
     raw : mapping of str to mapping
         Clocks of each sequence, by the memory that it ran from: kept, so that they can be evaluated again later.
+    board : iterable of str, optional
+        Lines of table ``[board]``: what it was measured on.
     """
-    return "\n".join(_lines(name, measured, raw)) + "\n"
+    return "\n".join(_lines(name, measured, raw, board)) + "\n"
 
 
-def _lines(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
+def _lines(
+    name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]], board: Iterable[str]
+) -> Iterator[str]:
     yield "# Measured by `hiltest timing measure`. What it does not give is the base's."
     yield f'name = "{name}"'
     yield f'base = "{measured.base.name}"'
@@ -255,6 +261,9 @@ def _lines(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, 
         yield f"# {remark}"
     for each in measured.judgements:
         yield f"# {each.question.sequence}: {each.clocks} clocks, {each.verdict}"
+    if lines := list(board):
+        yield ""
+        yield from lines
     for row, cost in measured.rows.items():
         yield ""
         yield f"[cost.{row}]"

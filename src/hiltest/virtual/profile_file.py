@@ -94,7 +94,7 @@ _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay wi
 _AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100}
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
 _LARGEST_FILE = 64 * 1024
-_TABLES = ("name", "base", "memory_base", "cost", "memory", "measured")  # the last prices nothing
+_TABLES = ("name", "base", "memory_base", "cost", "memory", "board", "measured")  # the last two price nothing
 _KEYS = ("value", "band", "source", "against")
 _NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
 #: A profile that has each table's rows.
@@ -112,7 +112,7 @@ def _otherwise(table: str = "cost") -> str:
 def shipped_profiles() -> dict[str, Path]:
     """Return the profiles that ship with the package: name and file."""
     folder = Path(str(resources.files("hiltest.virtual"))) / "profiles"
-    files = sorted(folder.glob(f"*{SUFFIX}"))
+    files = sorted([*folder.glob(f"*{SUFFIX}"), *folder.glob(f"silicon/*{SUFFIX}")])
     return {tomllib.loads(file.read_text(encoding="utf-8"))["name"]: file for file in files}
 
 
@@ -134,14 +134,24 @@ def load_profile(name: str) -> TimingProfile:
     return _profile_of(str(file), content, shipped=file in shipped_profiles().values())
 
 
-def measured_as(file: Path) -> str:
-    """Return the name of a profile that was measured, empty where the file is none."""
-    try:
-        content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
-        name, _, _ = _parsed(str(file), content)
-    except ConfigError:
-        return ""
-    return name if "measured" in tomllib.loads(content.decode("utf-8")) else ""
+def measured_file(file: Path) -> tuple[dict[str, Any], str, dict[str, CostRow]]:
+    """Read a profile that may have been measured.
+
+    Returns
+    -------
+    content : dict
+        All that the file has, of which ``board`` and ``measured`` are as anybody may have written them.
+    name : str
+    rows : dict of str to CostRow
+
+    Raises
+    ------
+    ConfigError
+        If it is no timing profile.
+    """
+    content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
+    name, rows, _ = _parsed(str(file), content)
+    return tomllib.loads(content.decode("utf-8")), name, rows
 
 
 def place_of(name: str) -> Path:
