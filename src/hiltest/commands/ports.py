@@ -22,7 +22,7 @@ no FRDM-K64F is plugged in. Check that
 @click.command()
 @documented("hiltest.ports/1")
 def ports() -> tuple[int, dict[str, Any]]:
-    """List the boards that are plugged in, and say why other serial ports are not taken.
+    """List the boards that are plugged in, and the other serial ports.
 
     A board is found by the USB identity of its DAPLink, 0d28:0204, and a serial number that begins with 0240, DAPLink's
     id of the FRDM-K64F. Name one with --hil-port usb://SERIAL; the beginning of it is enough.
