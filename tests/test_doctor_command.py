@@ -12,7 +12,7 @@ from tests.usb_tree import UsbTree
 
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> UsbTree:
-    monkeypatch.setenv("HIL_ROOT", str(tmp_path / "machine"))
+    monkeypatch.setenv("HILTEST_ROOT", str(tmp_path / "machine"))
     return UsbTree(tmp_path / "machine")
 
 

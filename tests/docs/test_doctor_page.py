@@ -35,7 +35,7 @@ MEASURED = re.compile(r"^ok +(clock|[a-z]+ noise) .*$", re.M)
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> UsbTree:
     """The machine that the page shows, without a board behind its port."""
     made = UsbTree(tmp_path / "machine")
-    monkeypatch.setenv("HIL_ROOT", str(made.root))
+    monkeypatch.setenv("HILTEST_ROOT", str(made.root))
     return made
 
 

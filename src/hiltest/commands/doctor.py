@@ -12,6 +12,7 @@ import click
 from hiltest.bench_files import rig_file
 from hiltest.commands.options import checked, documented
 from hiltest.settings import file_name
+from hiltest.text import legible
 
 if TYPE_CHECKING:
     from hiltest.doctor.check import Check
@@ -68,9 +69,9 @@ def _shown(checks: Iterable[Check]) -> Iterator[Check]:
             left_out.append(each)
         else:
             word = click.style(f"{each.health:<15}", fg=_COLOURS[each.health])
-            click.echo(f"{word}{each.name:<21}{each.found}")
+            click.echo(f"{word}{each.name:<21}{legible(each.found)}")
         if each.remedy:
-            click.echo(f"{'':36}-> {each.remedy}")
+            click.echo(f"{'':36}-> {legible(each.remedy)}")
         yield each
     if left_out:
         _print_left_out(left_out)
@@ -78,4 +79,5 @@ def _shown(checks: Iterable[Check]) -> Iterator[Check]:
 
 def _print_left_out(checks: list[Check]) -> None:
     names = ", ".join(each.name for each in checks)
-    click.echo(f"{checks[0].health:<15}" + (f"{names:<21}" if len(checks) == 1 else f"{names}: ") + checks[0].found)
+    named = f"{names:<21}" if len(checks) == 1 else f"{names}: "
+    click.echo(f"{checks[0].health:<15}{named}{legible(checks[0].found)}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hiltest.commands.options import documented
+from hiltest.text import legible
 
 if TYPE_CHECKING:
     from hiltest.boards.daplink import OtherPort, UsbBoard
@@ -75,4 +76,4 @@ def _print_rows(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     """Print columns; a line that is longer than the terminal is not cut, so that it can be copied."""
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
     for row in (head, *rows):
-        click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        click.echo("  ".join(legible(cell).ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
