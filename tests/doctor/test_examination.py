@@ -57,6 +57,15 @@ def test_without_a_board_what_needs_none_is_looked_at(real_rig: Rig, tree: UsbTr
     assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
 
 
+def test_a_board_without_its_shield_is_looked_at_as_far_as_it_goes(rig_without_shield: Rig, by_name: ByName) -> None:
+    checks = by_name(examine(rig_without_shield, today=TODAY))
+    assert (*checks,) == ALL
+    assert checks["sensors"].health is Health.FAILED
+    assert {checks[name].health for name in ("identity", "clock", "cycle counter")} == {Health.OK}
+    assert {checks[name].health for name in ("magnetometer noise", "gyroscope noise")} == {Health.NOT_LOOKED_AT}
+    assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
+
+
 def test_two_boards_are_no_choice_of_ours(real_rig: Rig, tree: UsbTree) -> None:
     tree.plug_in()
     tree.plug_in(serial=SECOND_K64F, tty="ttyACM1")

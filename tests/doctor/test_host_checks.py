@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import grp
 import os
 import subprocess
 import sys
@@ -99,21 +100,43 @@ def as_nobody() -> Iterator[None]:
     if os.geteuid() != 0:
         yield
         return
+    groups = os.getgroups()
+    os.setgroups([])
+    os.setegid(NOBODY)
     os.seteuid(NOBODY)
     yield
     os.seteuid(0)
+    os.setegid(0)
+    os.setgroups(groups)
 
 
-def test_a_port_that_this_user_may_not_use_names_its_group(as_nobody: None) -> None:
+def test_a_port_that_this_user_may_not_use_says_what_gives_access(as_nobody: None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         tree = UsbTree(Path(folder) / "machine")
         tree.plug_in()
         (tree.root / "dev/ttyACM0").chmod(0)
         found = see_permission(plugged(tree))
         assert found.health is Health.FAILED
-        assert "usermod -aG" in found.remedy
+        assert "udev rules" in found.remedy
         (tree.root / "dev/ttyACM0").chmod(0o660)
         assert see_permission(plugged(tree)).health is Health.OK
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to a group")
+def test_a_group_of_devices_is_named_and_root_s_is_not(as_nobody: None) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        tree = UsbTree(Path(folder) / "machine")
+        tree.plug_in()
+        node, said = tree.root / "dev/ttyACM0", {}
+        for group in ("dialout", "root"):
+            os.seteuid(0)
+            os.chown(node, 0, grp.getgrnam(group).gr_gid)
+            node.chmod(0o660)
+            os.seteuid(NOBODY)
+            said[group] = see_permission(plugged(tree))
+    assert {each.health for each in said.values()} == {Health.FAILED}
+    assert "usermod -aG dialout" in said["dialout"].remedy
+    assert "usermod" not in said["root"].remedy
 
 
 def test_a_port_that_does_not_exist(tree: UsbTree) -> None:

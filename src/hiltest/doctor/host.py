@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import grp
 import os
+import pwd
+import stat
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +18,7 @@ from hiltest.text import legible, listed
 
 RULES = "70-hiltest.rules"
 _RULES_FOLDERS = ("etc", "run", "usr/local/lib", "usr/lib", "lib")
+_GROUP_MAY = stat.S_IRGRP | stat.S_IWGRP
 _MODEM_MANAGER = "ModemManager"
 _LOOKED_UP = ("ID_MM_DEVICE_IGNORE=1", "ID_MM_PORT_IGNORE=1")
 
@@ -104,13 +107,21 @@ def see_permission(port: HostPort) -> Check:
         return failed("permission", f"{port.path}: {error.strerror}", "`hiltest ports` lists the ports that there are")
     if os.access(port.path, os.R_OK | os.W_OK, effective_ids=True):
         return ok("permission", f"{port.path} can be read and written")
-    group = str(status.st_gid)
-    with contextlib.suppress(KeyError):
-        group = grp.getgrgid(status.st_gid).gr_name
-    return failed(
-        "permission", f"{port.path} is for its owner and the group {group}, which you are not in",
-        f"sudo usermod -aG {group} $USER, then log in again" + (", or install the udev rules" if port.daplink else ""),
-    )
+    return failed("permission", f"{port.path} may not be read and written by this user", _way_in(port, status))
+
+
+def _way_in(port: HostPort, status: os.stat_result) -> str:
+    """Return what gives a user access to a port: its group, where that is one of devices and may do both."""
+    rules = "install the udev rules: see there"
+    if status.st_gid == 0 or status.st_mode & _GROUP_MAY != _GROUP_MAY:
+        return rules if port.daplink else "its owner, or root, can give access: chmod or chown"
+    try:
+        group, user = grp.getgrgid(status.st_gid), pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return rules
+    if user in group.gr_mem:
+        return f"log in again: you have joined the group {group.gr_name} since"
+    return f"sudo usermod -aG {group.gr_name} $USER, then log in again" + (f"; or {rules}" if port.daplink else "")
 
 
 def see_rules(port: HostPort) -> Check:
