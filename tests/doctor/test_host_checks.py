@@ -87,8 +87,9 @@ def test_a_drive_that_firmware_cannot_be_dropped_onto(tree: UsbTree, drive: dict
     assert found.remedy
 
 
-def test_firmware_from_before_daplink_says_no_version(tree: UsbTree) -> None:
-    tree.plug_in(disk="sdb", mounted="/m/D", details="")
+@pytest.mark.parametrize("details", ["", "Interface Version: 0244\r\n", "Interface Version: 0226\r\n"])
+def test_firmware_from_before_daplink_and_of_known_faults_is_a_warning(tree: UsbTree, details: str) -> None:
+    tree.plug_in(disk="sdb", mounted="/m/D", details=details)
     found = see_daplink(plugged(tree))
     assert found.health is Health.WARNING
     assert "daplink.io" in found.remedy
