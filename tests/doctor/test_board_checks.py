@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -11,12 +12,15 @@ from hiltest.boards import Board, open_board
 from hiltest.doctor.board import (
     BOARD_CHECKS,
     see_accelerometer_noise,
+    see_clock,
     see_cycle_counter,
     see_gyroscope_noise,
+    see_identity,
     see_magnetometer_noise,
     see_sensors,
 )
 from hiltest.doctor.check import Health
+from hiltest.link.replies import CycleSource
 from hiltest.rig import Rig
 
 
@@ -68,6 +72,36 @@ def test_a_sensor_that_gives_the_same_reading_for_ever_has_failed(rig: Rig) -> N
         assert see_accelerometer_noise(frozen, rig).health is Health.OK
     assert found.health is Health.FAILED
     assert "axis x and y and z" in found.found
+
+
+@pytest.mark.parametrize(("rate", "health"), [(1.005, Health.OK), (1.03, Health.WARNING), (0.97, Health.WARNING)])
+def test_a_clock_that_is_off_by_more_than_a_hundredth_is_a_warning(
+    board: Board, rig: Rig, rate: float, health: Health, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    true_s = board.now_s
+    monkeypatch.setattr(board, "now_s", lambda: rate * true_s())  # as if the board's oscillator were off
+    assert see_clock(board, rig).health is health
+
+
+def test_time_that_asking_takes_is_no_wrong_clock(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    true_s, calls = board.now_s, itertools.count()
+    # Each answer comes half a second late.
+    monkeypatch.setattr(board, "now_s", lambda: true_s() + 0.5 * (next(calls) % 2))
+    assert see_clock(board, rig).health is Health.OK
+
+
+def test_a_build_of_someone_else_is_a_warning(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(board, "identity", replace(board.identity, build_id="0123456789abcdef"))
+    found = see_identity(board, rig)
+    assert found.health is Health.WARNING
+    assert "0123456789abcdef" in found.found
+
+
+def test_a_core_without_a_cycle_counter_is_a_warning(
+    board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(board, "identity", replace(board.identity, cycle_source=CycleSource.NONE))
+    assert see_cycle_counter(board, rig).health is Health.WARNING
 
 
 def test_the_same_work_takes_the_same_cycles(board: Board, rig: Rig) -> None:
