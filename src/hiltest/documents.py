@@ -345,6 +345,41 @@ class Served:
 
 
 @dataclass(frozen=True, slots=True)
+class Ports:
+    """Boards that are plugged in, and the other serial ports.
+
+    Attributes
+    ----------
+    boards : list of dict
+        ``serial_number``, ``usb_id``, ``product``, ``port``, ``volume`` and ``daplink_version``; null is what there is
+        not, or is not known.
+    others : list of dict
+        ``port``, ``usb_id``, ``serial_number`` and ``product``, and the ``reason`` why it is not taken.
+    """
+
+    boards: list[dict[str, Any]]
+    others: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Examined:
+    """What was looked at on a bench.
+
+    Attributes
+    ----------
+    rig : str
+    exit_code : int
+    checks : list of dict
+        ``name``; ``health``, which is ``ok``, ``warning``, ``FAILED`` or ``not looked at``; what was ``found``, of what
+        was not looked at the reason; and the ``remedy``, null where none is needed.
+    """
+
+    rig: str
+    exit_code: int
+    checks: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
 class Logged:
     """Samples that were logged.
 
@@ -528,6 +563,8 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.timing/1": Timing,
     "hiltest.timing-measure/1": Measured,
     "hiltest.timing-check/1": ProfileChecked,
+    "hiltest.ports/1": Ports,
+    "hiltest.doctor/1": Examined,
     "hiltest.init/1": Copied,
     "hiltest.device-try/1": Understood,
     "hiltest.serve/1": Served,

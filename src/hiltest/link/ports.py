@@ -50,7 +50,7 @@ def open_port(url: str, *, baud: int = 115_200) -> SerialPort:
     Parameters
     ----------
     url : str
-        A device (``/dev/ttyACM0``, ``COM3``) or a pyserial URL (``rfc2217://``, ``socket://``, ``hil://``).
+        A device (``/dev/ttyACM0``, ``COM3``) or a pyserial URL (``rfc2217://``, ``socket://``, ``hil://``, ``usb://``).
     baud : int
         Line speed.
 
@@ -73,7 +73,7 @@ def open_port(url: str, *, baud: int = 115_200) -> SerialPort:
         )
     except ValueError as error:
         raise ConfigError(f"port {url!r}: {error}. Give a device, or a URL that pyserial knows.") from error
-    if os.name == "posix" and "://" not in url:
+    if os.name == "posix" and isinstance(port, serial.Serial):
         port.exclusive = True
     try:
         port.open()
