@@ -64,6 +64,28 @@ class Seeds:
 
 
 @dataclass(frozen=True, slots=True)
+class Boards:
+    """``boards.json``: several boards that ran at once.
+
+    Attributes
+    ----------
+    exit_code : int
+        Of all boards' codes the first that applies.
+    sentence : str
+        How many pass, and how the others ended.
+    boards : list of dict
+        Each with ``name``, ``folder``, ``exit_code``, ``sentence`` and ``firmware``.
+    measurements : list of dict
+        Each with ``name``, ``unit``, ``values`` and ``outcomes`` by board, and their ``spread``.
+    """
+
+    exit_code: int
+    sentence: str
+    boards: list[dict[str, Any]]
+    measurements: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
 class Comparisons:
     """Comparisons of runs with a base.
 
@@ -552,6 +574,7 @@ class Studied:
 DOCUMENTS: dict[str, type] = {
     "hiltest.error/1": Failed,
     "hiltest.seeds/1": Seeds,
+    "hiltest.boards/1": Boards,
     "hiltest.comparison/1": Comparisons,
     "hiltest.baseline-save/1": Saved,
     "hiltest.baseline-update/1": Updated,

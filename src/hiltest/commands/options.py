@@ -12,7 +12,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, TextIO, TypeVar
 
 import click
 
@@ -52,17 +52,20 @@ class NumberRange(click.FloatRange):
         return number
 
 
-def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
+Given = TypeVar("Given", bound=str | tuple[str, ...] | None)
+
+
+def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, Given], Given]:
     """Return a callback that refuses what the plugin's option of the same name would refuse."""
 
-    def callback(_context: click.Context, _parameter: click.Parameter, text: str | None) -> str | None:
-        """Return the text as it is; what the check refuses is a wrong parameter of the command."""
-        if text is not None:
+    def callback(_context: click.Context, _parameter: click.Parameter, given: Given) -> Given:
+        """Return what was given as it is; what the check refuses is a wrong parameter of the command."""
+        for text in given if isinstance(given, tuple) else () if given is None else (given,):
             try:
                 check(text)
             except argparse.ArgumentTypeError as error:
                 raise click.BadParameter(str(error)) from error
-        return text
+        return given
 
     return callback
 

@@ -26,7 +26,7 @@ from hiltest.commands.options import (
 )
 from hiltest.errors import ConfigError
 from hiltest.record.exit_codes import ExitCode
-from hiltest.record.files import OLDER_FOLDER, RUN_FILE, SEEDS_FILE
+from hiltest.record.files import BOARDS_FILE, OLDER_FOLDER, RUN_FILE, SEEDS_FILE
 from hiltest.record.run import Run
 from hiltest.runs.folders import folder_beside_complete, said_of_folder
 from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
@@ -110,8 +110,9 @@ class _Run(click.Command):
 
 
 @click.command(cls=_Run, epilog=EXIT_CODES)
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
+@click.option("--rig", "rigs", metavar="R", multiple=True, callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs; given more than once, several boards run at once.  "
+                   "[default: virtual-k64f]")
 @click.option("--firmware", metavar="FILE", callback=checked(file_name),
               help="Firmware for the virtual board: ELF, Intel HEX or raw binary.  [default: the packaged one]")
 @click.option("--base", metavar="ADDRESS", callback=checked(address),
@@ -138,7 +139,7 @@ class _Run(click.Command):
               help="Older firmware that this one must not be worse than; it is run first, on the same bench.")
 @click.option("--coverage", metavar="FILE", type=click.Path(), callback=checked(file_name),
               help="Write the coverage of the firmware as the virtual board executes it, for LCOV's genhtml.")
-@json_option("hiltest.run/1, with --seeds hiltest.seeds/1")
+@json_option("hiltest.run/1, with --seeds hiltest.seeds/1, of several boards hiltest.boards/1")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(*, as_json: bool, **given: Any) -> int:
@@ -161,8 +162,8 @@ def run(*, as_json: bool, **given: Any) -> int:
 
 
 def _run(
-    *, out: str, seeds: range | None, may_fail: int, jobs: int | str | None, against: str | None, verbose: bool,
-    pytest_args: Sequence[str], **given: str | None,
+    *, out: str, rigs: tuple[str, ...], seeds: range | None, may_fail: int, jobs: int | str | None,
+    against: str | None, verbose: bool, pytest_args: Sequence[str], **given: str | None,
 ) -> tuple[int, Path | None]:
     """Run them, and return the exit code and the file with the record; None where there is none."""
     from hiltest.runs.folders import sole_command
@@ -172,6 +173,7 @@ def _run(
              "seed": "--hil-seed", "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
              "label": "--hil-label"}
     baseline, coverage = given.pop("baseline"), given.pop("coverage")
+    given["rig"] = rigs[0] if len(rigs) == 1 else None
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
     options += [*_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
@@ -181,6 +183,17 @@ def _run(
     if against is not None:
         base = baseline or base_of_environment()
         _check_against(base and f"the baseline {base}", given["hil_port"])
+    if len(rigs) > 1:
+        of_one = {"--seeds": seeds is not None, "--against": against, "--hil-port": given["hil_port"],
+                  "--coverage": coverage, "--calibration": given["calibration"]}  # fmt: skip
+        if named := [name for name, is_given in of_one.items() if is_given]:
+            raise ConfigError(f"{named[0]} is of one board, and {len(rigs)} rigs are named: leave one of them out")
+        from hiltest.runs.several_boards import run_boards
+
+        base = baseline or base_of_environment()
+        options += [] if base is None else [f"--hil-baseline={base}"]
+        with sole_command(Path(out)):
+            return run_boards(rigs, options, Path(out)), Path(out) / BOARDS_FILE
     if seeds is not None:
         if given["seed"] or given["hil_port"]:
             raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")

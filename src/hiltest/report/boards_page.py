@@ -1,0 +1,131 @@
+"""Several boards in one report: a column a board, and how far they are apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hiltest import __version__
+from hiltest.measurement import KINDS, Outcome, identify
+from hiltest.record.files import REPORT_FILE
+from hiltest.record.run import Verdict
+from hiltest.report.markdown_text import folded, plain_text, table
+from hiltest.report.page import render
+from hiltest.text import number
+from hiltest.verdict.calibrators import UNCALIBRATED
+
+# What stands at the terminal: accuracy and cost of each calibrator.
+_HEADLINES = (KINDS["heading.{calibrator}.max"], KINDS["cycles.{calibrator}.total"])
+
+
+@dataclass(frozen=True, slots=True)
+class BoardLine:
+    """The end of one board's run.
+
+    Attributes
+    ----------
+    name : str
+        Of its rig.
+    folder : str
+        Of its record, beside the page.
+    exit_code : int
+    sentence : str
+        Its verdict, or its last words where there is none.
+    firmware : str
+        Empty where nothing answered.
+    """
+
+    name: str
+    folder: str
+    exit_code: int
+    sentence: str
+    firmware: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """One measurement on every board that has it.
+
+    Attributes
+    ----------
+    name, unit : str
+    values : mapping of str to float, int or None
+        By board.
+    outcomes : mapping of str to Outcome
+        The same.
+    spread : float, int or None
+        Largest less smallest; None where fewer than two boards have a number, or where they are not alike.
+    """
+
+    name: str
+    unit: str
+    values: Mapping[str, float | int | None]
+    outcomes: Mapping[str, Outcome]
+    spread: float | int | None
+
+    @property
+    def has_limit(self) -> bool:
+        """Whether a board holds it to a limit."""
+        return any(each not in (Outcome.INFORMATION, Outcome.NOT_OFFERED) for each in self.outcomes.values())
+
+    def cell(self, board: str) -> str:
+        """Return its value on a board as people read it; a cross beside what is beyond its limit."""
+        if board not in self.values:
+            return ""
+        sign = " ✗" if self.outcomes[board] is Outcome.FAIL else ""
+        return number(self.values[board], self.unit) + sign
+
+    @property
+    def apart(self) -> str:
+        """The spread as people read it."""
+        return "" if self.spread is None else number(self.spread, self.unit)
+
+
+def boards_html(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
+    """Return the page."""
+    held = [each for each in apart if each.has_limit]
+    others = [each for each in apart if not each.has_limit]
+    return render(
+        "boards.html.j2", verdict=verdict, boards=boards, held=held, others=others, report=REPORT_FILE,
+        version=__version__,
+    )  # fmt: skip
+
+
+def boards_markdown(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
+    """Return the same as Markdown."""
+    return "\n".join(_lines(verdict, boards, apart)) + "\n"
+
+
+def _lines(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> Iterator[str]:
+    names = [each.name for each in boards]
+    yield from (f"# {plain_text(verdict.outcome.upper())}", "", plain_text(verdict.sentence), "")
+    ends = ([each.name, str(each.exit_code), each.sentence] for each in boards)
+    yield from table(["board", "exit code", "verdict"], ends)
+    held, others = ([each for each in apart if each.has_limit is has_limit] for has_limit in (True, False))
+    yield from ("", *_measurements(names, held))
+    yield from folded("Measurements without a limit", _measurements(names, others))
+
+
+def _measurements(names: Sequence[str], apart: Sequence[Apart]) -> Iterator[str]:
+    rows = ([each.name, *map(each.cell, names), each.apart, each.unit] for each in apart)
+    yield from table(["measurement", *map(plain_text, names), "spread", "unit"], rows)
+
+
+def print_boards(console: Console, names: Sequence[str], apart: Sequence[Apart]) -> None:
+    """Print what decides: worst heading and cycles of each calibrator, a column a board."""
+    shown = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    shown.add_column("")
+    for name in (*names, "spread"):
+        shown.add_column(escape(name), justify="right")
+    shown.add_column("")
+    for each in apart:
+        named = identify(each.name)
+        if named.kind in _HEADLINES and named.subject != UNCALIBRATED:
+            cells = [each.cell(name) for name in names]
+            shown.add_row(*map(escape, (each.name, *cells, each.apart, each.unit)))
+    console.print(shown)

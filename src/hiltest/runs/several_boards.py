@@ -1,0 +1,184 @@
+"""Several boards at once: one run for each rig, side by side, and how far the boards are apart."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from hiltest.bench_files import rig_file
+from hiltest.errors import ConfigError
+from hiltest.jobs import each_done
+from hiltest.measurement import Measurement, identify, round_significant
+from hiltest.record.exit_codes import PYTEST_WINS, WORDS, ExitCode
+from hiltest.record.files import BOARDS_FILE, BOARDS_MARKDOWN, BOARDS_PAGE, write_atomically
+from hiltest.record.reader import read_record
+from hiltest.record.run import Run, Verdict
+from hiltest.report.boards_page import Apart, BoardLine, boards_html, boards_markdown, print_boards
+from hiltest.report.console import standard_output
+from hiltest.report.job_summary import annotation, append_to_job_summary
+from hiltest.rig.file import load_rig
+from hiltest.runs.older_firmware import last_words, run_command
+from hiltest.settings import make_folder
+from hiltest.text import listed
+
+SCHEMA = "hiltest.boards/1"
+
+_KEPT = "the records of the boards that finished are kept"
+_NAMED_AT_MOST = 4
+_WORST_FIRST = (
+    *PYTEST_WINS, ExitCode.FAILED, ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST, ExitCode.NOT_EVALUATED,
+    ExitCode.REGRESSION,
+)
+_NO_FOLDER = re.compile(r"[^A-Za-z0-9._-]")
+
+
+def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path) -> int:
+    """Run the suites on several boards at once; write ``boards.json``, ``boards.html`` and ``boards.md``.
+
+    Parameters
+    ----------
+    rigs : sequence of str
+        Rig files, or names of rigs: one a board.
+    options : sequence of str
+        For pytest, the same for every board.
+    out : Path
+        Gets a folder a board, called as its rig.
+
+    Returns
+    -------
+    int
+        Exit code: of all boards' codes the one that comes first as for the tests of one run.
+
+    Raises
+    ------
+    ConfigError
+        If two rigs have one name or one port, or one is turned by an operator, or one cannot be read; nothing ran then.
+    """
+    files = dict(map(_named, rigs))
+    _check_apart(rigs, files)
+    for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # no earlier verdict passes for this one's
+        (out / name).unlink(missing_ok=True)
+    make_folder(out)
+    given = tuple(options), out, tuple(files.items())
+    ended = {}
+    click.echo(f"{len(files)} boards: {', '.join(files)}")
+    for number, (code, said) in each_done(_run, given, range(len(files)), len(files), kept=_KEPT, starts_process=True):
+        name = [*files][number]
+        ended[name] = line, _ = _ended(name, code, said, out / name)
+        click.echo(f"{name}: {line.sentence}")
+    boards = [ended[name][0] for name in files]
+    apart = apart_of({name: ended[name][1] for name in files})
+    verdict = _verdict(boards)
+    write_atomically(out / BOARDS_FILE, _to_json(verdict, boards, apart))
+    write_atomically(out / BOARDS_PAGE, boards_html(verdict, boards, apart))
+    page = boards_markdown(verdict, boards, apart)
+    write_atomically(out / BOARDS_MARKDOWN, page)
+    print_boards(standard_output(), [each.name for each in boards], apart)
+    click.echo(f"Report: {out / BOARDS_PAGE}, and one in each board's folder")
+    if remark := append_to_job_summary(page, out / BOARDS_MARKDOWN):
+        click.echo(remark)
+    click.echo(annotation(verdict), nl=False)
+    click.echo(verdict.sentence)
+    return verdict.exit_code
+
+
+def _named(rig: str) -> tuple[str, str]:
+    file = rig_file(Path.cwd(), rig)
+    return _NO_FOLDER.sub("-", load_rig(file).name), str(file)
+
+
+def _check_apart(rigs: Sequence[str], files: dict[str, str]) -> None:
+    if len(files) < len(rigs):
+        raise ConfigError(f"two of {listed([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
+    ports: dict[str, str] = {}
+    for name, file in files.items():
+        rig = load_rig(Path(file))
+        if rig.turntable.kind == "operator":
+            raise ConfigError(f"{file}: an operator turns one board at a time; run it by itself")
+        if rig.board.kind == "real" and rig.board.port is None:
+            raise ConfigError(f"{rig.where('board', 'kind')}: board.port: name the port of each of several boards: "
+                              "hiltest ports lists them")  # fmt: skip
+        for port in filter(None, (rig.board.port, rig.turntable.port)):
+            if (other := ports.setdefault(port, name)) != name:
+                raise ConfigError(f"{name} and {other} are on one port, {port}: correct one of the rigs")
+
+
+def _run(given: tuple[tuple[str, ...], Path, tuple[tuple[str, str], ...]], number: int) -> tuple[int, str]:
+    """Run one board in a process of its own."""
+    options, out, files = given
+    name, rig = files[number]
+    done = run_command(f"--rig={rig}", f"--out={out / name}", "--", *options, folder=out / name)
+    return done.returncode, last_words(done.stderr or done.stdout)
+
+
+def _ended(name: str, code: int, said: str, folder: Path) -> tuple[BoardLine, tuple[Measurement, ...]]:
+    """Return the end of a board's run, and what was measured: a board that was lost in the middle has some, too."""
+    run: Run | None = None
+    if code != ExitCode.USAGE_ERROR:  # with which it is refused a folder that another run has
+        with suppress(ConfigError):
+            run = read_record(folder).run
+    if run is None:
+        code = code or ExitCode.NOT_EVALUATED  # as of tests that were only collected: nothing shows that it passed
+        return BoardLine(name, folder.name, code, said), ()
+    return BoardLine(name, folder.name, code, run.verdict.sentence, _firmware(run)), run.measurements
+
+
+def _firmware(run: Run) -> str:
+    return f"{run.board.firmware} {run.board.version} build {run.board.build_id}" if run.board else ""
+
+
+def apart_of(measured: dict[str, Sequence[Measurement]]) -> list[Apart]:
+    """Return each measurement with its value on every board, and how far they are apart.
+
+    Numbers of different units or cycle models are not compared.
+    """
+    by_name: dict[str, dict[str, Measurement]] = {}
+    for board, measurements in measured.items():
+        for each in measurements:
+            if not each.volatile:
+                by_name.setdefault(each.name, {})[board] = each
+    return [_apart(name, found) for name, found in by_name.items()]
+
+
+def _apart(name: str, found: dict[str, Measurement]) -> Apart:
+    values = {board: each.value for board, each in found.items()}
+    outcomes = {board: each.outcome for board, each in found.items()}
+    numbers = [each for each in values.values() if each is not None]
+    kind = identify(name).kind
+    comparable = len({(each.unit, each.cycle_model) for each in found.values()}) == 1
+    if len(numbers) < 2 or not comparable or (kind is not None and kind.direction):
+        spread = None
+    else:
+        spread = round_significant(max(numbers) - min(numbers))
+    return Apart(name, next(iter(found.values())).unit, values, outcomes, spread)
+
+
+def _verdict(boards: Sequence[BoardLine]) -> Verdict:
+    codes = {each.exit_code for each in boards}
+    code = next((int(each) for each in _WORST_FIRST if each in codes), max(codes))
+    red = [f"{each.name}: {_word(each.exit_code)}" for each in boards if each.exit_code]
+    passed = f"{len(boards) - len(red)} of {len(boards)} boards pass"
+    sentence = f"{passed}; {listed(red, _NAMED_AT_MOST)}." if red else f"{passed}."
+    return Verdict(_word(code), code, sentence, complete=True)
+
+
+def _word(code: int) -> str:
+    """Return the name of an exit code; a process that a signal ended has another one."""
+    return {int(each): word for each, word in WORDS.items()}.get(code, "killed")
+
+
+def _to_json(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
+    content = {
+        "schema": SCHEMA,
+        "exit_code": verdict.exit_code,
+        "sentence": verdict.sentence,
+        "boards": [asdict(each) for each in boards],
+        "measurements": [asdict(each) for each in apart],
+    }
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
