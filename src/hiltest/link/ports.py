@@ -66,7 +66,8 @@ def open_port(url: str, *, baud: int = 115_200) -> SerialPort:
         When it cannot be opened for another reason.
     """
     # pyserial's RFC 2217 client refuses to open with a write timeout; what it writes goes to TCP's buffer.
-    write_timeout_s = None if url.lower().startswith("rfc2217:") else WRITE_TIMEOUT_S
+    over_rfc2217 = url.lower().startswith(("rfc2217:", "labgrid:"))
+    write_timeout_s = None if over_rfc2217 else WRITE_TIMEOUT_S
     try:
         port = serial.serial_for_url(
             url, do_not_open=True, baudrate=baud, timeout=READ_SLICE_S, write_timeout=write_timeout_s

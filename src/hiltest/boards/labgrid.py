@@ -1,0 +1,153 @@
+"""A place of labgrid as a board: acquired for as long as its port is open, its serial port reached over its exporter.
+
+labgrid is asked by its own command, ``labgrid-client``: it may be installed in an environment of its own, and what it
+knows of coordinators and users (``LG_COORDINATOR``, ``LG_USERNAME``) holds here too.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, unquote
+
+from hiltest.errors import BenchError, ConfigError, PortRefusedError
+from hiltest.text import legible
+
+SCHEME = "labgrid://"
+_ANSWER_S = 30.0  # a coordinator answers at once, or not at all; a power cycle waits for some seconds
+_INSTALL = "pip install 'hiltest[labgrid]', or put the labgrid-client of another environment on the PATH"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place of labgrid.
+
+    Attributes
+    ----------
+    name : str
+    power_cycle : bool
+        Whether it is switched off and on again before its port is opened.
+    options : str
+        Options of pyserial's RFC 2217 client, such as ``ign_set_control``; empty for none.
+    """
+
+    name: str
+    power_cycle: bool = False
+    options: str = ""
+
+    def acquire(self) -> bool:
+        """Acquire it; says whether that is new: who had acquired it already keeps it.
+
+        Raises
+        ------
+        PortRefusedError
+            If another one has it.
+        BenchError
+            If the coordinator does not answer, or has no such place.
+        """
+        done = self._client("acquire")
+        if done.returncode == 0:
+            return True
+        said = _last_line(done.stderr or done.stdout)
+        if "already acquired place" in said and "To work simultaneously" not in said:
+            return False
+        if "is already acquired by" in said or "already acquired place" in said:
+            raise PortRefusedError(f"{SCHEME}{self.name}", said, "Wait until it is released, or take another place.")
+        raise self._error(said)
+
+    def release(self) -> None:
+        """Give it back."""
+        done = self._client("release")
+        if done.returncode:
+            raise self._error(_last_line(done.stderr or done.stdout))
+
+    def cycle(self) -> None:
+        """Switch its power off and on again, by the power resource that it has."""
+        done = self._client("power", "cycle")
+        if done.returncode:
+            raise self._error(_last_line(done.stderr or done.stdout))
+
+    def port(self) -> str:
+        """Return the URL of its serial port.
+
+        Raises
+        ------
+        BenchError
+            If it has none, or more than one.
+        """
+        import yaml
+
+        done = self._client("env")
+        if done.returncode:
+            raise self._error(_last_line(done.stderr or done.stdout))
+        try:
+            (target,) = yaml.safe_load(done.stdout)["targets"].values()
+            found = [(kind, each[kind]) for each in target["resources"] for kind in each]
+            ports = [given for kind, given in found if kind == "NetworkSerialPort"]
+            urls = [_url(given) for given in ports]
+        except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
+            raise BenchError(f"labgrid's answer about place {self.name} is not understood: {error!r}") from error
+        if len(urls) != 1:
+            kinds = ", ".join(kind for kind, _ in found) or "nothing"
+            raise BenchError(
+                f"place {self.name} has {len(urls)} serial ports that are exported (of: {kinds}), and a board needs "
+                "one. Match just the board's port: labgrid-client -p PLACE add-match"
+            )
+        return urls[0] + (f"?{self.options}" if self.options else "")
+
+    def _client(self, *command: str) -> subprocess.CompletedProcess[str]:
+        program = _program()
+        try:
+            return subprocess.run(
+                [program, "-p", self.name, *command], stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                errors="replace", timeout=_ANSWER_S, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired as error:
+            raise BenchError(f"labgrid does not answer within {_ANSWER_S:.0f} s: is LG_COORDINATOR right?") from error
+
+    def _error(self, said: str) -> BenchError:
+        return BenchError(f"labgrid: place {self.name}: {said}. labgrid-client -p {self.name} show says more")
+
+
+def place_of(url: str) -> Place:
+    """Parse ``labgrid://PLACE``, ``labgrid://PLACE?power=cycle``; what else stands there is for pyserial.
+
+    Raises
+    ------
+    ConfigError
+        If it names no place.
+    """
+    text, _, query = url.partition("://")[2].partition("?")
+    name = unquote(text).strip("/")
+    if not name or name.startswith("-") or not name.isprintable():
+        raise ConfigError(f"port {url!r}: write the name of a place: {SCHEME}bench-3")
+    given = parse_qs(query, keep_blank_values=True)
+    power = given.pop("power", [])
+    if power not in ([], ["cycle"]):
+        raise ConfigError(f"port {url!r}: power can be cycle, and not {power[-1]!r}")
+    options = "&".join(f"{key}={value}" if value else key for key, values in given.items() for value in values)
+    return Place(name, bool(power), options)
+
+
+def _program() -> str:
+    beside = Path(sys.executable).with_name("labgrid-client")
+    found = shutil.which("labgrid-client") or (str(beside) if beside.is_file() else None)
+    if found is None:
+        raise ConfigError(f"labgrid-client is not installed: {_INSTALL}")
+    return found
+
+
+def _url(given: Any) -> str:
+    host = str(given["host"])
+    if (protocol := given.get("protocol", "rfc2217")) != "rfc2217":
+        raise BenchError(f"labgrid exports this port as {protocol}, which sets no baud rate; export it as rfc2217")
+    return f"rfc2217://[{host}]:{int(given['port'])}" if ":" in host else f"rfc2217://{host}:{int(given['port'])}"
+
+
+def _last_line(said: str) -> str:
+    lines = [line for line in said.splitlines() if line.strip()]
+    return legible(lines[-1].strip()).rstrip(".") if lines else "it says nothing"
