@@ -389,7 +389,7 @@ def open_compass(
         elif url is None:
             raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
         else:
-            opened = open_port(url, baud=rig.link.baud)
+            opened = open_port(url, baud=rig.link.baud, rig=rig.name)
             board = CompassBoard(
                 opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript
             )
