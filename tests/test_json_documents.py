@@ -44,6 +44,7 @@ PRINTING = {
     "init": ("init", "bench"),
     "log": ("log", "--seconds", "1", "--out", "log.csv"),
     "play": ("play", "--rig", "field.toml"),
+    "ports": ("ports",),
     "profile": ("profile", "shipped", "crc32", "text:123456789", "9"),
     "report": ("report", "run.json"),
     "serve": ("serve", "--no-wait", "--until", "1"),

@@ -325,6 +325,23 @@ class Served:
 
 
 @dataclass(frozen=True, slots=True)
+class Ports:
+    """Boards that are plugged in, and the other serial ports.
+
+    Attributes
+    ----------
+    boards : list of dict
+        ``serial_number``, ``usb_id``, ``product``, ``port``, ``volume`` and ``daplink_version``; null is what there is
+        not, or is not known.
+    others : list of dict
+        ``port``, ``usb_id``, ``serial_number`` and ``product``, and the ``reason`` why it is not taken.
+    """
+
+    boards: list[dict[str, Any]]
+    others: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
 class Logged:
     """Samples that were logged.
 
@@ -507,6 +524,7 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.worst/1": Worst,
     "hiltest.timing/1": Timing,
     "hiltest.timing-measure/1": Measured,
+    "hiltest.ports/1": Ports,
     "hiltest.init/1": Copied,
     "hiltest.device-try/1": Understood,
     "hiltest.serve/1": Served,

@@ -44,6 +44,31 @@ class PortNotFoundError(ConfigError):
         )
 
 
+class NoBoardError(BenchError):
+    """No board is plugged in, or none with the serial number that is asked for."""
+
+    def __init__(self, wanted: str, seen: Sequence[str]) -> None:
+        self.wanted = wanted
+        self.seen = tuple(seen)
+        listed = ", ".join(seen) or "none"
+        which = f" whose serial number begins with {wanted!r}; plugged in: {listed}" if wanted else ""
+        super().__init__(
+            f"no FRDM-K64F is plugged in{which}. Plug in the one next to its reset button (OpenSDA); `hiltest ports` "
+            "shows what is there. A board elsewhere is named with --hil-port"
+        )
+
+
+class SeveralBoardsError(ConfigError):
+    """More than one board is plugged in, and nothing says which is meant."""
+
+    def __init__(self, seen: Sequence[str]) -> None:
+        self.seen = tuple(seen)
+        super().__init__(
+            f"{len(seen)} boards fit: {', '.join(seen)}. Name one by its serial number: --hil-port usb://{seen[0]}, or "
+            f'port = "usb://{seen[0]}" under [board] in the rig'
+        )
+
+
 class PortRefusedError(BenchError):
     """The serial port exists and may not be used."""
 

@@ -7,10 +7,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.usb_tree import K64F, SECOND_K64F, UsbTree
 
 from hiltest.angles import Pose
 from hiltest.boards import BoardKind, RealBoard, open_board
@@ -21,8 +23,11 @@ from hiltest.errors import (
     ConfigError,
     DeviceTimeoutError,
     LinkLostError,
+    NoBoardError,
     PortNotFoundError,
+    PortRefusedError,
     SensorAbsentError,
+    SeveralBoardsError,
     SyncError,
 )
 from hiltest.link.gyroscope import GyroscopeRest
@@ -148,9 +153,27 @@ def test_an_operator_who_follows_the_prompts_gets_the_headings_judged(
     assert angles.max_level_deg("uncalibrated") > 1.8
 
 
-def test_what_does_not_go_together_is_refused(real_rig: Rig, rig: Rig, tmp_path: Any) -> None:
-    with pytest.raises(ConfigError, match=r"names no port: set board\.port in it, or give --hil-port"):
+def test_a_rig_without_a_port_takes_the_board_that_is_plugged_in(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tree = UsbTree(tmp_path / "machine")
+    monkeypatch.setenv("HIL_ROOT", str(tree.root))
+    with pytest.raises(NoBoardError):
         open_board(real_rig)
+    tree.plug_in(serial=K64F, behind=Path(pty_board(rig).path))
+    with open_board(real_rig) as board:
+        assert board.identity.name == "hiltest-frdm-k64f"
+    tree.plug_in(serial=SECOND_K64F, tty="ttyACM1")
+    with pytest.raises(SeveralBoardsError):
+        open_board(real_rig)
+    with open_board(real_rig, port=f"usb://{K64F[:16]}") as board:
+        # It is a serial device like any other: two programs would each read a part of what it says.
+        with pytest.raises(PortRefusedError):
+            open_board(real_rig, port=f"usb://{K64F}")
+        assert board.session.request(Identify()) == board.identity
+
+
+def test_what_does_not_go_together_is_refused(real_rig: Rig, rig: Rig, tmp_path: Any) -> None:
     with pytest.raises(ConfigError, match="is for the virtual board"):
         open_board(real_rig, port="/dev/ttyACM7", firmware=tmp_path / "own.elf")
     with pytest.raises(ConfigError, match="no world to simulate"):

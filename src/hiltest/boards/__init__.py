@@ -9,6 +9,7 @@ import serial
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import NO_COVERAGE, Board, BoardKind, Declared, Stage, Truth
 from hiltest.boards.compass import CompassBoard, open_compass
+from hiltest.boards.daplink import port_of
 from hiltest.boards.real import RealBoard
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.errors import ConfigError, PortNotFoundError
@@ -22,7 +23,7 @@ __all__ = [
     "default_firmware", "open_board", "open_compass",
 ]  # fmt: skip
 
-# Makes hil:// a URL that any program using pyserial in this process can open.
+# Makes hil:// and usb:// URLs that any program using pyserial in this process can open.
 _HANDLERS = "hiltest.boards.urlhandler"
 if _HANDLERS not in serial.protocol_handler_packages:
     serial.protocol_handler_packages.append(_HANDLERS)
@@ -41,7 +42,7 @@ def open_board(
     firmware : Path, optional
         ELF, Intel HEX or raw binary for a virtual board.
     port : str, optional
-        Serial port of a real board; wins over the rig's.
+        Serial port of a real board; wins over the rig's. Without either it is that of the one board that is plugged in.
     seed : int, optional
         Seed of a simulated world; by default the rig's.
     transcript : Transcript, optional
@@ -61,7 +62,7 @@ def open_board(
         When another firmware answers.
     """
     declared = Declared.of(rig)
-    url = port or rig.board.port
+    url = port or rig.board.port or (port_of() if rig.board.kind == "real" else None)
     if url is not None and not url.startswith("hil:"):
         if firmware is not None:
             raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
@@ -76,8 +77,6 @@ def open_board(
         raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
     if rig.board.kind == "replay":
         raise ConfigError(f"rig {rig.name} ({rig.path}): this version of hiltest cannot replay a recorded session yet")
-    if url is None and rig.board.kind == "real":
-        raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
     bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
     return _of_known_sensors(VirtualBoard(bench, declared=declared, transcript=transcript), rig)
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, Stage, Truth
+from hiltest.boards.daplink import port_of
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.memory_use import seen_memory_use
@@ -386,9 +387,8 @@ def open_compass(
             )
         if bench is not None:
             board = VirtualCompass(bench, interfaces, transcript=transcript)
-        elif url is None:
-            raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
         else:
+            url = url or port_of()
             opened = open_port(url, baud=rig.link.baud, rig=rig.name)
             board = CompassBoard(
                 opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript

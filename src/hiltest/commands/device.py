@@ -136,6 +136,7 @@ class _Opened:
 def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, firmware: str | None) -> _Opened:
     """Open a port, or that of a virtual board, which comes with it; and what reads variables, as the rig says."""
     from hiltest.boards import VirtualBench
+    from hiltest.boards.daplink import port_of
     from hiltest.boards.memory_reading import memory_kind
     from hiltest.boards.virtual_port import VirtualPort
     from hiltest.link.ports import READ_SLICE_S, open_port
@@ -143,6 +144,8 @@ def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, 
 
     assert rig.device is not None
     reads_memory = rig.device.memory is not None
+    if port is None and rig.board.kind == "real" and interfaces:
+        port = port_of()
     elf = Path(firmware) if firmware else None
     if port is None and (rig.board.kind == "virtual" or interfaces):
         virtual, bench = VirtualPort(), VirtualBench(rig, firmware=elf)

@@ -68,7 +68,7 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
     Parameters
     ----------
     url : str
-        A device (``/dev/ttyACM0``, ``COM3``) or a pyserial URL (``rfc2217://``, ``socket://``, ``hil://``).
+        A device (``/dev/ttyACM0``, ``COM3``) or a pyserial URL (``rfc2217://``, ``socket://``, ``hil://``, ``usb://``).
     baud : int
         Line speed.
     rig : str
@@ -93,7 +93,7 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
         )
     except ValueError as error:
         raise ConfigError(f"port {url!r}: {error}. Give a device, or a URL that pyserial knows.") from error
-    if os.name == "posix" and "://" not in url:
+    if os.name == "posix" and isinstance(port, serial.Serial):
         port.exclusive = True
     place = place_of(port.port)  # of hwgrep:// and the like, the device that they found
     lock = None if place is None else BoardLock(place, rig=rig, name=url)

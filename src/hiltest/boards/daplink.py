@@ -1,0 +1,303 @@
+"""Boards that are plugged in, found by the USB identity of their DAPLink; and the serial ports that are no board's.
+
+All is read from sysfs and /proc, below a root that the caller or ``HIL_ROOT`` in the environment may name: an emulated
+tree, or one that was copied from another machine. What USB devices and their volumes say of themselves is somebody
+else's text: it is cut and made legible.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from hiltest.errors import BenchError, NoBoardError, SeveralBoardsError
+from hiltest.text import legible
+
+VENDOR_ID, PRODUCT_ID = 0x0D28, 0x0204
+"""USB identity of DAPLink, on every board that has it."""
+BOARD_ID = "0240"
+"""DAPLink's id of the FRDM-K64F: its serial numbers begin with it."""
+NO_PORT = "load its driver (sudo modprobe cdc_acm), or plug the board in again"
+"""What to do about a board without a serial port."""
+
+_DETAILS = ("DETAILS.TXT", "details.txt")  # vfat shows short names as they are, or in lower case
+_READ_MOST = 4096
+# A USB string has at most 126 characters; a file on a volume could have any.
+_LONGEST = 126
+_PORT_UNKNOWN = "0"  # of the kernel's 8250 driver: a port that the machine does not have
+# Of DAPLink's bootloader, on all boards.
+_BOOTLOADER_ID = "0000"
+# Who else writes programs for the board's interface chip, by USB vendor.
+_OPENSDA = {0x1357: "P&E Micro", 0x1366: "SEGGER"}
+
+
+@dataclass(frozen=True, slots=True)
+class Volume:
+    """The mounted drive of a DAPLink, and what its DETAILS.TXT says; empty where it says nothing.
+
+    Attributes
+    ----------
+    path : Path
+    read_only : bool
+        As it is mounted.
+    interface_version : str
+        Of the firmware of the interface chip, such as ``0257``.
+    unique_id : str
+        The same as the serial number on USB.
+    """
+
+    path: Path
+    read_only: bool = False
+    interface_version: str = ""
+    unique_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class UsbBoard:
+    """A USB device with serial ports or DAPLink's identity.
+
+    Attributes
+    ----------
+    vendor_id, product_id : int
+    serial_number : str
+        Empty where the device has none.
+    product : str
+        What the device calls itself.
+    ports : tuple of Path
+        Its serial devices; of a DAPLink one, or none where its driver is not there.
+    disks : tuple of str
+        Names of its drives, such as ``sdb``.
+    volume : Volume or None
+        Where one of them is mounted.
+    """
+
+    vendor_id: int
+    product_id: int
+    serial_number: str = ""
+    product: str = ""
+    ports: tuple[Path, ...] = ()
+    disks: tuple[str, ...] = ()
+    volume: Volume | None = None
+
+    @property
+    def port(self) -> Path | None:
+        """Its first serial device."""
+        return self.ports[0] if self.ports else None
+
+    @property
+    def usb_id(self) -> str:
+        """Identity as ``lsusb`` writes it."""
+        return f"{self.vendor_id:04x}:{self.product_id:04x}"
+
+    @property
+    def is_daplink(self) -> bool:
+        """Whether it has DAPLink's identity."""
+        return (self.vendor_id, self.product_id) == (VENDOR_ID, PRODUCT_ID)
+
+    @property
+    def board_id(self) -> str:
+        """DAPLink's id of the board; empty of another device."""
+        return self.serial_number[:4] if self.is_daplink else ""
+
+    @property
+    def not_taken(self) -> str:
+        """Why it is no FRDM-K64F, and what to do if it is; empty of one."""
+        if self.is_daplink and self.board_id == BOARD_ID:
+            return ""
+        if self.is_daplink and self.board_id == _BOOTLOADER_ID:
+            return "a DAPLink that waits for firmware of its own: plug it in again without holding its reset button"
+        if self.is_daplink:
+            said = f"board id {self.board_id}" if self.board_id else "no serial number"
+            return f"DAPLink of another board: {said}, an FRDM-K64F's is {BOARD_ID}"
+        if maker := _OPENSDA.get(self.vendor_id):
+            return f"a debug probe by {maker}: if it is an FRDM-K64F, put DAPLink on it, from https://daplink.io"
+        return f"USB {self.usb_id}, and DAPLink's is {VENDOR_ID:04x}:{PRODUCT_ID:04x}"
+
+
+@dataclass(frozen=True, slots=True)
+class OtherPort:
+    """A serial port that is no board's, and why.
+
+    Attributes
+    ----------
+    port : Path or None
+        None of a DAPLink that has none.
+    device : UsbBoard or None
+        What it belongs to; None of one that is not on USB.
+    """
+
+    port: Path | None
+    device: UsbBoard | None
+
+    @property
+    def not_taken(self) -> str:
+        """Why it is not taken."""
+        return self.device.not_taken if self.device else "not on USB; name it with --hil-port where a board is on it"
+
+
+@dataclass(frozen=True, slots=True)
+class PluggedIn:
+    """What is plugged in: FRDM-K64F boards by serial number, and the other serial ports."""
+
+    boards: tuple[UsbBoard, ...]
+    others: tuple[OtherPort, ...]
+
+
+def machine_root() -> Path:
+    """Return the folder that holds ``sys``, ``proc`` and ``dev``: ``HIL_ROOT``, or the root of this machine."""
+    return Path(os.environ.get("HIL_ROOT") or "/")
+
+
+def plugged_in(root: Path | None = None) -> PluggedIn:
+    """Look for boards and serial ports.
+
+    Parameters
+    ----------
+    root : Path, optional
+        Folder with ``sys``, ``proc`` and ``dev``; by default the environment's.
+    """
+    root = root or machine_root()
+    mounts = _mounts(root)
+    devices = [device for device in _usb_devices(root, mounts) if device.is_daplink or device.ports]
+    boards = sorted((each for each in devices if not each.not_taken), key=lambda each: each.serial_number)
+    others = [OtherPort(port, each) for each in devices if each.not_taken for port in each.ports or (None,)]
+    on_usb = {port.name for device in devices for port in device.ports}
+    others += [OtherPort(port, None) for port in _ports(root) if port.name not in on_usb]
+    return PluggedIn(tuple(boards), tuple(others))
+
+
+def find_boards(root: Path | None = None) -> tuple[UsbBoard, ...]:
+    """Return the FRDM-K64F boards that are plugged in, by serial number."""
+    return plugged_in(root).boards
+
+
+def choose_board(serial_number: str = "", *, root: Path | None = None) -> UsbBoard:
+    """Return the one board that is plugged in whose serial number begins so.
+
+    Parameters
+    ----------
+    serial_number : str, optional
+        Beginning or all of it; empty for any board.
+    root : Path, optional
+        As of `plugged_in`.
+
+    Raises
+    ------
+    NoBoardError
+        When there is none; it names those that there are.
+    SeveralBoardsError
+        When there are several.
+    """
+    boards = find_boards(root)
+    fitting = [each for each in boards if each.serial_number.startswith(serial_number)]
+    if not fitting:
+        raise NoBoardError(serial_number, [each.serial_number for each in boards])
+    if len(fitting) > 1:
+        raise SeveralBoardsError([each.serial_number for each in fitting])
+    return fitting[0]
+
+
+def port_of(serial_number: str = "", *, root: Path | None = None) -> str:
+    """Return the serial device of the one board that is plugged in whose serial number begins so.
+
+    Raises
+    ------
+    BenchError
+        When there is no such board, or it has no serial device.
+    SeveralBoardsError
+        When there are several.
+    """
+    board = choose_board(serial_number, root=root)
+    if board.port is None:
+        raise BenchError(f"board {board.serial_number} has no serial port: {NO_PORT}")
+    return str(board.port)
+
+
+def _usb_devices(root: Path, mounts: dict[str, tuple[Path, bool]]) -> Iterator[UsbBoard]:
+    for folder in _children(root / "sys/bus/usb/devices"):
+        vendor, product = (_identity(folder / name) for name in ("idVendor", "idProduct"))
+        if vendor is None or product is None:
+            continue  # an interface: it is looked at with its device
+        interfaces = [each for each in _children(folder) if each.name.startswith(f"{folder.name}:")]
+        ttys = [tty for each in interfaces for tty in (*each.glob("tty/*"), *each.glob("tty*/tty/*"))]
+        disks = sorted(
+            (disk for each in interfaces for disk in each.glob("host*/target*/*/block/*")), key=lambda each: each.name
+        )
+        mounted = (mounts.get(_attribute(part / "dev")) for disk in disks for part in (disk, *_partitions(disk)))
+        place = next((each for each in mounted if each), None)
+        yield UsbBoard(
+            vendor, product, serial_number=_attribute(folder / "serial"), product=_attribute(folder / "product"),
+            ports=tuple(root / "dev" / tty.name for tty in sorted(ttys, key=lambda each: each.name)),
+            disks=tuple(disk.name for disk in disks), volume=_volume(*place) if place else None,
+        )  # fmt: skip
+
+
+def _ports(root: Path) -> Iterator[Path]:
+    """Yield the serial ports that the machine has: a terminal with a device behind it, if that is there."""
+    for tty in _children(root / "sys/class/tty"):
+        if (tty / "device").exists() and _attribute(tty / "type") != _PORT_UNKNOWN:
+            yield root / "dev" / tty.name
+
+
+def _partitions(disk: Path) -> list[Path]:
+    return [each for each in _children(disk) if each.name.startswith(disk.name)]
+
+
+def _mounts(root: Path) -> dict[str, tuple[Path, bool]]:
+    """Return where each disk is mounted as a whole, and whether to be read only, by its ``major:minor``."""
+    try:
+        lines = (root / "proc/self/mountinfo").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
+    except OSError:
+        return {}
+    found: dict[str, tuple[Path, bool]] = {}
+    for fields in (line.split(" ") for line in lines):
+        if len(fields) > 5 and fields[3] == "/":
+            place = re.sub(r"\\([0-7]{3})", lambda code: chr(int(code[1], 8)), fields[4])
+            found.setdefault(fields[2], (root / place.lstrip("/"), "ro" in fields[5].split(",")))
+    return found
+
+
+def _volume(path: Path, read_only: bool) -> Volume:
+    """Return a volume with what its DETAILS.TXT says, if there is one that can be read."""
+    text = next((text for name in _DETAILS if (text := _text_of(path / name))), "")
+    parted = (line.partition(":") for line in text.splitlines())
+    said = {key.strip().lower(): _cut(value) for key, _, value in parted}
+    return Volume(path, read_only, said.get("interface version", ""), said.get("unique id", ""))
+
+
+def _text_of(file: Path) -> str:
+    """Return the beginning of a plain file: on a volume that is no DAPLink's it may be a pipe, or a link elsewhere."""
+    with contextlib.suppress(OSError):
+        number = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        try:
+            if stat.S_ISREG(os.fstat(number).st_mode):
+                return os.read(number, _READ_MOST).decode("utf-8", errors="replace")
+        finally:
+            os.close(number)
+    return ""
+
+
+def _identity(file: Path) -> int | None:
+    text = _attribute(file)
+    return int(text, 16) if re.fullmatch("[0-9a-f]{4}", text) else None
+
+
+def _attribute(file: Path) -> str:
+    """Return what a file of sysfs says; empty where it cannot be read."""
+    return _cut(_text_of(file))
+
+
+def _cut(text: str) -> str:
+    return legible(" ".join(text.split())[:_LONGEST])
+
+
+def _children(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []

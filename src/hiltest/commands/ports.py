@@ -1,0 +1,78 @@
+"""``hiltest ports``: the boards that are plugged in, and why other serial ports are not taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hiltest.commands.options import documented
+
+if TYPE_CHECKING:
+    from hiltest.boards.daplink import OtherPort, UsbBoard
+
+_NONE_FOUND = """\
+no FRDM-K64F is plugged in. Check that
+  - the cable is in the connector next to the reset button (J26, OpenSDA), not in the K64F's own (J22);
+  - it carries data: many cables only charge. `lsusb -d 0d28:` shows the board, with any driver;
+  - the board's interface chip runs DAPLink (https://daplink.io): one that is not taken below may be it."""
+
+
+@click.command()
+@documented("hiltest.ports/1")
+def ports() -> tuple[int, dict[str, Any]]:
+    """List the boards that are plugged in, and say why other serial ports are not taken.
+
+    A board is found by the USB identity of its DAPLink, 0d28:0204, and a serial number that begins with 0240, DAPLink's
+    id of the FRDM-K64F. Name one with --hil-port usb://SERIAL; the beginning of it is enough.
+    """
+    from hiltest.boards.daplink import plugged_in
+
+    found = plugged_in()
+    if found.boards:
+        _print_boards(found.boards)
+    else:
+        click.echo(_NONE_FOUND)
+    if found.others:
+        _print_others(found.others)
+    return 0, {
+        "boards": [
+            {
+                "serial_number": each.serial_number, "usb_id": each.usb_id, "product": each.product,
+                "port": str(each.port) if each.port else None, "volume": str(each.volume.path) if each.volume else None,
+                "daplink_version": (each.volume.interface_version or None) if each.volume else None,
+            }
+            for each in found.boards
+        ],
+        "others": [
+            {
+                "port": str(each.port) if each.port else None, "usb_id": each.device.usb_id if each.device else None,
+                "serial_number": each.device.serial_number if each.device else None,
+                "product": each.device.product if each.device else None, "reason": each.not_taken,
+            }
+            for each in found.others
+        ],
+    }  # fmt: skip
+
+
+def _print_boards(boards: Sequence[UsbBoard]) -> None:
+    rows = []
+    for each in boards:
+        unmounted = f"{each.disks[0]}, not mounted" if each.disks else "none"
+        volume, version = (each.volume.path, each.volume.interface_version) if each.volume else (unmounted, "")
+        rows.append((each.serial_number, str(each.port or "none"), str(volume), version or "unknown"))
+    _print_rows(("serial number", "port", "volume", "DAPLink"), rows)
+
+
+def _print_others(others: Sequence[OtherPort]) -> None:
+    click.echo("\nnot taken:")
+    rows = [(str(each.port or "none"), each.device.product if each.device else "", each.not_taken) for each in others]
+    _print_rows(("port", "device", "why"), rows)
+
+
+def _print_rows(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    """Print columns; a line that is longer than the terminal is not cut, so that it can be copied."""
+    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+    for row in (head, *rows):
+        click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
