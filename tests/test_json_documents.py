@@ -54,8 +54,8 @@ PRINTING = {
     "trend": ("trend", "."),
     "worst": ("worst", "direct", "--calls", "20"),
 }
-# A run of their own: in tests/runs/test_bisect.py, and below.
-ELSEWHERE = {"bisect", "run"}
+# A run or a board of their own: in tests/runs/test_bisect.py, tests/flashing/test_flash_command.py, and below.
+ELSEWHERE = {"bisect", "flash", "run"}
 
 
 def schemas_of(command: click.Command) -> list[str]:
