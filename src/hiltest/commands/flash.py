@@ -62,8 +62,7 @@ def flash(
         done = put_on(image, target, by_probe=bool(probe), progress=line)
     finally:
         line.clear()
-    board = f"board {done.serial_number}" if done.serial_number else f"the board on {target.port or target.volume}"
-    click.echo(f"{image.image.name}: {image.size} bytes flashed onto {board}; {done.said}")
+    click.echo(done.sentence(image, target))
     return 0, {
         "file": image.image.name, "bytes": image.size, "build_id": image.image.build_id,
         "by": probe or "daplink", "serial_number": done.serial_number or None, "port": target.port,

@@ -178,7 +178,7 @@ def _field(details: str, name: str) -> str:
 
 
 def _in_a_line(text: str) -> str:
-    return legible("; ".join(line.strip() for line in text.splitlines() if line.strip()))[:_SAID_MOST]
+    return legible("; ".join(line.strip().rstrip(".") for line in text.splitlines() if line.strip()))[:_SAID_MOST]
 
 
 def _text(file: Path) -> str:

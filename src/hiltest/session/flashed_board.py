@@ -40,7 +40,7 @@ def open_flashed(hil: HilSession) -> list[str]:
         image = load_flash_image(file)
         target = find_target(rig=hil.rig, port=hil.settings.port)
         done = flash(image, target, progress=progress_of(hil.config))
-        said = [f"{image.image.name}: {image.size} bytes flashed onto board {done.serial_number}; {done.said}"]
+        said = [done.sentence(image, target)]
     except ConfigError as error:
         raise pytest.UsageError(str(error)) from error
     except (BenchError, ProtocolError) as error:
