@@ -90,6 +90,29 @@ def test_a_port_that_is_closed_gives_the_board_back_and_leaves_no_file(device: s
     other(device)
 
 
+def test_a_port_that_nobody_has_any_more_gives_the_board_back(device: str, other: Opened) -> None:
+    port = open_port(device)
+    del port
+    other(device)
+
+
+def test_a_port_that_the_garbage_collector_closes_does_not_stop_who_locks_a_board(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lock, "_folder", lambda: tmp_path)
+    first, second = BoardLock("first"), BoardLock("second")
+    this_process = Holder.this_process
+
+    def collected(rig: str) -> Holder:
+        first.release()  # as of a port in a cycle of references, whenever the collector runs
+        return this_process(rig)
+
+    monkeypatch.setattr(Holder, "this_process", collected)
+    BoardLock("third").release()
+    second.release()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_link_to_a_device_is_the_same_board(device: str, other: Opened, tmp_path: Path) -> None:
     link = tmp_path / "by-id"
     link.symlink_to(device)

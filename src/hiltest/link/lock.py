@@ -104,10 +104,11 @@ class BoardLock:
         self._name = place if name is None else name
         self._released = False
         with _GUARD:
-            descriptor, count = _HELD.get(self._file, (-1, 0))
-            if not count:
-                descriptor = self._acquire(Holder.this_process(rig))
-            _HELD[self._file] = descriptor, count + 1
+            held = _HELD.get(self._file)
+            if held is not None and held.count:
+                held.count += 1
+            else:
+                _HELD[self._file] = _Held(self._acquire(Holder.this_process(rig)))
 
     def __enter__(self) -> Self:
         return self
@@ -123,14 +124,14 @@ class BoardLock:
             if self._released:
                 return
             self._released = True
-            descriptor, count = _HELD[self._file]
-            if count > 1:
-                _HELD[self._file] = descriptor, count - 1
+            held = _HELD[self._file]
+            held.count -= 1
+            if held.count:
                 return
             del _HELD[self._file]
             with suppress(OSError):  # somebody else's file stays; it then names nobody who runs
                 os.unlink(self._file)
-            os.close(descriptor)
+            os.close(held.descriptor)
 
     def _acquire(self, holder: Holder) -> int:
         """Return the descriptor of the locked file."""
@@ -159,9 +160,17 @@ class BoardLock:
             return descriptor
 
 
-_GUARD = threading.Lock()
-_HELD: dict[Path, tuple[int, int]] = {}
-"""Locks of this process: descriptor, and how often it has been taken."""
+@dataclass(slots=True)
+class _Held:
+    """A lock of this process, and how often it has been taken."""
+
+    descriptor: int
+    count: int = 1
+
+
+# The garbage collector may close a port, and so release a lock, in the middle of any of the above.
+_GUARD = threading.RLock()
+_HELD: dict[Path, _Held] = {}
 
 
 def _folder() -> Path:

@@ -112,15 +112,16 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
 
 
 def _release_when_closed(port: Any, lock: BoardLock) -> None:
-    close = port.close
+    """Bind the lock to the port: by its class, since a function of its own would keep the port from its end."""
 
-    def close_and_release() -> None:
-        try:
-            close()
-        finally:
-            lock.release()
+    class Locked(type(port)):  # type: ignore[misc]
+        def close(self) -> None:
+            try:
+                super().close()
+            finally:
+                lock.release()
 
-    port.close = close_and_release
+    port.__class__ = Locked
 
 
 def _refusal(url: str, error: serial.SerialException) -> BenchError | PortNotFoundError:
