@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from typing import Any
 
 from hiltest.errors import ConfigError, FlashError, NoBoardError, SeveralBoardsError
 from hiltest.flashing.flash_image import FIELD, FlashImage
@@ -56,7 +57,9 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
             raise SeveralBoardsError([each.unique_id for each in probes])
         probe = probes[0]
         options = {"target_override": _TARGET, "hide_programming_progress": True}
-        with Session(probe, options=options) as session:
+        with Session(probe, auto_open=False, options=options) as session:
+            session.delegate = _Delegate()
+            session.open()
             programmer = FileProgrammer(
                 session, progress=lambda part: progress("percent written", int(_PERCENT * part), _PERCENT),
                 chip_erase="chip", trust_crc=False,
@@ -70,6 +73,14 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
         return str(probe.unique_id)
     except (Error, OSError) as error:
         raise FlashError(f"pyOCD cannot program the board: {error or type(error).__name__}") from error
+
+
+class _Delegate:
+    """Has pyOCD read no table of the part's registers, in which nobody looks anything up: it takes seconds."""
+
+    def will_init_target(self, target: Any, init_sequence: Any) -> None:
+        """Be asked by pyOCD for changes of what it does at first."""
+        init_sequence.remove_task("load_svd")
 
 
 def _refuse_difference(address: int, written: bytes, read: bytes) -> None:
