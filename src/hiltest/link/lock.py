@@ -46,7 +46,9 @@ class Holder:
     @classmethod
     def this_process(cls, rig: str) -> Holder:
         """Return what is to be said of this process."""
-        command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])[:_LONGEST_COMMAND]
+        program = Path(sys.argv[0])
+        name = program.parent.name if program.name == "__main__.py" else program.name  # of python -m
+        command = shlex.join([name, *sys.argv[1:]])[:_LONGEST_COMMAND]
         try:
             user = getpass.getuser()
         except (KeyError, OSError):  # a container may have a user without a name
@@ -76,7 +78,7 @@ class Holder:
 
     def __str__(self) -> str:
         rig = f", rig {self.rig}" if self.rig else ""
-        return f"process {self.pid} of {self.user} has the board since {self.since} ({self.command}{rig})"
+        return f"process {self.pid} of {self.user} has it since {self.since} ({self.command}{rig})"
 
 
 class BoardLock:
@@ -202,4 +204,4 @@ def _said_of_holder(descriptor: int) -> str:
         if holder is not None and holder.is_running:
             return str(holder)
         time.sleep(_LOOK_EVERY_S)
-    return "another process has the board, and does not say which it is"
+    return "another process has it, and does not say which it is"
