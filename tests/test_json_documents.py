@@ -38,6 +38,7 @@ PRINTING = {
     "compare": ("compare", "base.json", "run.json", "--detect", "0.05deg"),
     "decode": ("decode", "packets.bin"),
     "device try": ("device", "try", "--rig", "text-compass", "--for", "1"),
+    "doctor": ("doctor", "--rig", "virtual-k64f"),
     "export": ("export", "run.json", "--format", "bencher"),
     "fit": ("fit", "points.csv", "--on", "host"),
     "fit-imu": ("fit-imu", "imu.csv"),

@@ -12,7 +12,7 @@ from tests.usb_tree import K64F, SECOND_K64F, UsbTree
 
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> UsbTree:
-    monkeypatch.setenv("HIL_ROOT", str(tmp_path / "m"))
+    monkeypatch.setenv("HILTEST_ROOT", str(tmp_path / "m"))
     return UsbTree(tmp_path / "m")
 
 

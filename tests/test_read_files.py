@@ -32,6 +32,7 @@ READING = {
     "decode source": ("decode", "{}"),
     "device try --firmware": ("device", "try", "--rig", "text-compass", "--firmware", "{}"),
     "device try --rig": ("device", "try", "--rig", "{}"),
+    "doctor --rig": ("doctor", "--rig", "{}"),
     "export run": ("export", "{}", "--format", "bencher"),
     "fit --firmware": ("fit", "points.csv", "--firmware", "{}"),
     "fit log": ("fit", "{}"),

@@ -375,6 +375,24 @@ class Flashed:
 
 
 @dataclass(frozen=True, slots=True)
+class Examined:
+    """What was looked at on a bench.
+
+    Attributes
+    ----------
+    rig : str
+    exit_code : int
+    checks : list of dict
+        ``name``; ``health``, which is ``ok``, ``warning``, ``FAILED`` or ``not looked at``; what was ``found``, of what
+        was not looked at the reason; and the ``remedy``, null where none is needed.
+    """
+
+    rig: str
+    exit_code: int
+    checks: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
 class Logged:
     """Samples that were logged.
 
@@ -558,6 +576,7 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.timing/1": Timing,
     "hiltest.timing-measure/1": Measured,
     "hiltest.ports/1": Ports,
+    "hiltest.doctor/1": Examined,
     "hiltest.init/1": Copied,
     "hiltest.device-try/1": Understood,
     "hiltest.serve/1": Served,

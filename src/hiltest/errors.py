@@ -227,6 +227,10 @@ class VersionMismatchError(ProtocolError):
     """The firmware speaks another protocol version, or is another firmware."""
 
 
+class OtherFirmwareError(VersionMismatchError):
+    """The right protocol is spoken, by another firmware."""
+
+
 class DeviceError(HiltestError):
     """The firmware answered a command with an error code.
 

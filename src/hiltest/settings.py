@@ -25,8 +25,6 @@ MOST_JOBS = 1000
 LONGEST_NAME = 255
 """Bytes of a file's name: NAME_MAX of Linux' file systems."""
 _PREFIX = "HIL_"
-ROOT_VARIABLE = "HIL_ROOT"
-"""Root of an emulated machine, in which boards are looked for; no setting of a run."""
 _SCHEDULER = re.compile(r"(?:tcp|tls)://(?:\[[0-9A-Fa-f:.]+\]|[^\s/?#@:\[\]]+):(?P<port>[0-9]{1,5})", re.ASCII)
 
 _POSES: Mapping[str, Literal["all", "level"]] = {"all": "all", "level": "level"}
@@ -218,7 +216,7 @@ def check_environment(environment: Mapping[str, str] = os.environ) -> None:
     """
     from hiltest.errors import UnknownKeyError
 
-    known = [*(option.variable for option in OPTIONS), ROOT_VARIABLE]
+    known = [option.variable for option in OPTIONS]
     for name in sorted(environment):
         if name.startswith(_PREFIX) and name not in known:
             raise UnknownKeyError(name, where="the environment", known=known)

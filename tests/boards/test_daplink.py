@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import tempfile
+import unicodedata
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from tests.usb_tree import DETAILS, K64F, SECOND_K64F, UsbTree
 
 from hiltest.boards.daplink import choose_board, find_boards, plugged_in
@@ -108,6 +112,25 @@ def test_what_devices_and_volumes_say_of_themselves_is_cut_and_made_legible(tree
     texts = (board.serial_number, board.product, board.volume.interface_version, board.volume.unique_id)
     assert all(text.isprintable() and len(text) < 200 for text in texts)
     assert board.serial_number.startswith("0240⟨U+001B⟩[2J⟨U+202E⟩777")
+
+
+@given(serial=st.binary(max_size=300), details=st.binary(max_size=300), mounts=st.binary(max_size=300))
+@settings(max_examples=50)
+def test_whatever_a_device_and_a_mount_are_called_boards_are_found(
+    serial: bytes, details: bytes, mounts: bytes
+) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        tree = UsbTree(Path(folder) / "machine")
+        volume = tree.plug_in(disk="sdb", mounted="/m/D")
+        (device,) = (tree.root / "sys/devices/pci0000:00/0000:00:14.0/usb1").glob("1-*")
+        (device / "serial").write_bytes(b"0240" + serial)
+        (volume / "DETAILS.TXT").write_bytes(b"Interface Version: " + details)
+        with (tree.root / "proc/self/mountinfo").open("ab") as file:
+            file.write(mounts)
+        (found,) = plugged_in(tree.root).boards
+    assert found.volume is not None
+    for text in (found.serial_number, found.volume.interface_version):
+        assert {unicodedata.category(each) for each in text} & {"Cc", "Cf", "Cs", "Zl", "Zp"} == set()
 
 
 def test_a_volume_whose_details_are_a_link_or_a_pipe_is_read_no_further(tree: UsbTree, tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def test_a_rig_without_a_port_takes_the_board_that_is_plugged_in(
     pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tree = UsbTree(tmp_path / "machine")
-    monkeypatch.setenv("HIL_ROOT", str(tree.root))
+    monkeypatch.setenv("HILTEST_ROOT", str(tree.root))
     with pytest.raises(NoBoardError):
         open_board(real_rig)
     tree.plug_in(serial=K64F, behind=Path(pty_board(rig).path))

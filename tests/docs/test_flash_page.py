@@ -39,7 +39,7 @@ def test_the_outputs_are_the_commands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with Bench(tmp_path) as bench:
-        monkeypatch.setenv("HIL_ROOT", str(bench.root))
+        monkeypatch.setenv("HILTEST_ROOT", str(bench.root))
         assert run("flash") == 0
         assert capsys.readouterr().out == FLASHED
         bench.drive.refusal = "The hex file cannot be decoded. Checksum calculation failure occurred."

@@ -36,7 +36,7 @@ def probe(
     machine.processor.memory.write(0, bytes(FLASH_BYTES))
     monkeypatch.setattr(VirtualProbe, "machine", machine, raising=False)
     monkeypatch.setattr(aggregator, "PROBE_CLASSES", {"virtual": VirtualProbe})
-    monkeypatch.setenv("HIL_ROOT", str(tmp_path / "machine"))
+    monkeypatch.setenv("HILTEST_ROOT", str(tmp_path / "machine"))
     UsbTree(tmp_path / "machine")
     monkeypatch.chdir(tmp_path)
     yield VirtualProbe
@@ -107,7 +107,7 @@ def test_there_must_be_one_probe(
 def test_without_pyocd_the_extra_is_named(
     app: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("HIL_ROOT", str(tmp_path / "machine"))
+    monkeypatch.setenv("HILTEST_ROOT", str(tmp_path / "machine"))
     UsbTree(tmp_path / "machine")
     for name in [name for name in sys.modules if name.partition(".")[0] == "pyocd"]:
         monkeypatch.delitem(sys.modules, name)

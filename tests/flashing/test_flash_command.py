@@ -33,14 +33,14 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 @pytest.fixture
 def plugged_in(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    monkeypatch.setenv("HIL_ROOT", str(bench.root))
+    monkeypatch.setenv("HILTEST_ROOT", str(bench.root))
     return bench
 
 
 @pytest.fixture
 def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> UsbTree:
     """A machine with nothing plugged in yet."""
-    monkeypatch.setenv("HIL_ROOT", str(tmp_path / "machine"))
+    monkeypatch.setenv("HILTEST_ROOT", str(tmp_path / "machine"))
     return UsbTree(tmp_path / "machine")
 
 

@@ -71,6 +71,13 @@ TOLERANCES = """
 """
 
 
+def test_a_place_changes_no_digest_and_is_whole(edited: Edit) -> None:
+    field, latitude, longitude = "declination_deg = 3.5", "latitude_deg = 46.0", "longitude_deg = 8.9"
+    assert digest(edited((field, f"{latitude}\n{longitude}\n{field}"))) == digest(RIG)
+    with pytest.raises(ConfigError, match="longitude_deg"):
+        load_rig(edited((field, f"{latitude}\n{field}")))
+
+
 def test_tolerances_are_read_and_change_no_digest(edited: Edit) -> None:
     path = edited(more=TOLERANCES)
     assert load_rig(path).tolerances == {

@@ -1,8 +1,8 @@
 """Boards that are plugged in, found by the USB identity of their DAPLink; and the serial ports that are no board's.
 
-All is read from sysfs and /proc, below a root that the caller or ``HIL_ROOT`` in the environment may name: an emulated
-tree, or one that was copied from another machine. What USB devices and their volumes say of themselves is somebody
-else's text: it is cut and made legible.
+All is read from sysfs and /proc, below a root that the caller or ``HILTEST_ROOT`` in the environment may name: an
+emulated tree, or one that was copied from another machine. What USB devices and their volumes say of themselves is
+somebody else's text: it is cut and made legible.
 """
 
 from __future__ import annotations
@@ -149,8 +149,8 @@ class PluggedIn:
 
 
 def machine_root() -> Path:
-    """Return the folder that holds ``sys``, ``proc`` and ``dev``: ``HIL_ROOT``, or the root of this machine."""
-    return Path(os.environ.get("HIL_ROOT") or "/")
+    """Return the folder that holds ``sys``, ``proc`` and ``dev``: ``HILTEST_ROOT``, or the root of this machine."""
+    return Path(os.environ.get("HILTEST_ROOT") or "/")
 
 
 def plugged_in(root: Path | None = None) -> PluggedIn:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hiltest.commands.options import documented
+from hiltest.text import legible
 
 if TYPE_CHECKING:
     from hiltest.boards.daplink import OtherPort, UsbBoard
@@ -22,7 +23,7 @@ no FRDM-K64F is plugged in. Check that
 @click.command()
 @documented("hiltest.ports/1")
 def ports() -> tuple[int, dict[str, Any]]:
-    """List the boards that are plugged in, and say why other serial ports are not taken.
+    """List the boards that are plugged in, and the other serial ports.
 
     A board is found by the USB identity of its DAPLink, 0d28:0204, and a serial number that begins with 0240, DAPLink's
     id of the FRDM-K64F. Name one with --hil-port usb://SERIAL; the beginning of it is enough.
@@ -75,4 +76,4 @@ def _print_rows(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     """Print columns; a line that is longer than the terminal is not cut, so that it can be copied."""
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
     for row in (head, *rows):
-        click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        click.echo("  ".join(legible(cell).ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())

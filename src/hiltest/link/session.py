@@ -19,6 +19,7 @@ import serial
 from hiltest.errors import (
     DeviceTimeoutError,
     LinkLostError,
+    OtherFirmwareError,
     ProtocolError,
     SequenceError,
     SyncError,
@@ -177,12 +178,12 @@ class Session:
 
         Raises
         ------
-        VersionMismatchError
+        OtherFirmwareError
             When it is another firmware.
         """
         identity = self.request(Identify())
         if identity.name != firmware_name:
-            raise VersionMismatchError(
+            raise OtherFirmwareError(
                 f"the board runs firmware {identity.name!r} ({identity.version}, build {identity.build_id}), "
                 f"not {firmware_name!r}"
             )

@@ -50,7 +50,10 @@ _TEXTS = ("lines", "path", "name", "schema")
 _CHECKED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
 # Kept in the record beside the digest, because an option of the command line may change them.
 _KEPT_APART = ("seed",)
-_KEPT_APART_OF = {"procedure": ("poses", "cost_reference"), "board": ("port", "timing", "firmware")}
+_KEPT_APART_OF = {
+    "procedure": ("poses", "cost_reference"), "board": ("port", "timing", "firmware"),
+    "field": ("latitude_deg", "longitude_deg", "altitude_m"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,7 +325,7 @@ def conditions_sha256(rig: Rig) -> str:
 
     Comments, limits, information, tolerances, names and counted functions do not enter, nor seed and poses, compared by
     themselves, nor the calibrator that costs are shown against, nor the port that a board happens to be on, nor its
-    timing profile: cycles carry that.
+    timing profile: cycles carry that; nor the place, which only `hiltest doctor` reads.
     """
     content = asdict(rig)
     content["link"]["mode"] = "stub"  # a key that is gone: without it no digest would be what it was

@@ -90,14 +90,32 @@ class LinkSettings:
 
 @dataclass(frozen=True, slots=True)
 class LocalField:
-    """The earth's field at the bench: total intensity, dip (down positive), declination (east positive)."""
+    """The earth's field at the bench: total intensity, dip (down positive), declination (east positive).
+
+    Attributes
+    ----------
+    latitude_deg, longitude_deg : float or None
+        Where the bench is, north and east positive: `hiltest doctor` compares the field with the World Magnetic Model.
+    altitude_m : float
+        Above sea level.
+    """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     strength_ut: float
     dip_deg: float
     declination_deg: float = 0.0
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    altitude_m: float = 0.0
 
     def __post_init__(self) -> None:
+        place = {"latitude_deg": (self.latitude_deg, 90.0), "longitude_deg": (self.longitude_deg, 180.0)}
+        for key, (value, most) in place.items():
+            require(value is None or abs(value) <= most, key, f"must be within -{most:g} to {most:g}")
+        require((self.latitude_deg is None) == (self.longitude_deg is None), "longitude_deg",
+                "and latitude_deg are a place together: write both, or none")
+        # What the World Magnetic Model is made for.
+        require(-1_000.0 <= self.altitude_m <= 850_000.0, "altitude_m", "must be within -1000 to 850000")
         require(self.strength_ut > 0.0, "strength_ut", "must be above 0")
         require(abs(self.dip_deg) < 90.0, "dip_deg", "must be within -90 to 90: at a pole there is no heading")
         require(abs(self.declination_deg) <= 180.0, "declination_deg", "must be within -180 to 180")

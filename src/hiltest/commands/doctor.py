@@ -1,0 +1,83 @@
+"""``hiltest doctor``: what can be wrong with a bench, looked at one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hiltest.bench_files import rig_file
+from hiltest.commands.options import checked, documented
+from hiltest.settings import file_name
+from hiltest.text import legible
+
+if TYPE_CHECKING:
+    from hiltest.doctor.check import Check
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   nothing failed; there may be warnings
+  4   usage: an option, a port or a rig file is wrong, or several boards are plugged in and none is named
+  20  connection lost: something failed
+  23  wrong firmware, or another protocol version
+"""
+_COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
+
+
+@click.command(epilog=_EXIT_CODES)
+@documented("hiltest.doctor/1")
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs.  [default: frdm-k64f]")
+@click.option("--hil-port", metavar="URL", callback=checked(file_name),
+              help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's, or the one board "
+              "that is plugged in]")
+def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
+    """Look what is wrong with a bench, and say what to do about it.
+
+    Board, DAPLink, permission, other programs, baud rate, firmware, sensors, clock, cycle counter, noise at rest, and
+    the field beside the World Magnetic Model. Leave the board alone while it looks; it takes 5 s. What fails leaves out
+    what needs it, and no more.
+    """
+    from hiltest.doctor.check import exit_code
+    from hiltest.doctor.examination import examine
+    from hiltest.rig.file import load_rig
+
+    described = load_rig(rig_file(Path.cwd(), rig or "frdm-k64f"))
+    checks = [*_shown(examine(described, port=hil_port, today=datetime.now(UTC).date()))]
+    code = exit_code(checks)
+    return code, {
+        "rig": described.name, "exit_code": code,
+        "checks": [
+            {"name": each.name, "health": each.health, "found": each.found, "remedy": each.remedy or None}
+            for each in checks
+        ],
+    }  # fmt: skip
+
+
+def _shown(checks: Iterable[Check]) -> Iterator[Check]:
+    """Print each check as it is made, and yield it; what was left out for one reason is one line."""
+    left_out: list[Check] = []
+    for each in checks:
+        if left_out and (each.health, each.found) != (left_out[0].health, left_out[0].found):
+            _print_left_out(left_out)
+            left_out = []
+        if each.health == "not looked at":
+            left_out.append(each)
+        else:
+            word = click.style(f"{each.health:<15}", fg=_COLOURS[each.health])
+            click.echo(f"{word}{each.name:<21}{legible(each.found)}")
+        if each.remedy:
+            click.echo(f"{'':36}-> {legible(each.remedy)}")
+        yield each
+    if left_out:
+        _print_left_out(left_out)
+
+
+def _print_left_out(checks: list[Check]) -> None:
+    names = ", ".join(each.name for each in checks)
+    named = f"{names:<21}" if len(checks) == 1 else f"{names}: "
+    click.echo(f"{checks[0].health:<15}{named}{legible(checks[0].found)}")

@@ -1,0 +1,170 @@
+"""All checks in their order; where one fails, those that need it are not made, and the others are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import date
+from pathlib import Path
+from typing import TypeAlias
+
+from hiltest.boards import Board, open_board
+from hiltest.boards.daplink import choose_board, machine_root
+from hiltest.doctor.board import BOARD_CHECKS
+from hiltest.doctor.check import Check, Health, failed, not_looked_at, of_error, ok
+from hiltest.doctor.earth import model_field, see_declared_field, see_measured_field
+from hiltest.doctor.host import HOST_CHECKS, HostPort, host_port
+from hiltest.errors import (
+    BenchError,
+    ConfigError,
+    HiltestError,
+    NoBoardError,
+    OtherFirmwareError,
+    ProtocolError,
+    SensorAbsentError,
+    SyncError,
+    VersionMismatchError,
+)
+from hiltest.link.ports import open_port
+from hiltest.link.session import Session
+from hiltest.rig import Rig
+
+BAUDS = (9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800, 921_600)
+# A synchronisation takes 20 ms at 9600 baud, each way, and USB some more.
+_BAUD_DEADLINE_S = 0.15
+_USB = "usb://"
+
+Looks: TypeAlias = Mapping[str, Callable[[Board, Rig], Check]]
+
+
+def examine(rig: Rig, *, port: str | None = None, root: Path | None = None, today: date) -> Iterator[Check]:
+    """Yield each check as it is made.
+
+    Parameters
+    ----------
+    rig : Rig
+    port : str, optional
+        Serial port of a real board; wins over the rig's.
+    root : Path, optional
+        Of the machine whose devices are looked at, as of `hiltest.boards.daplink.plugged_in`.
+    today : date
+        For the World Magnetic Model.
+
+    Raises
+    ------
+    SeveralBoardsError
+        When several boards are plugged in, and neither rig nor port says which.
+    ConfigError
+        When rig and port do not go together.
+    """
+    url = port or rig.board.port
+    host: HostPort | NoBoardError | str
+    if rig.board.kind == "virtual" and (url is None or url.startswith("hil:")):
+        host, url = "the board is a virtual one in this process", None
+    else:
+        host, url = _on_this_machine(url, root or machine_root())
+    usable = not isinstance(host, NoBoardError)
+    for name, look in HOST_CHECKS.items():
+        if isinstance(host, HostPort):
+            check = look(host)
+            usable = usable and check.health is not Health.FAILED
+        elif isinstance(host, NoBoardError) and name == "board":
+            check = of_error(name, host)
+        else:
+            check = not_looked_at(name, host if isinstance(host, str) else "there is no board")
+        yield check
+    yield from _at_the_board(rig, url, today, usable=usable)
+
+
+def _on_this_machine(url: str | None, root: Path) -> tuple[HostPort | NoBoardError | str, str | None]:
+    """Return the device that a board is on, or why it is none of this machine; and what to open."""
+    if url is None or url.startswith(_USB):
+        try:
+            board = choose_board((url or "").removeprefix(_USB).strip("/"), root=root)
+        except NoBoardError as error:
+            return error, None
+        return HostPort(root, board.port, board), str(board.port) if board.port else None
+    if "://" in url:
+        return f"{url} is not a device of this machine", url
+    return host_port(Path(url), root), url
+
+
+def _at_the_board(rig: Rig, url: str | None, today: date, *, usable: bool) -> Iterator[Check]:
+    model = model_field(rig, today)
+    looks: Looks = {**BOARD_CHECKS, "measured field": lambda board, rig: see_measured_field(board, rig, model)}
+    if not usable:
+        yield from _left_out(("answer", *looks), "the port cannot be used")
+    elif rig.own_language is not None:
+        yield from _left_out(("answer", *looks), "the firmware speaks its own language: see `hiltest device try`")
+    else:
+        yield from _opened(rig, url, looks)
+    yield see_declared_field(rig, model)
+
+
+def _opened(rig: Rig, url: str | None, looks: Looks) -> Iterator[Check]:
+    try:
+        board = open_board(rig, port=url)
+    except (BenchError, ProtocolError) as error:
+        yield from _not_opened(rig, url, looks, error)
+        return
+    with board:
+        yield ok("answer", f"at {rig.link.baud} baud" if url else board.description)
+        gone = False
+        for name, look in looks.items():
+            if gone:
+                yield not_looked_at(name, "the board no longer answers")
+                continue
+            try:
+                check = look(board, rig)
+            except SensorAbsentError as error:
+                check = not_looked_at(name, str(error).partition(";")[0])
+            except HiltestError as error:
+                check = of_error(name, error)
+                gone = isinstance(error, BenchError | ProtocolError)
+            yield check
+
+
+def _not_opened(rig: Rig, url: str | None, looks: Looks, error: BenchError | ProtocolError) -> Iterator[Check]:
+    """Say how far it came, and at which baud rate else something answers."""
+    if isinstance(error, SyncError) and url is not None and (baud := _answering_baud(url, rig.link.baud)):
+        found = f"nothing at {rig.link.baud} baud; something answers at {baud}"
+        yield failed("answer", found, f"write baud = {baud} under [link] in the rig, if that is the firmware meant")
+    elif isinstance(error, SyncError):
+        found = str(error).partition(". ")[0]
+        yield failed("answer", found, "press the board's reset button; or put hiltest's firmware on it (README.md)")
+    elif isinstance(error, BenchError):
+        yield of_error("answer", error)
+    else:
+        yield ok("answer", f"something answers at {rig.link.baud} baud")
+    names = [*looks]
+    if isinstance(error, OtherFirmwareError):
+        yield ok(names.pop(0), "hiltest's")
+    if isinstance(error, ProtocolError):
+        yield of_error(names.pop(0), error)
+    yield from _left_out(names, "nothing answers" if isinstance(error, BenchError) else "another firmware answers")
+
+
+def _answering_baud(url: str, tried: int) -> int | None:
+    """Return another baud rate at which something answers; None without, or where the line has none."""
+    if "://" in url and not url.startswith("rfc2217:"):
+        return None
+    for baud in BAUDS:
+        if baud == tried:
+            continue
+        try:
+            session = Session(open_port(url, baud=baud), reply_deadline_s=_BAUD_DEADLINE_S, attempts=1)
+        except (BenchError, ConfigError):
+            continue  # a rate that this port does not have
+        try:
+            session.synchronise()
+        except VersionMismatchError:
+            pass  # it can be read
+        except (BenchError, ProtocolError):
+            continue
+        finally:
+            session.close()
+        return baud
+    return None
+
+
+def _left_out(names: Iterable[str], because: str) -> Iterator[Check]:
+    return (not_looked_at(name, because) for name in names)

@@ -1,0 +1,220 @@
+"""What stands between a program and a board on this machine: device, drive, permission, rules, other programs."""
+
+from __future__ import annotations
+
+import contextlib
+import grp
+import os
+import pwd
+import stat
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from hiltest.bench_files import shipped
+from hiltest.boards.daplink import NO_PORT, UsbBoard, plugged_in
+from hiltest.doctor.check import Check, failed, not_looked_at, ok, warning
+from hiltest.text import legible, listed
+
+RULES = "70-hiltest.rules"
+_RULES_FOLDERS = ("etc", "run", "usr/local/lib", "usr/lib", "lib")
+# DAPLink's history: 0244 mends serial ports that got stuck, and a crash when data came while it started. With 0244 drag
+# and drop to a K64F fails at times under Linux (its issue 347); the next release for the K64F was 0246.
+_SOUND_DAPLINK = 246
+_GROUP_MAY = stat.S_IRGRP | stat.S_IWGRP
+_MODEM_MANAGER = "ModemManager"
+_LOOKED_UP = ("ID_MM_DEVICE_IGNORE=1", "ID_MM_PORT_IGNORE=1")
+
+
+@dataclass(frozen=True, slots=True)
+class HostPort:
+    """A serial device of this machine, or of one below another root, and what it belongs to.
+
+    Attributes
+    ----------
+    root : Path
+        Folder with ``sys``, ``proc``, ``dev`` and ``etc``.
+    path : Path or None
+        None of a board that has none.
+    device : UsbBoard or None
+        None of a port that is not on USB.
+    """
+
+    root: Path
+    path: Path | None
+    device: UsbBoard | None
+
+    @property
+    def daplink(self) -> UsbBoard | None:
+        """What it belongs to, if that is a DAPLink."""
+        return self.device if self.device and self.device.is_daplink else None
+
+
+def host_port(path: Path, root: Path) -> HostPort:
+    """Return what a serial device belongs to; links to it are followed."""
+    found = plugged_in(root)
+    devices = [*found.boards, *(each.device for each in found.others if each.device)]
+    real = os.path.realpath(path)
+    device = next((each for each in devices if real in map(os.path.realpath, each.ports)), None)
+    return HostPort(root, path, device)
+
+
+def see_board(port: HostPort) -> Check:
+    """Look what the port belongs to."""
+    if port.device is None:
+        return not_looked_at("board", f"{port.path} is not on USB, where boards are found")
+    if port.device.not_taken:
+        return warning("board", f"{port.path}: {port.device.not_taken}", "`hiltest ports` lists the boards; name one")
+    if port.path is None:
+        return failed("board", f"FRDM-K64F {port.device.serial_number} has no serial port", NO_PORT)
+    return ok("board", f"FRDM-K64F {port.device.serial_number} on {port.path}")
+
+
+def see_daplink(port: HostPort) -> Check:
+    """Look which firmware the interface chip has."""
+    if port.daplink is None:
+        return not_looked_at("DAPLink", _no_daplink(port))
+    if port.daplink.volume is None:
+        return not_looked_at("DAPLink", "its volume, which says its version, is not mounted")
+    version = port.daplink.volume.interface_version
+    if not version:
+        found = f"{port.daplink.volume.path} does not say its version: older than DAPLink, or no DAPLink's"
+    elif version.isdecimal() and int(version) < _SOUND_DAPLINK:
+        found = f"firmware {version}: before 0244 the serial port may get stuck, and in 0244 the drive"
+    else:
+        return ok("DAPLink", f"firmware {version}")
+    return warning("DAPLink", found, "put the latest DAPLink on it: https://daplink.io, for FRDM-K64F")
+
+
+def see_volume(port: HostPort) -> Check:
+    """Look whether firmware could be dropped onto the board's drive."""
+    if port.daplink is None:
+        return not_looked_at("volume", _no_daplink(port))
+    volume, disks = port.daplink.volume, port.daplink.disks
+    if not disks:
+        return warning("volume", "DAPLink shows no drive", "plug it in again; or flash with pyOCD, which needs none")
+    if volume is None:
+        return warning(
+            "volume", f"{disks[0]} is not mounted", f"udisksctl mount -b /dev/{disks[0]}, or flash with pyOCD"
+        )
+    if volume.read_only:
+        return warning("volume", f"{volume.path} is mounted to be read only", "plug the board in again")
+    return ok("volume", f"{volume.path}")
+
+
+def see_permission(port: HostPort) -> Check:
+    """Look whether this user may use the port."""
+    if port.path is None:
+        return not_looked_at("permission", "there is no port")
+    try:
+        status = port.path.stat()
+    except OSError as error:
+        return failed("permission", f"{port.path}: {error.strerror}", "`hiltest ports` lists the ports that there are")
+    if os.access(port.path, os.R_OK | os.W_OK, effective_ids=True):
+        return ok("permission", f"{port.path} can be read and written")
+    return failed("permission", f"{port.path} may not be read and written by this user", _way_in(port, status))
+
+
+def _way_in(port: HostPort, status: os.stat_result) -> str:
+    """Return what gives a user access to a port: its group, where that is one of devices and may do both."""
+    rules = "install the udev rules: see there"
+    if status.st_gid == 0 or status.st_mode & _GROUP_MAY != _GROUP_MAY:
+        return rules if port.daplink else "its owner, or root, can give access: chmod or chown"
+    try:
+        group, user = grp.getgrgid(status.st_gid), pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return rules
+    if user in group.gr_mem:
+        return f"log in again: you have joined the group {group.gr_name} since"
+    return f"sudo usermod -aG {group.gr_name} $USER, then log in again" + (f"; or {rules}" if port.daplink else "")
+
+
+def see_rules(port: HostPort) -> Check:
+    """Look whether hiltest's udev rules are installed."""
+    if port.daplink is None:
+        return not_looked_at("udev rules", _no_daplink(port))
+    ours = (shipped() / "udev" / RULES).read_bytes()
+    for folder in _RULES_FOLDERS:
+        file = port.root / folder / "udev/rules.d" / RULES
+        with contextlib.suppress(OSError):
+            if file.read_bytes() == ours:
+                return ok("udev rules", f"installed as {file}")
+            return warning("udev rules", f"{file} is of another version of hiltest", install_rules())
+    return warning("udev rules", f"{RULES} is not installed", install_rules())
+
+
+def install_rules() -> str:
+    """Return the command that installs the rules."""
+    return (
+        f"sudo install -m 644 {shipped() / 'udev' / RULES} /etc/udev/rules.d/ && sudo udevadm control --reload && "
+        "sudo udevadm trigger"
+    )
+
+
+def see_modem_manager(port: HostPort) -> Check:
+    """Look whether ModemManager would write to the port when the board is plugged in."""
+    name = "ModemManager"
+    if port.daplink is None or port.path is None:
+        return not_looked_at(name, _no_daplink(port))
+    if _MODEM_MANAGER not in (_command(process) for process in _processes(port.root)):
+        return ok(name, "does not run")
+    number = _text(port.root / "sys/class/tty" / Path(os.path.realpath(port.path)).name / "dev")
+    kept = _text(port.root / "run/udev/data" / f"c{number}").splitlines()
+    if any(line.removeprefix("E:") in _LOOKED_UP for line in kept):
+        return ok(name, "runs, and leaves this port alone")
+    return warning(
+        name, "runs, and writes to the board for half a minute after it is plugged in", f"{install_rules()}"
+    )
+
+
+def see_holders(port: HostPort) -> Check:
+    """Look whether another program has the port open: each would get a part of what the board says."""
+    if port.path is None:
+        return not_looked_at("port", "there is none")
+    real, holders, unseen = os.path.realpath(port.path), [], 0
+    for process in _processes(port.root):
+        try:
+            opened = [*(process / "fd").iterdir()]
+        except PermissionError:
+            unseen += 1
+            continue
+        except OSError:
+            continue  # ended since
+        if process.name != str(os.getpid()) and any(_leads_to(each) == real for each in opened):
+            holders.append(f"{_command(process)} (process {process.name})")
+    if holders:
+        return failed("port", f"{port.path} is held by {listed(holders, 3)}", "close that program, or end the process")
+    return ok("port", f"no program has {port.path} open" + (", of those that this user sees" if unseen else ""))
+
+
+HOST_CHECKS: dict[str, Callable[[HostPort], Check]] = {
+    "board": see_board, "DAPLink": see_daplink, "volume": see_volume, "permission": see_permission,
+    "udev rules": see_rules, "ModemManager": see_modem_manager, "port": see_holders,
+}  # fmt: skip
+
+
+def _no_daplink(port: HostPort) -> str:
+    return f"{port.path} is no DAPLink's" if port.path else "there is no port"
+
+
+def _processes(root: Path) -> Iterator[Path]:
+    with contextlib.suppress(OSError):
+        yield from (each for each in sorted((root / "proc").iterdir()) if each.name.isdigit())
+
+
+def _command(process: Path) -> str:
+    return legible(_text(process / "comm"))
+
+
+def _leads_to(descriptor: Path) -> str:
+    try:
+        return os.readlink(descriptor)
+    except OSError:
+        return ""
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""

@@ -1,0 +1,178 @@
+"""All checks in their order, against real firmware behind a pseudo-terminal and lines that have something wrong."""
+
+from __future__ import annotations
+
+import os
+import termios
+import threading
+import tty
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.usb_tree import K64F, SECOND_K64F, UsbTree
+
+from hiltest.doctor.board import BOARD_CHECKS
+from hiltest.doctor.check import Check, Health, exit_code
+from hiltest.doctor.examination import examine
+from hiltest.doctor.host import HOST_CHECKS
+from hiltest.errors import SeveralBoardsError
+from hiltest.link.framing import Frame, FrameDecoder, encode_frame
+from hiltest.link.messages import PROTOCOL_VERSION, Sync
+from hiltest.link.request import REPLY_BIT
+from hiltest.record.exit_codes import ExitCode
+from hiltest.rig import Rig
+
+TODAY = date(2026, 6, 1)
+ByName = Callable[[Iterable[Check]], dict[str, Check]]
+StartPtyBoard = Callable[[Rig], Any]
+ALL = (*HOST_CHECKS, "answer", *BOARD_CHECKS, "measured field", "declared field")
+
+
+@pytest.mark.slow
+def test_a_board_that_is_plugged_in_is_found_and_looked_at_to_the_end(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, tree: UsbTree, by_name: ByName
+) -> None:
+    tree.plug_in(behind=Path(pty_board(rig).path), disk="sdb", mounted="/media/me/DAPLINK")
+    checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
+    assert (*checks,) == ALL
+    assert exit_code([*checks.values()]) is ExitCode.OK
+    assert K64F in checks["board"].found
+    # No rules in the tree. A board on a busy machine may lag behind the wall clock.
+    unwell = {name for name, each in checks.items() if each.health is not Health.OK} - {"clock"}
+    assert unwell == {"udev rules", "measured field", "declared field"}
+
+
+def test_without_a_board_what_needs_none_is_looked_at(real_rig: Rig, tree: UsbTree, by_name: ByName) -> None:
+    placed = replace(real_rig, field=replace(real_rig.field, latitude_deg=46.0, longitude_deg=8.9))
+    checks = by_name(examine(placed, root=tree.root, today=TODAY))
+    assert (*checks,) == ALL
+    assert checks["board"].health is Health.FAILED
+    assert checks["declared field"].health is not Health.NOT_LOOKED_AT
+    assert {checks[name].health for name in ("permission", "answer", *BOARD_CHECKS)} == {Health.NOT_LOOKED_AT}
+    assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
+
+
+def test_a_board_without_its_shield_is_looked_at_as_far_as_it_goes(rig_without_shield: Rig, by_name: ByName) -> None:
+    checks = by_name(examine(rig_without_shield, today=TODAY))
+    assert (*checks,) == ALL
+    assert checks["sensors"].health is Health.FAILED
+    assert {checks[name].health for name in ("identity", "clock", "cycle counter")} == {Health.OK}
+    assert {checks[name].health for name in ("magnetometer noise", "gyroscope noise")} == {Health.NOT_LOOKED_AT}
+    assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
+
+
+def test_two_boards_are_no_choice_of_ours(real_rig: Rig, tree: UsbTree) -> None:
+    tree.plug_in()
+    tree.plug_in(serial=SECOND_K64F, tty="ttyACM1")
+    with pytest.raises(SeveralBoardsError):
+        [*examine(real_rig, root=tree.root, today=TODAY)]
+
+
+def test_a_port_that_another_program_has_is_not_opened(real_rig: Rig, tree: UsbTree, by_name: ByName) -> None:
+    with answering(lambda _data, _baud: b"") as path:
+        tree.plug_in(behind=Path(path))
+        (tree.root / "proc/4711/fd").mkdir(parents=True)
+        (tree.root / "proc/4711/comm").write_text("minicom\n")
+        (tree.root / "proc/4711/fd/3").symlink_to(path)
+        checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
+    assert "minicom" in checks["port"].found
+    assert checks["answer"].health is Health.NOT_LOOKED_AT
+
+
+@contextmanager
+def answering(reply: Callable[[bytes, int], bytes]) -> Iterator[str]:
+    """Serve a pseudo-terminal: what comes, and the speed that the other end has set, make what goes back."""
+    far, near = os.openpty()
+    tty.setraw(near)
+    ended = threading.Event()
+
+    def serve() -> None:
+        os.set_blocking(far, False)
+        while not ended.wait(0.01):
+            try:
+                data = os.read(far, 4096)
+            except OSError:
+                continue
+            os.write(far, reply(data, termios.tcgetattr(far)[5]))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield os.ttyname(near)
+    finally:
+        ended.set()
+        thread.join()
+        os.close(far)
+        os.close(near)
+
+
+class Synchronised:
+    """A board that answers SYNC alone, at one speed."""
+
+    def __init__(self, baud: int, version: int = PROTOCOL_VERSION) -> None:
+        self._decoder, self._baud, self._version = FrameDecoder(), baud, version
+
+    def __call__(self, data: bytes, baud: int) -> bytes:
+        if baud != self._baud:
+            return b"\xf8" * len(data)
+        frames = [each for each in self._decoder.feed(data) if isinstance(each, Frame) and each.type == Sync.code]
+        return b"".join(
+            encode_frame(Frame(
+                each.type | REPLY_BIT, each.sequence,
+                b"\0" + each.payload + self._version.to_bytes(2, "little"),
+            )) for each in frames
+        )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_another_baud_rate_that_answers_is_named(real_rig: Rig, tmp_path: Path, by_name: ByName) -> None:
+    with answering(Synchronised(termios.B57600)) as path:
+        checks = by_name(examine(real_rig, port=path, root=tmp_path, today=TODAY))
+    assert checks["answer"].health is Health.FAILED
+    assert "57600" in checks["answer"].found
+    assert "baud = 57600" in checks["answer"].remedy
+    assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
+
+
+def test_another_version_of_the_protocol_is_wrong_firmware(real_rig: Rig, tmp_path: Path, by_name: ByName) -> None:
+    with answering(Synchronised(termios.B115200, PROTOCOL_VERSION + 1)) as path:
+        checks = by_name(examine(real_rig, port=path, root=tmp_path, today=TODAY))
+    assert checks["answer"].health is Health.OK
+    assert str(PROTOCOL_VERSION + 1) in checks["protocol"].found
+    assert checks["identity"].health is Health.NOT_LOOKED_AT
+    assert exit_code([*checks.values()]) is ExitCode.WRONG_FIRMWARE
+
+
+@pytest.mark.slow
+def test_a_line_on_which_nothing_answers_at_any_rate(real_rig: Rig, tmp_path: Path, by_name: ByName) -> None:
+    with answering(lambda _data, _baud: b"") as path:
+        checks = by_name(examine(real_rig, port=path, root=tmp_path, today=TODAY))
+    assert checks["answer"].health is Health.FAILED
+    assert "silence" in checks["answer"].found
+    assert checks["answer"].remedy
+    assert checks["board"].health is Health.NOT_LOOKED_AT
+    assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
+
+
+@pytest.mark.slow
+def test_a_board_that_is_unplugged_in_the_middle_leaves_the_rest_out(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, tmp_path: Path, by_name: ByName
+) -> None:
+    board = pty_board(rig)
+    checks = []
+    for each in examine(real_rig, port=board.path, root=tmp_path, today=TODAY):
+        checks.append(each)
+        if each.name == "sensors":
+            board.unplug()
+    found = by_name(checks)
+    assert (*found,) == ALL
+    assert found["clock"].health is Health.FAILED
+    assert {found[name].health for name in ("cycle counter", "gyroscope noise", "measured field")} == {
+        Health.NOT_LOOKED_AT
+    }
+    assert exit_code(checks) is ExitCode.CONNECTION_LOST
