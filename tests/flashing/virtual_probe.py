@@ -194,7 +194,7 @@ class Memory(MemoryInterface):
     def read_memory_block32(self, addr: int, size: int, **_attributes: Any) -> Sequence[int]:
         if addr in _DEVICES_OF_CORE:
             return [self._read_core(addr + 4 * at) for at in range(size)]
-        return struct.unpack(f"<{size}I", self._access.read(addr, 4 * size))
+        return list(struct.unpack(f"<{size}I", self._access.read(addr, 4 * size)))
 
     def write_memory_block32(self, addr: int, data: Sequence[int], **_attributes: Any) -> None:
         if addr in _DEVICES_OF_CORE:
