@@ -37,7 +37,7 @@ Exit codes:
 def flash(
     elf: str | None, rig: str | None, hil_port: str | None, volume: Path | None, probe: str | None
 ) -> tuple[int, dict[str, Any]]:
-    """Put firmware onto an FRDM-K64F, and check that it is what answers then.
+    """Put firmware onto an FRDM-K64F, and check that it runs.
 
     ELF may be Intel HEX or a raw binary (.bin) too; without it, hiltest's own firmware is flashed. What is for another
     chip, or would lock this one, is refused before anything is written.
