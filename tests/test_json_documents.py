@@ -55,8 +55,9 @@ PRINTING = {
     "trend": ("trend", "."),
     "worst": ("worst", "direct", "--calls", "20"),
 }
-# A run of their own: in tests/runs/test_bisect.py, tests/boards/test_contributed_profile.py, and below.
-ELSEWHERE = {"bisect", "run", "timing check"}
+# A run or a board of their own: in tests/runs/test_bisect.py, tests/flashing/test_flash_command.py,
+# tests/boards/test_contributed_profile.py, and below.
+ELSEWHERE = {"bisect", "flash", "run", "timing check"}
 
 
 def schemas_of(command: click.Command) -> list[str]:

@@ -40,6 +40,8 @@ READING = {
     "fit-imu --gyroscope-log": ("fit-imu", "imu.csv", "--gyroscope-log", "{}"),
     "fit-imu --intervals": ("fit-imu", "imu.csv", "--intervals", "{}"),
     "fit-imu log": ("fit-imu", "{}"),
+    "flash --rig": ("flash", "--rig", "{}"),
+    "flash elf": ("flash", "{}"),
     "init --firmware": ("init", "bench", "--firmware", "{}"),
     "log --firmware": ("log", "--seconds", "1", "--out", "log.csv", "--firmware", "{}"),
     "log --rig": ("log", "--seconds", "1", "--out", "log.csv", "--rig", "{}"),

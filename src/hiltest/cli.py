@@ -22,7 +22,7 @@ _SAID_OF_OUTPUT = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: 
 _GROUPS = {
     "Run and judge": ("run", "compare", "baseline", "bisect", "trend", "report", "export"),
     "Firmware": ("profile", "worst", "timing"),
-    "Bench": ("ports", "doctor", "init", "device", "serve", "calibrate", "log"),
+    "Bench": ("ports", "doctor", "flash", "init", "device", "serve", "calibrate", "log"),
     "Recordings": ("fit", "fit-imu", "allan", "decode", "play"),
     "Papers": ("study",),
 }

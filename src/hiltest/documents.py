@@ -384,6 +384,39 @@ class Ports:
 
 
 @dataclass(frozen=True, slots=True)
+class Flashed:
+    """Firmware that was put onto a board.
+
+    Attributes
+    ----------
+    file : str
+        That was flashed.
+    bytes : int
+        How many were written.
+    build_id : str
+        Of the file; empty where it has none.
+    by : str
+        ``daplink``, by its drive, or ``pyocd``.
+    serial_number, port, volume : str or None
+        Of the board, as far as they are known.
+    answered : str or None
+        Build that the board answered afterwards; null where nothing was asked.
+    said : str
+        What is known of who runs on it now.
+    """
+
+    file: str
+    bytes: int
+    build_id: str
+    by: str
+    serial_number: str | None
+    port: str | None
+    volume: str | None
+    answered: str | None
+    said: str
+
+
+@dataclass(frozen=True, slots=True)
 class Examined:
     """What was looked at on a bench.
 
@@ -592,6 +625,7 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.device-try/1": Understood,
     "hiltest.serve/1": Served,
     "hiltest.imu-calibration/1": ImuCalibration,
+    "hiltest.flash/1": Flashed,
     "hiltest.log/1": Logged,
     "hiltest.fit-imu/1": ImuFit,
     "hiltest.allan/1": Allan,

@@ -78,6 +78,10 @@ class PortRefusedError(BenchError):
         super().__init__(f"cannot use {port}: {reason}. {hint}")
 
 
+class FlashError(BenchError):
+    """Firmware could not be put onto the board, or it is not known whether it was."""
+
+
 class LinkLostError(BenchError):
     """The link broke while it was in use."""
 

@@ -73,7 +73,7 @@ def over_noise(monkeypatch: pytest.MonkeyPatch) -> Open:
         port = NoisyPort(0.0, 0.0, seed)
         port.attach(bench.machine)
         port.open()
-        monkeypatch.setattr(real, "open_port", lambda _url, *, baud: port)
+        monkeypatch.setattr(real, "open_port", lambda _url, *, baud, rig: port)
         board = RealBoard("noisy", baud=115_200, declared=Declared.of(rig))
         port._lost, port._flipped = noise
         return board, port

@@ -110,6 +110,8 @@ class Declared:
         One-sided noise density of the rate [deg/s/sqrt(Hz)].
     functions : mapping of str to str
         Function of the firmware that each calibrator is, where the rig names it.
+    rig : str
+        Name of the rig.
     """
 
     field_ut: float
@@ -118,6 +120,7 @@ class Declared:
     cycle_model: str | None = None
     gyroscope_density_dps: float = 0.025
     functions: Mapping[str, str] = field(default_factory=dict)
+    rig: str = ""
 
     @classmethod
     def of(cls, rig: Rig) -> Declared:
@@ -132,6 +135,7 @@ class Declared:
             rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted, rig.board.cycle_model,
             1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz,
             {name: each.functions[0] for name, each in rig.cycles.items() if each.ends is None},
+            rig.name,
         )
 
 

@@ -389,7 +389,7 @@ def open_compass(
             board = VirtualCompass(bench, interfaces, transcript=transcript)
         else:
             url = url or port_of()
-            opened = open_port(url, baud=rig.link.baud)
+            opened = open_port(url, baud=rig.link.baud, rig=rig.name)
             board = CompassBoard(
                 opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript
             )

@@ -164,7 +164,7 @@ def _wire(rig: Rig, device: MemoryDevice, machine: VirtualK64F | None) -> Wire:
         return BoardWire(machine)
     if device.address is None:
         raise ConfigError(f'{place} is missing: name the GDB server of the board\'s probe, such as "localhost:3333"')
-    return TcpWire(*device.address)
+    return TcpWire(*device.address, rig=rig.name)
 
 
 def _place(rig: Rig, *key: str) -> str:

@@ -50,7 +50,7 @@ class RealBoard(Board):
 
     def __init__(self, url: str, *, baud: int, declared: Declared, transcript: Transcript | None = None) -> None:
         self._url = url
-        session = Session(open_port(url, baud=baud), transcript=transcript)
+        session = Session(open_port(url, baud=baud, rig=declared.rig), transcript=transcript)
         super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
         try:
             self._refuse_wrong_model()

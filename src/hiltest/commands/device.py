@@ -156,7 +156,7 @@ def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, 
         return _Opened(virtual, bench, memory)
     if elf is not None and not reads_memory:
         raise ConfigError(f"--firmware is for the virtual board, and this one is on {port}")
-    line = open_port(port, baud=rig.link.baud) if port is not None and interfaces else None
+    line = open_port(port, baud=rig.link.baud, rig=rig.name) if port is not None and interfaces else None
     try:
         is_read = reads_memory and (elf is not None or line is None)
         return _Opened(line, None, memory_kind(load_image(elf) if elf else None, None)(rig) if is_read else None)

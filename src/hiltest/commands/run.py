@@ -44,14 +44,17 @@ class RunCommand:
     ----------
     older : OlderFirmware, optional
         Older firmware, which runs first on the same bench as the base.
+    flashes : bool
+        Whether the firmware is put onto the board first.
     """
 
     __name__ = RUN_COMMAND
 
-    def __init__(self, older: OlderFirmware | None = None) -> None:
+    def __init__(self, older: OlderFirmware | None = None, *, flashes: bool = False) -> None:
         self.run: Run | None = None
         self.folder = Path()
         self._older = older
+        self._flashes = flashes
         self._remarks: list[str] = []
 
     # First: before any plugin reads where it is to write.
@@ -72,7 +75,7 @@ class RunCommand:
         self._remarks = [said_of_folder(out, folder)]
 
     def pytest_report_collectionfinish(self) -> list[str]:
-        """Say where chosen tests are recorded."""
+        """Say where chosen tests are recorded, and what was flashed."""
         return self._remarks
 
     # Last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
@@ -89,7 +92,13 @@ class RunCommand:
             except ConfigError as error:
                 raise pytest.UsageError(str(error)) from error
             hil.gate.compare_with(self._older)
-        if not only_looks(config):
+        if only_looks(config):
+            return
+        if self._flashes:
+            from hiltest.session.flashed_board import open_flashed
+
+            self._remarks += open_flashed(hil)
+        else:
             hil.open(with_board=True)
 
     def pytest_hil_finished(self, run: Run) -> None:
@@ -137,6 +146,7 @@ class _Run(click.Command):
               help="Baseline, or record of a run, that this one must not be worse than.")
 @click.option("--against", metavar="ELF", callback=checked(file_name),
               help="Older firmware that this one must not be worse than; it is run first, on the same bench.")
+@click.option("--flash", is_flag=True, help="First put the firmware onto the board: see hiltest flash.")
 @click.option("--coverage", metavar="FILE", type=click.Path(), callback=checked(file_name),
               help="Write the coverage of the firmware as the virtual board executes it, for LCOV's genhtml.")
 @json_option("hiltest.run/1, with --seeds hiltest.seeds/1, of several boards hiltest.boards/1")
@@ -163,7 +173,7 @@ def run(*, as_json: bool, **given: Any) -> int:
 
 def _run(
     *, out: str, rigs: tuple[str, ...], seeds: range | None, may_fail: int, jobs: int | str | None,
-    against: str | None, verbose: bool, pytest_args: Sequence[str], **given: str | None,
+    against: str | None, flash: bool, verbose: bool, pytest_args: Sequence[str], **given: str | None,
 ) -> tuple[int, Path | None]:
     """Run them, and return the exit code and the file with the record; None where there is none."""
     from hiltest.runs.folders import sole_command
@@ -180,6 +190,8 @@ def _run(
         raise ConfigError("--may-fail says how many of several seeds may miss a limit: give --seeds A..B too")
     if jobs and seeds is None:
         raise ConfigError("--jobs says who shares the work of several seeds: give --seeds A..B too")
+    if flash and (seeds is not None or against is not None):
+        raise ConfigError("--flash is for a real board, --seeds and --against are for the virtual one: leave one out")
     if against is not None:
         base = baseline or base_of_environment()
         _check_against(base and f"the baseline {base}", given["hil_port"])
@@ -193,7 +205,7 @@ def _run(
         base = baseline or base_of_environment()
         options += [] if base is None else [f"--hil-baseline={base}"]
         with sole_command(Path(out)):
-            return run_boards(rigs, options, Path(out)), Path(out) / BOARDS_FILE
+            return run_boards(rigs, options, Path(out), flashes=flash), Path(out) / BOARDS_FILE
     if seeds is not None:
         if given["seed"] or given["hil_port"]:
             raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
@@ -211,7 +223,7 @@ def _run(
     older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
     of_this_run = {"--hil-baseline": baseline, "--hil-coverage": coverage}
     options += [f"{name}={value}" for name, value in of_this_run.items() if value is not None]
-    return run_suites(options, Path(out), older=older)
+    return run_suites(options, Path(out), older=older, flashes=flash)
 
 
 def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:
@@ -247,7 +259,7 @@ def _try_out(older: str, newer: str | None, rig: str | None, base: str | None) -
 
 
 def run_suites(
-    options: Sequence[str], out: Path, *, older: OlderFirmware | None = None
+    options: Sequence[str], out: Path, *, older: OlderFirmware | None = None, flashes: bool = False
 ) -> tuple[int, Path | None]:
     """Run pytest on the suites.
 
@@ -259,13 +271,15 @@ def run_suites(
         Folder of the record.
     older : OlderFirmware, optional
         Older firmware, the base of the run.
+    flashes : bool
+        Whether the firmware is put onto the board first.
 
     Returns
     -------
     int, Path or None
         Exit code, and the file with the record; None where none was finished.
     """
-    command = RunCommand(older)
+    command = RunCommand(older, flashes=flashes)
     here = Path.cwd()
     # pytest would warn that it came too late to rewrite the assertions of the package that started it.
     no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"

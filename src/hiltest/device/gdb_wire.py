@@ -7,6 +7,7 @@ import time
 from typing import Protocol
 
 from hiltest.errors import DebugServerError
+from hiltest.link.lock import BoardLock
 
 _CONNECT_S = 5.0
 _SEND_S = 5.0
@@ -39,24 +40,30 @@ class Wire(Protocol):
 
 
 class TcpWire:
-    """A GDB server at a TCP port.
+    """A GDB server at a TCP port, for this process alone.
 
     Parameters
     ----------
     host : str
     port : int
+    rig : str
+        Name of the rig, for others that want the board.
 
     Raises
     ------
     DebugServerError
         When nothing listens there.
+    PortRefusedError
+        When another process has the board.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, *, rig: str = "") -> None:
         self.name = f"{host}:{port}"
+        self._lock = BoardLock(self.name, rig=rig)
         try:
             self._socket = socket.create_connection((host, port), timeout=_CONNECT_S)
         except OSError as error:
+            self._lock.release()
             raise DebugServerError(
                 self.name, f"cannot be reached ({error.strerror or error}); start OpenOCD, pyOCD (pyocd gdbserver), a "
                 "J-Link GDB server, or hiltest serve --gdb, and name its port under [device.memory] server"
@@ -105,6 +112,7 @@ class TcpWire:
     def close(self) -> None:
         """Hang up. Idempotent."""
         self._socket.close()
+        self._lock.release()
 
     def _gone(self, reason: str) -> DebugServerError:
         return DebugServerError(self.name, f"is gone: {reason}. See what it printed, start it again, then run again")

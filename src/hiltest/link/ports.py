@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import errno
 import os
-from typing import Protocol
+from typing import Any, Protocol
+from urllib.parse import urlsplit
 
 import serial
 from serial.tools import list_ports as _list_ports
 
 from hiltest.errors import BenchError, ConfigError, PortNotFoundError, PortRefusedError
+from hiltest.link.lock import BoardLock
 
 # How long one read may wait before the session looks at its deadline again.
 READ_SLICE_S = 0.05
 # A host that cannot get 1 KiB out at 115200 baud in this time has a line that takes nothing.
 WRITE_TIMEOUT_S = 2.0
+# What is behind these is in this process, for it alone.
+_INSIDE = frozenset({"hil", "loop"})
 
 
 class SerialPort(Protocol):
@@ -44,8 +48,22 @@ def list_ports() -> tuple[str, ...]:
     return tuple(sorted(port.device for port in _list_ports.comports()))
 
 
-def open_port(url: str, *, baud: int = 115_200) -> SerialPort:
-    """Open a serial port, exclusively where the system can.
+def place_of(device: str) -> str | None:
+    """Return what stands for the board on a port, the same for every name of the port; None inside this process.
+
+    That is the serial number of a USB device, since the device behind a name may change while the board is flashed, or
+    else the device that links lead to; of a URL, host and port.
+    """
+    if "://" in device:
+        url = urlsplit(device)
+        return None if url.scheme in _INSIDE else url.netloc.rpartition("@")[2].lower() or device
+    real = os.path.realpath(device)
+    serial_numbers = (each.serial_number for each in _list_ports.comports() if os.path.realpath(each.device) == real)
+    return next(serial_numbers, None) or real
+
+
+def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
+    """Open a serial port for this process alone: the board behind it is locked until the port is closed.
 
     Parameters
     ----------
@@ -53,6 +71,8 @@ def open_port(url: str, *, baud: int = 115_200) -> SerialPort:
         A device (``/dev/ttyACM0``, ``COM3``) or a pyserial URL (``rfc2217://``, ``socket://``, ``hil://``, ``usb://``).
     baud : int
         Line speed.
+    rig : str
+        Name of the rig, for others that want the board.
 
     Raises
     ------
@@ -61,7 +81,7 @@ def open_port(url: str, *, baud: int = 115_200) -> SerialPort:
     PortNotFoundError
         When the device does not exist; lists those that do.
     PortRefusedError
-        When it exists and may not be used: permissions, or another program has it.
+        When it exists and may not be used: permissions, or another program has it, or the board.
     BenchError
         When it cannot be opened for another reason.
     """
@@ -76,12 +96,33 @@ def open_port(url: str, *, baud: int = 115_200) -> SerialPort:
         raise ConfigError(f"port {url!r}: {error}. Give a device, or a URL that pyserial knows.") from error
     if os.name == "posix" and isinstance(port, serial.Serial):
         port.exclusive = True
+    place = place_of(port.port)  # of hwgrep:// and the like, the device that they found
+    lock = None if place is None else BoardLock(place, rig=rig, name=url)
     try:
         port.open()
-    except serial.SerialException as error:
-        raise _refusal(url, error) from error
+    except BaseException as error:
+        if lock is not None:
+            lock.release()
+        if isinstance(error, serial.SerialException):
+            raise _refusal(url, error) from error
+        raise
+    if lock is not None:
+        _release_when_closed(port, lock)
     opened: SerialPort = port
     return opened
+
+
+def _release_when_closed(port: Any, lock: BoardLock) -> None:
+    """Bind the lock to the port: by its class, since a function of its own would keep the port from its end."""
+
+    class Locked(type(port)):  # type: ignore[misc]
+        def close(self) -> None:
+            try:
+                super().close()
+            finally:
+                lock.release()
+
+    port.__class__ = Locked
 
 
 def _refusal(url: str, error: serial.SerialException) -> BenchError | PortNotFoundError:

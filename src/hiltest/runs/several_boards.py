@@ -38,7 +38,7 @@ _WORST_FIRST = (
 _NO_FOLDER = re.compile(r"[^A-Za-z0-9._-]")
 
 
-def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path) -> int:
+def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashes: bool = False) -> int:
     """Run the suites on several boards at once; write ``boards.json``, ``boards.html`` and ``boards.md``.
 
     Parameters
@@ -49,6 +49,8 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path) -> int:
         For pytest, the same for every board.
     out : Path
         Gets a folder a board, called as its rig.
+    flashes : bool, optional
+        Whether the firmware is put onto each board first.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path) -> int:
     for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # no earlier verdict passes for this one's
         (out / name).unlink(missing_ok=True)
     make_folder(out)
-    given = tuple(options), out, tuple(files.items())
+    given = ("--flash",) if flashes else (), tuple(options), out, tuple(files.items())
     ended = {}
     click.echo(f"{len(files)} boards: {', '.join(files)}")
     for number, (code, said) in each_done(_run, given, range(len(files)), len(files), kept=_KEPT, starts_process=True):
@@ -109,11 +111,13 @@ def _check_apart(rigs: Sequence[str], files: dict[str, str]) -> None:
                 raise ConfigError(f"{name} and {other} are on one port, {port}: correct one of the rigs")
 
 
-def _run(given: tuple[tuple[str, ...], Path, tuple[tuple[str, str], ...]], number: int) -> tuple[int, str]:
+def _run(
+    given: tuple[tuple[str, ...], tuple[str, ...], Path, tuple[tuple[str, str], ...]], number: int
+) -> tuple[int, str]:
     """Run one board in a process of its own."""
-    options, out, files = given
+    flags, options, out, files = given
     name, rig = files[number]
-    done = run_command(f"--rig={rig}", f"--out={out / name}", "--", *options, folder=out / name)
+    done = run_command(f"--rig={rig}", f"--out={out / name}", *flags, "--", *options, folder=out / name)
     return done.returncode, last_words(done.stderr or done.stdout)
 
 

@@ -124,6 +124,8 @@ class FirmwareImage:
         What to load.
     symbols : dict of str to Symbol
         Functions and objects by name; empty for a stripped file.
+    source_names : set of str
+        Files that the symbols came from, as the compiler named them.
     hard_float : bool
         Whether its functions take and return floats in float registers.
     """
@@ -140,6 +142,7 @@ class FirmwareImage:
             self.hard_float = bool(self._elf.header.e_flags & _HARD_FLOAT)
             self.segments = self._read_segments()
             self._marks: list[tuple[int, bool]] = []  # address, and whether code begins there
+            self.source_names: set[str] = set()
             self._all_symbols = self._read_symbols()
             self.symbols = {symbol.name: symbol for symbol in self._all_symbols}
         except ConfigError:
@@ -203,6 +206,8 @@ class FirmwareImage:
                 is_function = kind == "STT_FUNC"
                 address = entry.entry.st_value & ~1 if is_function else entry.entry.st_value
                 found.append(Symbol(entry.name, address, entry.entry.st_size, is_function))
+            elif kind == "STT_FILE":
+                self.source_names.add(entry.name)
             elif _MARK.fullmatch(entry.name):
                 self._marks.append((entry.entry.st_value & ~1, entry.name[1] == "t"))
         self._marks.sort()

@@ -46,6 +46,12 @@ def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
         stack, entry = memory.read_words(image.vectors, 2)
     except ValueError:
         stack = entry = 0
+    refuse_wrong_vectors(image, stack, entry)
+    return stack, entry
+
+
+def refuse_wrong_vectors(image: FirmwareImage, stack: int, entry: int) -> None:
+    """Raise a ConfigError when an initial stack pointer and a reset vector are none."""
     in_sram = SRAM[0] < stack <= SRAM[0] + SRAM[1] and stack % 4 == 0
     in_code = any(each.address <= entry & ~1 < each.address + len(each.data) for each in image.segments)
     if not (in_sram and in_code and entry & 1):
@@ -53,4 +59,3 @@ def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
             f"{image.name}: what stands at address 0x{image.vectors:x} is no vector table (stack 0x{stack:08x}, reset "
             f"0x{entry:08x}); link the vectors to 0, the stack into SRAM, and handlers with the Thumb bit"
         )
-    return stack, entry

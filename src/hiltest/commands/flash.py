@@ -1,0 +1,71 @@
+"""``hiltest flash``: firmware onto a board."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hiltest.commands.options import ErrorOutput, checked, documented
+from hiltest.settings import file_name
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   flashed; what was flashed answers, or cannot be asked, which is said
+  4   usage: the image is not for this chip or would lock it; an option, a
+      port or a rig file is wrong
+  20  no board, another process has it, it was not programmed (FAIL.TXT is
+      shown), or nothing answers afterwards
+  23  other firmware answers afterwards
+"""
+
+
+@click.command(epilog=_EXIT_CODES)
+@documented("hiltest.flash/1")
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs: its board.  [default: the board that is plugged in]")
+@click.option("--hil-port", metavar="URL", callback=checked(file_name),
+              help="Serial port of the board: a device, usb://SERIAL or another pyserial URL.  [default: the rig's]")
+@click.option("--volume", metavar="DIR", type=click.Path(path_type=Path, file_okay=False),
+              help="Where the drive of its DAPLink is mounted.  [default: looked for]")
+@click.option("--probe", type=click.Choice(["pyocd"]),
+              help="Write with a debug probe instead of the drive; needs hiltest[bench].")
+@click.argument("elf", required=False, callback=checked(file_name))
+def flash(
+    elf: str | None, rig: str | None, hil_port: str | None, volume: Path | None, probe: str | None
+) -> tuple[int, dict[str, Any]]:
+    """Put firmware onto an FRDM-K64F, and check that it runs.
+
+    ELF may be Intel HEX or a raw binary (.bin) too; without it, hiltest's own firmware is flashed. What is for another
+    chip, or would lock this one, is refused before anything is written.
+    """
+    from hiltest.bench_files import rig_file
+    from hiltest.boards import default_firmware
+    from hiltest.flashing.flash_image import load_flash_image
+    from hiltest.flashing.flashing import find_target
+    from hiltest.flashing.flashing import flash as put_on
+    from hiltest.progress_line import ProgressLine
+    from hiltest.rig.file import load_rig
+
+    if probe and volume:
+        raise click.UsageError("--probe writes without the drive: leave out --volume")
+    described = load_rig(rig_file(Path.cwd(), rig)) if rig else None
+    if elf is None and described is not None and described.own_language:
+        raise click.UsageError(f"name the ELF: the firmware of rig {described.name} is not hiltest's own")
+    image = load_flash_image(Path(elf) if elf else default_firmware())
+    target = find_target(rig=described, port=hil_port, volume=volume, by_probe=bool(probe))
+    line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
+    try:
+        done = put_on(image, target, by_probe=bool(probe), progress=line)
+    finally:
+        line.clear()
+    click.echo(done.sentence(image, target))
+    return 0, {
+        "file": image.image.name, "bytes": image.size, "build_id": image.image.build_id,
+        "by": probe or "daplink", "serial_number": done.serial_number or None, "port": target.port,
+        "volume": str(target.volume) if target.volume and not probe else None,
+        "answered": done.identity.build_id if done.identity else None, "said": done.said,
+    }  # fmt: skip

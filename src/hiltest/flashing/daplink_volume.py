@@ -1,0 +1,196 @@
+"""Drag and drop: a file is written to the drive of a DAPLink, which programs the chip and then mounts its drive anew.
+
+What came of it stands on the drive when that is back: FAIL.TXT says why nothing was programmed, and DETAILS.TXT counts
+how often the drive was mounted (DAPLink's source, ``vfs_user.c`` and ``vfs_manager.c``). All of it is read with bounds:
+the folder may be anything.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from hiltest.errors import FlashError
+from hiltest.text import legible
+
+# A short name in capitals: with a long one, a drive has two directory entries for it.
+FILE_NAME = "HILTEST.HEX"
+# DAPLink gives up on a transfer that stands still after 20 s, stays away for 2.5 s, and then the system mounts it.
+BACK_WITHIN_S = 60.0
+_LOOK_EVERY_S = 0.1
+_PIECE = 1 << 14
+_READ_MOST, _SAID_MOST = 4096, 500
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is done, and how much of how much."""
+
+
+class DriveState(NamedTuple):
+    """What a drive says of itself.
+
+    Attributes
+    ----------
+    details : str
+        Content of DETAILS.TXT.
+    remounts : int or None
+        How often DAPLink has mounted it; None of a DAPLink that does not count.
+    stopped : str
+        Content of ASSERT.TXT, which stays on it until somebody deletes it.
+    """
+
+    details: str
+    remounts: int | None
+    stopped: str
+
+    @classmethod
+    def of(cls, volume: Path) -> DriveState | None:
+        """Read it; None where there is no drive of a DAPLink."""
+        details = _text(volume / "DETAILS.TXT")
+        if not details:
+            return None
+        count = _field(details, "Remount count")
+        return cls(
+            details, int(count) if re.fullmatch("[0-9]{1,10}", count) else None, _text(volume / "ASSERT.TXT")
+        )
+
+    @property
+    def unique_id(self) -> str:
+        """The same as the board's serial number on USB; empty where it does not say."""
+        return _field(self.details, "Unique ID")
+
+    @property
+    def resets_by_itself(self) -> bool:
+        """Whether the firmware starts when it is programmed, as DAPLink is set up unless somebody changed it."""
+        return _field(self.details, "Auto Reset") != "0"
+
+
+def drop(
+    content: bytes, volume: Path, *, find: Callable[[], Path | None] = lambda: None, progress: Progress,
+    back_within_s: float = BACK_WITHIN_S,
+) -> DriveState:  # fmt: skip
+    """Have a DAPLink program Intel HEX, and wait until it says what came of it.
+
+    Parameters
+    ----------
+    content : bytes
+    volume : Path
+        Where its drive is mounted.
+    find : callable, optional
+        Returns where it is mounted now: the system may mount it elsewhere when it is back.
+    progress : callable
+    back_within_s : float
+        Longest that the drive may stay away.
+
+    Returns
+    -------
+    DriveState
+        What the drive says when it is back.
+
+    Raises
+    ------
+    FlashError
+        When there is no drive of a DAPLink, it cannot be written to, DAPLink refused the file, or the drive did not
+        come back.
+    """
+    before = DriveState.of(volume)
+    _refuse_drive(volume, before)
+    assert before is not None
+    failed = _write(volume / FILE_NAME, content, progress)
+    began_s = time.monotonic()
+    while (waited_s := time.monotonic() - began_s) < back_within_s:
+        for place in dict.fromkeys(each for each in (volume, find()) if each is not None):
+            after = DriveState.of(place)
+            if after is not None and _is_back(place, before, after):
+                _refuse_failure(place, failed, after.stopped if after.stopped != before.stopped else "")
+                return after
+        progress("second until the drive is back", int(waited_s), int(back_within_s))
+        time.sleep(_LOOK_EVERY_S)
+    ended = f"writing {FILE_NAME} failed ({failed.strerror or failed})" if failed else f"{FILE_NAME} was written"
+    raise FlashError(
+        f"{volume} did not come back within {back_within_s:g} s after {ended}: whether it was programmed is not known. "
+        "Mount the drive again and look for FAIL.TXT on it; or flash with --probe pyocd"
+    )
+
+
+def _refuse_drive(volume: Path, found: DriveState | None) -> None:
+    if found is None:
+        raise FlashError(
+            f"{volume} is not the drive of a DAPLink: it has no DETAILS.TXT. Name where it is mounted with --volume"
+        )
+    if _field(found.details, "Daplink Mode").lower() == "bootloader":
+        raise FlashError(
+            f"{volume} is DAPLink's own bootloader, which takes new firmware for the interface chip: unplug the board, "
+            "and plug it in again without holding its reset button"
+        )
+
+
+def _is_back(volume: Path, before: DriveState, after: DriveState) -> bool:
+    """Whether DAPLink has mounted its drive anew: by its count, or because the file that was written is gone."""
+    if before.remounts is not None:
+        return after.remounts not in (None, before.remounts)
+    return not (volume / FILE_NAME).exists()
+
+
+def _write(file: Path, content: bytes, progress: Progress) -> OSError | None:
+    """Write the file through to the drive; return what failed, of which the drive may say more when it is back."""
+    try:
+        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError as error:
+        raise FlashError(
+            f"cannot write {file}: {error.strerror or error}. The drive must be mounted for you to write to"
+        ) from error
+    try:
+        try:
+            for start in range(0, len(content), _PIECE):
+                piece = content[start : start + _PIECE]
+                while piece:
+                    piece = piece[os.write(descriptor, piece) :]
+                os.fsync(descriptor)  # piece by piece: what the system keeps for later is not programmed yet
+                progress("KiB written", min(start + _PIECE, len(content)) >> 10, len(content) >> 10)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        return error
+    return None
+
+
+def _refuse_failure(volume: Path, failed: OSError | None, stopped: str) -> None:
+    said = _text(volume / "FAIL.TXT")
+    if said or (volume / "FAIL.TXT").exists():
+        raise FlashError(f"{volume}: DAPLink did not program it; FAIL.TXT: {_in_a_line(said) or 'is empty'}")
+    if stopped:
+        raise FlashError(
+            f"{volume}: DAPLink stopped at an error of its own; ASSERT.TXT: {_in_a_line(stopped)}. Delete that file, "
+            "or plug the board in again, and bring its DAPLink up to date (https://daplink.io)"
+        )
+    if failed is not None:
+        raise FlashError(f"cannot write to {volume}: {failed.strerror or failed}; DAPLink does not say why")
+
+
+def _field(details: str, name: str) -> str:
+    found = re.search(rf"^{re.escape(name)}:(.*)$", details, re.MULTILINE | re.IGNORECASE)
+    return legible(found[1].strip()) if found else ""
+
+
+def _in_a_line(text: str) -> str:
+    return legible("; ".join(line.strip().rstrip(".") for line in text.splitlines() if line.strip()))[:_SAID_MOST]
+
+
+def _text(file: Path) -> str:
+    """Return the beginning of a plain file; empty where there is none."""
+    try:
+        descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return ""
+    try:
+        plain = stat.S_ISREG(os.fstat(descriptor).st_mode)
+        return os.read(descriptor, _READ_MOST).decode("utf-8", errors="replace") if plain else ""
+    except OSError:  # the drive is on its way out
+        return ""
+    finally:
+        os.close(descriptor)

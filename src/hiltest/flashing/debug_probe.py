@@ -1,0 +1,93 @@
+"""Firmware written to the flash by a debug probe, over pyOCD, which the extra ``hiltest[bench]`` brings."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+from hiltest.errors import ConfigError, FlashError, NoBoardError, SeveralBoardsError
+from hiltest.flashing.flash_image import FIELD, FlashImage
+
+_TARGET = "k64f"
+_PERCENT = 100
+
+
+def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[str, int, int], None]) -> str:
+    """Erase the chip, write an image, read it back, and start it.
+
+    Parameters
+    ----------
+    image : FlashImage
+    serial_number : str, optional
+        Of the board, or its beginning; empty for the one that is there.
+    progress : callable
+        Called with what is done, and how much of how much.
+
+    Returns
+    -------
+    str
+        Serial number of the probe.
+
+    Raises
+    ------
+    ConfigError
+        When pyOCD is not installed, or several probes fit.
+    FlashError
+        When pyOCD cannot reach or program the chip, or something else stands in its flash then.
+    NoBoardError
+        When no probe is plugged in that fits.
+    """
+    try:
+        from pyocd.core.exceptions import Error
+        from pyocd.core.helpers import ConnectHelper
+        from pyocd.core.session import Session
+        from pyocd.flash.file_programmer import FileProgrammer
+    except ImportError as error:
+        raise ConfigError(
+            f"--probe pyocd needs pyOCD ({error}): pip install 'hiltest[bench]'; or leave it out, and the drive of the "
+            "board's DAPLink is used"
+        ) from error
+    try:
+        # Not ConnectHelper.session_with_chosen_probe: it waits for a probe, and asks the terminal which one.
+        probes = ConnectHelper.get_all_connected_probes(blocking=False, unique_id=serial_number or None)
+        if not probes:
+            raise NoBoardError(serial_number, [])
+        if len(probes) > 1:
+            raise SeveralBoardsError([each.unique_id for each in probes])
+        probe = probes[0]
+        options = {"target_override": _TARGET, "hide_programming_progress": True}
+        with Session(probe, auto_open=False, options=options) as session:
+            session.delegate = _Delegate()
+            session.open()
+            programmer = FileProgrammer(
+                session, progress=lambda part: progress("percent written", int(_PERCENT * part), _PERCENT),
+                chip_erase="chip", smart_flash=False,
+            )  # fmt: skip
+            for address, data in image.chunks:
+                programmer.add_file(io.BytesIO(data), file_format="bin", base_address=address)
+            programmer.commit()
+            for address, data in image.chunks:
+                _refuse_difference(address, data, bytes(session.target.read_memory_block8(address, len(data))))
+            session.target.reset()
+        return str(probe.unique_id)
+    except (Error, OSError) as error:
+        raise FlashError(f"pyOCD cannot program the board: {error or type(error).__name__}") from error
+
+
+class _Delegate:
+    """Has pyOCD read no table of the part's registers, in which nobody looks anything up: it takes seconds."""
+
+    def will_init_target(self, target: Any, init_sequence: Any) -> None:
+        """Be asked by pyOCD for changes of what it does at first."""
+        init_sequence.remove_task("load_svd")
+
+
+def _refuse_difference(address: int, written: bytes, read: bytes) -> None:
+    """Compare what was read back; pyOCD opens the flash configuration field, whatever the image has there."""
+    for at, (want, got) in enumerate(zip(written, read, strict=True), start=address):
+        if want != got and at not in FIELD:
+            raise FlashError(
+                f"the flash has 0x{got:02x} at 0x{at:08x} where 0x{want:02x} was written: flash it again; if it stays, "
+                "the chip is worn out"
+            )

@@ -1,0 +1,158 @@
+"""What is to be in the flash of an MK64FN1M0, and what must never be."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.elf import FirmwareImage, load_image
+from hiltest.virtual.image_formats import Chunk
+from hiltest.virtual.loading import refuse_wrong_vectors
+from hiltest.virtual.memory import FLASH, SRAM
+
+# The flash configuration field (MK64F reference manual, 29.3.1): what the chip protects and secures, at reset.
+FIELD = range(0x400, 0x410)
+_FSEC = 0x40C
+_SEC, _UNSECURED = 0x03, 0x02
+_MEEN, _NO_MASS_ERASE = 0x30, 0x20
+# CMSIS names two files of every program after the part that it is for; what is no Kinetis has other addresses.
+_OF_A_PART = re.compile(r"(?:system|startup)_(MK[A-Z]*[0-9]\w*)\.\w+", re.IGNORECASE)
+_THIS_PART = "MK64F"
+_RECORD = 16
+_DATA, _END, _LINEAR = 0, 1, 4
+
+
+@dataclass(frozen=True, slots=True)
+class FlashImage:
+    """A firmware image that may be put into the flash of an MK64FN1M0.
+
+    Attributes
+    ----------
+    image : FirmwareImage
+    chunks : tuple of Chunk
+        Address and bytes, ascending, none adjacent.
+    """
+
+    image: FirmwareImage
+    chunks: tuple[Chunk, ...]
+
+    @property
+    def size(self) -> int:
+        """How many bytes are written."""
+        return sum(len(data) for _, data in self.chunks)
+
+    def contains(self, text: bytes) -> bool:
+        """Whether bytes stand in it."""
+        return any(text in data for _, data in self.chunks)
+
+    def intel_hex(self) -> bytes:
+        """Return it as Intel HEX: unlike in a raw binary, what is cut off or damaged on its way is noticed."""
+        return b"".join(self._records())
+
+    def _records(self) -> Iterator[bytes]:
+        above = -1
+        for base, data in self.chunks:
+            address, end = base, base + len(data)
+            while address < end:
+                if address >> 16 != above:
+                    above = address >> 16
+                    yield _record(_LINEAR, 0, above.to_bytes(2, "big"))
+                size = min(_RECORD - address % _RECORD, end - address)
+                yield _record(_DATA, address & 0xFFFF, data[address - base : address - base + size])
+                address += size
+        yield _record(_END, 0, b"")
+
+
+def load_flash_image(path: Path) -> FlashImage:
+    """Read an ELF, Intel HEX or raw binary, and refuse what is not for this chip or would lock it.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, is for another processor or part, does not fit the flash, has no vector table at 0,
+        or would secure the chip.
+    """
+    image = load_image(path)
+    _refuse_other_part(image)
+    chunks = _chunks(image)
+    stack, entry = struct.unpack("<2I", _bytes_at(chunks, 0, 8))
+    refuse_wrong_vectors(image, stack, entry)
+    _refuse_lock(image, _bytes_at(chunks, FIELD.start, len(FIELD), missing=b""))
+    return FlashImage(image, chunks)
+
+
+def _refuse_other_part(image: FirmwareImage) -> None:
+    parts = {found[1] for each in image.source_names if (found := _OF_A_PART.fullmatch(each))}
+    others = sorted(part for part in parts if not part.upper().startswith(_THIS_PART))
+    if others:
+        raise ConfigError(
+            f"{image.name}: built for {', '.join(others)}, as its start-up code is called; the board has an "
+            f"MK64FN1M0: build for {_THIS_PART}12"
+        )
+
+
+def _chunks(image: FirmwareImage) -> tuple[Chunk, ...]:
+    """Return what is to be written, with adjacent segments joined."""
+    base, size = FLASH
+    joined: list[tuple[int, bytearray]] = []
+    for segment in sorted((each for each in image.segments if each.data), key=lambda each: each.address):
+        first, end = segment.address, segment.address + len(segment.data)
+        if first < base or end > base + size:
+            raise ConfigError(
+                f"{image.name}: built for another chip, or for RAM: {len(segment.data)} bytes belong at 0x{first:08x}, "
+                f"and the MK64FN1M0 has {size >> 10} KiB of flash at {base}"
+            )
+        if not _in_memories(segment.run_address, segment.run_size):
+            raise ConfigError(
+                f"{image.name}: built for another chip: {segment.run_size} bytes run at 0x{segment.run_address:08x}, "
+                f"where the MK64FN1M0 has neither flash nor SRAM (0x{SRAM[0]:08x}, {SRAM[1] >> 10} KiB)"
+            )
+        last_end = joined[-1][0] + len(joined[-1][1]) if joined else -1
+        if first < last_end:
+            raise ConfigError(f"{image.name}: two segments belong at 0x{first:08x}; correct the linker script")
+        if first == last_end:
+            joined[-1][1].extend(segment.data)
+        else:
+            joined.append((first, bytearray(segment.data)))
+    return tuple((address, bytes(data)) for address, data in joined)
+
+
+def _in_memories(address: int, size: int) -> bool:
+    return any(base <= address and address + size <= base + room for base, room in (FLASH, SRAM))
+
+
+def _bytes_at(chunks: tuple[Chunk, ...], address: int, size: int, missing: bytes | None = None) -> bytes:
+    """Return bytes of one chunk; `missing`, or zeros, where they are not all there."""
+    for base, data in chunks:
+        if base <= address and address + size <= base + len(data):
+            return data[address - base : address - base + size]
+    return bytes(size) if missing is None else missing
+
+
+def _refuse_lock(image: FirmwareImage, field: bytes) -> None:
+    """Refuse what would shut out debugger and DAPLink at the next reset."""
+    place = f"the flash configuration field at 0x{FIELD.start:x}"
+    mend = f"link it as the board's start-up code has it, FSEC (0x{_FSEC:x}) = 0xFE"
+    if not field:
+        raise ConfigError(
+            f"{image.name}: {place} is not all in the file: erased, it secures the chip, and no debugger gets in; "
+            f"{mend}"
+        )
+    fsec = field[_FSEC - FIELD.start]
+    if fsec & _SEC == _UNSECURED and fsec & _MEEN != _NO_MASS_ERASE:
+        return
+    harm = []
+    if fsec & _SEC != _UNSECURED:
+        harm.append("secures the chip, and no debugger gets in")
+    if fsec & _MEEN == _NO_MASS_ERASE:
+        harm.append("forbids the mass erase that would open a secured chip again")
+    raise ConfigError(f"{image.name}: {place} {', and '.join(harm)} (FSEC 0x{fsec:02X}); {mend}")
+
+
+def _record(kind: int, address: int, data: bytes) -> bytes:
+    body = bytes((len(data), *address.to_bytes(2, "big"), kind)) + data
+    return b":" + (body + bytes((-sum(body) & 0xFF,))).hex().upper().encode() + b"\r\n"

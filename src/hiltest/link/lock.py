@@ -1,0 +1,207 @@
+"""One process at a time has a board: a lock on a file, which the system gives back at any end of the process.
+
+The lock is on a file of its own and not on the serial device, so that it holds while the board is flashed: then no
+port is open, and the device may vanish and come back. The file says who has the board.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import getpass
+import json
+import os
+import shlex
+import sys
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+from urllib.parse import quote
+
+from hiltest.errors import PortRefusedError
+from hiltest.text import legible
+
+# Where programs of all users lock devices (FHS 3.0, 5.9); the folder for temporary files may differ between them.
+_LOCKS_OF_ALL = Path("/run/lock")
+_LONGEST_NAME, _LONGEST_COMMAND, _LONGEST_FILE = 200, 300, 4096
+# A holder writes who it is right after it has the lock; until then the file may name an earlier one.
+_LOOKS, _LOOK_EVERY_S = 10, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """A process that has a board."""
+
+    pid: int
+    user: str
+    command: str
+    since: str
+    rig: str
+
+    @classmethod
+    def this_process(cls, rig: str) -> Holder:
+        """Return what is to be said of this process."""
+        program = Path(sys.argv[0])
+        name = program.parent.name if program.name == "__main__.py" else program.name  # of python -m
+        command = shlex.join([name, *sys.argv[1:]])[:_LONGEST_COMMAND]
+        try:
+            user = getpass.getuser()
+        except (KeyError, OSError):  # a container may have a user without a name
+            user = str(os.getuid())
+        return cls(os.getpid(), user, command, datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S UTC"), rig)
+
+    @classmethod
+    def parse(cls, text: bytes) -> Holder | None:
+        """Return what a lock file says, which anybody may have written; None when it is nothing."""
+        try:
+            content = json.loads(text)
+            words = [legible(str(content[name]))[:_LONGEST_COMMAND] for name in ("user", "command", "since", "rig")]
+            return cls(int(content["pid"]), *words)
+        except (ValueError, OverflowError, KeyError, TypeError, RecursionError):
+            return None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether there is such a process."""
+        try:
+            os.kill(self.pid, 0)
+        except PermissionError:  # somebody else's
+            return True
+        except (OSError, OverflowError):
+            return False
+        return self.pid > 0
+
+    def __str__(self) -> str:
+        rig = f", rig {self.rig}" if self.rig else ""
+        return f"process {self.pid} of {self.user} has it since {self.since} ({self.command}{rig})"
+
+
+class BoardLock:
+    """The sole use of a board, from here until `release` or the end of the process.
+
+    The process that has it may take it again, as flashing does for the port that it opens afterwards.
+
+    Parameters
+    ----------
+    place : str
+        What stands for the board, the same however it is named: serial number, device or address.
+    rig : str
+        Name of the rig, for who asks.
+    name : str, optional
+        What messages call the board; by default its place.
+
+    Raises
+    ------
+    PortRefusedError
+        When another process has it; it says which. Or when there is no folder for locks.
+    """
+
+    def __init__(self, place: str, *, rig: str = "", name: str | None = None) -> None:
+        self._file = _folder() / f"hiltest-{quote(place, safe='')[-_LONGEST_NAME:]}.lock"
+        self._name = place if name is None else name
+        self._released = False
+        with _GUARD:
+            held = _HELD.get(self._file)
+            if held is not None and held.count:
+                held.count += 1
+            else:
+                _HELD[self._file] = _Held(self._acquire(Holder.this_process(rig)))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Give the board back, if this process took it no more often. Idempotent."""
+        with _GUARD:
+            if self._released:
+                return
+            self._released = True
+            held = _HELD[self._file]
+            held.count -= 1
+            if held.count:
+                return
+            del _HELD[self._file]
+            with suppress(OSError):  # somebody else's file stays; it then names nobody who runs
+                os.unlink(self._file)
+            os.close(held.descriptor)
+
+    def _acquire(self, holder: Holder) -> int:
+        """Return the descriptor of the locked file."""
+        while True:
+            try:
+                descriptor = _opened(self._file)
+            except OSError as error:
+                raise PortRefusedError(
+                    self._name, f"it cannot be locked with {self._file}: {error.strerror or error}",
+                    "Make that folder one that you may write to.",
+                ) from error  # fmt: skip
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if not _is_at(descriptor, self._file):  # its holder removed it after we had opened it
+                    os.close(descriptor)
+                    continue
+                os.ftruncate(descriptor, 0)
+                os.pwrite(descriptor, json.dumps(asdict(holder)).encode(), 0)
+            except BlockingIOError:
+                said = _said_of_holder(descriptor)
+                os.close(descriptor)
+                raise PortRefusedError(self._name, said, "Wait until it ends, or end it, then run again.") from None
+            except BaseException:
+                os.close(descriptor)
+                raise
+            return descriptor
+
+
+@dataclass(slots=True)
+class _Held:
+    """A lock of this process, and how often it has been taken."""
+
+    descriptor: int
+    count: int = 1
+
+
+# The garbage collector may close a port, and so release a lock, in the middle of any of the above.
+_GUARD = threading.RLock()
+_HELD: dict[Path, _Held] = {}
+
+
+def _folder() -> Path:
+    return _LOCKS_OF_ALL if os.access(_LOCKS_OF_ALL, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+
+
+def _opened(file: Path) -> int:
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    while True:
+        # Not created at once: in a folder of all users Linux refuses that for a file of another one.
+        with suppress(FileNotFoundError):
+            return os.open(file, flags)
+        with suppress(FileExistsError):
+            descriptor = os.open(file, flags | os.O_CREAT | os.O_EXCL, 0o666)
+            os.fchmod(descriptor, 0o666)  # whatever the umask: the next one to use the board may be another user
+            return descriptor
+
+
+def _is_at(descriptor: int, file: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.lstat(file))
+    except FileNotFoundError:
+        return False
+
+
+def _said_of_holder(descriptor: int) -> str:
+    for _ in range(_LOOKS):
+        holder = Holder.parse(os.pread(descriptor, _LONGEST_FILE, 0))
+        if holder is not None and holder.is_running:
+            return str(holder)
+        time.sleep(_LOOK_EVERY_S)
+    return "another process has it, and does not say which it is"

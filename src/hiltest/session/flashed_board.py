@@ -1,0 +1,54 @@
+"""A session whose board is flashed before it is opened."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import TYPE_CHECKING
+
+import pytest
+
+from hiltest.errors import BenchError, ConfigError, ProtocolError
+from hiltest.progress_line import progress_of
+
+if TYPE_CHECKING:
+    from hiltest.session.session import HilSession
+
+
+def open_flashed(hil: HilSession) -> list[str]:
+    """Put the firmware of a session onto its board and open that; return what was done, in sentences.
+
+    A board that could not be flashed is lost: the first test that needs it is charged with it. What was flashed is
+    recorded as the board's ELF.
+
+    Raises
+    ------
+    pytest.UsageError
+        When the board is virtual, the image is refused, or as `HilSession.open`.
+    """
+    from hiltest.boards.bench import firmware_of
+    from hiltest.flashing.flash_image import load_flash_image
+    from hiltest.flashing.flashing import find_target, flash
+
+    if hil.hands_out or hil.is_worker:
+        raise pytest.UsageError("--flash: a board is flashed, and then used, by one process: leave out -n")
+    said = []
+    image = None
+    try:
+        file = hil.settings.firmware or firmware_of(hil.rig)
+        if hil.settings.base is not None:
+            raise ConfigError("--flash: a raw binary is flashed to 0, or give an ELF or Intel HEX; leave out --base")
+        image = load_flash_image(file)
+        target = find_target(rig=hil.rig, port=hil.settings.port)
+        done = flash(image, target, progress=progress_of(hil.config))
+        said = [done.sentence(image, target)]
+    except ConfigError as error:
+        raise pytest.UsageError(str(error)) from error
+    except (BenchError, ProtocolError) as error:
+        hil.trouble = error
+    if not hil.rig.own_language:  # which reads variables by the ELF's names
+        hil.settings = hil.settings._replace(firmware=None)
+    hil.open(with_board=True)
+    if hil.board is not None and image is not None:
+        hil.board.firmware_sha256 = sha256(file.read_bytes()).hexdigest()
+        hil.board.compiler_flags, hil.board.elf_build_id = image.image.compiler_flags, image.image.build_id
+    return said
