@@ -51,6 +51,7 @@ READING = {
     "run --baseline": ("run", "--baseline", "{}"),
     "run --calibration": ("run", "--calibration", "{}"),
     "run --firmware": ("run", "--firmware", "{}"),
+    "run --replay": ("run", "--replay", "{}"),
     "run --rig": ("run", "--rig", "{}"),
     "serve --firmware": ("serve", "--firmware", "{}"),
     "serve --flash-file": ("serve", "--flash-file", "{}"),

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from hiltest.boards.board import Board, BoardKind, Declared
+import secrets
+from types import NoneType
+
+from hiltest.boards.board import Board, BoardKind, Declared, LinkTerms
 from hiltest.errors import ConfigError
 from hiltest.link.ports import open_port
-from hiltest.link.session import Session
+from hiltest.link.session import ATTEMPTS
 from hiltest.link.transcript import Transcript
+from hiltest.replay.tape import LIVE, Tape
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 #: Cycle model of a processor that exists.
@@ -37,6 +41,8 @@ class RealBoard(Board):
         What the rig says.
     transcript : Transcript, optional
         Gets every byte, both ways.
+    tape : Tape, optional
+        Records what is asked.
 
     Raises
     ------
@@ -48,12 +54,16 @@ class RealBoard(Board):
 
     kind = BoardKind.REAL
 
-    def __init__(self, url: str, *, baud: int, declared: Declared, transcript: Transcript | None = None) -> None:
+    def __init__(
+        self, url: str, *, baud: int, declared: Declared, transcript: Transcript | None = None, tape: Tape = LIVE
+    ) -> None:
         self._url = url
-        session = Session(open_port(url, baud=baud), transcript=transcript)
+        # Others may have used the line before: no nonce of theirs comes again.
+        terms = LinkTerms(nonce_seed=secrets.randbits(32), attempts=ATTEMPTS)
+        session = terms.session(lambda: open_port(url, baud=baud), transcript, tape)
         super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
         try:
-            self._refuse_wrong_model()
+            tape.ask("board.check", {}, NoneType, self._refuse_wrong_model)
         except ConfigError:
             self.close()
             raise
