@@ -55,6 +55,7 @@ READING = {
     "run --rig": ("run", "--rig", "{}"),
     "serve --firmware": ("serve", "--firmware", "{}"),
     "serve --flash-file": ("serve", "--flash-file", "{}"),
+    "serve --replay": ("serve", "--replay", "{}"),
     "serve --rig": ("serve", "--rig", "{}"),
     "study --rig": ("study", "choose", "--rig", "{}"),
     "timing measure --rig": ("timing", "measure", "--rig", "{}"),

@@ -44,7 +44,7 @@ WRITING = {
     "worst --out": ("worst", "crc32", "uint8:9:0..255", "9", "--calls", "1", "--out"),
 }
 # What is called FILE and is read.
-READ = {"fit-imu --bias-from", "fit-imu --gyroscope-log", "run --replay", "worst --replay"}
+READ = {"fit-imu --bias-from", "fit-imu --gyroscope-log", "run --replay", "serve --replay", "worst --replay"}
 
 
 def options_that_write() -> Iterator[str]:

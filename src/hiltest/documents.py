@@ -306,7 +306,7 @@ class Served:
     Attributes
     ----------
     board, turntable : str
-        Names of their ports.
+        Names of their ports; with ``--replay`` there is no turntable.
     uarts : dict of str to str
         Ports of further UARTs, by name.
     gdb : str or None
@@ -316,7 +316,7 @@ class Served:
     """
 
     board: str
-    turntable: str
+    turntable: str | None
     uarts: dict[str, str]
     gdb: str | None
     firmware: str

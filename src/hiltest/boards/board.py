@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import TracebackType
-from typing import ClassVar, Protocol, Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -247,7 +247,7 @@ class Board(ABC):
         What the firmware has executed, where that is kept.
     """
 
-    kind: ClassVar[BoardKind]
+    kind: BoardKind
     description: str
     stage: Stage | None = None
     truth: Truth | None = None

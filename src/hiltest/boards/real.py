@@ -11,7 +11,7 @@ from hiltest.link.ports import open_port
 from hiltest.link.session import ATTEMPTS
 from hiltest.link.transcript import Transcript
 from hiltest.replay.tape import LIVE, Tape
-from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.virtual.unique_id import REPLAYED_UNIQUE_ID, VIRTUAL_UNIQUE_ID
 
 #: Cycle model of a processor that exists.
 SILICON = "silicon-dwt"
@@ -22,7 +22,7 @@ UNDECLARED = "undeclared"
 def is_silicon(unique_id: bytes) -> bool:
     """Say whether a unique id is that of a chip."""
     # An emulator that does not model this register answers all zeros or all ones, as no chip does.
-    return unique_id not in (VIRTUAL_UNIQUE_ID, bytes(16), b"\xff" * 16)
+    return unique_id not in (VIRTUAL_UNIQUE_ID, REPLAYED_UNIQUE_ID, bytes(16), b"\xff" * 16)
 
 
 class RealBoard(Board):
@@ -62,6 +62,8 @@ class RealBoard(Board):
         terms = LinkTerms(nonce_seed=secrets.randbits(32), attempts=ATTEMPTS)
         session = terms.session(lambda: open_port(url, baud=baud), transcript, tape)
         super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
+        if self.identity.unique_id == REPLAYED_UNIQUE_ID:  # of `hiltest serve --replay`
+            self.kind = BoardKind.REPLAY
         try:
             tape.ask("board.check", {}, NoneType, self._refuse_wrong_model)
         except ConfigError:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from hiltest.errors import ConfigError
 from hiltest.link.transcript import Transcript
-from hiltest.replay.player import Player
 from hiltest.replay.values import restored
 
 
@@ -41,8 +40,8 @@ class RecordedRun:
     suite: str
 
 
-def read_recording(path: Path) -> tuple[RecordedRun, Player, str]:
-    """Read a recording: the run, what answers its questions, and the SHA-256 of the file.
+def read_transcript(path: Path) -> tuple[RecordedRun, Transcript]:
+    """Read a recording: the run, and the transcript.
 
     Raises
     ------
@@ -56,4 +55,4 @@ def read_recording(path: Path) -> tuple[RecordedRun, Player, str]:
         run: RecordedRun = restored(RecordedRun, transcript.recorded)
     except ValueError as error:
         raise ConfigError(f"{path}:1: not the header of a recorded run: {error}; record it again") from None
-    return run, Player(transcript, path), transcript.sha256
+    return run, transcript

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import hiltest
 from hiltest.errors import ConfigError
 from hiltest.record.run import RecordingRecord, utc_now
-from hiltest.replay.recorded_run import RecordedRun, read_recording
+from hiltest.replay.player import Player
+from hiltest.replay.recorded_run import RecordedRun, read_transcript
 from hiltest.replay.recorder import Recorder
 from hiltest.rig.file import load_rig, parse_rig
 from hiltest.rig.rig import other_conditions
 
 if TYPE_CHECKING:
-    from hiltest.replay.player import Player
     from hiltest.rig import Rig
     from hiltest.settings import Settings
 
@@ -78,8 +78,8 @@ def open_replay(path: Path) -> Replay:
     """
     if path.is_relative_to(Path.cwd()):  # as one would type it here
         path = path.relative_to(Path.cwd())
-    run, player, sha256 = read_recording(path)
-    return Replay(run, player, RecordingRecord(str(path), sha256, run.recorded_utc))
+    run, transcript = read_transcript(path)
+    return Replay(run, Player(transcript, path), RecordingRecord(str(path), transcript.sha256, run.recorded_utc))
 
 
 def open_record(path: Path, settings: Settings, rig: Rig, *, holds_limits: bool) -> Recorder:
