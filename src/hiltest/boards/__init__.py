@@ -94,8 +94,6 @@ def _opened_board(
         return _of_known_sensors(board, rig)
     if url is not None and url.rstrip("/") != "hil:":
         raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
-    if rig.board.kind == "replay":
-        raise ConfigError(f"rig {rig.name} ({rig.path}): replay what was recorded with --hil-replay FILE")
     if url is None and rig.board.kind == "real":
         raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
     bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)

@@ -229,6 +229,8 @@ class HilSession:
             return
         if self.is_worker or self.hands_out:
             raise ConfigError(f"{asked_for}: a run is recorded and replayed in one process; leave out -n and --dist")
+        if self.rig.own_language is not None:
+            raise ConfigError(f"{asked_for}: firmware that speaks its own language cannot be recorded yet")
         if settings.coverage is not None:
             raise ConfigError(f"{asked_for}: a recording has no coverage; leave out --hil-coverage")
 

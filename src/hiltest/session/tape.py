@@ -44,6 +44,7 @@ class Replay(NamedTuple):
                 )
         run = self.run
         return given._replace(
+            sources={**given.sources, "rig": given.sources["rig"] if given.rig is not None else "recorded"},
             seed=run.seed, poses=given.poses or run.poses,  # type: ignore[arg-type]
             suite=run.suite if given.sources["suite"] == "default" else given.suite,  # type: ignore[arg-type]
         )  # fmt: skip
