@@ -189,3 +189,14 @@ def test_a_recording_that_cannot_be_written_is_refused_before_a_test_runs(pytest
     result = pytester.runpytest_inprocess("--hil-record=no/run.jsonl")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["*cannot write *run.jsonl: No such file or directory; name another file*"])
+
+
+def test_a_replay_is_no_base_for_a_board_and_none_is_for_it(
+    recorded: Path, replay: Callable[..., tuple[int, dict[str, Any], str]], pytester: pytest.Pytester
+) -> None:
+    code, _, output = replay(f"--hil-baseline={recorded / 'hil-out' / 'run.json'}")
+    assert code == 22
+    assert "another kind of board: virtual before, replay of " in output
+    code, _, output = replay("--hil-out=again", f"--hil-baseline={pytester.path / 'hil-out' / 'run.json'}")
+    assert code == 0, output
+    assert "may be merged" in output
