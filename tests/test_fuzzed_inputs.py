@@ -275,7 +275,7 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "rate logs": Reader(read_rate_log, data, [rates, *forms], 0.005, ".csv"),
         "IMU logs": Reader(read_imu_log, data, [imu, *forms], 0.002, ".csv"),
         "intervals": Reader(lambda path: listed_intervals(log, path), config, [intervals], 0.002, ".json"),
-        "recorded runs": Reader(_replayed, (HiltestError,), [_recording()], 0.002, ".jsonl"),
+        "recorded runs": Reader(_replayed, (HiltestError,), [_recording()], 0.001, ".jsonl"),
         "transcripts": Reader(Transcript.read, config, [(folder / "wire.jsonl").read_bytes()], 0.002, ".jsonl"),
         "timing profiles": Reader(lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml"),
         "rigs": Reader(load_rig, config, rigs, 0.004, ".toml"),
