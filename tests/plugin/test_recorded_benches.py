@@ -19,11 +19,13 @@ MAIN_JOB, AT_REST = "identity or link or cycles or heading", "identity or gravit
 TESTS = {
     "virtual-k64f": MAIN_JOB, "virtual-k64f-harsh": MAIN_JOB, "by-hand": AT_REST, "motors": "identity or bias_is_gone",
     "line-lost": "identity or link", "line-garbled": "identity or link", "board-silent": "identity or link",
+    "nothing-answers": "identity or link",
     "firmware-hangs": AT_REST, "firmware-faults": AT_REST,
 }  # fmt: skip
 REASONS = {
     "line-lost": "lost /dev/pts/",
     "board-silent": "no answer to ",
+    "nothing-answers": "only silence",
     "firmware-hangs": "the firmware is hung, looping to itself in command_average",
     "firmware-faults": "ndefined instruction",
 }
@@ -46,7 +48,7 @@ def test_a_recorded_bench_is_judged_as_it_was(
     again = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     del again["environment"]
     assert done.ret == kept["verdict"]["exit_code"]
-    assert again["board"]["kind"] == "replay"
+    assert (again["board"] or {"kind": "replay"})["kind"] == "replay"  # none, where none answered
     volatile = sorted({*kept["volatile"], *again["volatile"]})
     assert without_volatile(kept | {"volatile": volatile}) == without_volatile(again | {"volatile": volatile})
     if name in REASONS:
