@@ -7,6 +7,7 @@ is in HILTEST_FUZZED: 50 000, and 1 000 000 in tox's reliability.
 from __future__ import annotations
 
 import argparse
+import gzip
 import os
 import random
 import tomllib
@@ -24,15 +25,16 @@ from tests.logs.recording import six_faces_and_turns, write
 from tests.totals import printed_totals
 
 from hiltest.bench_files import shipped
-from hiltest.boards import default_firmware
+from hiltest.boards import Declared, ReplayBoard, default_firmware
 from hiltest.boards.gcode import GcodeError, Modals, read_block
+from hiltest.boards.served_recording import ServedRecording
 from hiltest.device.packet_csv import PacketRows
 from hiltest.device.packet_stream import batches
 from hiltest.device.packet_summary import summary_of
 from hiltest.device.packets import KINDS
 from hiltest.device.proposed_rig import chosen_kind, look_at, rig_text
 from hiltest.device.trial import Trial
-from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, ProtocolError
+from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, HiltestError, ProtocolError
 from hiltest.imu_calibration.file import load_calibration, to_json
 from hiltest.link import grbl
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame, stuff, unstuff
@@ -47,7 +49,9 @@ from hiltest.logs.samples import read_samples
 from hiltest.profiling.arguments import parse_argument
 from hiltest.record.reader import read_record
 from hiltest.recordings.playback import read_playback
-from hiltest.rig.file import load_rig
+from hiltest.replay.player import Player
+from hiltest.replay.recorded_run import read_transcript
+from hiltest.rig.file import load_rig, parse_rig
 from hiltest.rig.playback import PlaybackFile
 from hiltest.settings import file_name, label, seed
 from hiltest.strict_json import parse_json
@@ -159,6 +163,25 @@ def _text(data: bytes) -> None:
             assert not {"\n", "\r", "\0", "\x1b"} & set(heard.line)
 
 
+def _recording() -> bytes:
+    """Return a recording up to its first test."""
+    recording = Path(__file__).parents[1] / "fixtures" / "recordings" / "by-hand.jsonl.gz"
+    return gzip.decompress(recording.read_bytes()).partition(b'"mark"')[0].rpartition(b"\n")[0]
+
+
+def _replayed(path: Path) -> None:
+    """Open the recorded board, and serve its line."""
+    run, transcript = read_transcript(path)
+    served = ServedRecording(transcript, path)
+    for number, entry in enumerate(transcript.entries):
+        if entry.direction is Direction.TO_BOARD:
+            served.hear(entry.data, float(number))
+        served.say(1e9 + number)
+    tape = Player(transcript, path)
+    rig = parse_rig(Path(run.rig_file), run.rig_text.encode("utf-8", errors="replace"))
+    ReplayBoard(tape, declared=Declared.of(rig)).close()
+
+
 def _trace(data: bytes) -> None:
     transcript = Transcript("virtual")
     for number, piece in enumerate(data.split(b"\x55")):
@@ -252,6 +275,7 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "rate logs": Reader(read_rate_log, data, [rates, *forms], 0.005, ".csv"),
         "IMU logs": Reader(read_imu_log, data, [imu, *forms], 0.002, ".csv"),
         "intervals": Reader(lambda path: listed_intervals(log, path), config, [intervals], 0.002, ".json"),
+        "recorded runs": Reader(_replayed, (HiltestError,), [_recording()], 0.001, ".jsonl"),
         "transcripts": Reader(Transcript.read, config, [(folder / "wire.jsonl").read_bytes()], 0.002, ".jsonl"),
         "timing profiles": Reader(lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml"),
         "rigs": Reader(load_rig, config, rigs, 0.004, ".toml"),
@@ -277,8 +301,9 @@ def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
 
 NAMES = (
     "ELF files", "G-code", "Grbl status", "IMU logs", "JSON", "arguments", "baselines", "calibration files", "frames",
-    "intervals", "lines of text", "options", "packets", "rate logs", "recordings", "records", "replies", "requests",
-    "rigs", "rigs of ELF files", "samples", "stuffing", "timing profiles", "traces", "transcripts",
+    "intervals", "lines of text", "options", "packets", "rate logs", "recorded runs", "recordings", "records",
+    "replies", "requests", "rigs", "rigs of ELF files", "samples", "stuffing", "timing profiles", "traces",
+    "transcripts",
 )  # fmt: skip
 
 

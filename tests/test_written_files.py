@@ -44,7 +44,7 @@ WRITING = {
     "worst --out": ("worst", "crc32", "uint8:9:0..255", "9", "--calls", "1", "--out"),
 }
 # What is called FILE and is read.
-READ = {"fit-imu --bias-from", "fit-imu --gyroscope-log", "worst --replay"}
+READ = {"fit-imu --bias-from", "fit-imu --gyroscope-log", "run --replay", "serve --replay", "worst --replay"}
 
 
 def options_that_write() -> Iterator[str]:
@@ -58,7 +58,7 @@ def options_that_write() -> Iterator[str]:
 
 
 def test_all_of_them_are_tested_here() -> None:
-    at_the_end_of_a_run = {"run --coverage"}  # tests/plugin/test_coverage_option.py
+    at_the_end_of_a_run = {"run --coverage", "run --record"}  # tests/plugin/test_coverage_option.py, test_replay.py
     assert set(options_that_write()) - READ - at_the_end_of_a_run == set(WRITING)
 
 

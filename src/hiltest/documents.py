@@ -348,7 +348,7 @@ class Served:
     Attributes
     ----------
     board, turntable : str
-        Names of their ports.
+        Names of their ports; with ``--replay`` there is no turntable.
     uarts : dict of str to str
         Ports of further UARTs, by name.
     gdb : str or None
@@ -358,7 +358,7 @@ class Served:
     """
 
     board: str
-    turntable: str
+    turntable: str | None
     uarts: dict[str, str]
     gdb: str | None
     firmware: str

@@ -168,6 +168,27 @@ class TurntableError(BenchError):
     """The motor table does not do what it should; what needs no turning still runs."""
 
 
+class DivergenceError(BenchError):
+    """A run that is replayed asks what the recorded run did not ask: its recording has no answer.
+
+    Attributes
+    ----------
+    place : str
+        File and line of the recording at which the two differ.
+    time_s : float
+        Time of the recording there, by the board's clock.
+    test : str
+        Test that was recorded there; empty before the first.
+    """
+
+    def __init__(self, place: str, asked: str, recorded: str, *, time_s: float = 0.0, test: str = "") -> None:
+        self.place = place
+        self.time_s = time_s
+        self.test = test
+        where = f"{place}, at {time_s:.6f} s" + (f" in {test}" if test else "")
+        super().__init__(f"this run is not the recorded one: {asked}, and {where} {recorded}")
+
+
 class BoardFault(BenchError):
     """The virtual board's processor met a fault, or hung.
 

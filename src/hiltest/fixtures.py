@@ -170,7 +170,8 @@ def turntable(request: pytest.FixtureRequest, rig: Rig) -> Iterator[Turntable]:
     """The turntable: simulated on a virtual board, an operator or motors on a real one."""
     from hiltest.procedures import open_table
 
-    table = open_table(_session(request).connect(), rig, prompt=lambda text: _ask(request.config, text))
+    session = _session(request)
+    table = open_table(session.connect(), rig, prompt=lambda text: _ask(request.config, text), tape=session.tape)
     yield table
     table.close()
 

@@ -128,7 +128,7 @@ def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test whose board is already lost."""
     hil = item.config.stash[SESSION]
-    hil.begin_trace()
+    hil.begin_test(item.nodeid)
     carry_over(item)
     if hil.trouble_reported and uses_board(item):
         if hil.trouble_met_by == item.nodeid and hil.trouble is not None:

@@ -165,6 +165,8 @@ OPTIONS = (
     Option("label", "TEXT", label, None, "name of this run in reports and trends, such as a version"),
     Option("baseline", "FILE", file_name, None, "baseline or record of a run to compare this one with"),
     Option("coverage", "FILE", file_name, None, "file of LCOV for the coverage of the virtual board's firmware"),
+    Option("record", "FILE", file_name, None, "record all that the run asks of its bench; .gz is compressed"),
+    Option("replay", "FILE", file_name, None, "take the answers from such a recording: no firmware runs"),
 )
 _SAME_ON_ALL_SEEDS = ("rig", "firmware", "base", "poses", "suite", "calibration", "label")
 
@@ -184,6 +186,8 @@ class Settings(NamedTuple):
     label: str | None
     baseline: Path | None
     coverage: Path | None
+    record: Path | None
+    replay: Path | None
     sources: Mapping[str, str]
 
     def as_run_options(self) -> str:
@@ -255,7 +259,10 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
         calibration=None if values["calibration"] is None else Path(values["calibration"]),
         label=values["label"],
         baseline=None if values["baseline"] is None else Path(values["baseline"]),
-        coverage=None if values["coverage"] is None else config.invocation_params.dir / values["coverage"],
+        **{
+            name: None if values[name] is None else config.invocation_params.dir / values[name]
+            for name in ("coverage", "record", "replay")
+        },
         sources=sources,
     )
 

@@ -63,9 +63,7 @@ def test_a_board_on_a_port_identifies_itself_and_offers_no_truth(
         assert board.identity.unique_id == b"virtual-frdmk64f"
         assert board.cycle_model == "undeclared@sram"
         assert board.sensor(SensorKind.MAGNETOMETER).name == "MAG3110"
-        assert (board.clock, board.truth, board.virtual_seconds, board.instructions, board.seed) == (
-            "wall", None, None, None, None,
-        )  # fmt: skip
+        assert (board.clock, board.truth, board.virtual_seconds, board.seed) == ("wall", None, None, None)
         assert {attempt.outcome for attempt in board.session.attempts} == {RequestOutcome.ANSWERED}
     assert {entry.direction for entry in transcript.entries} == {Direction.TO_BOARD, Direction.TO_HOST}
 

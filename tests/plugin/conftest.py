@@ -10,6 +10,7 @@ import pytest
 
 import hiltest
 from hiltest.c_library import SOURCES
+from hiltest.settings import OPTIONS
 
 # pytester forgets what a run in this process has imported. numpy and pydantic cannot be imported twice in one process,
 # and all else takes longer than such a run: so it is here before.
@@ -25,8 +26,8 @@ _RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 def _no_settings_from_outside(
     monkeypatch: pytest.MonkeyPatch, default_rig: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    for name in ("FIRMWARE", "PORT", "OUT", "SEED", "POSES", "SUITE", "CALIBRATION", "BASELINE", "COVERAGE"):
-        monkeypatch.delenv(f"HIL_{name}", raising=False)
+    for option in OPTIONS:
+        monkeypatch.delenv(option.variable, raising=False)
     # Without limits: those of the default rig are for its suites, and one that nothing meets is not silent.
     path = tmp_path_factory.mktemp("rig") / "no-limits.toml"
     path.write_text(default_rig[: default_rig.index("[limits]")], encoding="utf-8")

@@ -43,11 +43,13 @@ class Served:
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         assert self.process.stdout is not None
-        names = ["board", "turntable", *(["gdb"] if "--gdb" in arguments else [])]
+        further = {"turntable": "--replay" not in arguments, "gdb": "--gdb" in arguments}
+        names = ["board", *(name for name, is_there in further.items() if is_there)]
         printed = [self.process.stdout.readline().strip().partition(": ") for _ in names]
         assert [name for name, _, _ in printed] == names, self.process.communicate()[1]
-        self.board, self.turntable, *gdb = (url for _, _, url in printed)
-        self.gdb_port = int(gdb[0].rpartition(":")[2]) if gdb else 0
+        urls = {name: url for name, _, url in printed}
+        self.board, self.turntable = urls["board"], urls.get("turntable", "")
+        self.gdb_port = int(urls["gdb"].rpartition(":")[2]) if "gdb" in urls else 0
 
     def end(self, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
         """Send a signal; return exit code and what was said on stderr."""

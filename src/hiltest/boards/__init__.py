@@ -11,16 +11,19 @@ from hiltest.boards.board import NO_COVERAGE, Board, BoardKind, Declared, Stage,
 from hiltest.boards.compass import CompassBoard, open_compass
 from hiltest.boards.daplink import port_of
 from hiltest.boards.real import RealBoard
+from hiltest.boards.replay import ReplayBoard, put_on_tape
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.errors import ConfigError, PortNotFoundError
 from hiltest.link.replies import SensorKind
 from hiltest.link.transcript import Transcript
+from hiltest.replay.player import Player
+from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import Rig
 from hiltest.rig.rig import refuse_unknown_sensors
 
 __all__ = [
-    "Board", "BoardKind", "CompassBoard", "Declared", "RealBoard", "Stage", "Truth", "VirtualBench", "VirtualBoard",
-    "default_firmware", "open_board", "open_compass",
+    "Board", "BoardKind", "CompassBoard", "Declared", "RealBoard", "ReplayBoard", "Stage", "Truth", "VirtualBench",
+    "VirtualBoard", "default_firmware", "open_board", "open_compass",
 ]  # fmt: skip
 
 # Makes hil:// and usb:// URLs that any program using pyserial in this process can open.
@@ -31,7 +34,7 @@ if _HANDLERS not in serial.protocol_handler_packages:
 
 def open_board(
     rig: Rig, *, firmware: Path | None = None, port: str | None = None, seed: int | None = None,
-    transcript: Transcript | None = None, base: int | None = None, watches_execution: bool = False,
+    transcript: Transcript | None = None, base: int | None = None, watches_execution: bool = False, tape: Tape = LIVE,
 ) -> Board:  # fmt: skip
     """Open the board of a rig: synchronised, identified, its sensors selected.
 
@@ -51,6 +54,8 @@ def open_board(
         Address of a raw binary.
     watches_execution : bool
         Whether it is kept what the firmware executes, as only a virtual board can.
+    tape : Tape, optional
+        Records what is asked, or answers it from a recording.
 
     Raises
     ------
@@ -62,6 +67,21 @@ def open_board(
         When another firmware answers.
     """
     declared = Declared.of(rig)
+    if isinstance(tape, Player):
+        return ReplayBoard(tape, declared=declared, transcript=transcript)
+    board = _opened_board(
+        rig, declared, firmware=firmware, port=port, seed=seed, transcript=transcript, base=base,
+        watches_execution=watches_execution, tape=tape,
+    )  # fmt: skip
+    if tape is not LIVE:
+        put_on_tape(board, tape)
+    return board
+
+
+def _opened_board(
+    rig: Rig, declared: Declared, *, firmware: Path | None, port: str | None, seed: int | None,
+    transcript: Transcript | None, base: int | None, watches_execution: bool, tape: Tape,
+) -> Board:  # fmt: skip
     url = port or rig.board.port or (port_of() if rig.board.kind == "real" else None)
     if url is not None and not url.startswith("hil:"):
         if firmware is not None:
@@ -69,16 +89,14 @@ def open_board(
         if watches_execution:
             raise ConfigError(NO_COVERAGE.format(f"on {url}"))
         try:
-            board = RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript)
+            board = RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript, tape=tape)
         except PortNotFoundError as error:
             raise PortNotFoundError(error.wanted, error.seen, of_virtual_rig=rig.board.kind == "virtual") from error
         return _of_known_sensors(board, rig)
     if url is not None and url.rstrip("/") != "hil:":
         raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
-    if rig.board.kind == "replay":
-        raise ConfigError(f"rig {rig.name} ({rig.path}): this version of hiltest cannot replay a recorded session yet")
     bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
-    return _of_known_sensors(VirtualBoard(bench, declared=declared, transcript=transcript), rig)
+    return _of_known_sensors(VirtualBoard(bench, declared=declared, transcript=transcript, tape=tape), rig)
 
 
 def _of_known_sensors(board: Board, rig: Rig) -> Board:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import TracebackType
-from typing import ClassVar, Protocol, Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.errors import FirmwareContradictionError, HiltestError, SensorAbsentError
 from hiltest.link.messages import Select, Sensors
+from hiltest.link.ports import SerialPort
 from hiltest.link.replies import DPS_PER_COUNT, CostedReply, CostedSteps, Identity, RunCost, SensorInfo, SensorKind
 from hiltest.link.request import Request
 from hiltest.link.session import Session
+from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
+from hiltest.replay.tape import Tape
 from hiltest.rig import Rig
 from hiltest.virtual.executed_code import ExecutionWatch
 from hiltest.world import EarthField, Vector
@@ -44,6 +47,7 @@ class BoardKind(StrEnum):
 
     VIRTUAL = "virtual"
     REAL = "real"
+    REPLAY = "replay"
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +200,28 @@ class StepRecorder(Protocol):
         """Return the uncertainty range of all steps together; None where it is unknown."""
 
 
+@dataclass(frozen=True, slots=True)
+class LinkTerms:
+    """Terms of the link to a board.
+
+    Attributes
+    ----------
+    nonce_seed : int
+        Seed of the nonces of the session.
+    attempts : int
+        How often a request is sent at most.
+    """
+
+    nonce_seed: int
+    attempts: int
+
+    def session(self, opened: Callable[[], SerialPort], transcript: Transcript | None, tape: Tape) -> Session:
+        """Open the session of a board that is there, or the one that is replayed."""
+        port = tape.port(opened)
+        terms: LinkTerms = tape.ask("link", {}, LinkTerms, lambda: self)
+        return Session(port, transcript=transcript, nonce_seed=terms.nonce_seed, attempts=terms.attempts)
+
+
 class Board(ABC):
     """A board that is synchronised, identified and has its sensors selected.
 
@@ -225,7 +251,8 @@ class Board(ABC):
         What the firmware has executed, where that is kept.
     """
 
-    kind: ClassVar[BoardKind]
+    kind: BoardKind
+    description: str
     stage: Stage | None = None
     truth: Truth | None = None
     firmware_sha256: str | None = None
@@ -245,6 +272,11 @@ class Board(ABC):
         except HiltestError:
             session.close()
             raise
+
+    @property
+    def origin(self) -> BoardKind:
+        """Kind of the board whose answers these are: its own, or of a replay that of the recorded one."""
+        return self.kind
 
     @property
     def clock(self) -> str:
@@ -277,16 +309,11 @@ class Board(ABC):
     @property
     def virtual_seconds(self) -> float | None:
         """Virtual time since power-on; None where time is not virtual."""
-        return None
+        return self.now_s() if self.clock == "virtual" else None
 
     def memory_use(self) -> Mapping[str, int | str]:
         """Return the bytes that the firmware takes, see `seen_memory_use`, or why they are not known."""
         return NO_MEMORY_USE
-
-    @property
-    def instructions(self) -> int | None:
-        """Instructions executed since power-on; None where they are not counted."""
-        return None
 
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None where it is unknown."""

@@ -235,6 +235,11 @@ class CompassBoard:
         return position() if position else ""
 
     @property
+    def origin(self) -> BoardKind:
+        """As `Board.origin`."""
+        return self.kind
+
+    @property
     def virtual_seconds(self) -> float | None:
         """Virtual time since power-on; None where time is not virtual."""
         return self.now_s() if self.clock == "virtual" else None

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from hiltest.boards.board import Board, BoardKind, Declared
+import secrets
+from types import NoneType
+
+from hiltest.boards.board import Board, BoardKind, Declared, LinkTerms
 from hiltest.errors import ConfigError
 from hiltest.link.ports import open_port
-from hiltest.link.session import Session
+from hiltest.link.session import ATTEMPTS
 from hiltest.link.transcript import Transcript
-from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.replay.tape import LIVE, Tape
+from hiltest.virtual.unique_id import REPLAYED_UNIQUE_ID, VIRTUAL_UNIQUE_ID
 
 #: Cycle model of a processor that exists.
 SILICON = "silicon-dwt"
@@ -18,7 +22,7 @@ UNDECLARED = "undeclared"
 def is_silicon(unique_id: bytes) -> bool:
     """Say whether a unique id is that of a chip."""
     # An emulator that does not model this register answers all zeros or all ones, as no chip does.
-    return unique_id not in (VIRTUAL_UNIQUE_ID, bytes(16), b"\xff" * 16)
+    return unique_id not in (VIRTUAL_UNIQUE_ID, REPLAYED_UNIQUE_ID, bytes(16), b"\xff" * 16)
 
 
 class RealBoard(Board):
@@ -37,6 +41,8 @@ class RealBoard(Board):
         What the rig says.
     transcript : Transcript, optional
         Gets every byte, both ways.
+    tape : Tape, optional
+        Records what is asked.
 
     Raises
     ------
@@ -48,12 +54,18 @@ class RealBoard(Board):
 
     kind = BoardKind.REAL
 
-    def __init__(self, url: str, *, baud: int, declared: Declared, transcript: Transcript | None = None) -> None:
+    def __init__(
+        self, url: str, *, baud: int, declared: Declared, transcript: Transcript | None = None, tape: Tape = LIVE
+    ) -> None:
         self._url = url
-        session = Session(open_port(url, baud=baud, rig=declared.rig), transcript=transcript)
+        # Others may have used the line before: no nonce of theirs comes again.
+        terms = LinkTerms(nonce_seed=secrets.randbits(32), attempts=ATTEMPTS)
+        session = terms.session(lambda: open_port(url, baud=baud, rig=declared.rig), transcript, tape)
         super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
+        if self.identity.unique_id == REPLAYED_UNIQUE_ID:  # of `hiltest serve --replay`
+            self.kind = BoardKind.REPLAY
         try:
-            self._refuse_wrong_model()
+            tape.ask("board.check", {}, NoneType, self._refuse_wrong_model)
         except ConfigError:
             self.close()
             raise

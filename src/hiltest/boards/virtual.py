@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from types import NoneType
 
 import numpy as np
 
 from hiltest.angles import Pose
 from hiltest.boards.bench import VirtualBench, default_firmware
-from hiltest.boards.board import Board, BoardKind, Declared, Truth
+from hiltest.boards.board import Board, BoardKind, Declared, LinkTerms, Truth
 from hiltest.boards.memory_use import seen_memory_use
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import ConfigError, ProtocolError, VersionMismatchError
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.replies import SAMPLE_RATE_HZ, RunCost
-from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
+from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.sensors.fxos8700cq import Fxos8700cqNoise
 from hiltest.virtual.call_summary import Call
@@ -79,11 +80,15 @@ class VirtualBoard(Board):
         What the rig says.
     transcript : Transcript, optional
         Gets every byte, both ways.
+    tape : Tape, optional
+        Records what is asked.
     """
 
     kind = BoardKind.VIRTUAL
 
-    def __init__(self, bench: VirtualBench, *, declared: Declared, transcript: Transcript | None = None) -> None:
+    def __init__(
+        self, bench: VirtualBench, *, declared: Declared, transcript: Transcript | None = None, tape: Tape = LIVE
+    ) -> None:
         self._bench, self._machine = bench, bench.machine
         for calibrator, function in declared.functions.items():
             if function not in bench.machine.image.symbols:
@@ -106,15 +111,19 @@ class VirtualBoard(Board):
         image = bench.machine.image
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
         # Nothing is lost on a simulated line: what is not answered in time would not be answered the second time.
-        session = Session(port, transcript=transcript, nonce_seed=bench.seed, attempts=1)
+        session = LinkTerms(nonce_seed=bench.seed, attempts=1).session(lambda: port, transcript, tape)
         self._counters: dict[str, _CallCounter] = {}
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
         try:
-            refuse_forged_build(self.identity.build_id, image)
-            refuse_wrong_clock(self.identity.core_clock_hz, bench.machine.clocks.core_hz)
+            tape.ask("board.check", {}, NoneType, self._check)
         except ProtocolError:
             session.close()
             raise
+
+    def _check(self) -> None:
+        """Refuse firmware that says of itself what the board sees to be wrong."""
+        refuse_forged_build(self.identity.build_id, self._machine.image)
+        refuse_wrong_clock(self.identity.core_clock_hz, self._machine.clocks.core_hz)
 
     @property
     def cycle_model(self) -> str:
@@ -127,20 +136,10 @@ class VirtualBoard(Board):
         """Let virtual time pass [s]."""
         self._machine.run_until(self._machine.time_s + seconds)
 
-    @property
-    def virtual_seconds(self) -> float:
-        """Virtual time since power-on [s]."""
-        return self._machine.time_s
-
     def memory_use(self) -> Mapping[str, int | str]:
         """Return the bytes that the firmware takes of flash and RAM, and at most so far of its stacks."""
         calls = {name: (each.function, each.stack) for name, each in self._counters.items() if "." not in name}
         return seen_memory_use(self._machine, calls)
-
-    @property
-    def instructions(self) -> int:
-        """Instructions executed since power-on."""
-        return self._machine.instructions
 
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None while a recording is played."""

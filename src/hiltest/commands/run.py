@@ -149,6 +149,10 @@ class _Run(click.Command):
 @click.option("--flash", is_flag=True, help="First put the firmware onto the board: see hiltest flash.")
 @click.option("--coverage", metavar="FILE", type=click.Path(), callback=checked(file_name),
               help="Write the coverage of the firmware as the virtual board executes it, for LCOV's genhtml.")
+@click.option("--record", metavar="FILE", type=click.Path(), callback=checked(file_name),
+              help="Record all that the run asks of its bench, with the answers; FILE.gz is compressed.")
+@click.option("--replay", metavar="FILE", type=click.Path(), callback=checked(file_name),
+              help="Take the answers from such a recording: no board, no firmware, in a few seconds.")
 @json_option("hiltest.run/1, with --seeds hiltest.seeds/1, of several boards hiltest.boards/1")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
@@ -182,8 +186,11 @@ def _run(
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "base": "--hil-base", "hil_port": "--hil-port",
              "seed": "--hil-seed", "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
              "label": "--hil-label"}
-    baseline, coverage = given.pop("baseline"), given.pop("coverage")
     given["rig"] = rigs[0] if len(rigs) == 1 else None
+    of_this_run = {
+        f"--hil-{name}": given.pop(name) for name in ("baseline", "coverage", "record", "replay")
+    }  # fmt: skip
+    baseline, coverage = of_this_run["--hil-baseline"], of_this_run["--hil-coverage"]
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
     options += [*_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
@@ -195,9 +202,12 @@ def _run(
     if against is not None:
         base = baseline or base_of_environment()
         _check_against(base and f"the baseline {base}", given["hil_port"])
+    taped = next((name for name in ("record", "replay") if of_this_run[f"--hil-{name}"]), None)
+    if taped and (seeds is not None or against is not None):
+        raise ConfigError(f"--{taped} is of one run: it goes neither with --seeds nor with --against")
     if len(rigs) > 1:
         of_one = {"--seeds": seeds is not None, "--against": against, "--hil-port": given["hil_port"],
-                  "--coverage": coverage, "--calibration": given["calibration"]}  # fmt: skip
+                  "--coverage": coverage, "--calibration": given["calibration"], f"--{taped}": taped}  # fmt: skip
         if named := [name for name, is_given in of_one.items() if is_given]:
             raise ConfigError(f"{named[0]} is of one board, and {len(rigs)} rigs are named: leave one of them out")
         from hiltest.runs.several_boards import run_boards
@@ -221,7 +231,6 @@ def _run(
             )  # fmt: skip
         return code, Path(out) / SEEDS_FILE
     older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
-    of_this_run = {"--hil-baseline": baseline, "--hil-coverage": coverage}
     options += [f"{name}={value}" for name, value in of_this_run.items() if value is not None]
     return run_suites(options, Path(out), older=older, flashes=flash)
 

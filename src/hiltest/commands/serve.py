@@ -29,9 +29,10 @@ from hiltest.settings import address, file_name, seed
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   ended by Ctrl-C, another signal or --until
+  0   ended by Ctrl-C, another signal, --until, or the end of a recording
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  the firmware faulted, or hung where no interrupt could end it
+  20  the firmware faulted, or hung where no interrupt could end it; a recorded line broke, or a program sent other
+      bytes than were recorded
 """
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LOOK_EVERY_S = 0.2
@@ -70,12 +71,14 @@ _PORTS = click.IntRange(0, _LAST_PORT)
               help="Start the board at once.  [default: it stays in reset until a program opens one of its ports]")
 @click.option("--until", metavar="S", type=NumberRange(min=0.0, min_open=True), default=math.inf,
               help="End at this virtual time.  [default: never]")
+@click.option("--replay", metavar="FILE", type=click.Path(path_type=Path),
+              help="Serve the line of a recorded run in place of a board: see docs/replay.md.")
 @json_option("hiltest.serve/1, in one line when the ports are open")
 @click.option("--gdb", type=_PORTS, metavar="PORT",
               help="Let GDB debug the firmware on this TCP port; 0 takes any free one. See docs/debug.md.")
 def serve(
     pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, uarts: tuple[str, ...],
-    no_wait: bool, until: float, gdb: int | None, as_json: bool, **described: Any,
+    no_wait: bool, until: float, gdb: int | None, replay: Path | None, as_json: bool, **described: Any,
 ) -> int:
     """Put the virtual board and its turntable on real ports.
 
@@ -88,6 +91,10 @@ def serve(
         raise ConfigError("--tcp goes neither with --pty nor with --link")
     if tcp == _LAST_PORT and turntable_tcp is None:
         raise ConfigError(f"--tcp {tcp} leaves no port above it for the turntable: name one with --turntable-tcp")
+    if replay is not None:
+        if turntable_tcp is not None or uarts or no_wait or gdb is not None or any(described.values()):
+            raise ConfigError("--replay serves a recorded line: it goes with --pty, --tcp, --host, --link and --until")
+        return _serve_recording(replay, tcp, host, link, until, as_json=as_json)
     asked_for = uart_ports(uarts)
     bench = _bench(**described)
     machine = bench.machine
@@ -128,6 +135,33 @@ def serve(
     _sum_up(paced, bench)
     if paced.fault is not None:
         raise paced.fault
+    return 0
+
+
+def _serve_recording(
+    file: Path, tcp: int | None, host: str, link: str | None, until_s: float, *, as_json: bool
+) -> int:
+    """Serve a recorded line, to each program from its beginning, until it has ended."""
+    from hiltest.boards.served_recording import ServedRecording, serve_recorded
+    from hiltest.replay.recorded_run import read_transcript
+
+    recorded, transcript = read_transcript(file)
+    with contextlib.ExitStack() as stack:
+        ending = stack.enter_context(_signals_noted())
+        line: PortLine = PseudoTerminal() if tcp is None else TcpLine(host, tcp)
+        stack.callback(line.close)
+        if link is not None:
+            stack.enter_context(port_link(Path(link), line.url))
+        url = link or line.url
+        if as_json:
+            click.echo(json.dumps({
+                "schema": "hiltest.serve/1", "board": url, "turntable": None, "uarts": {}, "gdb": None,
+                "firmware": file.name, "rig": recorded.rig_file, "cycle_model": "recorded",
+            }))  # fmt: skip
+        else:
+            click.echo(f"board: {url}")
+        _tell(f"serving the line of {file}, recorded {recorded.recorded_utc}; Ctrl-C ends it")
+        serve_recorded(ServedRecording(transcript, file), line, _tell, lambda now_s: bool(ending) or now_s > until_s)
     return 0
 
 

@@ -20,7 +20,7 @@ def made_on(board: Board, rig: Rig) -> MadeOn:
     """Return the identification of a board for a calibration file."""
     identity = board.identity
     return MadeOn(
-        kind="virtual" if board.kind == "virtual" else "real", firmware=identity.name, version=identity.version,
+        kind="virtual" if board.origin == "virtual" else "real", firmware=identity.name, version=identity.version,
         build_id=identity.build_id, unique_id=identity.unique_id.hex(), rig=rig.name, world_sha256=world_sha256(rig),
     )
 

@@ -25,7 +25,7 @@ class SerialPort(Protocol):
     """The part of pyserial's port that a session uses.
 
     A port with its own clock also has ``now() -> float`` [s]; the session's
-    deadlines then run on it.
+    deadlines then run on it. It is virtual unless ``clock`` says otherwise, as of a recorded one.
     """
 
     name: str

@@ -110,7 +110,7 @@ class Session:
     ) -> None:
         self._port = port
         own_clock: Callable[[], float] | None = getattr(port, "now", None)
-        self.clock = "virtual" if own_clock else "wall"
+        self.clock: str = getattr(port, "clock", "virtual" if own_clock else "wall")
         self.now: Callable[[], float] = own_clock or time.monotonic
         self.transcript = transcript
         if transcript is not None and not transcript.clock:

@@ -33,7 +33,9 @@ def trace_lines(transcript: Transcript) -> Iterator[str]:
     asked: dict[int, Request[Any]] = {}
     decoders = {Direction.TO_BOARD: FrameDecoder(), Direction.TO_HOST: FrameDecoder()}
     for entry in transcript.entries:
-        if entry.direction is Direction.MARK:
+        if entry.direction is Direction.CLOCK:
+            continue
+        if entry.direction in (Direction.MARK, Direction.CALL):
             yield _line(entry.time_s, entry.direction, "", entry.data.decode(errors="replace"))
             continue
         for item in decoders[entry.direction].feed(entry.data):
@@ -43,12 +45,21 @@ def trace_lines(transcript: Transcript) -> Iterator[str]:
             yield f"{'':>14}  {direction}       unfinished: {_hex(decoder.unfinished)}"
 
 
+def frames_in_words(data: bytes) -> str:
+    """Return what the bytes of one write ask for: commands with their fields, or hexadecimal digits."""
+    said = [_what(Direction.TO_BOARD, item, {}) for item in FrameDecoder().feed(data)]
+    return "; ".join(said) or _hex(data)
+
+
 def _shown(seen: _Seen, asked: dict[int, Request[Any]]) -> str:
-    if isinstance(seen.item, DamagedFrame):
-        what = f"damaged: {seen.item.reason}; {_hex(seen.item.data)}"
-        return _line(seen.time_s, seen.direction, "", what)
-    describe = _request if seen.direction is Direction.TO_BOARD else _reply
-    return _line(seen.time_s, seen.direction, str(seen.item.sequence), describe(seen.item, asked))
+    sequence = "" if isinstance(seen.item, DamagedFrame) else str(seen.item.sequence)
+    return _line(seen.time_s, seen.direction, sequence, _what(seen.direction, seen.item, asked))
+
+
+def _what(direction: Direction, item: Frame | DamagedFrame, asked: dict[int, Request[Any]]) -> str:
+    if isinstance(item, DamagedFrame):
+        return f"damaged: {item.reason}; {_hex(item.data)}"
+    return _request(item, asked) if direction is Direction.TO_BOARD else _reply(item, asked)
 
 
 def _line(time_s: float, direction: Direction, sequence: str, what: str) -> str:

@@ -1,24 +1,39 @@
-"""Bytes on the line in both directions, with the time of the board's clock.
+"""Bytes on the line in both directions, with the time of the board's clock; and of a recorded run all else.
 
 On disk a transcript is JSON lines: a header with schema and clock, then one entry a
 line, ``{"t": seconds, "dir": ">", "hex": "7e01..."}``, or ``{"t": seconds, "mark": "text"}``.
+
+The transcript of a recorded run has the run in its header, under ``recorded``, and two more kinds of entry: a question
+to the bench that is no bytes, with its answer, ``{"t": seconds, "call": "stage.turn_to", "given": {...}, "gives": ...,
+"until": seconds}`` (or ``raises``), and a reading of the host's clock, ``{"t": seconds, "dir": "@"}``. A read of the
+line that brought nothing is there too. A file whose name ends in ``.gz`` is compressed with gzip.
 """
 
 from __future__ import annotations
 
+import gzip
+import io
 import json
+import math
+import zlib
 from collections import deque
-from collections.abc import Iterable, MutableSequence
+from collections.abc import Iterable, Mapping, MutableSequence
 from dataclasses import dataclass
 from enum import StrEnum
+from hashlib import sha256
 from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
 
 from hiltest.errors import ConfigError
-from hiltest.strict_json import read_bounded
+from hiltest.strict_json import parse_json, read_bounded
 
 SCHEMA = "hiltest.transcript/1"
+END = "end"
+"""Text of the mark with which the transcript of a recorded run ends."""
 
 _LARGEST_BYTES = 256 << 20  # two bytes of text for one of the line: three hours at 115 200 baud, without a pause
+_GZIP = b"\x1f\x8b"
 _ENTRY_BYTES = 8  # an entry's time, in what a transcript may hold: single bytes must not cost nothing
 
 
@@ -28,11 +43,13 @@ class Direction(StrEnum):
     TO_BOARD = ">"
     TO_HOST = "<"
     MARK = "#"
+    CALL = "!"
+    CLOCK = "@"
 
 
 @dataclass(frozen=True, slots=True)
 class TranscriptEntry:
-    """Bytes that were written or read in one piece, or the text of a mark."""
+    """Bytes that were written or read in one piece, the text of a mark, a call as JSON; a clock's reading has none."""
 
     time_s: float
     direction: Direction
@@ -47,10 +64,19 @@ class Transcript:
     clock : str
         ``virtual`` or ``wall``: what `TranscriptEntry.time_s` counts. The session that fills an
         empty one says it.
+
+    Attributes
+    ----------
+    recorded : dict or None
+        Of a recorded run, what its header says of it; not checked.
+    sha256 : str
+        Of the file that it was read from.
     """
 
     def __init__(self, clock: str = "", entries: Iterable[TranscriptEntry] = ()) -> None:
         self.clock = clock
+        self.recorded: dict[str, Any] | None = None
+        self.sha256 = ""
         self.entries: MutableSequence[TranscriptEntry] = list(entries)
 
     def add(self, time_s: float, direction: Direction, data: bytes) -> None:
@@ -63,9 +89,9 @@ class Transcript:
 
     def write(self, path: Path) -> None:
         """Write the transcript to a file."""
-        with path.open("w", encoding="utf-8") as file:
-            file.write(json.dumps({"schema": SCHEMA, "clock": self.clock}) + "\n")
-            file.writelines(_line(entry) + "\n" for entry in self.entries)
+        with TranscriptFile(path, self.clock) as file:
+            for entry in self.entries:
+                file.add(entry)
 
     @classmethod
     def read(cls, path: Path) -> Transcript:
@@ -78,16 +104,17 @@ class Transcript:
         """
         content = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a transcript (JSON lines)")
         try:
-            lines = content.decode("utf-8").splitlines()
-            header = json.loads(lines[0]) if lines else {}
+            lines = _text(content, path).decode("utf-8").splitlines()
+            header = parse_json(lines[0]) if lines else {}
             if header.get("schema") != SCHEMA:
                 raise ConfigError(f"{path}:1: schema is {header.get('schema')!r}, not {SCHEMA!r}")
             transcript = cls(str(header["clock"]))
+            transcript.recorded, transcript.sha256 = header.get("recorded"), sha256(content).hexdigest()
         except (ValueError, AttributeError, KeyError) as error:
             raise ConfigError(f"{path}:1: no transcript header: {error}") from None
         for number, line in enumerate(lines[1:], start=2):
             try:
-                transcript.entries.append(_entry(json.loads(line)))
+                transcript.entries.append(_entry(parse_json(line)))
             except (ValueError, AttributeError, KeyError, TypeError) as error:
                 raise ConfigError(f"{path}:{number}: not an entry: {error}") from None
         return transcript
@@ -130,14 +157,113 @@ class LatestTranscript(Transcript):
             self.dropped_bytes += len(oldest.data)
 
 
+class TranscriptFile:
+    """The file of a transcript that grows: what has happened is in it, whatever ends the program.
+
+    Parameters
+    ----------
+    path : Path
+        Compressed where its name ends in ``.gz``.
+    clock : str
+        As `Transcript` has it.
+    recorded : mapping, optional
+        Of a recorded run.
+
+    Raises
+    ------
+    ConfigError
+        When the file cannot be written.
+    """
+
+    def __init__(self, path: Path, clock: str, recorded: Mapping[str, Any] | None = None) -> None:
+        self._path = path
+        try:
+            self._bytes = path.open("wb")
+        except OSError as error:
+            raise self._refused(error) from error
+        # Without name and time: equal transcripts are equal files.
+        packed = gzip.GzipFile("", "wb", fileobj=self._bytes, mtime=0) if path.name.endswith(".gz") else self._bytes
+        self._file = io.TextIOWrapper(packed, encoding="utf-8")
+        about = {} if recorded is None else {"recorded": recorded}
+        self._write(json.dumps({"schema": SCHEMA, "clock": clock, **about}))
+
+    def add(self, entry: TranscriptEntry) -> None:
+        """Append an entry."""
+        self._write(_line(entry))
+
+    def flush(self) -> None:
+        """Give what was added to the system."""
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def close(self) -> None:
+        """Close the file. Idempotent."""
+        try:
+            with self._bytes:
+                self._file.close()
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write(self, line: str) -> None:
+        try:
+            self._file.write(line + "\n")
+        except OSError as error:
+            raise self._refused(error) from error
+
+    def _refused(self, error: OSError) -> ConfigError:
+        return ConfigError(f"cannot write {self._path}: {error.strerror or error}; name another file")
+
+
+def _text(content: bytes, path: Path) -> bytes:
+    """Return what a file holds, uncompressed; of one that was cut, as by SIGKILL, what is there."""
+    if not content.startswith(_GZIP):
+        return content
+    unzip = zlib.decompressobj(wbits=31)
+    try:
+        text = unzip.decompress(content, _LARGEST_BYTES)
+    except zlib.error as error:
+        raise ConfigError(f"{path}: damaged: {error}; name a transcript (JSON lines)") from error
+    if unzip.unconsumed_tail:
+        raise ConfigError(f"{path}: larger than {_LARGEST_BYTES} bytes; name a transcript (JSON lines)")
+    return text if unzip.eof else text[: text.rfind(b"\n") + 1]
+
+
 def _line(entry: TranscriptEntry) -> str:
     if entry.direction is Direction.MARK:
         return json.dumps({"t": entry.time_s, "mark": entry.data.decode()})
+    if entry.direction is Direction.CALL:
+        return f'{{"t": {entry.time_s!r}, {entry.data.decode()[1:]}'
+    if entry.direction is Direction.CLOCK:
+        return json.dumps({"t": entry.time_s, "dir": str(entry.direction)})
     return json.dumps({"t": entry.time_s, "dir": str(entry.direction), "hex": entry.data.hex()})
+
+
+def call_entry(time_s: float, call: Mapping[str, Any]) -> TranscriptEntry:
+    """Return the entry of a question that is no bytes, with its answer; `call` begins with its name."""
+    text = json.dumps(call, allow_nan=False)
+    return TranscriptEntry(time_s, Direction.CALL, text.encode())
 
 
 def _entry(item: dict[str, object]) -> TranscriptEntry:
     time_s = float(str(item["t"]))
+    if not math.isfinite(time_s):
+        raise ValueError(f"t is {time_s}")
     if "mark" in item:
         return TranscriptEntry(time_s, Direction.MARK, str(item["mark"]).encode())
+    if "call" in item:
+        if not isinstance(item["call"], str) or not isinstance(item.get("given", {}), dict):
+            raise ValueError("call is no name, or given no table")
+        return call_entry(time_s, {key: value for key, value in item.items() if key != "t"})
+    if item["dir"] == Direction.CLOCK:
+        return TranscriptEntry(time_s, Direction.CLOCK, b"")
     return TranscriptEntry(time_s, Direction(str(item["dir"])), bytes.fromhex(str(item["hex"])))

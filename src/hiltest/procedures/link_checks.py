@@ -80,7 +80,7 @@ class _Line:
     """
 
     def __init__(self, board: Board) -> None:
-        self._tries = 1 if board.kind is BoardKind.VIRTUAL else _TRIES
+        self._tries = 1 if board.origin is BoardKind.VIRTUAL else _TRIES
         self.healed = 0
 
     def ask(self, probe: Callable[[], T | None]) -> T | None:

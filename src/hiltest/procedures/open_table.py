@@ -8,10 +8,13 @@ from hiltest.boards.board import Board
 from hiltest.boards.compass import CompassBoard
 from hiltest.procedures.grbl_turntable import open_grbl_turntable
 from hiltest.procedures.turntables import Turntable, open_turntable
+from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import Rig
 
 
-def open_table(board: Board | CompassBoard, rig: Rig, *, prompt: Callable[[str], str] | None = None) -> Turntable:
+def open_table(
+    board: Board | CompassBoard, rig: Rig, *, prompt: Callable[[str], str] | None = None, tape: Tape = LIVE
+) -> Turntable:
     """Return what turns the board: motors, the simulated table of a virtual board, or an operator.
 
     Parameters
@@ -20,6 +23,8 @@ def open_table(board: Board | CompassBoard, rig: Rig, *, prompt: Callable[[str],
     rig : Rig
     prompt : callable, optional
         Shows a text to the operator and returns the line that was typed, as `input` does.
+    tape : Tape, optional
+        Records what is asked of motors, and of the operator, or answers it from a recording.
 
     Raises
     ------
@@ -32,7 +37,14 @@ def open_table(board: Board | CompassBoard, rig: Rig, *, prompt: Callable[[str],
     """
     rig.refuse_playback("a turntable")
     if rig.turntable.kind == "grbl":
-        return open_grbl_turntable(rig)
+        motors: Turntable = tape.ask("turntable", {}, Turntable, lambda: open_grbl_turntable(rig))
+        return motors
+
+    def asked(text: str) -> str:
+        assert prompt is not None
+        answer: str = tape.ask("operator", {"text": text}, str, lambda: prompt(text))
+        return answer
+
     return open_turntable(
-        board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=prompt, tumble_s=rig.turntable.tumble_s
+        board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=prompt and asked, tumble_s=rig.turntable.tumble_s
     )

@@ -79,7 +79,7 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
         window = board.observe(device.window_s)
         found = [each for each in window if Quantity.HEADING in each.values]
         headings_deg = [frame.heading_deg(float(each.values[Quantity.HEADING][0])) for each in found]
-        if board.kind is BoardKind.REAL:
+        if board.origin is BoardKind.REAL:
             said, headings_deg = len(headings_deg), confirmed(headings_deg, [each.checked for each in found])
             unconfirmed += said - len(headings_deg)
         if not headings_deg:

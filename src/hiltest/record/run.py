@@ -27,6 +27,7 @@ from hiltest.record.outcomes import TestOutcome
 
 SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
 
+_VOLATILE_OF_A_REPLAY = ("kind", "description", "recording")
 _VOLATILE_OF_A_SIDE = ("file", "saved_utc", "revision")
 
 Cell = float | int | str | bool | None
@@ -47,11 +48,21 @@ class SensorRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingRecord:
+    """The recording that a run was replayed from: its file, its SHA-256, and when it was made."""
+
+    file: str
+    sha256: str
+    recorded_utc: str
+
+
+@dataclass(frozen=True, slots=True)
 class BoardRecord:
     """The board that answered on the link. `clock` is ``virtual`` or ``wall``.
 
     `compiler_flags` are those of all units of the firmware; empty where no ELF has them. `elf_build_id` is the ELF's
-    GNU build-id note, with which `build_id` was compared; empty without one.
+    GNU build-id note, with which `build_id` was compared; empty without one. `kind` is ``replay`` where answers
+    came from a `recording`, and no firmware ran.
     """
 
     kind: str
@@ -71,6 +82,7 @@ class BoardRecord:
     sensors: tuple[SensorRecord, ...]
     compiler_flags: str = ""
     elf_build_id: str = ""
+    recording: RecordingRecord | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,13 +318,15 @@ def utc_now() -> str:
 
 
 def volatile_places(run: Run) -> tuple[str, ...]:
-    """Return JSON pointers of all that may differ between two runs of the same seed."""
+    """Return JSON pointers of all that may differ between two runs of the same seed, or a run and its replay."""
     places = ["/started_utc", "/finished_utc"]
     places += [f"/tests/{index}/duration_s" for index in range(len(run.tests))]
     for name, measurements in (("measurements", run.measurements), ("other_attempts", run.other_attempts)):
         for index, measurement in enumerate(measurements):
             if measurement.volatile:
                 places += [f"/{name}/{index}/value", f"/{name}/{index}/outcome"]
+    if run.board is not None and run.board.recording is not None:
+        places += [f"/board/{name}" for name in _VOLATILE_OF_A_REPLAY]
     if run.revision is not None:
         places.append("/revision")
     if run.comparison is not None:

@@ -12,6 +12,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from hashlib import sha256
 from pathlib import Path
 from types import UnionType
 from typing import Any, ClassVar, Literal, get_args, get_type_hints
@@ -29,7 +30,7 @@ from hiltest.rig.tables import STRICT, RigValueError
 from hiltest.strict_json import read_bounded
 
 # Fields of a rig that no file may set.
-_MADE_HERE = frozenset({"path", "units", "full_only", "lines"})
+_MADE_HERE = frozenset({"path", "sha256", "units", "full_only", "lines"})
 # What pydantic puts behind a key that may be a text or several: no part of the key.
 _ALTERNATIVE = re.compile(r"str|tuple\[.*\]")
 _LARGEST_BYTES = 1 << 20  # a hundred times the largest rig that ships
@@ -68,8 +69,13 @@ def load_rig(path: Path | str) -> Rig:
         uncertainty of the reference it is measured against.
     """
     path = Path(path)
+    return parse_rig(path, read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a rig (TOML)"))
+
+
+def parse_rig(path: Path, content: bytes) -> Rig:
+    """Check what a rig file holds, as `load_rig` does; messages name the file that it was read from."""
     try:
-        text = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a rig (TOML)").decode("utf-8")
+        text = content.decode("utf-8")
         data = tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a rig is a TOML file") from error
@@ -92,7 +98,8 @@ def load_rig(path: Path | str) -> Rig:
         for table, entries in read.items()
     }
     derived = {
-        "path": str(path), "units": _units(source, {**read, "tolerances": tolerances}),
+        "path": str(path), "sha256": sha256(content).hexdigest(),
+        "units": _units(source, {**read, "tolerances": tolerances}),
         "tolerances": {
             name: {"absolute": entry.absolute, "relative": entry.relative} for name, entry in tolerances.items()
         },

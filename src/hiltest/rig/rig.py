@@ -46,7 +46,7 @@ MOST_NOISE_RATIO = 2.0
 #: MAG3110 and FXOS8700CQ magnetometer words [counts/uT].
 COUNTS_PER_UT = 10.0
 # May be edited without a change of any number: names, and the limits and tolerances of numbers.
-_TEXTS = ("lines", "path", "name", "schema")
+_TEXTS = ("lines", "path", "sha256", "name", "schema")
 _CHECKED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
 # Kept in the record beside the digest, because an option of the command line may change them.
 _KEPT_APART = ("seed",)
@@ -64,6 +64,8 @@ class Rig:
     ----------
     path : Path
         The file it was read from.
+    sha256 : str
+        Digest of that file.
     mounting : Mounting or None
         None when it is not declared: only centred heading errors can then be checked.
     faces : Faces or None
@@ -113,6 +115,7 @@ class Rig:
     full_only: frozenset[str] = frozenset()
     cycles: dict[str, CountedFunctions] = dataclass_field(default_factory=dict)
     lines: dict[str, int] = dataclass_field(default_factory=dict, compare=False)
+    sha256: str = dataclass_field(default="", compare=False)
 
     def __post_init__(self) -> None:
         require((self.world is None) == (self.board.kind != "virtual"), "world",
@@ -327,14 +330,34 @@ def conditions_sha256(rig: Rig) -> str:
     themselves, nor the calibrator that costs are shown against, nor the port that a board happens to be on, nor its
     timing profile: cycles carry that; nor the place, which only `hiltest doctor` reads.
     """
-    content = asdict(rig)
+    content = _conditions(rig)
     content["link"]["mode"] = "stub"  # a key that is gone: without it no digest would be what it was
+    return sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def other_conditions(rig: Rig, other: Rig) -> str:
+    """Return the first key that differs of those on which numbers depend, with both values; empty if none does."""
+    pairs = [(_conditions(rig), _conditions(other), "")]
+    while pairs:
+        one, two, place = pairs.pop()
+        for key in sorted(one.keys() | two.keys()):
+            was, now = one.get(key), two.get(key)
+            if isinstance(was, dict) and isinstance(now, dict):
+                pairs.append((was, now, f"{place}{key}."))
+            elif was != now:
+                return f"{place}{key} is {now}, and was {was}"
+    return ""
+
+
+def _conditions(rig: Rig) -> dict[str, Any]:
+    content = asdict(rig)
     for key in (*_TEXTS, *_CHECKED_BY, *_KEPT_APART):
         del content[key]
     for table, keys in _KEPT_APART_OF.items():
         for key in keys:
             del content[table][key]
-    return sha256(json.dumps(_without_none(content), sort_keys=True, default=str).encode()).hexdigest()
+    found: dict[str, Any] = _without_none(content)
+    return found
 
 
 def _without_none(content: Any) -> Any:

@@ -43,7 +43,7 @@ def require(holds: bool, key: str, message: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class BoardPlace:
-    """The board on the link: the virtual one, one on a port, or a recorded session.
+    """The board on the link: the virtual one, or one on a port.
 
     Attributes
     ----------
@@ -59,9 +59,8 @@ class BoardPlace:
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
-    kind: Literal["virtual", "real", "replay"]
+    kind: Literal["virtual", "real"]
     port: str | None = None
-    transcript: str | None = None
     cycle_model: str | None = None
     timing: str | None = None
     firmware: str | None = None
@@ -73,8 +72,6 @@ class BoardPlace:
         require(self.kind == "real" or self.cycle_model is None, "cycle_model", 'belongs to a board of kind "real"')
         require(self.cycle_model is None or re.fullmatch(r"[a-z0-9/.+-]+", self.cycle_model) is not None, "cycle_model",
                 'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/2"')
-        require((self.kind == "replay") == (self.transcript is not None), "transcript",
-                'names the recorded session of a board of kind "replay", and only of that')
 
 
 @dataclass(frozen=True, slots=True)

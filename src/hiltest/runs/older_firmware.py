@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 UNJUDGED = ("-o", "hil_baseline=")
 """For pytest: a run that is itself the base, or a part of a comparison, has no base."""
 
-UNCOVERED = ("-o", "hil_coverage=")
-"""For pytest: a run whose coverage is not asked for."""
+UNCOVERED = ("-o", "hil_coverage=", "-o", "hil_record=", "-o", "hil_replay=")
+"""For pytest: a run whose coverage and recording are not asked for."""
 
 _VARIABLE = "HIL_BASELINE"
-_OF_ONE_RUN = (_VARIABLE, "HIL_COVERAGE")
+_OF_ONE_RUN = (_VARIABLE, "HIL_COVERAGE", "HIL_RECORD", "HIL_REPLAY")
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Generator
+from dataclasses import replace
 from functools import partial
-from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,7 +13,7 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.record.files import MARKDOWN_FILE, OLDER_FOLDER, write_asked_for
 from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import BoardRecord, CalibrationRecord, CoverageRecord, RigRecord, Run, SensorRecord
+from hiltest.record.run import BoardRecord, CalibrationRecord, CoverageRecord, RigRecord, Run, SensorRecord, TestResult
 from hiltest.record.run_json import part_from
 from hiltest.rig.rig import conditions_sha256
 from hiltest.runs.gate import NOT_EVALUATED
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
 
+REPLAY = "replay"
+"""In the place of a test's id: the end of a replay whose recording goes on."""
 _PHASES = ("setup", "call", "teardown")
 
 
@@ -46,7 +48,7 @@ def start_recording(hil: HilSession) -> Recording:
     if rig is not None:
         recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:
-        recorder.board(board_record(hil.board), hil.board.seed)
+        recorder.board(replace(board_record(hil.board), recording=hil.replay and hil.replay.record), hil.board.seed)
     recording = Recording(hil, recorder)
     hil.config.pluginmanager.register(recording, "hiltest-recording")
     return recording
@@ -114,8 +116,11 @@ class Recording:
         from hiltest.verdict.evidence import evidence_of
         from hiltest.verdict.verdict import decide
 
-        self._recorder.found(self._hil.end(), ())
+        hil = self._hil
+        self._recorder.found(hil.end(), ())
         self._recorder.finished(None)
+        if hil.divergence and not hil.trouble_reported:
+            self._recorder.finished(TestResult(REPLAY, TestOutcome.CONNECTION_LOST, 0.0, hil.divergence))
         exitstatus = self._write_coverage(exitstatus)
         self._recorder.findings.chosen = self._hil.choice.of_our_tests
         stopped = bool(session.shouldstop or session.shouldfail)
@@ -228,7 +233,7 @@ def rig_record(rig: Rig) -> RigRecord:
     declared = rig.mounting
     mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
     return RigRecord(
-        rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting, conditions_sha256(rig),
+        rig.name, str(rig.path), rig.sha256, mounting, conditions_sha256(rig),
         {name: (each.absolute, each.relative) for name, each in rig.tolerances.items()},
         rig.procedure.cost_reference,
     )

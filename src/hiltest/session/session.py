@@ -7,9 +7,9 @@ to import is imported by the function that needs it.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,8 +40,10 @@ if TYPE_CHECKING:
     from hiltest.measurement import Limit, Measurement
     from hiltest.progress_line import ProgressLine
     from hiltest.record.recorder import Recorder
+    from hiltest.replay.tape import Tape
     from hiltest.rig import Rig
     from hiltest.runs.wire_traces import WireTraces
+    from hiltest.session.tape import Replay
 
 _BENCHMARKS = "benchmarks"
 
@@ -71,10 +73,19 @@ class HilSession:
         Folder of the record.
     coverage : Coverage or None
         Coverage of the firmware, from `end` on, where it was asked for.
+    replay : Replay or None
+        Recording that the run is replayed from.
+    divergence : str
+        From `end` on, where the run was not the recorded one; empty otherwise.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
         self.config = config
+        self.replay: Replay | None = None
+        self.divergence = ""
+        self._tape: Tape | None = None
+        if settings.replay is not None:
+            settings = self._begin_replay(settings, settings.replay)
         self.settings = settings
         self.trouble: BenchError | ProtocolError | None = None
         self.trouble_reported = False
@@ -94,6 +105,31 @@ class HilSession:
         self._source: SourceMap | None = None
         self._remarks: list[str] = []
         self._errors: list[tuple[BaseException, str]] = []  # of fixtures, and the test that each failed first
+
+    def _begin_replay(self, settings: Settings, path: Path) -> Settings:
+        """Open the recording; return the settings of the recorded run."""
+        from hiltest.errors import ConfigError
+        from hiltest.session.tape import open_replay
+
+        try:
+            self.replay = open_replay(path)
+            self._tape = self.replay.player
+            return self.replay.settings(settings)
+        except ConfigError as error:
+            raise pytest.UsageError(str(error)) from error
+
+    @property
+    def tape(self) -> Tape:
+        """What the questions of the run to its bench pass through."""
+        if self._tape is None:
+            from hiltest.replay.tape import LIVE
+            from hiltest.session.tape import open_record
+
+            record = self.settings.record
+            self._tape = LIVE if record is None else open_record(
+                record, self.settings, self.rig, holds_limits=self.must_meet_every_limit
+            )  # fmt: skip
+        return self._tape
 
     @property
     def is_worker(self) -> bool:
@@ -161,6 +197,7 @@ class HilSession:
         self.asked_for = True
         try:
             check_environment()
+            self._check_tape()
             # Reading the rig is what finds its mistakes.
             self._needs_rig |= with_board
             _ = self.rig_if_needed
@@ -182,6 +219,21 @@ class HilSession:
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
 
+    def _check_tape(self) -> None:
+        """Refuse to record or replay what would be another run the second time."""
+        from hiltest.errors import ConfigError
+
+        settings = self.settings
+        asked_for = settings.sources["record" if settings.record is not None else "replay"]
+        if settings.record is None and settings.replay is None:
+            return
+        if self.is_worker or self.hands_out:
+            raise ConfigError(f"{asked_for}: a run is recorded and replayed in one process; leave out -n and --dist")
+        if self.rig.own_language is not None:
+            raise ConfigError(f"{asked_for}: firmware that speaks its own language cannot be recorded yet")
+        if settings.coverage is not None:
+            raise ConfigError(f"{asked_for}: a recording has no coverage; leave out --hil-coverage")
+
     def claim_folder(self) -> Recorder:
         """Return the recorder of this session, whose folder no other session has from here on.
 
@@ -199,7 +251,11 @@ class HilSession:
             from hiltest.bench_files import rig_file
             from hiltest.rig.file import load_rig
 
-            self._rig = load_rig(rig_file(self.config.invocation_params.dir, self.settings.rig))
+            here, named = self.config.invocation_params.dir, self.settings.rig
+            if self.replay is not None:
+                self._rig = self.replay.rig(None if named is None else rig_file(here, named))
+            else:
+                self._rig = load_rig(rig_file(here, named))
             self._rig.refuse_playback("a run")
         return self._rig
 
@@ -214,6 +270,8 @@ class HilSession:
 
         It does not under plain pytest with the packaged rig, whose limits are for the packaged suites.
         """
+        if self.replay is not None:
+            return self.replay.run.holds_limits
         return self._rig_is_asked_for or self.config.pluginmanager.has_plugin(RUN_COMMAND)
 
     @property
@@ -242,7 +300,7 @@ class HilSession:
             self._opened_s = time.monotonic()
             self._traces = WireTraces(self.folder.path)
             try:
-                opening = open_compass if self.rig.own_language else open_board
+                opening = open_compass if self.rig.own_language else partial(open_board, tape=self.tape)
                 opened: Board | CompassBoard = opening(
                     self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
                     transcript=self._traces.transcript, base=self.settings.base,
@@ -306,10 +364,12 @@ class HilSession:
         self._errors.append((error, nodeid))
         return nodeid
 
-    def begin_trace(self) -> None:
-        """Drop the bytes on the line before the test that begins."""
+    def begin_test(self, nodeid: str) -> None:
+        """Drop the bytes on the line before the test that begins, and note which it is."""
         if self._traces is not None:
             self._traces.begin()
+        if self._tape is not None:
+            self._tape.begin_test(self.test_id(nodeid))
 
     def keep_trace(self, test: str, phase: str, error: BaseException) -> str:
         """Write the bytes on the line during a test that failed; return the file, or an empty text."""
@@ -346,7 +406,7 @@ class HilSession:
         wanted = rig.units.get(name, unit)
         if unit != wanted:
             raise ValueError(f"{name} is measured in {unit!r}, and its limit in {rig.path} is in {wanted!r}")
-        kind = self._board.kind if self._board else rig.board.kind
+        kind = self._board.origin if self._board else rig.board.kind
         return check(
             name, value, unit=unit, limit=rig.limits.get(name) or limit,
             information=rig.information.get(name), could_offer=kind == "virtual", **more,
@@ -371,9 +431,9 @@ class HilSession:
 
     def end(self) -> list[Measurement]:
         """Close the board and return the measurements of the whole session."""
+        seconds, memory_use = self._end_tape()
         if self._board is None:
             return []
-        seconds, memory_use = self._board.virtual_seconds, self._board.memory_use()
         self._board.close()
         if self._source is not None and self._board.execution is not None:
             self.coverage = self._source.coverage(self._board.execution.code())
@@ -386,6 +446,23 @@ class HilSession:
             self.check("board.virtual_seconds", seconds, unit="s"),
             self.check("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
         ]
+
+    def _end_tape(self) -> tuple[float | None, Mapping[str, int | str]]:
+        """Ask the board's last questions: how long it ran, and what its firmware took; then there are no more."""
+        from hiltest.errors import DivergenceError
+
+        if self._tape is None:
+            return None, {}
+        seconds: float | None = None
+        memory_use: Mapping[str, int | str] = {}
+        try:
+            self._tape.begin_test("the end of the run")
+            if self._board is not None:
+                seconds, memory_use = self._board.virtual_seconds, self._board.memory_use()
+            self.divergence = self._tape.end()
+        except DivergenceError as error:
+            self.divergence = str(error)
+        return seconds, memory_use
 
     @cached_property
     def progress(self) -> ProgressLine:

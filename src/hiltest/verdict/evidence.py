@@ -32,7 +32,7 @@ class Conditions:
     Attributes
     ----------
     board : str
-        Its kind: ``virtual``, ``real`` or ``replay``, or `NO_BOARD`.
+        Its kind: ``virtual`` or ``real``, of a replay with the recording that it is of, or `NO_BOARD`.
     rig_sha256 : str
         SHA-256 of the rig's conditions; empty in a record from before they were kept, and without board and rig.
     calibrators : tuple of str
@@ -235,8 +235,10 @@ def _conditions(run: Run) -> Conditions | None:
             protocol_version=0, compiler_flags=(), poses=run.poses, suite=run.suite,
             calibrated=run.calibration is not None,
         ) if run.verdict.complete else None
+    recording = run.board.recording
     return Conditions(
-        board=run.board.kind, rig_sha256=run.rig.conditions_sha256 if run.rig else "",
+        board=f"{run.board.kind} of {recording.sha256[:8]}" if recording else run.board.kind,
+        rig_sha256=run.rig.conditions_sha256 if run.rig else "",
         calibrators=run.board.calibrators, sensors=tuple(each.name for each in run.board.sensors if each.present),
         protocol_version=run.board.protocol_version, compiler_flags=tuple(run.board.compiler_flags.split()),
         poses=run.poses, suite=run.suite, calibrated=run.calibration is not None,

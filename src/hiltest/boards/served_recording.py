@@ -1,0 +1,213 @@
+"""The line of a recorded run for any serial program: it gets the recorded answers, as late as the board gave them."""
+
+from __future__ import annotations
+
+import json
+import select
+import time
+from collections.abc import Callable
+from itertools import takewhile
+from pathlib import Path
+from typing import NoReturn
+
+from hiltest.boards.lines import PortLine
+from hiltest.errors import BenchError, DivergenceError, ProtocolError
+from hiltest.link.framing import Frame, FrameDecoder, encode_frame
+from hiltest.link.messages import Identify, Sync
+from hiltest.link.request import REPLY_BIT, decode_reply
+from hiltest.link.trace_text import frames_in_words
+from hiltest.link.transcript import Direction, Transcript, TranscriptEntry
+from hiltest.virtual.unique_id import REPLAYED_UNIQUE_ID
+
+_DELIMITER = b"\x7e"
+_FIRST_LINE = 2
+_STEP_S = 0.002
+_AT_A_LOOK = 1 << 16
+_NONCE = slice(1, 5)  # in the payload of an answer to SYNC, behind the status
+
+
+class ServedRecording:
+    """The board's end of a recorded line.
+
+    What the program sends must be what the recorded host sent. The nonce of SYNC alone is its own, and comes back. The
+    board's unique id is `REPLAYED_UNIQUE_ID`: numbers of a recording must not pass for a board's.
+
+    Parameters
+    ----------
+    transcript : Transcript
+        Of a recorded run.
+    path : Path
+        Where it was read from, for messages.
+    """
+
+    def __init__(self, transcript: Transcript, path: Path) -> None:
+        self._path = path
+        self._entries: list[tuple[int, str, TranscriptEntry]] = []
+        test = ""
+        for line, entry in enumerate(transcript.entries, _FIRST_LINE):
+            if entry.direction is Direction.MARK:
+                test = entry.data.decode(errors="replace")
+            elif entry.data and (entry.direction is not Direction.CALL or _breaks(entry)):
+                self._entries.append((line, test, entry))
+        self.begin(0.0)
+
+    def begin(self, now_s: float) -> None:
+        """Begin again: another program has come."""
+        self._at = 0
+        self._heard = bytearray()
+        self._nonce = b""
+        self._asked_s = now_s  # when the latest request was there, and when it was in the recording
+        self._recorded_s = self._entries[0][2].time_s if self._entries else 0.0
+
+    @property
+    def over(self) -> bool:
+        """Whether all was said and heard."""
+        return self._at == len(self._entries)
+
+    def hear(self, data: bytes, now_s: float) -> None:
+        """Take bytes from the program.
+
+        Raises
+        ------
+        DivergenceError
+            When they are not the recorded ones.
+        """
+        self._heard += data
+        while self._heard and (self.over or self._next.direction is Direction.TO_BOARD):
+            if self.over:
+                self._diverged("has come to its end")
+            taken = self._taken(self._next.data)
+            if not taken:
+                return
+            del self._heard[:taken]
+            self._asked_s, self._recorded_s = now_s, self._next.time_s
+            self._at += 1
+
+    def say(self, now_s: float) -> bytes:
+        """Return what the board has said by now.
+
+        Raises
+        ------
+        BenchError
+            When the recorded line broke here.
+        """
+        said = bytearray()
+        while not self.over and self._next.direction is not Direction.TO_BOARD:
+            answer = [entry for _, _, entry in takewhile(_is_of_board, self._entries[self._at :])]
+            changed = self._changed(b"".join(each.data for each in answer))
+            due = answer[-1] if changed else self._next
+            if due.time_s - self._recorded_s > now_s - self._asked_s:
+                break
+            if due.direction is Direction.CALL:
+                why = json.loads(due.data)["raises"]["text"]
+                raise BenchError(f"{self._path}:{self._entries[self._at][0]}: here the recorded line broke: {why}")
+            said += changed or due.data
+            self._at += len(answer) if changed else 1
+            self.hear(b"", now_s)
+        return bytes(said)
+
+    @property
+    def _next(self) -> TranscriptEntry:
+        return self._entries[self._at][2]
+
+    def _taken(self, recorded: bytes) -> int:
+        """Return how many bytes of what was heard are the recorded request; 0 while it is not whole."""
+        if self._heard.startswith(recorded):
+            return len(recorded)
+        if recorded.startswith(self._heard):
+            return 0
+        end = self._heard.find(_DELIMITER, 1)
+        theirs, ours = _sync(bytes(self._heard[: end + 1])), _sync(recorded)
+        if ours is not None and (end < 0 or theirs is not None):
+            self._nonce = theirs.payload if theirs is not None else b""
+            return end + 1
+        self._diverged(f"had {frames_in_words(recorded)}")
+
+    def _changed(self, answer: bytes) -> bytes:
+        """Return an answer with the program's nonce, and without a board's unique id; nothing where it has neither."""
+        frames = FrameDecoder().feed(answer)
+        said, has_changed = b"", False
+        for frame in frames:
+            if not isinstance(frame, Frame):
+                return b""
+            payload = frame.payload
+            if frame.type == Sync.code | REPLY_BIT and len(self._nonce) == len(payload[_NONCE]):
+                payload = payload[:1] + self._nonce + payload[5:]
+            elif frame.type == Identify.code | REPLY_BIT:
+                payload = _replayed_identity(payload)
+            has_changed = has_changed or payload != frame.payload
+            said += encode_frame(Frame(frame.type, frame.sequence, payload))
+        return said if has_changed else b""
+
+    def _diverged(self, recorded: str) -> NoReturn:
+        line, test, entry = self._entries[min(self._at, len(self._entries) - 1)]
+        asked = f"the program sends {frames_in_words(bytes(self._heard))}"
+        raise DivergenceError(f"{self._path}:{line}", asked, recorded, time_s=entry.time_s, test=test)
+
+
+def serve_recorded(
+    recording: ServedRecording, line: PortLine, tell: Callable[[str], None], ended: Callable[[float], bool]
+) -> None:
+    """Serve a recording to the programs on a line, each from its beginning, until it has come to its end.
+
+    Parameters
+    ----------
+    recording : ServedRecording
+    line : PortLine
+    tell : callable
+        Is told what happens.
+    ended : callable
+        Whether to end before that, from the time that it has been served [s].
+
+    Raises
+    ------
+    BenchError
+        When the recorded line breaks, or the program sends what was not recorded.
+    """
+    began_s = time.monotonic()
+    was_connected, unsent = False, b""
+    while not ended(time.monotonic() - began_s):
+        select.select(line.sources(), [], [], _STEP_S)
+        data, now_s = line.receive(_AT_A_LOOK), time.monotonic()
+        if line.connected != was_connected:
+            was_connected, unsent = line.connected, b""
+            tell(f"board: client {'connected' if was_connected else 'gone'}")
+            if was_connected:
+                recording.begin(now_s)
+            elif recording.over:
+                tell("the recording has come to its end")
+                return
+        if was_connected or data:
+            recording.hear(data, now_s)
+            unsent += recording.say(now_s)
+            unsent = unsent[line.send(unsent) :]
+
+
+def _is_of_board(entry: tuple[int, str, TranscriptEntry]) -> bool:
+    return entry[2].direction is Direction.TO_HOST
+
+
+def _breaks(entry: TranscriptEntry) -> bool:
+    call = json.loads(entry.data)
+    return call["call"] in ("read", "write") and isinstance(call.get("raises"), dict) and "text" in call["raises"]
+
+
+def _sync(data: bytes) -> Frame | None:
+    """Return the frame of a request to synchronise, None when it is anything else."""
+    frames = FrameDecoder().feed(data)
+    if len(frames) == 1 and isinstance(frames[0], Frame) and frames[0].type == Sync.code:
+        return frames[0]
+    return None
+
+
+def _replayed_identity(payload: bytes) -> bytes:
+    """Return the payload of an identity with the unique id of a replay."""
+    try:
+        identity = decode_reply(Identify(), payload)
+    except (ProtocolError, BenchError):
+        return payload
+    return payload.replace(_on_the_line(identity.unique_id), _on_the_line(REPLAYED_UNIQUE_ID), 1)
+
+
+def _on_the_line(unique_id: bytes) -> bytes:
+    return b"".join(unique_id[at : at + 4][::-1] for at in range(0, len(unique_id), 4))

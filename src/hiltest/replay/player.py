@@ -1,0 +1,216 @@
+"""Replaying a run: its questions are answered from a recording, in order; the first other question is a divergence."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, NoReturn
+
+from hiltest.errors import ConfigError, DivergenceError
+from hiltest.link.ports import READ_SLICE_S, SerialPort
+from hiltest.link.trace_text import frames_in_words
+from hiltest.link.transcript import END, Direction, Transcript, TranscriptEntry
+from hiltest.replay.tape import Tape, Taped
+from hiltest.replay.values import interface_in, restored, restored_error
+
+_FIRST_LINE = 2  # of an entry: the header has the first
+_SHOWN_CHARACTERS = 200
+
+
+class Player(Tape):
+    """Replays a run.
+
+    Bytes to the board and calls must be those of the recording, in its order. How often the host reads, and looks at
+    the clock, need not: a read brings what is recorded until the next question, and then nothing.
+
+    Parameters
+    ----------
+    transcript : Transcript
+        Of a recorded run.
+    path : Path
+        Where it was read from, for messages.
+    """
+
+    def __init__(self, transcript: Transcript, path: Path) -> None:
+        self.clock = transcript.clock
+        self._path = path
+        self._entries: list[TranscriptEntry] = []
+        self._lines: list[int] = []
+        self._tests: list[str] = []  # that each entry was recorded in
+        test = ""
+        for line, entry in enumerate(transcript.entries, _FIRST_LINE):
+            if entry.direction is Direction.MARK:
+                test = entry.data.decode(errors="replace")
+                continue
+            self._entries.append(entry)
+            self._lines.append(line)
+            self._tests.append(test)
+        self._is_whole = test == END
+        self._at = 0
+        self._time_s = 0.0
+        self._test = ""
+        self._divergence: DivergenceError | None = None
+
+    def port(self, opened: Callable[[], SerialPort]) -> SerialPort:
+        """Return a port at whose far end the recording is; nothing is opened."""
+        return _ReplayedPort(self, self.ask("port", {}, str, str))
+
+    def ask(self, name: str, given: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+        """Answer a question from the recording."""
+        entry, as_recorded = self._question(), json.loads(json.dumps(given))
+        call = _call_of(entry)
+        if call is None or call["call"] != name or call.get("given", {}) != as_recorded:
+            self._diverged(f"asks {_question(name, as_recorded)}")
+        self._took(call)
+        if "raises" in call:
+            raise self._made(restored_error, call["raises"])
+        interface, gives = interface_in(hint), call.get("gives")
+        if interface is not None and gives is not None:
+            return Taped(self, str(gives), interface, None)
+        return self._made(lambda content: restored(hint, content), gives)
+
+    def begin_test(self, test: str) -> None:
+        """Note that a test begins, for messages."""
+        self._test = test
+
+    def end(self) -> str:
+        """Say where the run differed, or that the recording goes on."""
+        if self._divergence is None and (entry := self._question()) is not None:
+            self._divergence = self._other("has ended", f"goes on: {_in_words(entry)}")
+        return "" if self._divergence is None else str(self._divergence)
+
+    def now(self) -> float:
+        """Return the time of the recorded clock: what the run read there, or else when it asked the next question."""
+        entry = self._next()
+        if entry is not None and entry.direction is not Direction.TO_HOST:
+            self._at += entry.direction is Direction.CLOCK
+            self._time_s = max(self._time_s, entry.time_s)
+        return self._time_s
+
+    def read(self) -> bytes:
+        """Return what the read of the line brought; nothing where the recorded run did not read on."""
+        while (entry := self._next()) is not None and entry.direction is Direction.CLOCK:
+            self._at += 1
+        if entry is not None and entry.direction is Direction.TO_HOST:
+            self._at += 1
+            self._time_s = max(self._time_s, entry.time_s)
+            return entry.data
+        self._raise_if_broken("read")
+        self._time_s = self.now() + READ_SLICE_S
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """Take bytes for the board, which must be the recorded ones."""
+        entry = self._question()
+        if entry is None or entry.direction is not Direction.TO_BOARD or entry.data != data:
+            self._diverged(f"sends {frames_in_words(data)}", sent=data)
+        self._at += 1
+        self._time_s = max(self._time_s, entry.time_s)
+        self._raise_if_broken("write")
+
+    def _raise_if_broken(self, what: str) -> None:
+        call = _call_of(self._next())
+        if call is not None and call["call"] == what:
+            self._took(call)
+            raise self._made(restored_error, call.get("raises"))
+
+    def _next(self) -> TranscriptEntry | None:
+        return self._entries[self._at] if self._at < len(self._entries) else None
+
+    def _question(self) -> TranscriptEntry | None:
+        """Go to the next question of the recording: what brought nothing is passed."""
+        if self._divergence is not None:
+            raise self._divergence
+        while (entry := self._next()) is not None and not entry.data:
+            self._at += 1
+        return entry
+
+    def _took(self, call: dict[str, Any]) -> None:
+        until = call.get("until", self._entries[self._at].time_s)
+        until_s = self._made(lambda content: restored(float, content), until)
+        self._time_s = max(self._time_s, until_s)
+        self._at += 1
+
+    def _made(self, make: Callable[[Any], Any], content: Any) -> Any:
+        try:
+            return make(content)
+        except (ValueError, TypeError) as error:
+            raise ConfigError(f"{self._path}:{self._lines[self._at - 1]}: the answer is damaged: {error}") from None
+
+    def _diverged(self, asked: str, *, sent: bytes = b"") -> NoReturn:
+        """Raise where the run differs from the recording, here and whatever is asked from now on."""
+        entry = self._next()
+        if entry is not None:
+            recorded = _in_words(entry, beside=sent)
+        elif self._is_whole:
+            recorded = "has come to its end"
+        else:
+            recorded = "ends without its mark of the end: it was cut short"
+        self._divergence = self._other(asked, recorded)
+        raise self._divergence
+
+    def _other(self, asked: str, recorded: str) -> DivergenceError:
+        at = min(self._at, len(self._entries) - 1)
+        line, test = (self._lines[at], self._tests[at]) if at >= 0 else (1, "")
+        time_s = self._entries[at].time_s if at >= 0 else 0.0
+        return DivergenceError(
+            f"{self._path}:{line}", f"{self._test or 'it'} {asked}", recorded, time_s=time_s, test=test
+        )  # fmt: skip
+
+
+def _in_words(entry: TranscriptEntry, *, beside: bytes = b"") -> str:
+    if (call := _call_of(entry)) is not None:
+        return f"asked {_question(str(call['call']), call.get('given', {}))}"
+    if entry.direction is Direction.TO_HOST:
+        return f"read {len(entry.data)} bytes before it went on"
+    words, difference = frames_in_words(entry.data), ""
+    if beside and frames_in_words(beside) == words:  # as where only a check value or a number is another
+        pairs = enumerate(zip_longest(beside, entry.data))
+        difference = f", another from byte {next(at for at, (one, two) in pairs if one != two)} on"
+    return f"sent {words}{difference}"
+
+
+def _call_of(entry: TranscriptEntry | None) -> dict[str, Any] | None:
+    if entry is None or entry.direction is not Direction.CALL:
+        return None
+    call: dict[str, Any] = json.loads(entry.data)
+    return call
+
+
+def _question(name: str, given: Mapping[str, Any]) -> str:
+    text = f"{name}({', '.join(f'{key}={json.dumps(value)}' for key, value in given.items())})"
+    return text if len(text) <= _SHOWN_CHARACTERS else f"{text[: _SHOWN_CHARACTERS - 3]}..."
+
+
+class _ReplayedPort:
+    """A port at whose far end a recording is."""
+
+    def __init__(self, player: Player, name: str) -> None:
+        self._player = player
+        self.name, self.clock = name, player.clock
+
+    def now(self) -> float:
+        """Return the time of the recorded clock [s]."""
+        return self._player.now()
+
+    def position(self) -> str:
+        """Say what the firmware was doing."""
+        found: str = self._player.ask("position", {}, str, str)
+        return found
+
+    def read_until(self, expected: bytes) -> bytes:
+        """Return what the read brought."""
+        return self._player.read()
+
+    def write(self, data: bytes) -> int:
+        """Compare bytes with those that were recorded."""
+        self._player.write(data)
+        return len(data)
+
+    def reset_input_buffer(self) -> None:
+        """Do nothing: what was dropped is not in a recording."""
+
+    def close(self) -> None:
+        """Do nothing."""

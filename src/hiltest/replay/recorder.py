@@ -1,0 +1,161 @@
+"""Recording a run: each question to the bench is asked, and kept with its answer and time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from hiltest.errors import HiltestError
+from hiltest.link.ports import SerialPort
+from hiltest.link.transcript import END, Direction, TranscriptEntry, TranscriptFile, call_entry
+from hiltest.replay.tape import Tape, Taped
+from hiltest.replay.values import interface_in, plain, plain_error
+
+
+class Recorder(Tape):
+    """Records a run.
+
+    Parameters
+    ----------
+    path : Path
+        File that is written, as the run goes on.
+    about : mapping
+        What the header says of the run.
+    """
+
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        self._path, self._about = path, about
+        self._file: TranscriptFile | None = None
+        self._now: Callable[[], float] = time.monotonic
+        self._began_s = self._latest_s = 0.0
+        self._objects = 0
+        self._is_asking = False  # what is asked to answer a question is no question of the run
+
+    def port(self, opened: Callable[[], SerialPort]) -> SerialPort:
+        """Open the board's port, and begin the recording."""
+        port = opened()
+        own_clock: Callable[[], float] | None = getattr(port, "now", None)
+        if own_clock is None:
+            self._began_s = time.monotonic()
+        self._now = own_clock or self._wall_s
+        clock = "virtual" if own_clock else "wall"
+        try:
+            self._file = TranscriptFile(self._path, clock, self._about)
+        except HiltestError:
+            port.close()
+            raise
+        self.ask("port", {}, str, lambda: port.name)
+        return _RecordedPort(self, port, clock)
+
+    def ask(self, name: str, given: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+        """Ask the bench, and keep the question with the answer."""
+        if self._is_asking:
+            return answer()
+        began_s, self._is_asking = self._now(), True
+        kept: dict[str, Any] = {"call": name, **({"given": given} if given else {})}
+        try:
+            found = answer()
+            interface = interface_in(hint)
+            if interface is not None and found is not None:
+                self._objects += 1
+                kept["gives"] = f"{name.rpartition('.')[2]}-{self._objects}"
+                found = Taped(self, kept["gives"], interface, found)
+            else:
+                kept["gives"] = plain(found)
+            return found
+        except HiltestError as error:
+            kept["raises"] = plain_error(error)
+            raise
+        finally:
+            self._is_asking = False
+            if {"gives", "raises"} & kept.keys():  # else it was interrupted
+                self._add_call(began_s, kept)
+
+    def begin_test(self, test: str) -> None:
+        """Note that a test begins; what was before is on the disk."""
+        if self._file is not None:
+            self._file.flush()
+            self._file.add(TranscriptEntry(self._latest_s, Direction.MARK, test.encode()))
+
+    def end(self) -> str:
+        """Close the recording."""
+        if self._file is not None:
+            self._file.add(TranscriptEntry(self._latest_s, Direction.MARK, END.encode()))
+            self._file.close()
+            self._file = None
+        return ""
+
+    def now_s(self, *, is_asked: bool) -> float:
+        """Return the time of the board's clock; of a wall clock the run's own readings are kept."""
+        time_s = self._now()
+        if is_asked and self._began_s and not self._is_asking:
+            self.add(time_s, Direction.CLOCK, b"")
+        return time_s
+
+    def add(self, time_s: float, direction: Direction, data: bytes) -> None:
+        """Keep bytes."""
+        if self._file is not None and not self._is_asking:
+            self._file.add(TranscriptEntry(time_s, direction, data))
+            self._latest_s = time_s
+
+    def broken(self, what: str, error: BaseException) -> None:
+        """Keep that reading or writing the line raised an error."""
+        if not self._is_asking:
+            self._add_call(self._now(), {"call": what, "raises": plain_error(error)})
+
+    def _add_call(self, began_s: float, call: dict[str, Any]) -> None:
+        ended_s = self._now()
+        if self._file is not None:
+            until = {"until": ended_s} if ended_s != began_s else {}
+            self._file.add(call_entry(began_s, {**call, **until}))
+            self._latest_s = ended_s
+
+    def _wall_s(self) -> float:
+        return round(time.monotonic() - self._began_s, 6)
+
+
+class _RecordedPort:
+    """A port whose bytes are kept."""
+
+    def __init__(self, recorder: Recorder, port: SerialPort, clock: str) -> None:
+        self._recorder, self._port = recorder, port
+        self.name, self.clock = port.name, clock
+
+    def now(self) -> float:
+        """Return the time of the board's clock [s]."""
+        return self._recorder.now_s(is_asked=True)
+
+    def position(self) -> str:
+        """Say what the firmware is doing, where the port knows."""
+        look: Callable[[], str] = getattr(self._port, "position", str)
+        found: str = self._recorder.ask("position", {}, str, look)
+        return found
+
+    def read_until(self, expected: bytes) -> bytes:
+        """Return bytes up to and including `expected`, fewer when the read slice is over."""
+        try:
+            data = bytes(self._port.read_until(expected))
+        except Exception as error:
+            self._recorder.broken("read", error)
+            raise
+        self._recorder.add(self._recorder.now_s(is_asked=False), Direction.TO_HOST, data)
+        return data
+
+    def write(self, data: bytes) -> int | None:
+        """Send bytes."""
+        self._recorder.add(self._recorder.now_s(is_asked=False), Direction.TO_BOARD, data)
+        try:
+            return self._port.write(data)
+        except Exception as error:
+            self._recorder.broken("write", error)
+            raise
+
+    def reset_input_buffer(self) -> None:
+        """Drop what has arrived and was not read."""
+        self._port.reset_input_buffer()
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()

@@ -1,0 +1,194 @@
+"""Arguments and answers as JSON, and back again by the type that an interface declares.
+
+The types of an interface are the schema: what a file holds becomes an object only where the declared type is met.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from enum import Enum
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+import serial
+
+from hiltest import errors
+from hiltest.errors import HiltestError
+
+_PLAIN = (bool, int, float, str)
+_OF_PORTS = {"SerialException": serial.SerialException, "SerialTimeoutException": serial.SerialTimeoutException}
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A member of an interface: a method, or a value; `hint` is the type of its answer."""
+
+    is_method: bool
+    hint: Any
+    signature: inspect.Signature | None = None
+
+    def given(self, positional: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the arguments of a call by name, as JSON."""
+        if self.signature is None:
+            return {}
+        return {name: plain(value) for name, value in self.signature.bind(*positional, **named).arguments.items()}
+
+
+@cache
+def member_of(interface: type, name: str) -> Member:
+    """Return a public member of an interface.
+
+    Raises
+    ------
+    AttributeError
+        When it has none of this name: what a run asks of its bench beside the interface cannot be recorded.
+    """
+    found = inspect.getattr_static(interface, name, None)
+    if name.startswith("_") or (found is None and name not in get_type_hints(interface)):
+        raise AttributeError(f"{interface.__name__} has no {name!r}, by which it could be recorded")
+    if isinstance(found, property):
+        return Member(is_method=False, hint=get_type_hints(found.fget)["return"])
+    if inspect.isfunction(found):
+        signature = inspect.signature(found)
+        without_self = signature.replace(parameters=list(signature.parameters.values())[1:])
+        return Member(is_method=True, hint=get_type_hints(found)["return"], signature=without_self)
+    return Member(is_method=False, hint=get_type_hints(interface)[name])
+
+
+def interface_in(hint: Any) -> type | None:
+    """Return the interface that an answer implements, if its type is one: it is asked further questions."""
+    for each in (hint, *get_args(hint)):
+        if isinstance(each, type) and getattr(each, "_is_protocol", False):
+            return each
+    return None
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON.
+
+    Raises
+    ------
+    TypeError
+        When it cannot be recorded.
+    """
+    if isinstance(value, Enum):
+        return value.value
+    if value is None or isinstance(value, _PLAIN):
+        return value
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if is_dataclass(value) and not isinstance(value, type):
+        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, Sequence):
+        return [plain(each) for each in value]
+    raise TypeError(f"{type(value).__name__} cannot be recorded: an interface that is recorded takes and gives plain "
+                    "values, dataclasses, arrays, and other interfaces")  # fmt: skip
+
+
+def restored(hint: Any, content: Any) -> Any:
+    """Return the value of a declared type that JSON stands for.
+
+    Raises
+    ------
+    ValueError
+        When it stands for none.
+    """
+    kind, inner = get_origin(hint) or hint, get_args(hint)
+    if kind is Any:
+        return content
+    if kind in (Union, UnionType):
+        return _first_of(inner, content)
+    if kind in (None, NoneType):
+        return _checked(content is None, None, hint)
+    if kind is float:
+        return _checked(isinstance(content, int | float) and not isinstance(content, bool), content, hint)
+    if kind in _PLAIN:
+        return _checked(type(content) is kind, content, hint)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind(content)
+    if kind is np.ndarray:
+        return _array(content)
+    if isinstance(kind, type) and is_dataclass(kind):
+        return _record(kind, content)
+    if isinstance(kind, type) and issubclass(kind, Mapping):
+        _checked(isinstance(content, dict), None, hint)
+        return {key: restored(inner[1], each) for key, each in content.items()}
+    if isinstance(kind, type) and issubclass(kind, Sequence):
+        return _sequence(kind, inner, content)
+    raise TypeError(f"no value of type {hint} can be replayed")
+
+
+def _checked(is_right: bool, value: Any, hint: Any) -> Any:
+    if not is_right:
+        raise ValueError(f"it is no {hint}")
+    return value
+
+
+def _first_of(hints: Sequence[Any], content: Any) -> Any:
+    for hint in hints:
+        try:
+            return restored(hint, content)
+        except (ValueError, TypeError):
+            continue
+    raise ValueError(f"it is none of {hints}")
+
+
+def _array(content: Any) -> Any:
+    try:
+        return np.asarray(content, dtype=np.float64)
+    except TypeError as error:
+        raise ValueError(f"it is no array: {error}") from None
+
+
+def _record(kind: type[Any], content: Any) -> Any:
+    _checked(isinstance(content, dict), None, kind)
+    hints = get_type_hints(kind)
+    known = {each.name: each for each in fields(kind) if each.init}
+    needed = {name for name, each in known.items() if each.default is MISSING and each.default_factory is MISSING}
+    _checked(needed <= content.keys() <= known.keys(), None, kind)
+    return kind(**{name: restored(hints[name], each) for name, each in content.items()})
+
+
+def _sequence(kind: type, inner: tuple[Any, ...], content: Any) -> Any:
+    _checked(isinstance(content, list), None, kind)
+    if not issubclass(kind, tuple):
+        return [restored(inner[0], each) for each in content]
+    each_hint = (inner[0],) * len(content) if inner[-1] is Ellipsis else inner
+    _checked(len(each_hint) == len(content), None, kind)
+    return tuple(restored(hint, each) for hint, each in zip(each_hint, content, strict=True))
+
+
+def plain_error(error: BaseException) -> dict[str, Any]:
+    """Return an error of hiltest, or of a port, as JSON."""
+    if isinstance(error, HiltestError):
+        about = {name: plain(value) for name, value in vars(error).items() if not name.startswith("_")}
+        return {"error": type(error).__name__, "text": str(error), "with": about}
+    is_late = isinstance(error, serial.SerialTimeoutException)
+    return {"error": "SerialTimeoutException" if is_late else "SerialException", "text": str(error), "with": {}}
+
+
+def restored_error(content: Any) -> Exception:
+    """Return the error that JSON stands for.
+
+    Raises
+    ------
+    ValueError
+        When it stands for none of hiltest's, and none of a port.
+    """
+    _checked(isinstance(content, dict), None, Exception)
+    name, text, about = content.get("error"), content.get("text"), content.get("with")
+    if name in _OF_PORTS:
+        return _OF_PORTS[name](str(text))  # type: ignore[no-any-return]
+    kind = getattr(errors, str(name), None)
+    if not (isinstance(kind, type) and issubclass(kind, HiltestError) and isinstance(about, dict)):
+        raise ValueError(f"it is no error of hiltest: {name!r}")
+    error = kind.__new__(kind)  # not by its own arguments, which only its message was made of
+    error.args = (str(text),)
+    vars(error).update(about)
+    return error

@@ -1,0 +1,92 @@
+"""The tape of a session: what its run asks of the bench is recorded, or answered from a recording."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import hiltest
+from hiltest.errors import ConfigError
+from hiltest.record.run import RecordingRecord, utc_now
+from hiltest.replay.player import Player
+from hiltest.replay.recorded_run import RecordedRun, read_transcript
+from hiltest.replay.recorder import Recorder
+from hiltest.rig.file import load_rig, parse_rig
+from hiltest.rig.rig import other_conditions
+
+if TYPE_CHECKING:
+    from hiltest.rig import Rig
+    from hiltest.settings import Settings
+
+_OF_THE_RECORDED_RUN = ("firmware", "base", "port", "seed", "coverage", "record")
+
+
+class Replay(NamedTuple):
+    """A recording, open to be replayed."""
+
+    run: RecordedRun
+    player: Player
+    record: RecordingRecord
+
+    def settings(self, given: Settings) -> Settings:
+        """Return the settings of the recorded run, where none are given.
+
+        Raises
+        ------
+        ConfigError
+            When an option is given that only a run on a bench has.
+        """
+        for name in _OF_THE_RECORDED_RUN:
+            if getattr(given, name) is not None:
+                raise ConfigError(
+                    f"{given.sources[name]} goes not with --hil-replay: bench, firmware and seed are the recorded ones"
+                )
+        run = self.run
+        return given._replace(
+            sources={**given.sources, "rig": given.sources["rig"] if given.rig is not None else "recorded"},
+            seed=run.seed, poses=given.poses or run.poses,  # type: ignore[arg-type]
+            suite=run.suite if given.sources["suite"] == "default" else given.suite,  # type: ignore[arg-type]
+        )  # fmt: skip
+
+    def rig(self, named: Path | None) -> Rig:
+        """Return the recorded rig, or another one of the same conditions, as for other limits.
+
+        Raises
+        ------
+        ConfigError
+            When numbers on the other rig would be others.
+        """
+        recorded = parse_rig(Path(self.run.rig_file), self.run.rig_text.encode())
+        if named is None:
+            return recorded
+        rig = load_rig(named)
+        if different := other_conditions(recorded, rig):
+            raise ConfigError(
+                f"{named}: not the rig of the recording {self.record.file} ({recorded.path}): {different}. Leave "
+                "--hil-rig out for the recorded one"
+            )
+        return rig
+
+
+def open_replay(path: Path) -> Replay:
+    """Open a recording to be replayed.
+
+    Raises
+    ------
+    ConfigError
+        When it is none.
+    """
+    if path.is_relative_to(Path.cwd()):  # as one would type it here
+        path = path.relative_to(Path.cwd())
+    run, transcript = read_transcript(path)
+    return Replay(run, Player(transcript, path), RecordingRecord(str(path), transcript.sha256, run.recorded_utc))
+
+
+def open_record(path: Path, settings: Settings, rig: Rig, *, holds_limits: bool) -> Recorder:
+    """Return what records a run; the file is written from the first word to the board on."""
+    about = RecordedRun(
+        hiltest.__version__, utc_now(), str(rig.path), rig.path.read_text(encoding="utf-8"), holds_limits,
+        settings.seed, settings.poses, settings.suite,
+    )  # fmt: skip
+    return Recorder(path, asdict(about))

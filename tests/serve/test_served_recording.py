@@ -1,0 +1,84 @@
+"""``hiltest serve --replay``: the line of a recorded run for a program, at its pace, or where it sends other bytes."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from hiltest.bench_files import shipped
+from hiltest.boards import BoardKind, RealBoard, open_board
+from hiltest.boards.board import Declared
+from hiltest.errors import HiltestError
+from hiltest.link.messages import Average, LinkStatistics, Points
+from hiltest.link.ports import open_port
+from hiltest.link.session import Session
+from hiltest.replay.recorded_run import RecordedRun
+from hiltest.replay.recorder import Recorder
+from hiltest.replay.values import plain
+from hiltest.rig.file import load_rig
+
+from .conftest import Serve
+
+RIG = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
+ABOUT = plain(RecordedRun("0", "2026-01-01T00:00:00Z", "rig.toml", "", False, None, None, "gate"))
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> tuple[Path, list[float]]:
+    """A recorded session of the virtual board, and the mean that its one long request was answered with."""
+    path = tmp_path / "run.jsonl.gz"
+    recorder = Recorder(path, ABOUT)
+    with open_board(RIG, tape=recorder) as board:
+        recorder.begin_test("test_average")
+        answered = board.session.request(Average(40))
+        board.session.request(LinkStatistics())
+        recorder.end()
+    return path, list(answered.magnetometer.mean)
+
+
+@pytest.mark.parametrize("arguments", [["--pty"], ["--tcp", "0"]], ids=["pty", "tcp"])
+def test_a_program_gets_the_recorded_answers_as_late_as_they_came_and_the_next_one_gets_them_too(
+    serve: Serve, recording: tuple[Path, list[float]], arguments: list[str]
+) -> None:
+    path, mean = recording
+    served = serve("--replay", str(path), *arguments)
+    for last in (False, True):
+        with RealBoard(served.board, baud=115_200, declared=Declared.of(RIG)) as board:
+            assert board.kind is BoardKind.REPLAY
+            assert board.cycle_model == "undeclared@sram", "it must not pass for a board that it was recorded of"
+            began_s = time.monotonic()
+            again = board.session.request(Average(40))
+            assert time.monotonic() - began_s > 0.4, "40 samples at 80 a second"
+            assert list(again.magnetometer.mean) == mean
+            if last:
+                board.session.request(LinkStatistics())
+    code, said = served.ended()
+    assert code == 0, said
+    assert "the recording has come to its end" in said
+
+
+def test_other_bytes_end_it_with_both_and_their_place(serve: Serve, recording: tuple[Path, list[float]]) -> None:
+    served = serve("--replay", str(recording[0]))
+    with RealBoard(served.board, baud=115_200, declared=Declared.of(RIG)) as board, pytest.raises(HiltestError):
+        board.session.request(Points(0, 1))
+    code, said = served.ended()
+    assert code == 20
+    assert "the program sends POINTS first=0 count=1" in said
+    assert "in test_average had AVERAGE" in said
+    assert "run.jsonl.gz:" in said
+
+
+def test_a_session_with_nonces_of_its_own_is_synchronised(serve: Serve, recording: tuple[Path, list[float]]) -> None:
+    served = serve("--replay", str(recording[0]))
+    for seed in range(5):
+        session = Session(open_port(served.board), nonce_seed=seed)
+        session.synchronise()
+        session.close()
+        time.sleep(0.1)  # until the server has seen it go
+
+
+def test_a_bench_is_not_served_beside_a_recording(serve: Serve, recording: tuple[Path, list[float]]) -> None:
+    with pytest.raises(AssertionError, match="--replay serves a recorded line"):
+        serve("--replay", str(recording[0]), "--seed", "2")
