@@ -177,26 +177,26 @@ def test_what_is_fitted_all_the_same_is_the_fit_of_float64(board: Board, name: s
             assert off < AS_IN_FLOAT64, f"{calibrator}: {name} is {off:.2g} of the field off float64"
 
 
-# Points for a stream, the field that they are made with, and how often they are fed: an ellipsoid takes a sliced solver
-# some thousand points.
-STREAMED: dict[str, tuple[Counts, float, int]] = {
-    "all round": (np.random.default_rng(2).permutation(sensed(directions(500))), FIELD_COUNTS, 4),
-    "a field of 0.5 uT": (sensed(directions(60), field=5.0, noise=0.0), 5.0, 1),
-    "a field of 5 uT": (sensed(MANY, field=50.0), 50.0, 1),
-    "a field of 150 uT": (sensed(MANY, field=1500.0), 1500.0, 1),
-    "a plane": (np.rint(FIELD_COUNTS * MANY * [1.0, 1.0, 0.01]).astype(np.int16), 0.0, 1),
-    "one point": (np.repeat(sensed(ALL_ROUND[:1]), 60, axis=0), 0.0, 1),
-    "eight points": (sensed(directions(8)), 0.0, 1), "a hyperboloid": (OTHER["a hyperboloid"], 0.0, 3),
+# Points for a stream, and the field that they are made with.
+STREAMED: dict[str, tuple[Counts, float]] = {
+    "all round": (np.random.default_rng(2).permutation(sensed(directions(500))), FIELD_COUNTS),
+    "a field of 0.5 uT": (sensed(directions(60), field=5.0, noise=0.0), 5.0),
+    "a field of 5 uT": (sensed(directions(180), field=50.0), 50.0),
+    "a field of 150 uT": (sensed(directions(180), field=1500.0), 1500.0),
+    "a plane": (np.rint(FIELD_COUNTS * MANY * [1.0, 1.0, 0.01]).astype(np.int16), 0.0),
+    "one point": (np.repeat(sensed(ALL_ROUND[:1]), 60, axis=0), 0.0),
+    "eight points": (sensed(directions(8)), 0.0), "a hyperboloid": (np.tile(OTHER["a hyperboloid"], (3, 1)), 0.0),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", STREAMED)
-@pytest.mark.parametrize("sliced", [False, True], ids=["whole", "sliced"])
-def test_a_stream_is_right_or_knows_that_it_is_not(board: Board, name: str, sliced: bool) -> None:
-    points, field, times = STREAMED[name]
+@pytest.mark.parametrize(
+    ("name", "times"), [*((name, 1) for name in STREAMED), ("all round", 4), ("a hyperboloid", 3)])  # fmt: skip
+def test_a_stream_is_right_or_knows_that_it_is_not(board: Board, name: str, times: int) -> None:
+    # A solver that does one slice of its work a point comes to an ellipsoid after some thousand.
+    points, field = STREAMED[name]
     upload_points(board, points)
     for stream in board.identity.stream_calibrators:
-        board.session.request(StreamReset(stream, sliced))
+        board.session.request(StreamReset(stream, sliced=times > 1))
         for _ in range(times):
             feed(board, stream, 0, len(points))
         state = board.session.request(StreamState(stream))
