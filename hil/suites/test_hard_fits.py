@@ -36,6 +36,8 @@ Counts = NDArray[np.int16]
 FIELD_COUNTS, NOISE_COUNTS = 485.0, 4.0
 SOFT_IRON = np.array([[1.1, 0.08, -0.05], [0.08, 0.95, 0.06], [-0.05, 0.06, 1.0]])
 HARD_IRON = np.array([300.0, -200.0, 100.0])
+# From -32768 to 32767 on the x axis.
+LARGEST = 32768.0 / SOFT_IRON[0, 0]
 FAR_HARD_IRON = np.array([-6_000.0, 24_000.0, 6_000.0])
 # Of the field. Noise is 0.008 of it, and points from half of a sphere leave 0.03 on its other half.
 RIGHT = 0.06
@@ -56,7 +58,7 @@ def sensed(
 ) -> Counts:
     """Return what a distorted sensor reads of a field along directions [counts]."""
     drawn = np.random.default_rng(1).normal(0.0, 1.0, along.shape)
-    return np.rint(field * along @ SOFT_IRON + hard_iron + noise * drawn).astype(np.int16)
+    return np.rint(field * along @ SOFT_IRON + hard_iron + noise * drawn).clip(-32768, 32767).astype(np.int16)
 
 
 ALL_ROUND = directions(120)
@@ -84,7 +86,8 @@ DETERMINED: dict[str, tuple[Counts, float, Reals]] = {
         sensed(np.repeat(np.vstack([FACES, CORNERS]), 8, axis=0)), FIELD_COUNTS, HARD_IRON),
     "a hard iron of 2.5 mT": (sensed(ALL_ROUND, hard_iron=FAR_HARD_IRON), FIELD_COUNTS, FAR_HARD_IRON),
     "a field of 2 uT": (sensed(ALL_ROUND, field=20.0, noise=0.0), 20.0, HARD_IRON),
-    "the largest counts": (sensed(ALL_ROUND, field=25_000.0, noise=0.0), 25_000.0, HARD_IRON),
+    "the largest counts": (
+        sensed(np.vstack([ALL_ROUND, FACES]), field=LARGEST, hard_iron=np.zeros(3), noise=0.0), LARGEST, np.zeros(3)),
 }  # fmt: skip
 # No ellipsoid is determined, whatever the fit.
 NOTHING: dict[str, Counts] = {
@@ -181,16 +184,15 @@ def test_what_is_fitted_all_the_same_is_the_fit_of_float64(board: Board, name: s
 STREAMED: dict[str, tuple[Counts, float]] = {
     "all round": (np.random.default_rng(2).permutation(sensed(directions(500))), FIELD_COUNTS),
     "a field of 0.5 uT": (sensed(directions(60), field=5.0, noise=0.0), 5.0),
-    "a field of 5 uT": (sensed(directions(180), field=50.0), 50.0),
     "a field of 150 uT": (sensed(directions(180), field=1500.0), 1500.0),
-    "a plane": (np.rint(FIELD_COUNTS * MANY * [1.0, 1.0, 0.01]).astype(np.int16), 0.0),
+    "a plane": (np.rint(FIELD_COUNTS * directions(180) * [1.0, 1.0, 0.01]).astype(np.int16), 0.0),
     "one point": (np.repeat(sensed(ALL_ROUND[:1]), 60, axis=0), 0.0),
     "eight points": (sensed(directions(8)), 0.0), "a hyperboloid": (np.tile(OTHER["a hyperboloid"], (3, 1)), 0.0),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("name", "times"), [*((name, 1) for name in STREAMED), ("all round", 4), ("a hyperboloid", 3)])  # fmt: skip
+    ("name", "times"), [*((name, 1) for name in STREAMED), ("all round", 4)])  # fmt: skip
 def test_a_stream_is_right_or_knows_that_it_is_not(board: Board, name: str, times: int) -> None:
     # A solver that does one slice of its work a point comes to an ellipsoid after some thousand.
     points, field = STREAMED[name]

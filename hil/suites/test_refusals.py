@@ -23,6 +23,7 @@ from hiltest.link.gyroscope import (
     IntegrateGyroscope,
     LogGyroscope,
     SetGyroscope,
+    StillnessKind,
 )
 from hiltest.link.messages import (
     Average,
@@ -284,6 +285,15 @@ def test_points_that_came_before_the_time_ran_out_are_kept(board: Board, turntab
     assert refused(board, Collect(512, timeout_us=300_000)) is TIMEOUT
     # 0.3 s at 80 to 200 Hz.
     assert 10 <= len(board.session.request(Points(0, 80)).magnetometer) <= 60
+
+
+def test_a_rest_that_was_not_found_still_is_no_bias(board: Board, turntable: Turntable) -> None:
+    turntable.rest()
+    before = board.session.request(GetGyroscope()).bias
+    # Noise of a thousandth of a count is no gyroscope's: the first window is shaken by its own.
+    rest = board.session.request(GyroscopeRest(40, store=True, noise=1e-3))
+    assert (rest.stillness.kind, rest.stillness.first) == (StillnessKind.SHAKEN, 0)
+    assert np.array_equal(board.session.request(GetGyroscope()).bias, before), "a rest that was shaken is stored"
 
 
 def test_a_stream_says_which_point_it_has_no_room_for(board: Board) -> None:
