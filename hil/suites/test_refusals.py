@@ -333,10 +333,12 @@ def test_fusion_needs_a_calibration_and_a_start(board: Board, turntable: Turntab
 def broken_frames() -> list[bytes]:
     """Return wires of which each is one frame that is none: by its escapes, its length, or its check."""
     whole = encode_frame(Frame(ClearPoints.code, 0x55, b""))[1:-1]
+    # Right but for its first escape, which stands for what it should.
+    escaped = encode_frame(Frame(ClearPoints.code, ESCAPE, b""))[1:-1].replace(b"\x7d\x5d", b"\x7d\x00", 1)
     longest = Frame(Upload.code, 0x55, bytes(MAX_PAYLOAD))
     too_long = encode_frame(longest)[1:-1] + bytes(8)
     broken = [
-        whole[:1] + bytes([ESCAPE, 0x00]) + whole[1:], whole + bytes([ESCAPE]), whole[:-1], whole[:7], whole[:1],
+        escaped, whole + bytes([ESCAPE]), whole[:-1], whole[:7], whole[:1],
         whole + b"\0", whole[:2] + b"\1" + whole[3:], too_long,
     ]  # fmt: skip
     return [bytes([DELIMITER]) + each + bytes([DELIMITER]) for each in broken]
