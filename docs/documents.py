@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 import hiltest
-from hiltest.cli import commands
+from hiltest.cli import every_command
 from hiltest.documents import DOCUMENTS, schema_file
 
 PAGE = Path(__file__).with_name("json.md")
@@ -60,17 +60,6 @@ def schemas_of(command: click.Command) -> list[str]:
     return re.findall(r"hiltest\.[a-z-]+/\d+", told)
 
 
-def every_command(command: click.Command, name: str = "hiltest") -> Iterator[tuple[str, click.Command]]:
-    """Yield name and command of each that is no group."""
-    if not isinstance(command, click.Group):
-        yield name, command
-        return
-    context = click.Context(command)
-    for word in command.list_commands(context):
-        if (each := command.get_command(context, word)) is not None:
-            yield from every_command(each, f"{name} {word}")
-
-
 def meanings(kind: type) -> Iterator[tuple[str, str]]:
     """Yield the names of attributes and what they mean, as the docstring of a class has them."""
     told = inspect.cleandoc(kind.__doc__ or "").partition("Attributes\n----------\n")[2]
@@ -80,7 +69,7 @@ def meanings(kind: type) -> Iterator[tuple[str, str]]:
 
 def page() -> str:
     """Return the text of the page."""
-    rows = [(name, schema) for name, command in every_command(commands) for schema in schemas_of(command)]
+    rows = [(f"hiltest {name}", schema) for name, command in every_command() for schema in schemas_of(command)]
     lines = ["| command | schema | keys |", "|---|---|---|"]
     for name, schema in [*rows, ("any", "hiltest.error/1")]:
         file = schema_file(schema).relative_to(PACKAGE.parent)

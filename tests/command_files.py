@@ -1,27 +1,22 @@
-"""Every command of hiltest with its name, how it is called in this process, and the files that commands read."""
+"""How a command is called in this process, the files that commands read, and the documents that they print."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
 from pathlib import Path
+from typing import Any
 
-import click
+import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
+from tests.calibration.synthetic_rates import white
+from tests.device.test_packet_stream import RECORDING
 from tests.finished_run import Finished
 from tests.logs.recording import six_faces_and_turns, write
 
-from hiltest.cli import commands, main
-
-
-def every_command(command: click.Command = commands, name: str = "") -> Iterator[tuple[str, click.Command]]:
-    """Yield the name and the command of each that is no group."""
-    if not isinstance(command, click.Group):
-        yield name, command
-        return
-    context = click.Context(command)
-    for word in command.list_commands(context):
-        if (each := command.get_command(context, word)) is not None:
-            yield from every_command(each, f"{name} {word}".strip())
+from hiltest.cli import main
+from hiltest.documents import schema_file
+from hiltest.procedures.golden_points import golden_points
 
 
 def run(*arguments: str) -> int:
@@ -38,3 +33,28 @@ def folder_of_inputs(parent: pytest.TempPathFactory, default_run: Finished, poin
     write(folder / "imu.csv", *six_faces_and_turns().readings())
     (folder / "points.csv").write_text(f"mx_uT,my_uT,mz_uT\n{points}\n", encoding="utf-8")
     return folder
+
+
+def folder_of_all_inputs(parent: pytest.TempPathFactory, default_run: Finished) -> Path:
+    """Return such a folder with 400 points, and a dearer record, packets and a resting gyroscope's rates besides."""
+    points = "\n".join(",".join(f"{value:.1f}" for value in point) for point in golden_points(400) / 10.0)
+    folder = folder_of_inputs(parent, default_run, points)
+    record = default_run.record
+    next(each for each in record["measurements"] if each["name"] == "cycles.direct.total")["value"] += 1
+    (folder / "dearer.json").write_text(json.dumps(record), encoding="utf-8")
+    (folder / "packets.bin").write_bytes(RECORDING)
+    random = np.random.default_rng(1)
+    rates = [white(random, 4000, rate_hz=100.0, angle_random_walk=0.01) for _axis in "xyz"]
+    table = np.column_stack([np.arange(4000) / 100.0, *rates])
+    header = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
+    np.savetxt(folder / "rates.csv", table, fmt="%.6f", delimiter=",", header=header, comments="")
+    return folder
+
+
+def checked(text: str, schema: str) -> dict[str, Any]:
+    """Return a document that its schema describes."""
+    content: dict[str, Any] = json.loads(text)
+    assert content["schema"] == schema
+    validator = Draft202012Validator(json.loads(schema_file(schema).read_text(encoding="utf-8")))
+    assert [f"{each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []
+    return content

@@ -207,6 +207,7 @@ def test_the_suites_run_in_their_order(tmp_path: Path) -> None:
         # The second time at the known angles, which the heading suite takes.
         "test_identity.py", "test_accelerometer.py", "test_gyroscope.py", "test_accelerometer.py", "test_heading.py",
         "test_dpi.py", "test_streams.py", "test_budget.py", "test_cycles.py", "test_fusion.py", "test_link.py",
-        "test_commands.py", "test_sensors.py", "test_worst_case.py",
+        "test_commands.py", "test_sensors.py", "test_worst_case.py", "test_refusals.py",
+        "test_hard_fits.py", "test_attitudes.py",
     ]
     assert not (tmp_path / "hil-out" / "run.json").exists(), "collecting needs no board and leaves no record"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
 import re
 import signal
@@ -12,20 +11,16 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
-from tests.calibration.synthetic_rates import white
-from tests.command_files import every_command, folder_of_inputs, run
-from tests.device.test_packet_stream import RECORDING
+from tests.command_files import checked, folder_of_all_inputs, run
 from tests.finished_run import Finished
 
 from hiltest.bench_files import shipped
+from hiltest.cli import every_command
 from hiltest.documents import DOCUMENTS, schema_file, schema_text
-from hiltest.procedures.golden_points import golden_points
 
 DOCS = Path(__file__).parents[1] / "docs"
 # What makes each command print its document, and its exit code where that is not 0.
@@ -66,15 +61,6 @@ def schemas_of(command: click.Command) -> list[str]:
     return re.findall(r"hiltest\.[a-z-]+/\d+", option.help or "")
 
 
-def checked(text: str, schema: str) -> dict[str, Any]:
-    """Return a document that its schema describes."""
-    content: dict[str, Any] = json.loads(text)
-    assert content["schema"] == schema
-    validator = Draft202012Validator(json.loads(schema_file(schema).read_text(encoding="utf-8")))
-    assert [f"{each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []
-    return content
-
-
 def test_every_command_has_it_and_is_tried_here() -> None:
     assert {name for name, command in every_command() if not schemas_of(command)} == set()
     assert {name for name, _ in every_command()} == PRINTING.keys() | ELSEWHERE
@@ -97,18 +83,8 @@ def test_the_page_is_the_one_that_its_script_writes() -> None:
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> Path:
     """A folder with what the commands read."""
-    points = "\n".join(",".join(f"{value:.1f}" for value in point) for point in golden_points(400) / 10.0)
-    folder = folder_of_inputs(tmp_path_factory, default_run, points)
-    record = default_run.record
-    next(each for each in record["measurements"] if each["name"] == "cycles.direct.total")["value"] += 1
-    (folder / "dearer.json").write_text(json.dumps(record), encoding="utf-8")
+    folder = folder_of_all_inputs(tmp_path_factory, default_run)
     assert run("baseline", "save", str(folder / "run.json"), str(folder / "base.json")) == 0
-    (folder / "packets.bin").write_bytes(RECORDING)
-    random = np.random.default_rng(1)
-    rates = [white(random, 4000, rate_hz=100.0, angle_random_walk=0.01) for _axis in "xyz"]
-    header = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
-    np.savetxt(folder / "rates.csv", np.column_stack([np.arange(4000) / 100.0, *rates]), fmt="%.6f", delimiter=",",
-               header=header, comments="")  # fmt: skip
     rig = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
     (folder / "field.toml").write_text(f'{rig}\n[world.playback]\nfile = "field.csv"\n', encoding="utf-8")
     turned = np.radians(np.arange(0.0, 720.0, 2.0))

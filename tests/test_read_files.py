@@ -11,11 +11,12 @@ from pathlib import Path
 
 import click
 import pytest
-from tests.command_files import every_command, folder_of_inputs, run
+from tests.command_files import folder_of_inputs, run
 from tests.finished_run import Finished
 from tests.test_written_files import WRITING
 
 from hiltest.bench_files import shipped
+from hiltest.cli import every_command
 
 pytestmark = pytest.mark.slow
 

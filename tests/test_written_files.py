@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import stat
 import threading
@@ -10,14 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
-import numpy as np
 import pytest
-from tests.calibration.synthetic_rates import white
-from tests.command_files import every_command, folder_of_inputs, run
-from tests.device.test_packet_stream import RECORDING
+from tests.command_files import folder_of_all_inputs, run
 from tests.finished_run import Finished
 
-from hiltest.procedures.golden_points import golden_points
+from hiltest.cli import every_command
 
 pytestmark = pytest.mark.slow
 
@@ -65,18 +61,7 @@ def test_all_of_them_are_tested_here() -> None:
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> Path:
     """A folder with what the commands read."""
-    points = "\n".join(",".join(f"{value:.1f}" for value in point) for point in golden_points(400) / 10.0)
-    folder = folder_of_inputs(tmp_path_factory, default_run, points)
-    record = default_run.record
-    next(each for each in record["measurements"] if each["name"] == "cycles.direct.total")["value"] += 1
-    (folder / "dearer.json").write_text(json.dumps(record), encoding="utf-8")
-    (folder / "packets.bin").write_bytes(RECORDING)
-    random = np.random.default_rng(1)
-    rates = [white(random, 4000, rate_hz=100.0, angle_random_walk=0.01) for _axis in "xyz"]
-    table = np.column_stack([np.arange(4000) / 100.0, *rates])
-    header = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
-    np.savetxt(folder / "rates.csv", table, fmt="%.6f", delimiter=",", header=header, comments="")
-    return folder
+    return folder_of_all_inputs(tmp_path_factory, default_run)
 
 
 def words(option: str, file: str) -> tuple[str, ...]:

@@ -57,7 +57,8 @@ from hiltest.world import EarthField
 ORDER = (
     "test_identity", "test_driving", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading",
     "test_dpi", "test_streams", "test_budget", "test_cycles", "test_fusion", "test_link", "test_commands",
-    "test_sensors", "test_worst_case",
+    "test_sensors", "test_worst_case", "test_refusals",
+    "test_hard_fits", "test_attitudes",
 )
 
 # As few as calibrate a magnetometer by gravity too, of 16 readings each.

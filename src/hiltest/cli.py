@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -61,6 +61,17 @@ class _Commands(click.Group):
 @click.version_option(__version__, prog_name="hiltest")
 def commands() -> None:
     """Hardware-in-the-loop tests for compass and IMU calibration firmware."""
+
+
+def every_command(command: click.Command = commands, name: str = "") -> Iterator[tuple[str, click.Command]]:
+    """Yield the name, without ``hiltest``, and the command of each that is no group."""
+    if not isinstance(command, click.Group):
+        yield name, command
+        return
+    context = click.Context(command)
+    for word in command.list_commands(context):
+        if (each := command.get_command(context, word)) is not None:
+            yield from every_command(each, f"{name} {word}".strip())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -54,3 +54,25 @@ def test_genhtml_makes_pages_of_it(tmp_path: Path) -> None:
     found = read(tmp_path / "lcov.info")
     assert f"({found.lines.hit} of {found.lines.found} lines)" in done.stdout
     assert (tmp_path / "html" / "index.html").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize(("suite", "column"), [("gate", 0), ("full", 1)])
+def test_what_the_suites_walk_is_as_the_page_has_it(tmp_path: Path, suite: str, column: int) -> None:
+    (tmp_path / "firmware_stub").symlink_to(ROOT / "firmware_stub")
+    command = [sys.executable, "-m", "hiltest", "run", "--suite", suite, "--coverage", "lcov.info"]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=1800
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = read(tmp_path / "lcov.info")
+    for what, share in (
+        ("lines", found.lines), ("functions", found.functions), ("branches both ways", found.branches)
+    ):
+        (cells,) = re.findall(rf"^\| {what} \| (\d+) of (\d+) .*? \| (\d+) of (\d+) ", PAGE, re.M)
+        assert share == tuple(map(int, cells[2 * column :][:2])), f"{what} in the {suite} set"
+    if suite == "full":  # what the page promises of it
+        assert found.lines.hit >= 0.9 * found.lines.found
+        assert found.branches.hit >= 0.55 * found.branches.found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
 import signal
@@ -11,9 +10,9 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
+from tests.command_files import checked
 
 from ..virtual.conftest import FLAGS, PROGRAMS
 
@@ -161,7 +160,7 @@ def test_the_first_of_forty_commits_that_is_worse_is_found_past_a_broken_build(
 ) -> None:
     repository, commits = forty
     assert found.code == 0, found.errors
-    content: dict[str, Any] = json.loads(found.out)
+    content = checked(found.out, "hiltest.bisection/1")
     (first,) = content["candidates"]
     assert first["commit"] == commits[FIRST_WORSE]
     assert (first["subject"], first["author"]) == (f"change {FIRST_WORSE}", "A. Tester")
@@ -195,7 +194,7 @@ def test_the_checkout_and_its_edits_stay_and_no_working_tree_is_left(
 
 
 def test_two_commits_that_build_the_same_elf_are_run_once(found: Done) -> None:
-    content = json.loads(found.out)
+    content = checked(found.out, "hiltest.bisection/1")
     records: dict[tuple[int, str], set[str]] = {}
     for each in (content["good"], content["bad"], *content["steps"]):
         if each["record"]:
@@ -256,7 +255,7 @@ def test_where_the_commits_before_a_worse_one_cannot_be_judged_it_says_one_of_th
     repository.commit("later", PROGRAM.format(version=2, heading=90.9))
     done = repository.bisect(good, "main", *MEASURE, "--json")
     assert done.code == 22, done.errors
-    content = json.loads(done.out)
+    content = checked(done.out, "hiltest.bisection/1")
     assert [each["commit"] for each in content["candidates"]] == [worse, *reversed(between)]
     assert content["before"]["commit"] == good
     reasons = [each["because"] for each in content["candidates"][1:]]
