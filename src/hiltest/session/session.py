@@ -349,7 +349,8 @@ class HilSession:
         kind = self._board.kind if self._board else rig.board.kind
         return check(
             name, value, unit=unit, limit=rig.limits.get(name) or limit,
-            information=rig.information.get(name), could_offer=kind == "virtual", **more,
+            information=rig.information.get(name), could_offer=kind == "virtual",
+            uncertainty=rig.guard_band_deg(name), **more,
         )
 
     def keep(self, item: pytest.Item, measurement: Measurement) -> None:
