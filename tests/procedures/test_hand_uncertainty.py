@@ -25,6 +25,8 @@ from hiltest.procedures import (
 from hiltest.rig import Rig
 from hiltest.rig.tables import BoardPlace, Mounting, TurntableSettings
 
+pytestmark = pytest.mark.slow
+
 PROTRACTOR_DEG = 1.0
 GOAL = Limit(max=2.0)
 YAW_DEG = 1.7  # the default rig's, which is true there
@@ -68,15 +70,18 @@ def measured_by(board: Board, rig: Rig, error_deg: Error) -> KnownAngles:
     stage = board.stage
 
     def hand(question: str) -> str:
-        asked = re.match(r"pose (\d+): turn to heading (\S+), pitch (\S+), roll (\S+) and", question)
-        assert asked
+        asked = re.search(r"pose (\d+): turn to heading (\S+), pitch (\S+), roll (\S+) and", question)
+        if asked is None:
+            assert "4 of 4 known angles are taken" in question
+            return ""
         index, (heading, pitch, roll) = int(asked[1]) - 1, map(float, asked.groups()[1:])
         stage.turn_to(Pose(heading + error_deg(index), pitch, roll), known_angle=index)
         return ""
 
     table: Turntable = OperatorTurntable(prompt=hand, uncertainty_deg=rig.turntable.uncertainty_deg)
     return measure_known_angles(
-        board, table, poses=rig.procedure.known_angle_poses("level")[::3], slots=SLOTS, mounting_yaw_deg=YAW_DEG
+        board, table, poses=rig.procedure.known_angle_poses("level")[::3], slots=SLOTS, mounting_yaw_deg=YAW_DEG,
+        readings=32,  # their noise makes 0.18 degrees: what is left is the board's own error and the operator's
     )
 
 
@@ -93,7 +98,7 @@ PASS, CANNOT_TELL, FAIL = Outcome.PASS, Outcome.CANNOT_TELL, Outcome.FAIL
 @pytest.mark.parametrize(
     ("error_deg", "good", "turned"),
     [
-        # The board itself is within 0.5 degrees: what an operator who is off by half a degree measures is below 2 - 1.
+        # The board itself is within 0.4 degrees: what an operator who is off by half a degree measures is below 2 - 1.
         # One that is off by 3.5 is proven to miss the limit.
         (always(0.0), PASS, FAIL),
         (up_to(0.5), PASS, FAIL),
