@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -170,9 +171,13 @@ def gyroscope_calibration(board: Board, rig: Rig, gyroscope_turns: list[Measured
 
 
 @pytest.fixture(scope="session")
-def tumble(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> Tumble:
+def tumble(
+    board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress, request: pytest.FixtureRequest
+) -> Tumble:
     """Magnetometer points that the board collected while it was turned all round."""
-    return collect_tumble(board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
+    by_hand = request.config.stash[SESSION].by_hand
+    collect = partial(collect_tumble, board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
+    return by_hand.tumble(board, collect) if by_hand else collect()
 
 
 @pytest.fixture(scope="session")
@@ -217,7 +222,7 @@ def streams(
 def known_angles(
     board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun], dpi: DpiRun | None,
     streams: dict[str, StreamRun], accelerometer_fit: AccelerometerFit, hil_calibration: ImuCalibration | None,
-    hil_settings: Settings, hil_progress: Progress,
+    hil_settings: Settings, hil_progress: Progress, request: pytest.FixtureRequest,
 ) -> KnownAngles:
     """The headings that the board answered at known angles, under every calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
@@ -237,4 +242,5 @@ def known_angles(
         board, turntable, poses=rig.procedure.known_angle_poses(hil_settings.poses), slots=slots | of_streams,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         readings=rig.procedure.readings_per_pose, progress=hil_progress,
+        journal=request.config.stash[SESSION].by_hand,
     )

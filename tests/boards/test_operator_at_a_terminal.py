@@ -56,6 +56,8 @@ def test_an_operator_is_asked_again_for_a_wrong_face_and_the_headings_are_judged
     ended = at_a_terminal(command(operators_rig_file, paced.path), operators_rig_file.parent, answer)
     assert ended.code == 0, ended.shown
     assert "pose 4: turn to heading 270" in ended.shown
+    # Beside each question, drawn in place.
+    assert re.search(r"board \d+\.\d deg, (still|moving); 3 of 4, \d+ s left\x1b\[K", ended.shown)
     assert faces == [
         "nose down", "nose up", "nose up", "right side down", "left side down", "level", "upside down",
     ]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -29,7 +30,7 @@ _ACCELEROMETER_NOISE_MG = 1.3
 _LIVE_READINGS = 8
 _NAMED_AT_MOST = 3
 _ORDERS = (
-    "\nEnter takes the heading at the angle that is asked for, a number says which angle was really reached; "
+    "Enter takes the heading at the angle that is asked for, a number says which angle was really reached; "
     "r takes the last one again, s skips, b goes back, q stops.\n"
 )
 
@@ -116,10 +117,24 @@ class PoseWalk:
         return next((each for each in range(self.of) if each not in self.taken and each not in self.skipped), None)
 
 
+Taken: TypeAlias = tuple[Achieved, AverageReply]
+
+
+class PoseJournal(Protocol):
+    """Keeps poses as they are taken, for a run that goes on with them."""
+
+    def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, Taken], str]:
+        """Return the poses that are there already under calibrations with these numbers, and what is to be said."""
+
+    def keep(self, index: int, taken: Taken) -> None:
+        """Keep a pose."""
+
+
 def take_by_hand(
     board: Board, table: OperatorTurntable, poses: Sequence[Pose], *, readings: int, slots: Sequence[int], shown: int,
-    check: Callable[[Pose, AverageReply], object],
-) -> dict[int, tuple[Achieved, AverageReply]]:
+    check: Callable[[Pose, AverageReply], object], earlier: Mapping[int, Taken], keep: Callable[[int, Taken], object],
+    say: str = "",
+) -> dict[int, Taken]:
     """Ask for each pose, wait until the board stands still there, and average its readings.
 
     Parameters
@@ -135,6 +150,12 @@ def take_by_hand(
         The one whose heading stands beside a question.
     check : callable
         Raises where an answer is not to be taken.
+    earlier : mapping of int to (Achieved, AverageReply)
+        Poses that are there already.
+    keep : callable
+        Gets each pose as it is taken.
+    say : str
+        What stands before the first question.
 
     Returns
     -------
@@ -148,9 +169,13 @@ def take_by_hand(
     KeyboardInterrupt
         When the operator stops.
     """
-    walk, found = PoseWalk(len(poses)), dict[int, tuple[Achieved, AverageReply]]()
+    found = {
+        index: taken for index, taken in earlier.items()
+        if 0 <= index < len(poses) and set(taken[1].headings) == set(slots)
+    }
+    walk = PoseWalk(len(poses), found)
     look, mask = _Look(board, shown, walk), sum(1 << slot for slot in slots)
-    said, nonsense = _ORDERS, 0
+    said, nonsense = f"\n{say}{_ORDERS}", 0
     while True:
         at = walk.at
         asked = _asked_at_the_end(walk) if at is None else _asked(at, poses[at])
@@ -182,6 +207,7 @@ def take_by_hand(
             else:
                 check(poses[at], reply)
                 found[at] = table.achieved(poses[at], heading_deg), reply
+                keep(at, found[at])
                 walk.take()
         nonsense = 0
 

@@ -19,7 +19,7 @@ from hiltest.link.messages import Average, GetCalibration
 from hiltest.link.replies import AverageReply, CalibrationReply, SensorKind, SlotHeading
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
-from hiltest.procedures.hand_poses import place_of, take_by_hand
+from hiltest.procedures.hand_poses import PoseJournal, place_of, take_by_hand
 from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
@@ -124,7 +124,7 @@ class KnownAngles:
 
 def measure_known_angles(
     board: Board, turntable: Turntable, *, poses: Sequence[Pose], slots: Mapping[str, int],
-    mounting_yaw_deg: float, readings: int = 16, progress: Progress | None = None,
+    mounting_yaw_deg: float, readings: int = 16, progress: Progress | None = None, journal: PoseJournal | None = None,
 ) -> KnownAngles:
     """Turn to each pose and ask the board for its heading under each calibration.
 
@@ -141,6 +141,8 @@ def measure_known_angles(
         Declared turn of the board on the table: board heading = table heading + this.
     readings : int
         New samples of each sensor to average at each pose.
+    journal : PoseJournal, optional
+        Keeps what an operator has set, and has what is there already.
 
     Raises
     ------
@@ -160,9 +162,11 @@ def measure_known_angles(
             _attitude(answer.headings[slot], name, pose)
 
     if isinstance(turntable, OperatorTurntable):
+        earlier, said = journal.earlier(_numbers_of(board, slots)) if journal else ({}, "")
         taken = take_by_hand(
             board, turntable, poses, readings=readings, slots=tuple(slots.values()), check=check,
             shown=next((slot for name, slot in slots.items() if name != UNCALIBRATED), UNCALIBRATED_SLOT),
+            earlier=earlier, keep=journal.keep if journal else lambda *_: None, say=said,
         )
         if not taken:
             raise TurntableError("every known angle was skipped: there is no heading to judge")
@@ -182,6 +186,16 @@ def measure_known_angles(
     for name in slots:
         _check_arithmetic(found, name)
     return found
+
+
+def _numbers_of(board: Board, slots: Mapping[str, int]) -> dict[str, list[float]]:
+    """Return all numbers of the calibrations that the board holds."""
+    numbers = {}
+    for name, slot in slots.items():
+        calibration, fit = board.session.request(GetCalibration(slot)), board.session.request(GetAccelerometer(slot))
+        parts = (calibration.soft_iron, calibration.hard_iron, fit.gain, fit.offset)
+        numbers[name] = np.concatenate([each.ravel() for each in parts]).tolist()
+    return numbers
 
 
 def headings_deg(

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
     from hiltest.runs.wire_traces import WireTraces
+    from hiltest.session.by_hand import ByHand
 
 _BENCHMARKS = "benchmarks"
 
@@ -261,6 +262,24 @@ class HilSession:
                 raise
         return self._board
 
+    @cached_property
+    def by_hand(self) -> ByHand | None:
+        """What an operator has done, kept for a run that goes on; None where nothing is, or none is asked."""
+        from hiltest.boards import Board
+
+        if self.is_worker or not isinstance(self._board, Board) or self.rig.turntable.kind != "operator":
+            return None
+        from hiltest.rig.rig import conditions_sha256
+        from hiltest.session.by_hand import ByHand
+
+        identity = self._board.identity
+        calibration = self.calibration.sha256 if self.calibration else ""
+        return ByHand(self.claim_folder(), {
+            "firmware": f"{identity.name} {identity.version} {identity.build_id}", "board": identity.unique_id.hex(),
+            "rig": conditions_sha256(self.rig), "choice of poses": str(self.settings.poses or self.rig.procedure.poses),
+            "calibration file": calibration, "set of tests": self.settings.suite,
+        })
+
     def _connect_here(self) -> None:
         """Open the board; where a worker will, only try it if an older firmware would run for minutes before that."""
         if not self.hands_out:
@@ -411,7 +430,7 @@ class HilSession:
         return [
             f"{board.description}; {board.firmware_line}",
             f"rig {self._rig_line()}; cycles by {board.cycle_model} at {board.core_clock_hz / 1e6:g} MHz",
-            *base,
+            *([self.by_hand.said] if self.by_hand and self.by_hand.said else []), *base,
         ]
 
     def _rig_line(self) -> str:
