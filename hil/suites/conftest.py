@@ -97,7 +97,9 @@ def _place(item: pytest.Item) -> int:
 
 
 @pytest.fixture(scope="session")
-def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> AccelerometerRun | None:
+def six_positions(
+    board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress, request: pytest.FixtureRequest
+) -> AccelerometerRun | None:
     """Accelerometer calibration from the six faces; None where the rig does not ask for it."""
     if rig.procedure.accelerometer_calibration == "none" or rig.faces is None:
         return None
@@ -109,6 +111,7 @@ def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Pr
             field_ned_ut=EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut,
             mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         ),
+        journal=request.config.stash[SESSION].by_hand,
     )
     store_accelerometer(board, run.fit, [UNCALIBRATED_SLOT])
     return run

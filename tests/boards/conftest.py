@@ -31,6 +31,7 @@ WALL_LIMIT_S = 90.0
 # must not lie still already.
 HAND_GOES_ON_S = 8.0
 CTRL_C = "\x03"
+KILL = "kill -9"
 # What is drawn behind a question, the cursor kept: until it is answered.
 BESIDE = re.compile(r"\x1b7.*?\x1b\[K\x1b8")
 # A signal that comes between the prompt and the read behind it waits for the read's end, as for every `input` of
@@ -95,6 +96,8 @@ def at_a_terminal() -> Callable[..., Ended]:
                 if (typed := answer(question)) == CTRL_C:
                     pressed_s = time.monotonic()
                     process.send_signal(signal.SIGINT)
+                elif typed == KILL:
+                    process.kill()
                 else:
                     os.write(terminal.board_end, typed.encode())
         process.kill()

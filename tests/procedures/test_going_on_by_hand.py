@@ -12,8 +12,18 @@ import pytest
 
 from hiltest.angles import Pose
 from hiltest.boards import Board
+from hiltest.calibration.still_pose import FACES
 from hiltest.link.messages import SetCalibration
-from hiltest.procedures import KnownAngles, OperatorTurntable, Tumble, collect_tumble, measure_known_angles
+from hiltest.procedures import (
+    AccelerometerRun,
+    KnownAngles,
+    OperatorTurntable,
+    Tumble,
+    collect_tumble,
+    measure_known_angles,
+    measure_six_positions,
+)
+from hiltest.procedures.turntables import FACE_WORDS
 from hiltest.record.journal import JOURNAL_FILE, Journal
 from hiltest.record.recorder import Recorder
 from hiltest.record.run import Verdict
@@ -88,7 +98,7 @@ def test_a_run_goes_on_at_the_next_pose(runs: Runs, ends: Verdict | None) -> Non
     assert runs.poses == [1, 2, 3]
     said, found = runs(ends=PASSED)
     assert re.fullmatch(
-        r"goes on with the run of \S+Z, which was cut short: its tumble and 2 known angles taken over", said
+        r"goes on with the run of \S+Z, which was cut short: the tumble, 2 known angles taken over", said
     )
     assert runs.poses == [3]
     assert re.match(r"\n2 known angles of the run of \S+Z, taken over\.", runs.asked[0])
@@ -138,6 +148,35 @@ def test_another_calibration_begins_the_poses_anew(runs: Runs) -> None:
     )
     assert runs.poses == [1, 2, 3]
     assert runs.tumbled == 1
+
+
+def test_the_six_faces_are_taken_over_with_their_fit(virtual_board: Board, tmp_path: Path) -> None:
+    asked: list[str] = []
+
+    def hand(question: str) -> str:
+        asked.append(question)
+        if face := re.search(r"put the board (.+), square on", question):
+            assert virtual_board.stage is not None
+            virtual_board.stage.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == face[1]))
+        return ""
+
+    def run() -> AccelerometerRun:
+        recorder = Recorder(Journal(tmp_path), suite="gate", poses="all")
+        recorder.begin()
+        journal = ByHand(recorder, BENCH)
+        table = OperatorTurntable(prompt=hand, uncertainty_deg=1.0)
+        made = measure_six_positions(virtual_board, table, uncertainty_deg=1.0, journal=journal)
+        recorder.release()  # killed
+        return made
+
+    first = run()
+    assert sum("of 6: put" in each for each in asked) == 6
+    asked.clear()
+    again = run()
+    assert not any("of 6: put" in each for each in asked)
+    assert np.array_equal(again.fit.gain, first.fit.gain)
+    assert np.array_equal(again.fit.offset, first.fit.offset)
+    assert again.die_temperature_degc == first.die_temperature_degc
 
 
 def break_answer(entry: dict[str, object]) -> dict[str, object]:

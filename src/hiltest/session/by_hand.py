@@ -6,14 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hiltest.angles import Pose
 from hiltest.boards import Board
+from hiltest.calibration.still_pose import Face, StillPose
 from hiltest.link.replies import AverageReply, SlotHeading, Statistic, Status
 from hiltest.procedures import Achieved, Tumble
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.record.recorder import Recorder
 from hiltest.text import counted, listed
+
+Reals = NDArray[np.float64]
 
 KIND = "by hand"
 """Kind of its entries in the journal."""
@@ -41,6 +45,7 @@ class ByHand:
         self._since, entries = recorder.earlier(KIND)
         self._poses: dict[int, tuple[Achieved, AverageReply]] = {}
         self._tumble: Tumble | None = None
+        self._faces: tuple[list[StillPose], int] = [], 0
         self._held: Mapping[str, Any] = {}
         self._bench = dict(bench)
         self._begun = False
@@ -58,6 +63,18 @@ class ByHand:
             "duration_s": tumble.duration_s,
         })
         return tumble
+
+    def faces(self) -> tuple[list[StillPose], int]:
+        """Return the faces that the run before has taken, and the die's temperature at the last of them [degC]."""
+        return self._faces
+
+    def keep_faces(self, faces: Sequence[StillPose], die_temperature_degc: int) -> None:
+        """Write the six faces through to the disk, unless they are there."""
+        if not self._faces[0]:
+            self._keep(degc=die_temperature_degc, faces=[
+                [int(each.face), each.readings, [each.magnetometer.tolist(), _list(each.magnetometer_spread)],
+                 [each.accelerometer.tolist(), _list(each.accelerometer_spread)]] for each in faces
+            ])
 
     def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, tuple[Achieved, AverageReply]], str]:
         """Return the known angles that the run before has taken under the same calibrations, and what is to be said.
@@ -106,13 +123,13 @@ class ByHand:
             for entry in entries[1:]:
                 self._take(entry)
         except (LookupError, TypeError, ValueError):
-            self._tumble, self._poses, self._held = None, {}, {}
+            self._tumble, self._faces, self._poses, self._held = None, ([], 0), {}, {}
             return f"begins anew: the journal of {run}, is damaged"
-        steps = [*(["its tumble"] if self._tumble else []),
+        steps = [*(["the six faces"] if self._faces[0] else []), *(["the tumble"] if self._tumble else []),
                  *([counted(len(self._poses), "known angle")] if self._poses else [])]
         for entry in entries[1:]:  # once more, for this run may be stopped before it comes to them
             self._keep(**{name: value for name, value in entry.items() if name != "kind"})
-        return f"goes on with {run}: {' and '.join(steps)} taken over" if steps else ""
+        return f"goes on with {run}: {', '.join(steps)} taken over" if steps else ""
 
     def _take(self, entry: Mapping[str, Any]) -> None:
         if "tumble" in entry:
@@ -124,6 +141,13 @@ class ByHand:
             )
             if not self._tumble.points.shape == self._tumble.accelerometer.shape == (len(self._tumble.taken), 3):
                 raise ValueError("a tumble of other shapes")
+        elif "faces" in entry:
+            faces = [(Face(face), int(readings), _statistic(magnetometer), _statistic(accelerometer))
+                     for face, readings, magnetometer, accelerometer in entry["faces"]]
+            self._faces = [
+                StillPose(field.mean, field.spread, gravity.mean, gravity.spread, readings, face)
+                for face, readings, field, gravity in faces
+            ], int(entry["degc"])
         elif "held" in entry:
             self._held, self._poses = dict(entry["held"]), {}
         elif "pose" in entry:
@@ -131,7 +155,11 @@ class ByHand:
 
 
 def _plain(statistic: Statistic) -> list[list[float] | None]:
-    return [statistic.mean.tolist(), None if statistic.spread is None else statistic.spread.tolist()]
+    return [_list(statistic.mean), _list(statistic.spread)]
+
+
+def _list(axes: Reals | None) -> list[float] | None:
+    return None if axes is None else axes.tolist()
 
 
 def _angles(attitude: Pose | None) -> list[float] | None:
