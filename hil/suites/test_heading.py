@@ -64,7 +64,7 @@ def test_heading_at_known_angles(
     by_hand_deg, mounting_deg = rig.guard_band_deg(f"heading.{DPI}.bias"), rig.mounting and rig.mounting.uncertainty_deg
     unnamed = {
         "max": GOAL, "max_centred": GOAL,
-        "bias": Limit.within((by_hand_deg or mounting_deg or 0.0) + BIAS_BEYOND_MOUNTING_DEG),
+        "bias": Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG),
     }
     for name in known_angles.error_deg:
         if name == UNCALIBRATED:

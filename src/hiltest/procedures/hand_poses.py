@@ -178,11 +178,13 @@ def take_by_hand(
     said, nonsense = f"\n{say}{_ORDERS}", 0
     while True:
         at = walk.at
-        asked = _asked_at_the_end(walk) if at is None else _asked(at, poses[at])
+        asked = _asked_at_the_end(walk) if at is None else question_of(at, poses[at])
         answer = table.ask(Question(said + asked, look))
         wish, said = wish_of(answer), ""
         if wish is Wish.STOP:
-            raise KeyboardInterrupt(f"the operator stops, with {len(walk.taken)} of {walk.of} known angles taken")
+            raise KeyboardInterrupt(
+                f"the operator stops, with {len(walk.taken)} of {walk.of} known angles taken; the same command goes on"
+            )
         if wish is Wish.REDO:
             walk.redo()
         elif wish is Wish.BACK:
@@ -289,7 +291,8 @@ def place_of(pose: Pose) -> str:
     return f"heading {pose.heading_deg:g}, pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g}"
 
 
-def _asked(index: int, pose: Pose) -> str:
+def question_of(index: int, pose: Pose) -> str:
+    """Return what is asked of an operator at a known angle."""
     return f"pose {index + 1}: turn to {place_of(pose)} and let it stand still.\n  Enter, heading, r, s, b or q: "
 
 

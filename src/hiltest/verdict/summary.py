@@ -31,8 +31,8 @@ CLOSE_AT_MOST = 5
 _OF_UNSET = "Run the tests that measure these limits, or take the limits out of the rig."
 
 _OF_DOUBT = (
-    "Set and read the angles better, and write so into the rig (uncertainty_deg under [turntable] and [mounting]), or "
-    "take a board that is further from the limit: within U of it nothing is proven."
+    "Set and read the angles better, and write so into the rig (uncertainty_deg under [turntable] and [mounting]): "
+    "nearer to a limit than U nothing is proven."
 )
 
 _OF_CALIBRATORS = (Section.HEADING, Section.FIT)
