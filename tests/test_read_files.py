@@ -86,7 +86,7 @@ def options_that_read() -> Iterator[str]:
 
 
 def test_all_of_them_are_tested_here() -> None:
-    written = {*WRITING, "baseline save file", "baseline update file", "run --coverage"}
+    written = {*WRITING, "baseline save file", "baseline update file", "run --coverage", "run --record"}
     assert set(options_that_read()) - written == set(READING)
 
 

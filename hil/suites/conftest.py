@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -97,7 +98,9 @@ def _place(item: pytest.Item) -> int:
 
 
 @pytest.fixture(scope="session")
-def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> AccelerometerRun | None:
+def six_positions(
+    board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress, request: pytest.FixtureRequest
+) -> AccelerometerRun | None:
     """Accelerometer calibration from the six faces; None where the rig does not ask for it."""
     if rig.procedure.accelerometer_calibration == "none" or rig.faces is None:
         return None
@@ -109,6 +112,7 @@ def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Pr
             field_ned_ut=EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut,
             mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         ),
+        journal=request.config.stash[SESSION].by_hand,
     )
     store_accelerometer(board, run.fit, [UNCALIBRATED_SLOT])
     return run
@@ -171,9 +175,13 @@ def gyroscope_calibration(board: Board, rig: Rig, gyroscope_turns: list[Measured
 
 
 @pytest.fixture(scope="session")
-def tumble(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> Tumble:
+def tumble(
+    board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress, request: pytest.FixtureRequest
+) -> Tumble:
     """Magnetometer points that the board collected while it was turned all round."""
-    return collect_tumble(board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
+    by_hand = request.config.stash[SESSION].by_hand
+    collect = partial(collect_tumble, board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
+    return by_hand.tumble(board, collect) if by_hand else collect()
 
 
 @pytest.fixture(scope="session")
@@ -218,7 +226,7 @@ def streams(
 def known_angles(
     board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun], dpi: DpiRun | None,
     streams: dict[str, StreamRun], accelerometer_fit: AccelerometerFit, hil_calibration: ImuCalibration | None,
-    hil_settings: Settings, hil_progress: Progress,
+    hil_settings: Settings, hil_progress: Progress, request: pytest.FixtureRequest,
 ) -> KnownAngles:
     """The headings that the board answered at known angles, under every calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
@@ -238,4 +246,5 @@ def known_angles(
         board, turntable, poses=rig.procedure.known_angle_poses(hil_settings.poses), slots=slots | of_streams,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         readings=rig.procedure.readings_per_pose, progress=hil_progress,
+        journal=request.config.stash[SESSION].by_hand,
     )

@@ -79,7 +79,7 @@ class ProgressLine:
         text += f"; {note}" if note else ""
         if self._shown and now_s - self._drawn_s >= _REDRAW_S:
             self._drawn_s = now_s
-            self._draw(text)
+            self.draw(text)
         elif not self._shown and self._say is not None and now_s - self._said_s >= _SAY_AGAIN_S:
             self._said_s = now_s
             self._say(text.strip())
@@ -87,9 +87,10 @@ class ProgressLine:
     def clear(self) -> None:
         """Remove the line."""
         if self._is_drawn:
-            self._draw("")
+            self.draw("")
 
-    def _draw(self, text: str) -> None:
+    def draw(self, text: str) -> None:
+        """Draw a text behind what stands on the line, in place of what was drawn there before."""
         self._is_drawn = bool(text)
         shown = text[: max(self._room(), 0)]  # a line that wraps would move what stands above it
         self._writer.write(f"{_SAVE}{shown}{_CLEAR}{_RESTORE}", flush=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import select
 import signal
 import subprocess
@@ -30,6 +31,9 @@ WALL_LIMIT_S = 90.0
 # must not lie still already.
 HAND_GOES_ON_S = 8.0
 CTRL_C = "\x03"
+KILL = "kill -9"
+# What is drawn behind a question, the cursor kept: until it is answered.
+BESIDE = re.compile(r"\x1b7.*?\x1b\[K\x1b8")
 # A signal that comes between the prompt and the read behind it waits for the read's end, as for every `input` of
 # Python: who sees nothing happen presses Ctrl-C again.
 PRESSED_AGAIN_S = 5.0
@@ -41,7 +45,9 @@ OPERATORS = {
     "headings_deg = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330]": "headings_deg = [0, 90, 180, 270]",
     "tumble_points = 300": 'tumble_points = 100\ndpi = "none"',
     # The paced board's own table turns it all round in this time.
-    'kind = "operator"\nuncertainty_deg = 0.1': 'kind = "operator"\nuncertainty_deg = 0.1\ntumble_s = 2.0',
+    # And its hand is exact, as is the mounting: what is not known of them need not be left to a limit.
+    'kind = "operator"\nuncertainty_deg = 0.1': 'kind = "operator"\nuncertainty_deg = 0.01\ntumble_s = 2.0',
+    "uncertainty_deg = 0.2": "uncertainty_deg = 0.02",
     # That limit is of sixty poses; the rms of four, with another noise in every run, scatters up to their maximum.
     '"heading.direct.rms" = { max = 0.75': '"heading.direct.rms" = { max = 1.8',
 }
@@ -84,12 +90,14 @@ def at_a_terminal() -> Callable[..., Ended]:
                 process.send_signal(signal.SIGINT)
             if select.select([terminal.board_end], [], [], 0.1)[0]:
                 shown += os.read(terminal.board_end, 4096).decode()
-            question = shown[answered:]
+            question = BESIDE.sub("", shown[answered:])
             if question.endswith(": ") and "Enter" in question:
                 answered = len(shown)
                 if (typed := answer(question)) == CTRL_C:
                     pressed_s = time.monotonic()
                     process.send_signal(signal.SIGINT)
+                elif typed == KILL:
+                    process.kill()
                 else:
                     os.write(terminal.board_end, typed.encode())
         process.kill()

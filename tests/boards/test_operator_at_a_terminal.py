@@ -17,6 +17,8 @@ from hiltest.calibration.still_pose import FACES
 from hiltest.procedures.turntables import FACE_WORDS
 from hiltest.rig import Rig
 
+from .conftest import KILL
+
 pytestmark = pytest.mark.slow
 
 StartPtyBoard = Callable[[Rig], Any]
@@ -56,6 +58,8 @@ def test_an_operator_is_asked_again_for_a_wrong_face_and_the_headings_are_judged
     ended = at_a_terminal(command(operators_rig_file, paced.path), operators_rig_file.parent, answer)
     assert ended.code == 0, ended.shown
     assert "pose 4: turn to heading 270" in ended.shown
+    # Beside each question, drawn in place.
+    assert re.search(r"board \d+\.\d deg, (still|moving); 3 of 4, \d+ s left\x1b\[K", ended.shown)
     assert faces == [
         "nose down", "nose up", "nose up", "right side down", "left side down", "level", "upside down",
     ]
@@ -63,6 +67,59 @@ def test_an_operator_is_asked_again_for_a_wrong_face_and_the_headings_are_judged
     values = measured(operators_rig_file)
     assert values["heading.direct.max"] < 1.8  # the rig's limit
     assert values["fit.direct.offset_error"] is None  # nobody knows the truth of a real board
+
+
+@pytest.mark.ci  # beside tests/procedures/test_going_on_by_hand.py, which needs no command and no port
+def test_a_run_that_is_stopped_and_one_that_is_killed_go_on_at_the_next_pose(
+    pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path, at_a_terminal: Callable[..., Any]
+) -> None:
+    paced = pty_board(rig)
+    folder = operators_rig_file.parent
+    words = [*command(operators_rig_file, paced.path), "-k", "heading_at_known_angles"]
+    asked: list[str] = []
+    ends_with: dict[str, str] = {}
+
+    def answer(question: str) -> str:
+        if pose := re.search(r"(pose \d+): turn to heading (\S+), pitch (\S+), roll (\S+) and", question):
+            asked.append(pose[1])
+            paced.bench.turn_to(Pose(*map(float, pose.groups()[1:])))
+            return ends_with.get(pose[1], "\n")
+        if face := re.search(r"put the board (.+), square on", question):
+            asked.append(face[1])
+            paced.bench.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == face[1]))
+        elif "all round" in question:
+            asked.append("tumble")
+            paced.tumble_by_hand()
+        return "\n"
+
+    ends_with = {"pose 2": "q\n"}
+    stopped = at_a_terminal(words, folder, answer)
+    assert stopped.code == 2, stopped.shown
+    assert "the operator stops, with 1 of 4 known angles taken" in stopped.shown
+    assert asked == [*FACE_WORDS.values(), "tumble", "pose 1", "pose 2"]
+
+    asked.clear()
+    ends_with = {"pose 3": KILL}
+    killed = at_a_terminal(words, folder, answer)
+    assert killed.code == -9
+    assert re.search(
+        r"goes on with the run of \S+Z, which was cut short: the six faces, the tumble, 1 known angle taken over",
+        killed.shown,
+    )
+    assert asked == ["pose 2", "pose 3"]
+
+    asked.clear()
+    ends_with = {"pose 4": "s\n"}
+    ended = at_a_terminal(words, folder, answer)
+    assert asked == ["pose 3", "pose 4"]
+    # All but the one that was skipped are in the record, and the limits, which are of all, are not evaluated.
+    assert ended.code == 22, ended.shown
+    assert "1 pose not measured: 4" in ended.shown
+    record = json.loads((folder / "out" / "run.json").read_text(encoding="utf-8"))
+    poses = next(each for each in record["tables"] if each["name"] == "heading.poses")
+    assert [row[0] for row in poses["rows"]] == [0, 90, 180]
+    assert "1 of 4 known angles not measured: heading 270, pitch +0, roll +0" in record["verdict"]["sentence"]
+    assert not (folder / "out" / "journal.jsonl").exists()
 
 
 def test_without_a_terminal_the_run_says_that_nobody_can_be_asked(

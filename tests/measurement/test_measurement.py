@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hiltest.measurement import Limit, Outcome, check, round_significant
 
@@ -46,6 +48,46 @@ def test_a_limit_reads_as_words() -> None:
 def test_a_value_inside_its_limit_passes_and_one_outside_fails() -> None:
     assert check("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8)).outcome is Outcome.PASS
     assert check("heading.direct.max", 1.97, unit="deg", limit=Limit(max=1.8)).outcome is Outcome.FAIL
+
+
+@pytest.mark.parametrize(
+    ("limit", "value", "outcome"),
+    [
+        (Limit(max=2.0), 1.5, Outcome.PASS),  # the limit less U
+        (Limit(max=2.0), 1.5001, Outcome.CANNOT_TELL),
+        (Limit(max=2.0), 2.5, Outcome.CANNOT_TELL),  # the limit and U
+        (Limit(max=2.0), 2.5001, Outcome.FAIL),
+        (Limit(min=4.0), 4.5, Outcome.PASS),
+        (Limit(min=4.0), 3.4, Outcome.FAIL),
+        (Limit.within(2.0), -1.5, Outcome.PASS),
+        (Limit.within(2.0), -2.5, Outcome.CANNOT_TELL),
+        (Limit.within(2.0), -2.6, Outcome.FAIL),
+        (Limit.within(0.25), 0.0, Outcome.CANNOT_TELL),  # wider than the whole limit: nothing passes
+        (Limit.within(0.25), 0.8, Outcome.FAIL),
+    ],
+)
+def test_within_its_references_uncertainty_of_a_limit_nothing_is_proven(
+    limit: Limit, value: float, outcome: Outcome
+) -> None:
+    measurement = check("heading.direct.max", value, unit="deg", limit=limit, uncertainty=0.5)
+    assert measurement.outcome is outcome
+    assert measurement.gates == (outcome is not Outcome.PASS)
+    assert ("nearer to its limit than its reference is known, U = 0.5 deg" in measurement.note) == (
+        outcome is Outcome.CANNOT_TELL
+    )
+
+
+@given(
+    side=st.floats(0.1, 10.0), two_sides=st.booleans(), value=st.floats(-20.0, 20.0), uncertainty=st.floats(0.0, 5.0),
+    share=st.floats(-1.0, 1.0),
+)
+def test_no_true_value_within_the_uncertainty_contradicts_a_verdict(
+    side: float, two_sides: bool, value: float, uncertainty: float, share: float
+) -> None:
+    limit = Limit.within(side) if two_sides else Limit(max=side)
+    met = limit.is_met(value, uncertainty)
+    assert met in (None, limit.holds(value + share * uncertainty))
+    assert limit.is_met(value) is limit.holds(value)
 
 
 def test_a_value_without_limit_is_recorded() -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import pytest
+
+from hiltest.bench_files import shipped
 
 HEAD = "import pytest\nfrom hiltest.measurement import Limit\n\n"
 
@@ -229,3 +232,40 @@ def test_a_mark_for_another_exception_does_not_excuse_a_limit(pytester: pytest.P
 def test_a_test_that_fails_in_its_own_words_does_so_once(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(HEAD + "def test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))\n    assert 0\n")
     pytester.runpytest_inprocess().assert_outcomes(failed=1, errors=0)
+
+
+BY_HAND = HEAD + """
+def test_headings(measure):
+    measure("heading.direct.max", 1.0, "deg")
+    measure("heading.direct.max_centred", 1.6, "deg")
+    measure("heading.iterative.max", VALUE, "deg")
+    measure("heading.direct.float32_error", 0.5, "deg", limit=Limit(max=0.6))
+"""
+
+
+@pytest.mark.parametrize(("value", "code"), [(1.2, 22), (2.8, 1)])
+def test_angles_that_a_hand_sets_are_held_against_limits_with_their_uncertainty(
+    pytester: pytest.Pytester, value: float, code: int
+) -> None:
+    rig = (shipped() / "rigs" / "frdm-k64f.toml").read_text(encoding="utf-8")
+    rig = rig[: rig.index("[limits]")] + "[limits]\n" + "".join(
+        f'"heading.{name}" = {{ max = 2.0, unit = "deg" }}\n'
+        for name in ("direct.max", "direct.max_centred", "iterative.max")
+    )
+    (pytester.path / "hand.toml").write_text(rig, encoding="utf-8")
+    pytester.makepyfile(BY_HAND.replace("VALUE", str(value)))
+    result = pytester.runpytest_inprocess("--hil-rig=hand.toml")
+    # U is 0.71 with the mounting and 0.5 without: 1.6 of a centred error cannot be told, and 2.8 is beyond 2.71.
+    assert result.ret == code
+    assert outcomes_of(pytester) == {
+        "heading.direct.max": "pass", "heading.direct.max_centred": "cannot tell",
+        "heading.direct.float32_error": "pass",
+        "heading.iterative.max": "pass" if code == 22 else "fail",
+    }
+    shown = " ".join(result.stdout.str().split())
+    assert "Cannot tell at this uncertainty: heading.direct.max_centred 1.60 deg (limit 2 with U 0.5)." in shown
+    page = (pytester.path / "hil-out" / "report.md").read_text(encoding="utf-8")
+    assert "at most 2, U 0.5" in page
+    uncertainties = {each["name"]: each["uncertainty"] for each in record_of(pytester)["measurements"]}
+    assert uncertainties["heading.direct.max"] == pytest.approx(math.sqrt(0.5))
+    assert uncertainties["heading.direct.float32_error"] is None

@@ -16,7 +16,7 @@ from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.rig import build_sensors, build_world, world_truth
 from hiltest.rig.cycles import CountedFunctions
-from hiltest.rig.file import load_rig, reference_uncertainty_deg
+from hiltest.rig.file import load_rig
 from hiltest.rig.tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
 from hiltest.sensors.fxos8700cq import noise_at_oversampling, oversampling
 
@@ -314,9 +314,9 @@ def test_a_limit_tighter_than_the_reference_is_refused_with_both_numbers(edited)
 def test_the_mountings_uncertainty_does_not_bound_a_centred_limit(edited):
     rig = edited('"heading.direct.max_centred" = { max = 1.8', '"heading.direct.max_centred" = { max = 0.15')
     assert rig.limits["heading.direct.max_centred"] == Limit(max=0.15)
-    assert reference_uncertainty_deg(rig, "heading.direct.max_centred") == pytest.approx(0.1)
-    assert reference_uncertainty_deg(rig, "heading.direct.bias") == pytest.approx(math.sqrt(0.05))
-    assert reference_uncertainty_deg(rig, "cycles.direct.total") is None
+    assert rig.reference_uncertainty_deg("heading.direct.max_centred") == pytest.approx(0.1)
+    assert rig.reference_uncertainty_deg("heading.direct.bias") == pytest.approx(math.sqrt(0.05))
+    assert rig.reference_uncertainty_deg("cycles.direct.total") is None
     with pytest.raises(ConfigError, match="tighter"):
         edited('"heading.direct.max_centred" = { max = 1.8', '"heading.direct.max_centred" = { max = 0.05')
 
@@ -404,7 +404,7 @@ def test_a_bench_may_leave_its_mounting_undeclared(edited):
     assert rig.mounting is None
     assert build_world(rig).at(0.0).pose.heading_deg == 1.7  # the board stays as it sits
     # Nothing is known of the mounting, so the table alone bounds what a limit may ask.
-    assert reference_uncertainty_deg(rig, "heading.direct.max") == pytest.approx(0.1)
+    assert rig.reference_uncertainty_deg("heading.direct.max") == pytest.approx(0.1)
     straight = replace(rig, world=replace(rig.world, mounting_yaw_deg=None))
     assert build_world(straight).at(0.0).pose.heading_deg == 0.0
 
@@ -501,5 +501,5 @@ def test_the_truth_is_that_of_the_magnetometer_that_is_judged():
 
 def test_an_arithmetic_limit_is_not_held_against_the_turntable():
     rig = load_rig(HARSH)
-    assert reference_uncertainty_deg(rig, "heading.direct@100.float32_error") is None
-    assert reference_uncertainty_deg(rig, "heading.direct@100.max") == pytest.approx(math.sqrt(0.05))
+    assert rig.reference_uncertainty_deg("heading.direct@100.float32_error") is None
+    assert rig.reference_uncertainty_deg("heading.direct@100.max") == pytest.approx(math.sqrt(0.05))

@@ -165,6 +165,34 @@ def test_without_a_declared_mounting_only_centred_values_count(findings: Make, h
     assert verdict.exit_code == 22
 
 
+def test_a_limit_that_cannot_be_told_is_no_pass_and_is_named_with_value_limit_and_uncertainty(
+    findings: Make, good: list[Measurement]
+) -> None:
+    near = check("heading.direct.max", 1.62, unit="deg", limit=Limit(max=2), uncertainty=0.707)
+    verdict = decide(findings(*good, near), pytest_exit=0)
+    assert verdict.exit_code == 22
+    assert verdict.sentence.startswith(
+        "NOT EVALUATED. Cannot tell at this uncertainty: heading.direct.max 1.62 deg (limit 2 with U 0.71). "
+    )
+    assert "uncertainty_deg under [turntable] and [mounting]" in " ".join(summarise(findings(*good, near)).advice)
+    # A failure that is proven beside it comes first, and the open one is said all the same.
+    beyond = check("heading.iterative.max", 3.1, unit="deg", limit=Limit(max=2), uncertainty=0.707)
+    both = decide(findings(*good, near, beyond, tests=(_test("failed"),)), pytest_exit=1)
+    assert both.exit_code == 1
+    assert both.sentence.startswith("FAIL. heading.iterative.max 3.10 deg (limit 2 with U 0.71). ")
+    assert "Cannot tell at this uncertainty: heading.direct.max" in both.sentence
+
+
+def test_angles_that_were_not_all_taken_leave_no_centred_value_either(findings: Make, heading: Heading) -> None:
+    why = "2 of 12 known angles were skipped"
+    unset = check("heading.direct.max_centred", 0.9, unit="deg", limit=Limit(max=1.8), not_checked=why)
+    made = findings(*heading("direct", 1.1, limit=1.8, cycles=12_400, bias=0.2, not_checked=why), unset)
+    sentence = decide(made, pytest_exit=0).sentence
+    assert "Only centred" not in sentence
+    assert "about its mean" not in sentence
+    assert f"heading.direct.max_centred ({why})" in sentence
+
+
 def test_a_centred_error_out_of_limit_fails_even_without_a_mounting(findings: Make, heading: Heading) -> None:
     made = findings(
         *heading("direct", 7.4, limit=1.8, cycles=12_400, bias=1.7, centred=6.0, not_checked="no mounting"),

@@ -28,6 +28,7 @@ from hiltest.measurement.kind import (
 from hiltest.measurement.limit import Limit
 from hiltest.measurement.measurement import (
     SIGNIFICANT_DIGITS,
+    UNDECIDED,
     WORST_OF_SEVERAL,
     Counted,
     Measurement,
@@ -39,8 +40,8 @@ from hiltest.measurement.measurement import (
 from hiltest.measurement.ranking import FLASH_TIE, cannot_be_ranked, in_flash, is_beyond, ratio_range
 
 __all__ = [
-    "DOUBT", "EXACT", "FLASH_TIE", "KINDS", "NEXT_STEP", "SIGNIFICANT_DIGITS", "WORST_OF_SEVERAL", "Allowance",
-    "Better", "Counted",
+    "DOUBT", "EXACT", "FLASH_TIE", "KINDS", "NEXT_STEP", "SIGNIFICANT_DIGITS", "UNDECIDED", "WORST_OF_SEVERAL",
+    "Allowance", "Better", "Counted",
     "CycleRange", "Deviation", "Kind", "Limit", "Measurement", "NamedKind", "Outcome", "Reference", "RowEffect",
     "Section", "Tolerance", "better_of", "cannot_be_ranked", "check", "deviation_of", "identify", "in_flash",
     "is_beyond", "is_compared", "is_direction", "nearest_name", "plain", "ratio_range", "round_significant",

@@ -41,6 +41,26 @@ class Limit:
         below = self.max is None or value <= self.max
         return above and below
 
+    def is_met(self, value: float, uncertainty: float = 0.0) -> bool | None:
+        """Say whether a value meets the limit, None where its uncertainty leaves it open.
+
+        Parameters
+        ----------
+        value : float
+        uncertainty : float
+            Expanded uncertainty U of the value, 0 or more, in its unit.
+
+        Notes
+        -----
+        The decision rule of ISO 14253-1 with a guard band of U on both sides of a limit: conformity is proven where
+        all of ``value - U`` to ``value + U`` is inside, nonconformity where all of it is outside of one side.
+        """
+        if self.holds(value - uncertainty) and self.holds(value + uncertainty):
+            return True
+        too_low = self.min is not None and value + uncertainty < self.min
+        too_high = self.max is not None and value - uncertainty > self.max
+        return False if too_low or too_high or not uncertainty else None
+
     def covers(self, other: Limit) -> bool:
         """Say whether whatever holds `other` holds this one too."""
         above = self.min is None or (other.min is not None and other.min >= self.min)

@@ -41,11 +41,18 @@ class Outcome(StrEnum):
     """Outside its limit, or not a number."""
     EXPECTED_FAIL = "expected fail"
     """The same, in a test that is marked to fail (``xfail``): it makes no run red."""
+    CANNOT_TELL = "cannot tell"
+    """Nearer to its limit, on either side, than the uncertainty of its reference: no pass, and no failure."""
     UNSET = "unset"
     """Its limit could not be evaluated, which fails closed."""
     NOT_OFFERED = "not offered"
     """This kind of board cannot know it, such as the true offset on a real board; or, with a note, there is nothing to
     measure on this run, such as the cost of one iteration where none was needed."""
+
+
+UNDECIDED = (Outcome.CANNOT_TELL, Outcome.UNSET)
+"""Outcomes of a limit that a run neither meets nor misses: it ends as not evaluated."""
+_DECIDED = {True: Outcome.PASS, False: Outcome.FAIL, None: Outcome.CANNOT_TELL}
 
 
 @runtime_checkable
@@ -87,6 +94,8 @@ class Measurement:
         Node id of the test that measured it.
     place : str
         File and line of the call that measured it: ``hil/suites/test_heading.py:81``.
+    uncertainty : float or None
+        Expanded uncertainty of its reference, which the limit was held against; None where none entered.
     band : CycleRange or None
         For cycles of a virtual board: the uncertainty range that follows from the cycle model.
     """
@@ -103,6 +112,7 @@ class Measurement:
     test: str = ""
     band: CycleRange | None = None
     place: str = ""
+    uncertainty: float | None = None
 
     @property
     def kind(self) -> Kind | None:
@@ -133,7 +143,7 @@ class Measurement:
     @property
     def gates(self) -> bool:
         """Whether this measurement alone makes a run red."""
-        return self.outcome in (Outcome.FAIL, Outcome.UNSET)
+        return self.outcome in (Outcome.FAIL, *UNDECIDED)
 
     @property
     def says_why_not(self) -> bool:
@@ -149,17 +159,18 @@ class Measurement:
 
     def rounded(self) -> Measurement:
         """Return the measurement as it is written: numbers of the host to nine significant digits."""
-        return replace(self, value=round_significant(self.value))
+        return replace(self, value=round_significant(self.value), uncertainty=round_significant(self.uncertainty))
 
     def __str__(self) -> str:
         value = "no value" if self.value is None else f"{readable(self.value, 6)} {self.unit}".rstrip()
         limit = f", limit {self.limit}" if self.limit else ""
+        limit += f" with U {readable(self.uncertainty, 2)}" if self.limit and self.uncertainty else ""
         note = f" ({self.note})" if self.note else ""
         return f"{self.name} = {value}{limit}: {self.outcome}{note}"
 
 
 class About(TypedDict, total=False):
-    """Fields of `Measurement` beside its value; they decide no outcome."""
+    """Fields of `Measurement` beside its value; they decide no outcome, but for the uncertainty."""
 
     information: Limit | None
     volatile: bool
@@ -168,6 +179,7 @@ class About(TypedDict, total=False):
     band: CycleRange | None
     note: str
     place: str
+    uncertainty: float | None
 
 
 def check(
@@ -217,7 +229,10 @@ def check(
     elif limit is None:
         outcome = Outcome.INFORMATION
     else:
-        outcome = Outcome.PASS if limit.holds(value) else Outcome.FAIL
+        uncertainty = about.get("uncertainty") or 0.0
+        outcome = _DECIDED[limit.is_met(value, uncertainty)]
+        if outcome is Outcome.CANNOT_TELL:
+            note = f"it is nearer to its limit than its reference is known, U = {readable(uncertainty, 2)} {unit}"
     about["note"] = note
     return Measurement(name, value, unit, limit, outcome=outcome, **about)
 

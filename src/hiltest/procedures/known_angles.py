@@ -13,17 +13,21 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180, wrap_360
 from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
-from hiltest.errors import DeviceError, FirmwareContradictionError
+from hiltest.errors import DeviceError, FirmwareContradictionError, TurntableError
 from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.link.messages import Average, GetCalibration
 from hiltest.link.replies import AverageReply, CalibrationReply, SensorKind, SlotHeading
 from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
+from hiltest.procedures.hand_poses import PoseJournal, place_of, take_by_hand
 from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise
 from hiltest.procedures.progress import Progress, silent
-from hiltest.procedures.turntables import Achieved, Turntable
+from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
+from hiltest.text import listed
 
 Reals = NDArray[np.float64]
 
+_NAMED_AT_MOST = 3
 LARGEST_ROUNDING_DEG = 0.002
 """A heading in float32 is within 3e-5 degrees of the same in float64: eighty times that is another computation."""
 
@@ -58,6 +62,8 @@ class KnownAngles:
         The accelerometer calibration that the board holds beside each calibration.
     calibrations : dict of str to CalibrationReply
         The magnetometer calibrations that the board holds.
+    skipped : tuple of Pose
+        Known angles that an operator left out; nothing here is of them.
     """
 
     poses: tuple[Pose, ...]
@@ -75,6 +81,14 @@ class KnownAngles:
     accelerometer: Reals
     accelerometer_fits: dict[str, AccelerometerFit]
     calibrations: dict[str, CalibrationReply]
+    skipped: tuple[Pose, ...] = ()
+
+    @property
+    def not_measured(self) -> str:
+        """Which known angles are missing, in words; empty where all were taken. A limit is of all of them."""
+        places = listed([place_of(each) for each in self.skipped], _NAMED_AT_MOST)
+        of = len(self.skipped) + len(self.poses)
+        return f"{len(self.skipped)} of {of} known angles not measured: {places}" if self.skipped else ""
 
     def in_body(self, vector_ned: Sequence[float]) -> Reals:
         """Return what a vector of the earth frame is along the board's axes at each pose, shape (n, 3)."""
@@ -110,7 +124,7 @@ class KnownAngles:
 
 def measure_known_angles(
     board: Board, turntable: Turntable, *, poses: Sequence[Pose], slots: Mapping[str, int],
-    mounting_yaw_deg: float, readings: int = 16, progress: Progress | None = None,
+    mounting_yaw_deg: float, readings: int = 16, progress: Progress | None = None, journal: PoseJournal | None = None,
 ) -> KnownAngles:
     """Turn to each pose and ask the board for its heading under each calibration.
 
@@ -127,6 +141,8 @@ def measure_known_angles(
         Declared turn of the board on the table: board heading = table heading + this.
     readings : int
         New samples of each sensor to average at each pose.
+    journal : PoseJournal, optional
+        Keeps what an operator has set, and has what is there already.
 
     Raises
     ------
@@ -140,26 +156,46 @@ def measure_known_angles(
     tell = progress or silent
     for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
         board.sensor(kind)
-    mask = sum(1 << slot for slot in slots.values())
-    achieved: list[Achieved] = []
-    answers: list[AverageReply] = []
-    attitudes: dict[str, list[Pose]] = {name: [] for name in slots}
-    for index, pose in enumerate(poses):
-        tell("known angles", index, len(poses))
-        achieved.append(turntable.turn_to(pose, known_angle=index))
-        reply = board.session.request(Average(readings, mask))
-        answers.append(reply)
+
+    def check(pose: Pose, answer: AverageReply) -> None:
         for name, slot in slots.items():
-            attitudes[name].append(_attitude(reply.headings[slot], name, pose))
-    tell("known angles", len(poses), len(poses))
+            _attitude(answer.headings[slot], name, pose)
+
+    if isinstance(turntable, OperatorTurntable):
+        earlier, said = journal.earlier(_numbers_of(board, slots)) if journal else ({}, "")
+        taken = take_by_hand(
+            board, turntable, poses, readings=readings, slots=tuple(slots.values()), check=check,
+            shown=next((slot for name, slot in slots.items() if name != UNCALIBRATED), UNCALIBRATED_SLOT),
+            earlier=earlier, keep=journal.keep if journal else lambda *_: None, say=said,
+        )
+        if not taken:
+            raise TurntableError("every known angle was skipped: there is no heading to judge")
+    else:
+        mask, taken = sum(1 << slot for slot in slots.values()), {}
+        for index, pose in enumerate(poses):
+            tell("known angles", index, len(poses))
+            achieved = turntable.turn_to(pose, known_angle=index)
+            taken[index] = achieved, board.session.request(Average(readings, mask))
+            check(pose, taken[index][1])
+        tell("known angles", len(poses), len(poses))
     found = _known_angles(
-        poses, achieved, answers, attitudes, mounting_yaw_deg, readings,
+        poses, taken, slots, mounting_yaw_deg, readings,
         fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
         calibrations={name: board.session.request(GetCalibration(slot)) for name, slot in slots.items()},
     )
     for name in slots:
         _check_arithmetic(found, name)
     return found
+
+
+def _numbers_of(board: Board, slots: Mapping[str, int]) -> dict[str, list[float]]:
+    """Return all numbers of the calibrations that the board holds."""
+    numbers = {}
+    for name, slot in slots.items():
+        calibration, fit = board.session.request(GetCalibration(slot)), board.session.request(GetAccelerometer(slot))
+        parts = (calibration.soft_iron, calibration.hard_iron, fit.gain, fit.offset)
+        numbers[name] = np.concatenate([each.ravel() for each in parts]).tolist()
+    return numbers
 
 
 def headings_deg(
@@ -203,7 +239,7 @@ def _check_arithmetic(found: KnownAngles, name: str) -> None:
         if not abs(wrap_180(heading - computed)) <= LARGEST_ROUNDING_DEG:
             raise FirmwareContradictionError(
                 f"the firmware contradicts itself: it answers a heading of {heading:.4f} degrees under {name!r} at "
-                f"{_place(pose)}, and {told}{_mistake(found, name)}"
+                f"{place_of(pose)}, and {told}{_mistake(found, name)}"
             )
 
 
@@ -255,10 +291,16 @@ def _same(headings: Callable[[], Reals], found: KnownAngles, name: str) -> bool:
 
 
 def _known_angles(
-    poses: Sequence[Pose], achieved: Sequence[Achieved], answers: Sequence[AverageReply],
-    attitudes: Mapping[str, Sequence[Pose]], mounting_yaw_deg: float, readings: int, *,
+    asked: Sequence[Pose], taken: Mapping[int, tuple[Achieved, AverageReply]], slots: Mapping[str, int],
+    mounting_yaw_deg: float, readings: int, *,
     fits: dict[str, AccelerometerFit], calibrations: dict[str, CalibrationReply],
 ) -> KnownAngles:
+    poses = [asked[index] for index in taken]
+    achieved, answers = [there for there, _ in taken.values()], [answer for _, answer in taken.values()]
+    attitudes = {
+        name: [_attitude(answer.headings[slot], name, pose) for answer, pose in zip(answers, poses, strict=True)]
+        for name, slot in slots.items()
+    }
     references = [wrap_360(place.heading_deg + mounting_yaw_deg) for place in achieved]
     headings = {name: [attitude.heading_deg for attitude in each] for name, each in attitudes.items()}
     return KnownAngles(
@@ -283,6 +325,7 @@ def _known_angles(
         accelerometer=np.array([answer.accelerometer.mean for answer in answers], dtype=np.float64),
         accelerometer_fits=fits,
         calibrations=calibrations,
+        skipped=tuple(pose for index, pose in enumerate(asked) if index not in taken),
     )
 
 
@@ -297,10 +340,6 @@ def _attitude(heading: SlotHeading, name: str, pose: Pose) -> Pose:
     if heading.attitude is None:
         raise DeviceError(
             "AVERAGE", heading.status.name,
-            f"no heading with calibration {name!r} at {_place(pose)}",
+            f"no heading with calibration {name!r} at {place_of(pose)}",
         )
     return heading.attitude
-
-
-def _place(pose: Pose) -> str:
-    return f"heading {pose.heading_deg:g}, pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g}"

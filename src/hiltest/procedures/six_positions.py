@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,10 +90,20 @@ class AccelerometerRun:
         return self.solution.fit
 
 
+class FaceJournal(Protocol):
+    """Keeps the six faces, for a run that goes on with them."""
+
+    def faces(self) -> tuple[Sequence[StillPose], int]:
+        """Return those that are there already, and the die's temperature at the last of them [degC]."""
+
+    def keep_faces(self, faces: Sequence[StillPose], die_temperature_degc: int) -> None:
+        """Keep all of them."""
+
+
 def measure_six_positions(
     board: Board, turntable: Turntable, *, uncertainty_deg: float, limits: Mapping[str, Limit] | None = None,
     dip_deg: float = 0.0, progress: Progress | None = None, again: Callable[[FaceError], bool] | None = None,
-    see_axes: Callable[[], object] | None = None,
+    see_axes: Callable[[], object] | None = None, journal: FaceJournal | None = None,
 ) -> AccelerometerRun:
     """Put the board on each face for a second, and let it fit gain and offset to them.
 
@@ -110,6 +121,8 @@ def measure_six_positions(
     see_axes : callable, optional
         Asked what is wrong with the sensors' axes, in words, when a board stays on another face than it should: a
         table that turns by itself puts it where it is asked to, and then it is the axes.
+    journal : FaceJournal, optional
+        Has the faces that are there already, and keeps all of them.
 
     Raises
     ------
@@ -122,10 +135,11 @@ def measure_six_positions(
     tell = progress or silent
     for kind in (SensorKind.ACCELEROMETER, SensorKind.MAGNETOMETER):
         board.sensor(kind)
-    board.session.request(ClearPoses())
+    earlier, degc = journal.faces() if journal else ((), 0)
+    _store(board, earlier)
     while True:
         try:
-            degc = _take_missing(board, turntable, tell)
+            degc = _take_missing(board, turntable, tell, degc)
             run = fit_poses(board, "six-position", len(FACES), degc)
             _refuse_contradiction(run, uncertainty_deg)
             _refuse_limits(run, limits or {}, dip_deg)
@@ -137,6 +151,8 @@ def measure_six_positions(
                 raise
             _forget(board, error.faces or FACES)
         else:
+            if journal is not None:
+                journal.keep_faces(_stored(board), degc)
             turntable.rest()
             return run
 
@@ -145,10 +161,9 @@ class _MisplacedError(FaceError):
     """The board lies on another face than it should, or on none."""
 
 
-def _take_missing(board: Board, turntable: Turntable, tell: Progress) -> int:
-    """Take the faces that the buffer lacks, and leave it in their order; return the die's temperature [degC]."""
+def _take_missing(board: Board, turntable: Turntable, tell: Progress, degc: int) -> int:
+    """Take the faces that the buffer lacks, and leave it in their order; return the die's temperature then [degC]."""
     held = {pose.face for pose in _stored(board)}
-    degc = 0
     for number, face in enumerate(FACES):
         if face not in held:
             tell("six faces", number, len(FACES))

@@ -32,8 +32,8 @@ FACE_WORDS = {
 HAND_TUMBLE_S = 45.0
 # The motion that a filter is tested with, where a hand or a motor makes it.
 SWAY_S = 24.0
-# An operator who gives nonsense this often in a row is not there.
-_QUESTIONS = 3
+#: An operator who gives nonsense this often in a row is not there.
+QUESTIONS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,15 +209,19 @@ class OperatorTurntable:
             f"{number}turn to heading {pose.heading_deg:g}, pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g} "
             "and let it stand still. Enter when there, or type the heading reached: "
         )
-        for _ in range(_QUESTIONS):
-            heading_deg = _heading(self._ask(question), pose.heading_deg)
+        for _ in range(QUESTIONS):
+            heading_deg = heading_of(self.ask(question), pose.heading_deg)
             if heading_deg is not None:
-                return Achieved(heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
-        raise OperatorAbsentError(f"{_QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
+                return self.achieved(pose, heading_deg)
+        raise OperatorAbsentError(f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
+
+    def achieved(self, pose: Pose, heading_deg: float) -> Achieved:
+        """Return what was reached, where the operator says at which heading."""
+        return Achieved(heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
 
     def turn_to_face(self, face: Face) -> None:
         """Ask for the board to be put on a face, square and on something level."""
-        self._ask(
+        self.ask(
             f"face {FACES.index(face) + 1} of 6: put the board {FACE_WORDS[face]}, square on a level surface, and "
             "let go of it. Enter when it lies still: "
         )
@@ -225,7 +229,7 @@ class OperatorTurntable:
     def tumble(self, duration_s: float) -> float:
         """Ask the operator to turn the board all round, at the pace of a hand."""
         takes_s = max(duration_s, self._tumble_s)
-        self._ask(
+        self.ask(
             f"take the board in your hand, away from iron. Turn it all round for {takes_s:.0f} s: each of its six "
             f"sides and eight corners down once, about {takes_s / 15:.0f} s each. "
             "How much of the sphere is seen is shown. Enter to begin: "
@@ -237,7 +241,7 @@ class OperatorTurntable:
 
     def sway(self) -> float:
         """Ask the operator to turn and tilt the board, at the pace of a hand."""
-        self._ask(
+        self.ask(
             f"turn the level board once round and on, tilting it by about 20 degrees to all sides meanwhile, and lay "
             f"it down again: all within {SWAY_S:.0f} s. Enter to begin: "
         )
@@ -245,11 +249,11 @@ class OperatorTurntable:
 
     def rest(self) -> None:
         """Ask for the board to lie still."""
-        self._ask("put the board down level and leave it still; Enter when it is: ")
+        self.ask("put the board down level and leave it still; Enter when it is: ")
 
     def mount(self, axis: Axis) -> None:
         """Ask for the board to stand on the table, the axis down."""
-        self._ask(
+        self.ask(
             f"put the board on the table {_MOUNTED[axis]}, its {axis.name.lower()} axis straight down, the table at "
             "its mark, and let it stand still. Enter when it does: "
         )
@@ -259,7 +263,7 @@ class OperatorTurntable:
         turn_s = abs(degrees) / rate_dps
         takes_s = 2.0 * turn_s + 4.0
         way = "clockwise" if degrees > 0.0 else "anticlockwise"
-        self._ask(
+        self.ask(
             f"press Enter, wait a second, then turn the table {way} (seen from above) by {abs(degrees):g} deg, back to "
             f"the mark where that is all round, in about {turn_s:.0f} s, and leave it; there are {takes_s:.0f} s. "
             "Enter to begin: "
@@ -268,13 +272,20 @@ class OperatorTurntable:
 
     def again(self, why: str) -> bool:
         """Ask for the position once more; Ctrl-C refuses."""
-        self._ask(f"{why}. Enter to do it again, Ctrl-C to end: ")
+        self.ask(f"{why}. Enter to do it again, Ctrl-C to end: ")
         return True
 
     def close(self) -> None:
         """Do nothing: an operator needs no closing."""
 
-    def _ask(self, question: str) -> str:
+    def ask(self, question: str) -> str:
+        """Ask the operator; every question of a table that a hand turns passes here.
+
+        Raises
+        ------
+        OperatorAbsentError
+            When no one answers.
+        """
         try:
             return self._prompt(question)
         except EOFError:
@@ -312,7 +323,8 @@ def open_turntable(
     return OperatorTurntable(prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s)
 
 
-def _heading(answer: str, asked_deg: float) -> float | None:
+def heading_of(answer: str, asked_deg: float) -> float | None:
+    """Return the heading that an answer is [deg], what was asked for where it is empty; None where it is none."""
     if not answer.strip():
         return asked_deg
     try:

@@ -6,7 +6,8 @@ however the process ends. What lies in a folder therefore says what became of it
 - no journal: ``run.json`` is the record of a run that has finished;
 - a journal with a lock on it: the run goes on;
 - a journal without: the run was cut short, and every test that had finished is in it. ``run.json``, if there is one,
-  is of the run before, unless the journal ends with the verdict: then both say the same.
+  is of the run before, unless the journal ends with the verdict: then both say the same, and what an operator had done
+  is in the journal for the next run to go on with.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import Any
 
 from hiltest.errors import ConfigError
 from hiltest.record.files import CAMPAIGN_FILE, COVERAGE_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
+from hiltest.strict_json import parse_json
 
 JOURNAL_FILE = "journal.jsonl"
 
@@ -53,12 +55,34 @@ class Journal:
         try:
             self._file = _open_locked(self.path)
             # What a killed run was writing goes; its whole lines stay until this run is sure to take place.
-            self._bytes_before = self._file.read().rfind(b"\n") + 1
+            before = self._file.read()
+            self._bytes_before = before.rfind(b"\n") + 1
+            self._before = before[: self._bytes_before]
             self._file.truncate(self._bytes_before)
         except OSError as error:
             reason = error.strerror or str(error)
             raise ConfigError(f"cannot keep a record in {folder}: {reason}; name another one with --out") from error
         self._announced = self._begun = self._finished = False
+
+    def earlier(self, kind: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+        """Return the entries of a kind that the last run which wrote some has left here, behind its first line.
+
+        Without such a run, or where a line is damaged, there are none.
+        """
+        runs: list[list[dict[str, Any]]] = []
+        for line in self._before.splitlines():
+            try:
+                entry = parse_json(line)
+            except ValueError:
+                return {}, []
+            if not isinstance(entry, dict):
+                return {}, []
+            if entry.get("kind") == "start":
+                runs.append([])
+            if runs and entry.get("kind") in ("start", kind):
+                runs[-1].append(entry)
+        kept = next((each for each in reversed(runs) if len(each) > 1), None)
+        return (kept[0], kept[1:]) if kept else ({}, [])
 
     def announce(self, content: Mapping[str, Any]) -> None:
         """Write the first line: from here on this run, and none before, is what `hiltest report` finds here."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
-from typing import Literal
+from typing import Any, Literal
 
 from hiltest.measurement import Measurement, Outcome
 from hiltest.record.comparison import Comparison, Revision
@@ -46,10 +46,21 @@ class Recorder:
         self._unwritten_measurements: list[Measurement] = []
         self._unwritten_tables: list[Table] = []
         self._journal = journal
+        self._has_steps = False
         journal.announce({
             "schema": SCHEMA, "started_utc": self.findings.started_utc, "suite": suite, "poses": poses,
             "environment": asdict(self.findings.environment), "revision": revision and asdict(revision),
         })
+
+    def earlier(self, kind: str) -> tuple[str, list[dict[str, Any]]]:
+        """Return when the last run in this folder that kept steps of a kind began, and these steps."""
+        start, entries = self._journal.earlier(kind)
+        return str(start.get("started_utc", "")), entries
+
+    def keep(self, kind: str, content: Mapping[str, Any]) -> None:
+        """Write a step through to the disk; of a run that does not come to its end the journal then stays."""
+        self._journal.append(kind, content)
+        self._has_steps = True
 
     def begin(self, calibration: CalibrationRecord | None = None) -> None:
         """Remove the record of the run before, and note the calibration file under test."""
@@ -97,7 +108,7 @@ class Recorder:
         self.findings.comparison = compared(self.findings.finish(verdict, utc_now()))
 
     def finish(self, verdict: Verdict) -> Run:
-        """Write ``run.json``; the journal, which holds nothing more, goes with `release`."""
+        """Write ``run.json``; the journal goes with `release` where it holds nothing more."""
         run = self.findings.finish(verdict, utc_now())
         comparison = run.comparison and asdict(run.comparison)
         self._journal.append("end", {
@@ -105,7 +116,8 @@ class Recorder:
             "chosen": run.chosen, "coverage": run.coverage and asdict(run.coverage),
         })
         write_run(run, self.folder)
-        self._journal.finish()
+        if verdict.complete or not self._has_steps:
+            self._journal.finish()
         return run
 
     def release(self) -> None:

@@ -32,7 +32,7 @@ _VOLATILE_OF_A_SIDE = ("file", "saved_utc", "revision")
 
 Cell = float | int | str | bool | None
 # The worst of several attempts counts: no rerun makes a pass of a measurement that was out of its limit.
-_WORST_FIRST = (Outcome.FAIL, Outcome.UNSET, Outcome.NOT_OFFERED)
+_WORST_FIRST = (Outcome.FAIL, Outcome.CANNOT_TELL, Outcome.UNSET, Outcome.NOT_OFFERED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,8 +344,8 @@ def _cell(cell: Cell) -> Cell:
 def worst_first(kept: Measurement, other: Measurement) -> tuple[Measurement, Measurement]:
     """Return the measurements of two attempts under one name, the one that counts first.
 
-    Out of its limit comes before not evaluated, that before no number at all, and that before a number. Of two numbers
-    the worse one comes first, and where neither is, the earlier.
+    Out of its limit comes before near it, that before not evaluated, that before no number at all, and that before a
+    number. Of two numbers the worse one comes first, and where neither is, the earlier.
     """
     worst, rest = sorted((kept, other), key=_rank)
     return worst, rest

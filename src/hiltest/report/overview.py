@@ -36,7 +36,7 @@ HEADINGS = (
     *(heading for heading, _ in _ACCURACY), _CYCLES, WITH_WAITS, *(heading for heading, _ in _MORE),
     "per point", "fixed", "stack [B]",
 )
-_TONES = {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNSET: "unset"}
+_TONES = {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNSET: "unset", Outcome.CANNOT_TELL: "unset"}
 
 
 @dataclass(frozen=True, slots=True)

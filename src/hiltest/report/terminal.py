@@ -34,7 +34,7 @@ from hiltest.verdict.summary import (
 )
 from hiltest.verdict.verdict import headline
 
-_STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
+_STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.CANNOT_TELL: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
 _CHANGES_AT_MOST = 5
 # Headings of columns whose numbers are far narrower.
@@ -114,7 +114,8 @@ def shown_limit(measurement: Measurement) -> str:
     """Return the limit as people read it; one in brackets is a reference value that is not enforced."""
     if measurement.limit is None and measurement.information is not None:
         return f"({measurement.information})"
-    return str(measurement.limit or "")
+    uncertainty = f", U {readable(measurement.uncertainty, 2)}" if measurement.limit and measurement.uncertainty else ""
+    return f"{measurement.limit or ''}{uncertainty}"
 
 
 def shown_seen(measurement: Measurement, seen: Mapping[str, float]) -> str:
@@ -165,7 +166,8 @@ def _print_failures(console: Console, found: Summary, run: Run, folder: Path) ->
         if words not in said:
             _wrapped(console, f"likely cause: {words}", indent=2 * _INDENT)
     for measurement in found.unset:
-        _wrapped(console, f"not evaluated: {measurement.name}: {measurement.note}", "yellow", _INDENT)
+        what = measurement.outcome if measurement.outcome is Outcome.CANNOT_TELL else "not evaluated"
+        _wrapped(console, f"{what}: {measurement.name}: {measurement.note}", "yellow", _INDENT)
     if found.unmeasured:
         _wrapped(console, unmeasured_in_words(found.unmeasured), "yellow", _INDENT)
     for test in run.tests:

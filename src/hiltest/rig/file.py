@@ -7,7 +7,6 @@ its findings into sentences, and finds the line, which TOML readers do not keep.
 from __future__ import annotations
 
 import json
-import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -21,7 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from hiltest.errors import ConfigError, UnknownKeyError
-from hiltest.measurement import Limit, Reference, Section, Tolerance, identify, is_direction, nearest_name
+from hiltest.measurement import Limit, Section, Tolerance, identify, is_direction, nearest_name
 from hiltest.rig.cycles import as_tables
 from hiltest.rig.parts import sensor_names
 from hiltest.rig.playback import as_table
@@ -226,23 +225,9 @@ def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> No
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: {error}") from error
 
 
-def reference_uncertainty_deg(rig: Rig, measurement: str) -> float | None:
-    """Return how well the reference of a heading measurement is known [deg], None for any other.
-
-    The turntable's and the mounting's uncertainty are independent and add as squares; a
-    centred error does not contain the mounting, which is the same at every pose.
-    """
-    kind = identify(measurement).kind
-    if kind is None or kind.reference is Reference.NONE:
-        return None
-    mounted = rig.mounting is not None and kind.reference is Reference.MOUNTED
-    mounting_deg = rig.mounting.uncertainty_deg if rig.mounting and mounted else 0.0
-    return math.hypot(rig.turntable.uncertainty_deg, mounting_deg)
-
-
 def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
     for name, limit in rig.limits.items():
-        uncertainty_deg = reference_uncertainty_deg(rig, name)
+        uncertainty_deg = rig.reference_uncertainty_deg(name)
         if uncertainty_deg is None:
             continue
         for bound in (limit.min, limit.max):

@@ -9,6 +9,7 @@ that need them.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from dataclasses import field as dataclass_field
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import Limit, Tolerance
+from hiltest.measurement import Limit, Reference, Tolerance, identify
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.device import Device
 from hiltest.rig.parts import PARTS, scaled
@@ -172,6 +173,30 @@ class Rig:
         """Return the limits that a set of tests must measure."""
         excused = self.full_only if suite == "gate" else frozenset()
         return {name: limit for name, limit in self.limits.items() if name not in excused}
+
+    def reference_uncertainty_deg(self, measurement: str) -> float | None:
+        """Return how well the reference of a heading measurement is known [deg], None for any other.
+
+        Notes
+        -----
+        Both that a rig declares are expanded uncertainties with a coverage factor of 2. The turntable's and the
+        mounting's are independent, so that their squares add (GUM, JCGM 100:2008, 5.1.2), which keeps the factor. A
+        centred error does not contain the mounting, which is the same at every pose. What many poses have in common
+        of a table's error is not known, and so no mean over them is taken to be known better.
+        """
+        kind = identify(measurement).kind
+        if kind is None or kind.reference is Reference.NONE:
+            return None
+        mounted = self.mounting is not None and kind.reference is Reference.MOUNTED
+        mounting_deg = self.mounting.uncertainty_deg if self.mounting and mounted else 0.0
+        return math.hypot(self.turntable.uncertainty_deg, mounting_deg)
+
+    def guard_band_deg(self, measurement: str) -> float | None:
+        """Return the expanded uncertainty that a limit is held against [deg]: that of angles set by hand, or None.
+
+        A simulated table is where it says, and of motors the limits are to allow for what the rig declares.
+        """
+        return self.reference_uncertainty_deg(measurement) if self.turntable.kind == "operator" else None
 
     @property
     def magnetometer_part(self) -> str | None:

@@ -120,7 +120,7 @@ class LocalField:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Mounting of the board on the table: board heading = table heading + yaw, known to +-uncertainty."""
+    """Mounting of the board on the table: board heading = table heading + yaw, known to +-uncertainty (k = 2)."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     yaw_deg: float
@@ -208,6 +208,8 @@ class TurntableSettings:
 
     Attributes
     ----------
+    uncertainty_deg : float
+        Expanded uncertainty of its angle, coverage factor 2.
     tumble_s : float
         How long an operator gets to turn the board all round.
     port : str or None

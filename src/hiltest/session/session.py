@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from hiltest.replay.tape import Tape
     from hiltest.rig import Rig
     from hiltest.runs.wire_traces import WireTraces
+    from hiltest.session.by_hand import ByHand
     from hiltest.session.tape import Replay
 
 _BENCHMARKS = "benchmarks"
@@ -319,6 +320,26 @@ class HilSession:
                 raise
         return self._board
 
+    @cached_property
+    def by_hand(self) -> ByHand | None:
+        """What an operator has done, kept for a run that goes on; None where nothing is, or none is asked."""
+        from hiltest.boards import Board
+
+        if self.is_worker or not isinstance(self._board, Board) or self.rig.turntable.kind != "operator":
+            return None
+        if self.settings.record or self.settings.replay:  # a recording has every answer, from the first question on
+            return None
+        from hiltest.rig.rig import conditions_sha256
+        from hiltest.session.by_hand import ByHand
+
+        identity = self._board.identity
+        calibration = self.calibration.sha256 if self.calibration else ""
+        return ByHand(self.claim_folder(), {
+            "firmware": f"{identity.name} {identity.version} {identity.build_id}", "board": identity.unique_id.hex(),
+            "rig": conditions_sha256(self.rig), "choice of poses": str(self.settings.poses or self.rig.procedure.poses),
+            "calibration file": calibration, "set of tests": self.settings.suite,
+        })
+
     def _connect_here(self) -> None:
         """Open the board; where a worker will, only try it if an older firmware would run for minutes before that."""
         if not self.hands_out:
@@ -409,7 +430,8 @@ class HilSession:
         kind = self._board.origin if self._board else rig.board.kind
         return check(
             name, value, unit=unit, limit=rig.limits.get(name) or limit,
-            information=rig.information.get(name), could_offer=kind == "virtual", **more,
+            information=rig.information.get(name), could_offer=kind == "virtual",
+            uncertainty=rig.guard_band_deg(name), **more,
         )
 
     def keep(self, item: pytest.Item, measurement: Measurement) -> None:
@@ -487,7 +509,7 @@ class HilSession:
         return [
             f"{board.description}; {board.firmware_line}",
             f"rig {self._rig_line()}; cycles by {board.cycle_model} at {board.core_clock_hz / 1e6:g} MHz",
-            *base,
+            *([self.by_hand.said] if self.by_hand and self.by_hand.said else []), *base,
         ]
 
     def _rig_line(self) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from statistics import fmean
 
-from hiltest.measurement import Measurement, Outcome, Tolerance, identify, is_compared, is_direction
+from hiltest.measurement import UNDECIDED, Measurement, Outcome, Tolerance, identify, is_compared, is_direction
 from hiltest.record.comparison import BaseKind, Change, Comparison, Difference, Side
 from hiltest.record.failures import measured
 from hiltest.record.run import Run
@@ -130,8 +130,9 @@ def _missed(new: Evidence, found: tuple[Difference, ...]) -> Iterator[str]:
 
 
 def _not_evaluated(new: Evidence) -> Iterator[str]:
-    for name, seeds in _with_outcome(new, Outcome.UNSET).items():
-        yield f"{name} ({next(iter(seeds.values())).note})"
+    for outcome in UNDECIDED:
+        for name, seeds in _with_outcome(new, outcome).items():
+            yield f"{name} ({next(iter(seeds.values())).note})"
 
 
 def _with_outcome(new: Evidence, outcome: Outcome) -> dict[str, dict[Seed, Measurement]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from hiltest.measurement import (
     FLASH_TIE,
     KINDS,
+    UNDECIDED,
     Limit,
     Measurement,
     Outcome,
@@ -28,6 +29,11 @@ CLOSE = 0.05
 CLOSE_AT_MOST = 5
 
 _OF_UNSET = "Run the tests that measure these limits, or take the limits out of the rig."
+
+_OF_DOUBT = (
+    "Set and read the angles better, and write so into the rig (uncertainty_deg under [turntable] and [mounting]): "
+    "nearer to a limit than U nothing is proven."
+)
 
 _OF_CALIBRATORS = (Section.HEADING, Section.FIT)
 
@@ -82,7 +88,7 @@ class Summary:
     broken : tuple of TestResult
         Tests that are red for another reason than a limit.
     unset : tuple of Measurement
-        Limits that could not be evaluated, for a reason of their own.
+        Limits that could not be told at the uncertainty of their reference, or not evaluated for another reason.
     unmeasured : tuple of Measurement
         Limits that nothing was measured against in a run with broken tests, which are the reason.
     advice : tuple of str
@@ -117,7 +123,8 @@ def summarise(run: Run | Findings) -> Summary:
     named = [each.name for each in results]
     causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}
     failures = [_failure(each, run, causes) for each in _in_order(failed, reference.name if reference else "")]
-    unset = [each for each in measurements if each.outcome is Outcome.UNSET]
+    unset = [each for each in measurements if each.outcome in UNDECIDED]
+    near = [each for each in unset if each.outcome is Outcome.CANNOT_TELL]
     unmeasured = [each for each in unset if broken and each.value is None and not each.test]
     of_failures = [causes[each.measurement.subject] for each in failures if each.cause]
     return Summary(
@@ -129,7 +136,8 @@ def summarise(run: Run | Findings) -> Summary:
         advice=tuple(dict.fromkeys((
             *(ADVICE[each.cause] for each in causes.values()),
             *(next_step(each.measurement, tables) for each in failures if not each.cause),
-            *([_OF_UNSET] if unset and not failed and not broken else []),
+            *([_OF_DOUBT] if near else []),
+            *([_OF_UNSET] if len(unset) > len(near) and not failed and not broken else []),
         ))),
         reference=reference.name if reference else "",
         calibrators=tuple(
@@ -162,8 +170,11 @@ def cost_reference(run: Run | Findings, results: Sequence[CalibratorResult]) -> 
 
 
 def limit_in_words(measurement: Measurement) -> str:
-    """Return the limit in a sentence: ``limit 1.8``, ``limit at least 300``; empty without one."""
-    return "" if measurement.limit is None else f"limit {measurement.limit}".replace("limit at most ", "limit ")
+    """Return the limit in a sentence: ``limit 1.8``, ``limit at least 300``, ``limit 2 with U 0.71``; empty without."""
+    if measurement.limit is None:
+        return ""
+    uncertainty = f" with U {readable(measurement.uncertainty, 2)}" if measurement.uncertainty else ""
+    return f"limit {measurement.limit}".replace("limit at most ", "limit ") + uncertainty
 
 
 def held_to(measurement: Measurement, was: float | None = None) -> str:

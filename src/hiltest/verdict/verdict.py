@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from hiltest.measurement import Limit, Measurement, Outcome, Section, identify
+from hiltest.measurement import UNDECIDED, Limit, Measurement, Outcome, Reference, Section, identify
 from hiltest.record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
 from hiltest.record.failures import (
     out_of_limit,
@@ -87,7 +87,7 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
         return ExitCode.CONNECTION_LOST
     if pytest_exit != ExitCode.OK:
         return pytest_exit
-    if any(each.outcome is Outcome.UNSET for each in findings.measurements.values()):
+    if any(each.outcome in UNDECIDED for each in findings.measurements.values()):
         return ExitCode.NOT_EVALUATED
     return ExitCode.OK if findings.comparison is None else comparison_code(findings.comparison)
 
@@ -161,6 +161,7 @@ def _reached(summary: Summary, poses: int) -> str:
 
 def _accuracy_and_cost(result: CalibratorResult, poses: int) -> str:
     centred = result.maximum.outcome is Outcome.UNSET and result.centred is not None
+    centred = centred and result.centred is not None and result.centred.outcome is not Outcome.UNSET
     heading = result.centred if centred and result.centred else result.maximum
     worst = "no heading" if heading.value is None else f"worst heading {with_unit(heading.value, heading.unit)}"
     worst += (" about its mean" if centred else "") + (f" over {poses} poses" if poses else "") + held_to(heading)
@@ -207,16 +208,31 @@ def _left_out_words(left_out: Sequence[str]) -> str:
 
 
 def _not_evaluated(summary: Summary, findings: Findings, word: str) -> str:
-    """Name the limits that could not be applied, and what was checked instead."""
-    if not summary.unset:
+    """Name the limits that could not be told or applied, and what was checked instead."""
+    near = [each for each in summary.unset if each.outcome is Outcome.CANNOT_TELL]
+    unset = [each for each in summary.unset if each not in near]
+    told = listed([f"{each.name} {_value(each)}{held_to(each)}" for each in near], _NAMED_AT_MOST)
+    open_ = f"Cannot tell at this uncertainty: {told}." if near else ""
+    return " ".join(filter(None, (open_, _unset_in_words(unset, findings, word))))
+
+
+def _unset_in_words(unset: Sequence[Measurement], findings: Findings, word: str) -> str:
+    if not unset:
         return ""
-    if all(each.section is Section.HEADING and not has_no_number(each) for each in summary.unset):
+    if all(_is_for_want_of_mounting(each) for each in unset):
         means = [each for each in findings.measurements.values() if each.kind is MEAN_ERROR and each.value is not None]
         mean = f"; mean error {number(means[0].value, 'deg')} deg" if means else ""
-        return f"Only centred values were checked: {summary.unset[0].note}{mean}."
-    named = listed([f"{each.name} ({each.note})" for each in summary.unset], _NAMED_AT_MOST)
+        return f"Only centred values were checked: {unset[0].note}{mean}."
+    named = listed([f"{each.name} ({each.note})" for each in unset], _NAMED_AT_MOST)
     said = word == str(WORDS[ExitCode.NOT_EVALUATED]).upper()
     return f"{named}." if said else f"Not evaluated: {named}."
+
+
+def _is_for_want_of_mounting(measurement: Measurement) -> bool:
+    """Say whether a heading was measured, and only its limit could not be applied, which a centred one can."""
+    kind = measurement.kind
+    mounted = kind is not None and kind.reference is Reference.MOUNTED
+    return mounted and not has_no_number(measurement)
 
 
 def _what_stopped(findings: Findings) -> str:

@@ -1,0 +1,182 @@
+"""What an operator has done, in the journal as it is done: a run that was stopped or killed goes on from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.angles import Pose
+from hiltest.boards import Board
+from hiltest.calibration.still_pose import Face, StillPose
+from hiltest.link.replies import AverageReply, SlotHeading, Statistic, Status
+from hiltest.procedures import Achieved, Tumble
+from hiltest.procedures.cycles import upload_pairs
+from hiltest.record.recorder import Recorder
+from hiltest.text import counted, listed
+
+Reals = NDArray[np.float64]
+
+KIND = "by hand"
+"""Kind of its entries in the journal."""
+_NAMED_AT_MOST = 3
+
+
+class ByHand:
+    """The steps of an operator that a run need not ask for again, those of the run before among them.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        Of this run, whose folder may hold the journal of one that was cut short.
+    bench : mapping of str to str
+        What must be the same for the steps of another run to be this one's, by what it is called.
+
+    Attributes
+    ----------
+    said : str
+        What is taken over from which run, or why nothing is; empty where there is none.
+    """
+
+    def __init__(self, recorder: Recorder, bench: Mapping[str, str]) -> None:
+        self._recorder = recorder
+        self._since, entries = recorder.earlier(KIND)
+        self._poses: dict[int, tuple[Achieved, AverageReply]] = {}
+        self._tumble: Tumble | None = None
+        self._faces: tuple[list[StillPose], int] = [], 0
+        self._held: Mapping[str, Any] = {}
+        self._bench = dict(bench)
+        self._begun = False
+        self.said = self._take_over(entries) if entries else ""
+
+    def tumble(self, board: Board, collect: Callable[[], Tumble]) -> Tumble:
+        """Return the tumble of the run before, with its points in the board's buffer, or else collect one."""
+        if self._tumble is not None:
+            upload_pairs(board, self._tumble.points, self._tumble.accelerometer)
+            return self._tumble
+        tumble = collect()
+        self._keep(tumble={
+            "points": tumble.points.tolist(), "accelerometer": tumble.accelerometer.tolist(),
+            "taken": tumble.taken.tolist(), "field_ut": tumble.field_ut, "overruns": tumble.overruns,
+            "duration_s": tumble.duration_s,
+        })
+        return tumble
+
+    def faces(self) -> tuple[list[StillPose], int]:
+        """Return the faces that the run before has taken, and the die's temperature at the last of them [degC]."""
+        return self._faces
+
+    def keep_faces(self, faces: Sequence[StillPose], die_temperature_degc: int) -> None:
+        """Write the six faces through to the disk, unless they are there."""
+        if not self._faces[0]:
+            self._keep(degc=die_temperature_degc, faces=[
+                [int(each.face), each.readings, [each.magnetometer.tolist(), _list(each.magnetometer_spread)],
+                 [each.accelerometer.tolist(), _list(each.accelerometer_spread)]] for each in faces
+            ])
+
+    def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, tuple[Achieved, AverageReply]], str]:
+        """Return the known angles that the run before has taken under the same calibrations, and what is to be said.
+
+        Parameters
+        ----------
+        held : mapping of str to sequence of float
+            All numbers of each calibration that the board holds now.
+        """
+        now = {name: list(numbers) for name, numbers in held.items()}
+        others = sorted(name for name in now.keys() | self._held.keys() if now.get(name) != self._held.get(name))
+        if self._poses and not others:
+            return self._poses, f"{counted(len(self._poses), 'known angle')} of the run of {self._since}, taken over.\n"
+        self._keep(held=now)
+        return {}, "" if not self._poses else (
+            f"The known angles begin anew: the calibration {listed(others, _NAMED_AT_MOST)} is another than in the run "
+            f"of {self._since}.\n"
+        )
+
+    def keep(self, index: int, taken: tuple[Achieved, AverageReply]) -> None:
+        """Write a known angle through to the disk."""
+        there, answer = taken
+        reached = [there.heading_deg, there.pitch_deg, there.roll_deg, there.uncertainty_deg]
+        self._keep(pose=index, there=reached, answer={
+            "n": answer.n, "overruns": answer.overruns, "magnetometer": _plain(answer.magnetometer),
+            "accelerometer": _plain(answer.accelerometer), "headings": {
+                slot: [each.status.name, _angles(each.attitude)] for slot, each in answer.headings.items()
+            },
+        })
+
+    def _keep(self, **content: object) -> None:
+        if not self._begun:
+            self._recorder.keep(KIND, {"bench": self._bench})
+            self._begun = True
+        self._recorder.keep(KIND, content)
+
+    def _take_over(self, entries: Sequence[Mapping[str, Any]]) -> str:
+        run = f"the run of {self._since}, which was cut short"
+        before = entries[0].get("bench")
+        if not isinstance(before, dict):
+            return f"begins anew: the journal of {run}, is damaged"
+        others = [name for name, now in self._bench.items() if before.get(name) != now]
+        if others:
+            return f"begins anew, and does not go on with {run}: another {listed(others, _NAMED_AT_MOST)}"
+        try:
+            for entry in entries[1:]:
+                self._take(entry)
+        except (LookupError, TypeError, ValueError):
+            self._tumble, self._faces, self._poses, self._held = None, ([], 0), {}, {}
+            return f"begins anew: the journal of {run}, is damaged"
+        steps = [*(["the six faces"] if self._faces[0] else []), *(["the tumble"] if self._tumble else []),
+                 *([counted(len(self._poses), "known angle")] if self._poses else [])]
+        for entry in entries[1:]:  # once more, for this run may be stopped before it comes to them
+            self._keep(**{name: value for name, value in entry.items() if name != "kind"})
+        return f"goes on with {run}: {', '.join(steps)} taken over" if steps else ""
+
+    def _take(self, entry: Mapping[str, Any]) -> None:
+        if "tumble" in entry:
+            kept = entry["tumble"]
+            self._tumble = Tumble(
+                np.array(kept["points"], dtype=np.int16), np.array(kept["accelerometer"], dtype=np.int16),
+                float(kept["field_ut"]), int(kept["overruns"]), float(kept["duration_s"]),
+                np.array(kept["taken"], dtype=np.intp),
+            )
+            if not self._tumble.points.shape == self._tumble.accelerometer.shape == (len(self._tumble.taken), 3):
+                raise ValueError("a tumble of other shapes")
+        elif "faces" in entry:
+            faces = [(Face(face), int(readings), _statistic(magnetometer), _statistic(accelerometer))
+                     for face, readings, magnetometer, accelerometer in entry["faces"]]
+            self._faces = [
+                StillPose(field.mean, field.spread, gravity.mean, gravity.spread, readings, face)
+                for face, readings, field, gravity in faces
+            ], int(entry["degc"])
+        elif "held" in entry:
+            self._held, self._poses = dict(entry["held"]), {}
+        elif "pose" in entry:
+            self._poses[int(entry["pose"])] = Achieved(*map(float, entry["there"])), _answer(entry["answer"])
+
+
+def _plain(statistic: Statistic) -> list[list[float] | None]:
+    return [_list(statistic.mean), _list(statistic.spread)]
+
+
+def _list(axes: Reals | None) -> list[float] | None:
+    return None if axes is None else axes.tolist()
+
+
+def _angles(attitude: Pose | None) -> list[float] | None:
+    return None if attitude is None else [attitude.heading_deg, attitude.pitch_deg, attitude.roll_deg]
+
+
+def _answer(kept: Mapping[str, Any]) -> AverageReply:
+    return AverageReply(
+        int(kept["n"]), _statistic(kept["magnetometer"]), _statistic(kept["accelerometer"]), int(kept["overruns"]), {
+            int(slot): SlotHeading(Status[status], None if angles is None else Pose(*map(float, angles)))
+            for slot, (status, angles) in kept["headings"].items()
+        },
+    )
+
+
+def _statistic(kept: Sequence[Any]) -> Statistic:
+    mean, spread = (None if each is None else np.array(each, dtype=np.float64) for each in kept)
+    if mean is None or mean.shape != (3,) or (spread is not None and spread.shape != (3,)):
+        raise ValueError("a mean of other than three axes")
+    return Statistic(mean, spread)

@@ -1,0 +1,203 @@
+"""An operator at the known angles: what is beside a question, when a pose is taken, and the way there and back."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.angles import Pose
+from hiltest.boards import Board
+from hiltest.errors import OperatorAbsentError, TurntableError
+from hiltest.link.messages import Average, SetCalibration
+from hiltest.link.replies import AverageReply
+from hiltest.procedures import KnownAngles, OperatorTurntable, measure_known_angles
+from hiltest.procedures.hand_poses import PoseWalk, Question, Wish, movement, wish_of
+
+POSES = (Pose(0.0), Pose(90.0), Pose(180.0))
+_BEGUN_S = 1.0  # a turn of the table begins and gathers way in this time
+
+
+def test_a_walk_goes_on_to_what_is_open_and_back_to_what_was_taken() -> None:
+    walk = PoseWalk(4)
+    walk.take()
+    walk.skip()
+    assert (walk.at, walk.taken, walk.skipped, walk.left) == (2, [0], {1}, 2)
+    walk.redo()
+    assert walk.at == 0
+    walk.take()
+    assert (walk.at, walk.taken) == (2, [0])
+    walk.back()
+    assert walk.at == 1
+    walk.take()
+    assert (walk.at, walk.taken, walk.skipped) == (2, [0, 1], set())
+    walk.back()
+    walk.skip()  # one that was taken stays as it was
+    assert (walk.at, walk.taken, walk.skipped) == (2, [0, 1], set())
+    walk.take()
+    walk.take()
+    assert walk.at is None
+    walk.back()
+    assert walk.at == 3
+
+
+@given(of=st.integers(1, 6), steps=st.lists(st.sampled_from(["take", "skip", "back", "redo"]), max_size=30))
+def test_no_step_loses_a_pose_and_the_open_ones_end_every_walk(of: int, steps: list[str]) -> None:
+    walk = PoseWalk(of)
+    for step in steps:
+        taken = set(walk.taken)
+        getattr(walk, step)()
+        assert taken <= set(walk.taken)
+        assert not set(walk.taken) & walk.skipped
+        assert walk.at is None or 0 <= walk.at < of
+    for _ in range(2 * of + 1):
+        walk.take()
+    assert (walk.at, walk.left) == (None, 0)
+
+
+def test_a_wish_is_a_word_or_its_first_letter() -> None:
+    assert [wish_of(each) for each in ("r", "SKIP", " b ", "q", "quit")] == [
+        Wish.REDO, Wish.SKIP, Wish.BACK, Wish.STOP, Wish.STOP,
+    ]
+    assert [wish_of(each) for each in ("", "87.5", "rest", "-")] == [None] * 4
+
+
+class Hand:
+    """Turns a virtual board to what it is asked for, and answers as it is told to, Enter where nothing is left."""
+
+    def __init__(self, board: Board, *answers: str) -> None:
+        assert board.stage is not None
+        self.stage, self.answers = board.stage, list(answers)
+        self.asked: list[str] = []
+        self.beside: list[str] = []
+
+    def __call__(self, question: str) -> str:
+        assert isinstance(question, Question)
+        self.asked.append(re.sub(r"\s+", " ", question))
+        if pose := re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question):
+            self.stage.turn_to(Pose(*map(float, pose.groups())))
+        self.beside += [question.live(), question.live()]
+        return self.answers.pop(0) if self.answers else ""
+
+    @property
+    def poses(self) -> list[int]:
+        """Numbers of the poses that were asked for."""
+        return [int(found[1]) for each in self.asked if (found := re.search(r"pose (\d+): turn", each))]
+
+
+@pytest.fixture
+def by_hand(virtual_board: Board) -> Callable[..., tuple[KnownAngles, Hand]]:
+    def measure(*answers: str) -> tuple[KnownAngles, Hand]:
+        hand = Hand(virtual_board, *answers)
+        found = measure_known_angles(
+            virtual_board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses=POSES, slots={"uncalibrated": 0},
+            mounting_yaw_deg=0.0, readings=4,
+        )
+        return found, hand
+
+    virtual_board.session.request(SetCalibration(0, np.eye(3), np.zeros(3)))
+    return measure
+
+
+def test_what_the_board_says_whether_it_moves_and_what_is_left_stand_beside_a_question(
+    by_hand: Callable[..., tuple[KnownAngles, Hand]]
+) -> None:
+    found, hand = by_hand()
+    assert hand.poses == [1, 2, 3]
+    assert found.poses == POSES
+    assert found.skipped == ()
+    assert found.not_measured == ""
+    first, then = hand.beside[:2]
+    assert re.fullmatch(r"board \d+\.\d deg, moving; 0 of 3", first)  # with nothing before it nothing is known
+    assert re.fullmatch(r"board \d+\.\d deg, still; 0 of 3", then)
+    assert re.fullmatch(r"board \d+\.\d deg, still; 2 of 3, \d+ s left", hand.beside[5])
+    heading_deg = float(then.split()[1])
+    assert heading_deg == pytest.approx(found.heading_deg["uncalibrated"][0] % 360.0, abs=3.0)  # noise of 8 readings
+
+
+def test_a_pose_is_taken_again_skipped_and_gone_back_to(by_hand: Callable[..., tuple[KnownAngles, Hand]]) -> None:
+    found, hand = by_hand("", "r", "1.5", "s", "b", "s", "", "b", "s", "")
+    assert hand.poses == [1, 2, 1, 2, 3, 2, 3, 3]
+    assert found.poses == (POSES[0], POSES[2])
+    assert found.reference_deg.tolist() == [1.5, 180.0]  # the second time the operator said what was reached
+    assert found.skipped == (POSES[1],)
+    assert found.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
+    assert "pose 2 is not measured." in hand.asked[4]
+    assert "2 of 3 known angles are taken; 1 pose not measured: 2." in hand.asked[-1]
+
+
+def test_an_operator_who_skips_everything_or_is_not_there_ends_it_with_the_reason(
+    by_hand: Callable[..., tuple[KnownAngles, Hand]]
+) -> None:
+    with pytest.raises(TurntableError, match="every known angle was skipped"):
+        by_hand("s", "s", "s")
+    with pytest.raises(OperatorAbsentError, match="3 answers were no heading"):
+        by_hand("", "north", "nan", "361")
+    with pytest.raises(KeyboardInterrupt, match="the operator stops, with 1 of 3 known angles taken"):
+        by_hand("", "q")
+
+
+def test_a_board_that_still_turns_is_not_taken_until_it_stands(virtual_board: Board) -> None:
+    stage, session = virtual_board.stage, virtual_board.session
+    assert stage is not None
+    asked: list[str] = []
+
+    def hand(question: str) -> str:
+        asked.append(question)
+        if len(asked) == 1:
+            stage.turn_to(Pose(0.0))
+            stage.turn_round(90.0, rate_dps=36.0, after_s=0.0)  # lets go of the table 2 s after Enter
+            virtual_board.sleep(_BEGUN_S)
+        return ""
+
+    found = measure_known_angles(
+        virtual_board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses=POSES[:1], slots={"uncalibrated": 0},
+        mounting_yaw_deg=0.0, readings=8,
+    )
+    assert len(asked) == 2  # the pose, and the end
+    after = session.request(Average(8, 1)).headings[0].attitude
+    assert after is not None
+    assert after.heading_deg > 60.0  # it did turn
+    assert found.heading_deg["uncalibrated"][0] == pytest.approx(after.heading_deg, abs=3.0)  # noise of 8 readings
+
+
+def test_a_board_that_never_stands_still_is_asked_for_again(
+    virtual_board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hiltest.procedures.hand_poses.STILL_WITHIN_S", 1.0)
+    stage = virtual_board.stage
+    assert stage is not None
+    asked: list[str] = []
+
+    def hand(question: str) -> str:
+        asked.append(question)
+        stage.turn_to(Pose(0.0))
+        if len(asked) == 1:
+            stage.turn_round(180.0, rate_dps=36.0, after_s=0.0)
+            virtual_board.sleep(_BEGUN_S)
+        return ""
+
+    measure_known_angles(
+        virtual_board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses=POSES[:1], slots={"uncalibrated": 0},
+        mounting_yaw_deg=0.0, readings=8,
+    )
+    assert re.match(r"the board does not stand still: the field changed by \d+\.\d uT\.\npose 1: ", asked[1])
+
+
+def test_noise_is_no_movement_and_a_degree_of_tilt_is_one(virtual_board: Board) -> None:
+    assert virtual_board.stage is not None
+    virtual_board.stage.turn_to(Pose(30.0))
+    replies: list[AverageReply] = [virtual_board.session.request(Average(16)) for _ in range(8)]
+    sigma_ut = virtual_board.declared.magnetometer_sigma_ut
+    assert [movement(*pair, sigma_ut) for pair in pairwise(replies)] == [""] * 7
+    virtual_board.stage.turn_to(Pose(30.0, 1.0))
+    tilted = virtual_board.session.request(Average(16))
+    assert movement(replies[-1], tilted, sigma_ut).startswith("gravity changed by 1")  # 17.5 mg
+    shaken = replace(tilted.accelerometer, spread=np.array([0.0, 82.0, 0.0]))  # 10 mg
+    assert "spreads by" in movement(tilted, replace(tilted, accelerometer=shaken), sigma_ut)

@@ -1,0 +1,80 @@
+"""A question at a terminal: what is beside it is kept up to date until the line is typed."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+
+import pytest
+
+from hiltest.errors import OperatorAbsentError
+from hiltest.operator_prompt import ask
+from hiltest.procedures.hand_poses import Question
+
+END_OF_FILE = b"\x04"
+
+
+@contextmanager
+def at_a_terminal() -> Iterator[int]:
+    """Make a terminal standard input and output; give the operator's end of it.
+
+    No fixture: pytest puts its own in their place again once a test is set up.
+    """
+    ours, theirs = os.openpty()
+    with (
+        os.fdopen(theirs, "r", closefd=False) as typed, os.fdopen(theirs, "w") as shown,
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setattr(sys, "stdin", typed)
+        patch.setattr(sys, "stdout", shown)
+        yield ours
+    os.close(ours)
+
+
+def asked_with(keyboard: int, typed: bytes, *, looks: int) -> tuple[str, str]:
+    """Ask, and type when so many looks were shown; return the answer and what the terminal shows."""
+    numbers = count(1)
+
+    def live() -> str:
+        number = next(numbers)
+        if number == looks:
+            os.write(keyboard, typed)
+        return f"look {number}"
+
+    answer = ask(Question("turn it.\n  Enter: ", live))
+    return answer, os.read(keyboard, 4096).decode()
+
+
+def test_what_is_beside_a_question_is_drawn_behind_it_until_a_line_is_typed() -> None:
+    with at_a_terminal() as keyboard:
+        answer, shown = asked_with(keyboard, b"87.5\n", looks=2)
+    assert answer == "87.5"
+    assert shown.startswith("turn it.\r\n  Enter: \x1b7  look 1\x1b[K\x1b8")
+    assert shown.count("look 2") == 1
+
+
+def test_one_line_is_taken_and_the_next_is_of_the_next_question() -> None:
+    with at_a_terminal() as keyboard:
+        assert asked_with(keyboard, b"s\n91\n", looks=1)[0] == "s"
+        assert ask(Question("Enter: ", lambda: "nothing is asked of a board")) == "91"
+
+
+def test_the_end_of_a_terminal_is_an_absent_operator() -> None:
+    with at_a_terminal() as keyboard, pytest.raises(OperatorAbsentError, match=r"this was asked: turn it\."):
+        asked_with(keyboard, END_OF_FILE, looks=1)
+
+
+def test_without_a_terminal_a_question_is_a_text_as_any_other(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("12\n"))
+
+    def live() -> str:
+        raise AssertionError("the board is asked though nothing can be drawn")
+
+    assert ask(Question("Enter: ", live)) == "12"
+    assert capsys.readouterr().out == "Enter: "
