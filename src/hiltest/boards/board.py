@@ -21,6 +21,7 @@ from hiltest.link.request import Request
 from hiltest.link.session import Session
 from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
+from hiltest.rig.faults import Faults
 from hiltest.virtual.executed_code import ExecutionWatch
 from hiltest.world import EarthField, Vector
 
@@ -110,6 +111,8 @@ class Declared:
         One-sided noise density of the rate [deg/s/sqrt(Hz)].
     functions : mapping of str to str
         Function of the firmware that each calibrator is, where the rig names it.
+    faults : Faults or None
+        What the line does wrong on purpose.
     """
 
     field_ut: float
@@ -118,6 +121,7 @@ class Declared:
     cycle_model: str | None = None
     gyroscope_density_dps: float = 0.025
     functions: Mapping[str, str] = field(default_factory=dict)
+    faults: Faults | None = None
 
     @classmethod
     def of(cls, rig: Rig) -> Declared:
@@ -132,6 +136,7 @@ class Declared:
             rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted, rig.board.cycle_model,
             1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz,
             {name: each.functions[0] for name, each in rig.cycles.items() if each.ends is None},
+            rig.faults,
         )
 
 
@@ -246,6 +251,11 @@ class Board(ABC):
     def clock(self) -> str:
         """``virtual`` or ``wall``."""
         return self.session.clock
+
+    @property
+    def line_is_exact(self) -> bool:
+        """Whether the line loses and changes nothing, as a simulated one does that has no faults."""
+        return self.kind is BoardKind.VIRTUAL and self.declared.faults is None
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""

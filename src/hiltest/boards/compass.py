@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, Stage, Truth
+from hiltest.boards.faulty_port import with_faults
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.memory_use import seen_memory_use
@@ -328,8 +329,8 @@ class VirtualCompass(CompassBoard):
         port.attach(bench.machine)
         port.open()
         super().__init__(
-            port, bench.rig, interfaces, kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}",
-            transcript=transcript,
+            with_faults(port, bench.rig.faults, baud=bench.rig.link.baud), bench.rig, interfaces,
+            kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}", transcript=transcript,
         )
         self.costs = FunctionCosts(bench.machine, bench.rig)
         self.execution = bench.execution
@@ -389,7 +390,7 @@ def open_compass(
         elif url is None:
             raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
         else:
-            opened = open_port(url, baud=rig.link.baud)
+            opened = with_faults(open_port(url, baud=rig.link.baud), rig.faults, baud=rig.link.baud)
             board = CompassBoard(
                 opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript
             )

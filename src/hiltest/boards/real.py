@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hiltest.boards.board import Board, BoardKind, Declared
+from hiltest.boards.faulty_port import with_faults
 from hiltest.errors import ConfigError
 from hiltest.link.ports import open_port
 from hiltest.link.session import Session
@@ -50,7 +51,7 @@ class RealBoard(Board):
 
     def __init__(self, url: str, *, baud: int, declared: Declared, transcript: Transcript | None = None) -> None:
         self._url = url
-        session = Session(open_port(url, baud=baud), transcript=transcript)
+        session = Session(with_faults(open_port(url, baud=baud), declared.faults, baud=baud), transcript=transcript)
         super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
         try:
             self._refuse_wrong_model()

@@ -230,7 +230,7 @@ def rig_record(rig: Rig) -> RigRecord:
     return RigRecord(
         rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting, conditions_sha256(rig),
         {name: (each.absolute, each.relative) for name, each in rig.tolerances.items()},
-        rig.procedure.cost_reference,
+        rig.procedure.cost_reference, str(rig.faults or ""),
     )
 
 
