@@ -28,5 +28,5 @@ def test_the_link_keeps_its_word(board: Board, measure: Measure) -> None:
 
 def test_no_request_needed_a_second_attempt(board: Board, measure: Measure) -> None:
     # On a cable it may happen, and the answer is still right; on a virtual board it may not.
-    limit = Limit(max=0) if board.origin == "virtual" else None
+    limit = Limit(max=0) if board.line_is_exact else None
     measure("link.retried", board.session.retried, "", limit=limit)

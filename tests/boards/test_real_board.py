@@ -45,6 +45,7 @@ from hiltest.procedures import (
     run_calibrators,
 )
 from hiltest.rig import Rig
+from hiltest.rig.faults import Absence, Faults
 
 pytestmark = pytest.mark.slow
 
@@ -242,6 +243,16 @@ def test_a_cable_pulled_while_the_board_works_is_a_lost_link_not_a_late_answer(
         with pytest.raises(LinkLostError):
             board.session.request(LinkStatistics())
         hand.join()
+
+
+def test_the_faults_of_a_rig_are_those_of_a_real_boards_line_too(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
+) -> None:
+    faulty = replace(real_rig, faults=Faults(disappear=Absence(3.0)))
+    with open_board(faulty, port=pty_board(rig).path) as board:
+        time.sleep(3.0)
+        with pytest.raises(LinkLostError, match="Check cable and power"):
+            board.session.request(LinkStatistics())
 
 
 def test_a_board_that_falls_silent_is_late_and_its_deadline_is_kept(

@@ -6,7 +6,11 @@ import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import fields
 from pathlib import Path
+
+from hiltest.rig.faults import Faults
+from hiltest.rig.file import load_rig
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "rigs.md").read_text(encoding="utf-8")
@@ -27,10 +31,20 @@ def test_the_rigs_that_commands_name_are_there() -> None:
     assert set(named) <= set(RIGS)
 
 
+def test_the_faults_shown_are_read_and_every_key_of_theirs_is_named(tmp_path: Path) -> None:
+    (shown,) = (each for each in TABLES if "[faults]" in each)
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIGS["virtual-k64f"].read_text(encoding="utf-8") + shown, encoding="utf-8")
+    assert str(load_rig(rig).faults) == "0.0002 of bytes lost, a stall after 20 s for 1.5 s; both ways, seed 1"
+    section = PAGE.partition("## A line with faults")[2].partition("\n## ")[0]
+    assert {each.name for each in fields(Faults)} - set(re.findall(r"`faults\.([a-z_]+)`", section)) <= {"seed"}
+
+
 def test_the_tables_shown_are_those_of_the_harsh_rig() -> None:
     harsh = tomllib.loads(RIGS["virtual-k64f-harsh"].read_text(encoding="utf-8"))
-    assert len(TABLES) == 2
-    for shown in TABLES:
+    tables = [each for each in TABLES if "[faults]" not in each]
+    assert len(tables) == 2
+    for shown in tables:
         for table, values in tomllib.loads(shown).items():
             assert values.items() <= harsh[table].items()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import random
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,56 +10,26 @@ import pytest
 
 from hiltest.bench_files import shipped
 from hiltest.boards import Declared, RealBoard, VirtualBench, real
+from hiltest.boards.bench import START_UP_S
+from hiltest.boards.faulty_port import FaultyPort, with_faults
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import BenchError
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.procedures import check_link
 from hiltest.procedures.link_checks import LinkCheck
+from hiltest.rig.faults import Faults
 from hiltest.rig.file import load_rig
 
 from .firmware_edits import Edit, FirmwareCopy
 
 SEEDS = 12
-LOST, FLIPPED = (2e-4, 0.0), (0.0, 3e-4)
+NONE: dict[str, float] = {}
+LOST, FLIPPED = {"lose": 2e-4}, {"flip": 3e-4}
+# The board is opened by then, on a line that is still quiet.
+OPENED_S = 0.2
 
 
-class NoisyPort(VirtualPort):
-    """The virtual board's port on a line with noise, both ways.
-
-    Attributes
-    ----------
-    spoilt : int
-        Bytes lost or flipped.
-    """
-
-    def __init__(self, lost: float, flipped: float, seed: int) -> None:
-        super().__init__()
-        self.name = "noisy"
-        self.timeout = READ_SLICE_S
-        self.spoilt = 0
-        self._lost, self._flipped = lost, flipped
-        self._dice = random.Random(seed)
-
-    def write(self, data: bytes) -> int:
-        super().write(self._through(data))
-        return len(data)
-
-    def _take(self) -> None:
-        before = len(self._arrived)
-        super()._take()
-        self._arrived[before:] = self._through(bytes(self._arrived[before:]))
-
-    def _through(self, data: bytes) -> bytes:
-        out = bytearray()
-        for byte in data:
-            drawn = self._dice.random()
-            self.spoilt += drawn < self._lost + self._flipped
-            if drawn >= self._lost:
-                out.append(byte ^ (1 << self._dice.randrange(8)) if drawn < self._lost + self._flipped else byte)
-        return bytes(out)
-
-
-Open = Callable[..., tuple[RealBoard, NoisyPort]]
+Open = Callable[..., tuple[RealBoard, Counter[str]]]
 
 
 @pytest.fixture
@@ -67,16 +37,20 @@ def over_noise(monkeypatch: pytest.MonkeyPatch) -> Open:
     """Return a function that opens a board as a real one, on a line that gets noisy afterwards."""
     rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
 
-    def opened(noise: tuple[float, float], seed: int, firmware: Path | None = None) -> tuple[RealBoard, NoisyPort]:
+    def opened(noise: dict[str, float], seed: int, firmware: Path | None = None) -> tuple[RealBoard, Counter[str]]:
         bench = VirtualBench(rig, firmware=firmware)
         bench.power_on()
-        port = NoisyPort(0.0, 0.0, seed)
+        port = VirtualPort()
+        port.timeout = READ_SLICE_S
         port.attach(bench.machine)
         port.open()
-        monkeypatch.setattr(real, "open_port", lambda _url, *, baud, rig: port)
+        faults = Faults(seed=seed, after_s=OPENED_S, **noise) if noise else None
+        line = with_faults(port, faults, baud=115_200)
+        monkeypatch.setattr(real, "open_port", lambda _url, *, baud, rig: line)
         board = RealBoard("noisy", baud=115_200, declared=Declared.of(rig))
-        port._lost, port._flipped = noise
-        return board, port
+        assert board.now_s() < START_UP_S + OPENED_S
+        bench.machine.run_until(START_UP_S + OPENED_S)
+        return board, line.happened if isinstance(line, FaultyPort) else Counter()
 
     return opened
 
@@ -97,14 +71,14 @@ def holds(check: LinkCheck) -> bool:
 
 
 @pytest.mark.parametrize("noise", [LOST, FLIPPED], ids=["lost", "flipped"])
-def test_a_noisy_line_is_called_noisy_and_not_the_firmware(over_noise: Open, noise: tuple[float, float]) -> None:
+def test_a_noisy_line_is_called_noisy_and_not_the_firmware(over_noise: Open, noise: dict[str, float]) -> None:
     called_noisy = 0
     for seed in range(SEEDS):
-        board, port = over_noise(noise, seed)
+        board, spoilt = over_noise(noise, seed)
         check = checked(board)
         if check is not None:
             assert holds(check), f"seed {seed}"
-            assert port.spoilt > 0 or not check.noise
+            assert spoilt or not check.noise
             assert check.noise or check.echoed == check.expected
         called_noisy += check is None or bool(check.noise)
     # 25 kB pass: 5 and 7 bytes are spoilt in the mean, one in 150 and in 1000 checks sees none; and what is lost may be
@@ -113,7 +87,7 @@ def test_a_noisy_line_is_called_noisy_and_not_the_firmware(over_noise: Open, noi
 
 
 def test_a_line_without_noise_is_not_called_noisy(over_noise: Open) -> None:
-    check = check_link(over_noise((0.0, 0.0), 1)[0])
+    check = check_link(over_noise(NONE, 1)[0])
     assert holds(check)
     assert check.echoed == check.expected
     assert check.noise == ""
@@ -149,7 +123,7 @@ def test_firmware_at_fault_is_blamed_on_a_noisy_line_too(
 ) -> None:
     edit, blamed = FAULTS[fault]
     elf = copy_of_the_firmware.build(edit, tmp_path / "faulty.elf")
-    assert blamed(check_link(over_noise((0.0, 0.0), 1, elf)[0]))
+    assert blamed(check_link(over_noise(NONE, 1, elf)[0]))
     checks = [checked(over_noise(noise, seed, elf)[0]) for seed in range(3) for noise in (LOST, FLIPPED)]
     found = [check for check in checks if check is not None]
     assert found

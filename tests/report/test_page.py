@@ -149,6 +149,13 @@ def test_a_run_that_was_cut_short_says_so(run: Run) -> None:
     assert "This run is not complete" in text_of(html_report(replace(run, chosen=True)))
 
 
+def test_a_line_that_was_spoilt_on_purpose_is_said_and_one_that_was_not_is_not(run: Run) -> None:
+    assert run.rig is not None
+    spoilt = replace(run, rig=replace(run.rig, faults="0.1 of bytes lost; both ways, seed 1"))
+    assert "0.1 of bytes lost; both ways, seed 1" in html_report(spoilt)
+    assert "on purpose" not in html_report(run)
+
+
 def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
     made = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
     made.board = made.rig = None

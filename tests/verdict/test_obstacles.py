@@ -47,6 +47,10 @@ def test_two_runs_alike_have_no_obstacle(changed: Changed) -> None:
     ("fields", "reason"),
     [
         ({"rig.conditions_sha256": "00" * 32}, "another rig: virtual-k64f ("),
+        (
+            {"rig.conditions_sha256": "00" * 32, "rig.faults": "0.1 of bytes lost"},
+            "before, virtual-k64f with faults (0.1 of bytes lost) (00000000) now; use the same --rig",
+        ),
         ({"rig.conditions_sha256": ""}, "the record does not say what rig it is of"),
         ({"board.kind": "real"}, "another kind of board: virtual before, real now"),
         (

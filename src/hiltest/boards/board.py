@@ -24,6 +24,7 @@ from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
 from hiltest.replay.tape import Tape
 from hiltest.rig import Rig
+from hiltest.rig.faults import Faults
 from hiltest.virtual.executed_code import ExecutionWatch
 from hiltest.world import EarthField, Vector
 
@@ -116,6 +117,8 @@ class Declared:
         Function of the firmware that each calibrator is, where the rig names it.
     rig : str
         Name of the rig.
+    faults : Faults or None
+        What the line does wrong on purpose.
     """
 
     field_ut: float
@@ -125,6 +128,7 @@ class Declared:
     gyroscope_density_dps: float = 0.025
     functions: Mapping[str, str] = field(default_factory=dict)
     rig: str = ""
+    faults: Faults | None = None
 
     @classmethod
     def of(cls, rig: Rig) -> Declared:
@@ -140,6 +144,7 @@ class Declared:
             1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz,
             {name: each.functions[0] for name, each in rig.cycles.items() if each.ends is None},
             rig.name,
+            rig.faults,
         )
 
 
@@ -215,11 +220,14 @@ class LinkTerms:
     nonce_seed: int
     attempts: int
 
-    def session(self, opened: Callable[[], SerialPort], transcript: Transcript | None, tape: Tape) -> Session:
+    def session(
+        self, opened: Callable[[], SerialPort], transcript: Transcript | None, tape: Tape, *,
+        made: Callable[..., Session] = Session,
+    ) -> Session:
         """Open the session of a board that is there, or the one that is replayed."""
         port = tape.port(opened)
         terms: LinkTerms = tape.ask("link", {}, LinkTerms, lambda: self)
-        return Session(port, transcript=transcript, nonce_seed=terms.nonce_seed, attempts=terms.attempts)
+        return made(port, transcript=transcript, nonce_seed=terms.nonce_seed, attempts=terms.attempts)
 
 
 class Board(ABC):
@@ -282,6 +290,11 @@ class Board(ABC):
     def clock(self) -> str:
         """``virtual`` or ``wall``."""
         return self.session.clock
+
+    @property
+    def line_is_exact(self) -> bool:
+        """Whether the line loses and changes nothing, as a simulated one does that has no faults."""
+        return self.origin is BoardKind.VIRTUAL and self.declared.faults is None
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, Stage, Truth
 from hiltest.boards.daplink import port_of
+from hiltest.boards.faulty_port import with_faults
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.memory_use import seen_memory_use
@@ -334,8 +335,8 @@ class VirtualCompass(CompassBoard):
         port.attach(bench.machine)
         port.open()
         super().__init__(
-            port, bench.rig, interfaces, kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}",
-            transcript=transcript,
+            with_faults(port, bench.rig.faults, baud=bench.rig.link.baud), bench.rig, interfaces,
+            kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}", transcript=transcript,
         )
         self.costs = FunctionCosts(bench.machine, bench.rig)
         self.execution = bench.execution
@@ -394,7 +395,8 @@ def open_compass(
             board = VirtualCompass(bench, interfaces, transcript=transcript)
         else:
             url = url or port_of()
-            opened = open_port(url, baud=rig.link.baud, rig=rig.name)
+            line = open_port(url, baud=rig.link.baud, rig=rig.name)
+            opened = with_faults(line, rig.faults, baud=rig.link.baud)
             board = CompassBoard(
                 opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript
             )

@@ -6,8 +6,9 @@ import secrets
 from types import NoneType
 
 from hiltest.boards.board import Board, BoardKind, Declared, LinkTerms
+from hiltest.boards.faulty_port import with_faults
 from hiltest.errors import ConfigError
-from hiltest.link.ports import open_port
+from hiltest.link.ports import SerialPort, open_port
 from hiltest.link.session import ATTEMPTS
 from hiltest.link.transcript import Transcript
 from hiltest.replay.tape import LIVE, Tape
@@ -60,7 +61,11 @@ class RealBoard(Board):
         self._url = url
         # Others may have used the line before: no nonce of theirs comes again.
         terms = LinkTerms(nonce_seed=secrets.randbits(32), attempts=ATTEMPTS)
-        session = terms.session(lambda: open_port(url, baud=baud, rig=declared.rig), transcript, tape)
+
+        def opened() -> SerialPort:
+            return with_faults(open_port(url, baud=baud, rig=declared.rig), declared.faults, baud=baud)
+
+        session = terms.session(opened, transcript, tape)
         super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
         if self.identity.unique_id == REPLAYED_UNIQUE_ID:  # of `hiltest serve --replay`
             self.kind = BoardKind.REPLAY

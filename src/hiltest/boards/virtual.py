@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import NoneType
+from typing import Any
 
 import numpy as np
 
 from hiltest.angles import Pose
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, LinkTerms, Truth
+from hiltest.boards.faulty_port import with_faults
 from hiltest.boards.memory_use import seen_memory_use
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import ConfigError, ProtocolError, VersionMismatchError
-from hiltest.link.ports import READ_SLICE_S
+from hiltest.link.framing import Frame
+from hiltest.link.ports import READ_SLICE_S, SerialPort
 from hiltest.link.replies import SAMPLE_RATE_HZ, RunCost
+from hiltest.link.session import ATTEMPTS, Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
 from hiltest.replay.tape import LIVE, Tape
@@ -35,15 +40,17 @@ _ID_DIGITS = 8  # 32 bits: two builds of one person's never share them
 _FUNCTIONS = {"dpi": "fit_pairs"}
 
 
-class _Port(VirtualPort):
-    """The board's port; each request makes its cycle counter forget what was read before."""
+class _Session(Session):
+    """Each request makes the board's cycle counter forget what was read before; sent again it is the same request."""
 
-    counter: CycleCounter
+    def __init__(self, counter: CycleCounter, port: SerialPort, **terms: Any) -> None:
+        super().__init__(port, **terms)
+        self._counter = counter
 
-    def write(self, data: bytes) -> int:
-        """Send bytes; they arrive while the host reads."""
-        self.counter.forget()
-        return super().write(data)
+    def numbered(self, code: int, payload: bytes) -> Frame:
+        """Return a frame under the next sequence number, without sending it."""
+        self._counter.forget()
+        return super().numbered(code, payload)
 
 
 class _CallCounter:
@@ -98,11 +105,10 @@ class VirtualBoard(Board):
                 )
         bench.machine.may_rest = False  # an answer is awaited: what no longer can come is said at once
         bench.power_on()
-        port = _Port()
+        port = VirtualPort()
         port.port = "hil://"
         port.timeout = READ_SLICE_S
         port.attach(bench.machine)
-        port.counter = bench.machine.cycle_counter
         port.open()
         self.stage, self.execution = bench, bench.execution
         self.seed = bench.seed
@@ -111,7 +117,11 @@ class VirtualBoard(Board):
         image = bench.machine.image
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
         # Nothing is lost on a simulated line: what is not answered in time would not be answered the second time.
-        session = LinkTerms(nonce_seed=bench.seed, attempts=1).session(lambda: port, transcript, tape)
+        terms = LinkTerms(nonce_seed=bench.seed, attempts=1 if declared.faults is None else ATTEMPTS)
+        session = terms.session(
+            lambda: with_faults(port, declared.faults, baud=bench.rig.link.baud), transcript, tape,
+            made=partial(_Session, bench.machine.cycle_counter),
+        )  # fmt: skip
         self._counters: dict[str, _CallCounter] = {}
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
         try:

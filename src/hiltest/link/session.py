@@ -327,7 +327,7 @@ class Session:
         try:
             self._port.write(data)
         except serial.SerialTimeoutException as error:
-            raise DeviceTimeoutError("a write to the port", self._reply_deadline_s, "wall") from error
+            raise LinkLostError(self._port.name, f"a write of {len(data)} bytes did not go out: {error}") from error
         except (serial.SerialException, OSError) as error:
             raise LinkLostError(self._port.name, str(error)) from error
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from hiltest.boards.board import Board, BoardKind
+from hiltest.boards.board import Board
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link.framing import DELIMITER, ESCAPE, MAX_PAYLOAD, Frame, encode_frame
 from hiltest.link.messages import MAX_POINTS_READ, MAX_UPLOAD, ClearPoints, LinkStatistics, Points, Upload
@@ -80,7 +80,7 @@ class _Line:
     """
 
     def __init__(self, board: Board) -> None:
-        self._tries = 1 if board.origin is BoardKind.VIRTUAL else _TRIES
+        self._tries = 1 if board.line_is_exact else _TRIES
         self.healed = 0
 
     def ask(self, probe: Callable[[], T | None]) -> T | None:

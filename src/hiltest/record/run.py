@@ -91,7 +91,8 @@ class RigRecord:
 
     `conditions_sha256` is of what its numbers rest on: no limits, no texts. Empty in records from before it was kept.
     `tolerances` has absolute and relative by measurement name. `cost_reference` is the calibrator whose cycles the
-    others' are given as a multiple of; empty where the rig names none.
+    others' are given as a multiple of; empty where the rig names none. `faults` are those of the line to the board, on
+    purpose, in words; empty without.
     """
 
     name: str
@@ -101,6 +102,7 @@ class RigRecord:
     conditions_sha256: str = ""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     cost_reference: str = ""
+    faults: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Reference, Tolerance, identify
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.device import Device
+from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS, scaled
 from hiltest.rig.tables import (
     STRICT,
@@ -77,6 +78,8 @@ class Rig:
         Noise seed, when the command line gives none.
     world : SimulatedWorld or None
         Present exactly when the board is virtual.
+    faults : Faults or None
+        What the line to the board does wrong on purpose.
     limits : dict of str to Limit
         Limits by measurement name; a value outside is a failure.
     information : dict of str to Limit
@@ -109,6 +112,7 @@ class Rig:
     device: Device | None = None
     seed: int = 1
     world: SimulatedWorld | None = None
+    faults: Faults | None = None
     limits: dict[str, Limit] = dataclass_field(default_factory=dict)
     information: dict[str, Limit] = dataclass_field(default_factory=dict)
     tolerances: dict[str, Tolerance] = dataclass_field(default_factory=dict)

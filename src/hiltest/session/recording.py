@@ -235,7 +235,7 @@ def rig_record(rig: Rig) -> RigRecord:
     return RigRecord(
         rig.name, str(rig.path), rig.sha256, mounting, conditions_sha256(rig),
         {name: (each.absolute, each.relative) for name, each in rig.tolerances.items()},
-        rig.procedure.cost_reference,
+        rig.procedure.cost_reference, str(rig.faults or ""),
     )
 
 

@@ -501,6 +501,8 @@ class HilSession:
     def describe(self) -> list[str]:
         """Return the header lines: which board, what its numbers rest on, and the base of the comparison."""
         base = [*self.gate.describe(), *self._remarks]
+        if (self.trouble or self._board) and self.rig.faults is not None:
+            base = [f"faults of the line, on purpose: {self.rig.faults}", *base]
         if self.trouble is not None:
             return [f"hiltest: {self.trouble}", f"rig {self._rig_line()}", *base]
         if self._board is None:

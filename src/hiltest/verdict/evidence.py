@@ -127,7 +127,8 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
             side, firmware=board.firmware, version=board.version, build_id=board.build_id, compiler=board.compiler,
             cycle_model=board.cycle_model,
         )
-    side = replace(side, rig=rig.name if rig else "", seeds=() if run.seed is None else (run.seed,))
+    name_of_rig = f"{rig.name} with faults ({rig.faults})" if rig and rig.faults else rig.name if rig else ""
+    side = replace(side, rig=name_of_rig, seeds=() if run.seed is None else (run.seed,))
     name = file or "this run"
     of_rig = _tolerances("rig.tolerances", run.rig.tolerances if run.rig else {}, name)
     fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"

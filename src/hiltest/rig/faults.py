@@ -1,0 +1,148 @@
+"""The table ``[faults]``: what the line to the board does wrong on purpose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from hiltest.rig.tables import STRICT, require
+
+_LONGEST_S = 1e6
+_WAYS = {"both": "both ways", "to-board": "on the way to the board", "to-host": "on the way from the board"}
+
+
+@dataclass(frozen=True, slots=True)
+class Late:
+    """Each byte is late by `by_s` with a probability, and those behind it with it: no byte overtakes another."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    probability: float
+    by_s: float
+
+    def __post_init__(self) -> None:
+        require(0.0 < self.probability <= 1.0, "probability", "must be above 0 and at most 1")
+        require(0.0 < self.by_s <= _LONGEST_S, "by_s", f"must be above 0 and at most {_LONGEST_S:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A time of `for_s` that begins `after_s` the port was opened."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    after_s: float
+    for_s: float
+
+    def __post_init__(self) -> None:
+        _check_time(self.after_s)
+        require(0.0 < self.for_s <= _LONGEST_S, "for_s", f"must be above 0 and at most {_LONGEST_S:g}")
+
+    def holds(self, since_s: float) -> bool:
+        """Say whether a time, from the opening of the port on, is in it."""
+        return self.after_s <= since_s < self.after_s + self.for_s
+
+
+@dataclass(frozen=True, slots=True)
+class Absence:
+    """The device is gone `after_s` the port was opened, and there again at `back_after_s`, or never."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    after_s: float
+    back_after_s: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_time(self.after_s)
+        require(self.back_after_s is None or self.after_s < self.back_after_s <= _LONGEST_S, "back_after_s",
+                f"counts from the opening of the port too: it must be above after_s and at most {_LONGEST_S:g}")
+
+    def holds(self, since_s: float) -> bool:
+        """Say whether it is gone at a time, from the opening of the port on."""
+        return self.after_s <= since_s and (self.back_after_s is None or since_s < self.back_after_s)
+
+
+@dataclass(frozen=True, slots=True)
+class OtherBaud:
+    """The board's end has another line speed, `after_s` the port was opened."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    after_s: float
+    to: int
+
+    def __post_init__(self) -> None:
+        _check_time(self.after_s)
+        require(50 <= self.to <= 20_000_000, "to", "must be 50 to 20000000")
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """Faults of the line between host and board. All times are the board's clock's, from the opening of the port on.
+
+    Attributes
+    ----------
+    seed : int
+        Which bytes are hit is a function of it, of their number on the line, and of nothing else.
+    direction : {"both", "to-board", "to-host"}
+        Which bytes; a device that disappears does so for both.
+    after_s : float
+        When `lose`, `double`, `flip`, `split` and `late` begin [s].
+    lose, double, flip : float
+        Probability that a byte is lost, comes twice, or comes with one bit wrong.
+    split : float
+        Probability that a piece of bytes ends behind a byte: the rest comes with the next read.
+    late : Late or None
+    stall : Span or None
+        Nothing passes; it comes when that is over.
+    disappear : Absence or None
+        Reading and writing fail as with a cable that is pulled.
+    baud : OtherBaud or None
+    full_output : Span or None
+        The port takes no bytes: a write waits, and fails after the time that a write may take.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    seed: int = 1
+    direction: Literal["both", "to-board", "to-host"] = "both"
+    after_s: float = 0.0
+    lose: float = 0.0
+    double: float = 0.0
+    flip: float = 0.0
+    split: float = 0.0
+    late: Late | None = None
+    stall: Span | None = None
+    disappear: Absence | None = None
+    baud: OtherBaud | None = None
+    full_output: Span | None = None
+
+    def __post_init__(self) -> None:
+        _check_time(self.after_s)
+        for key in ("lose", "double", "flip", "split"):
+            require(0.0 <= getattr(self, key) <= 1.0, key, "is a probability, 0 to 1")
+        require(self.lose + self.double + self.flip <= 1.0, "lose", "and double and flip are more than 1 together")
+        require(any(self._said()), "seed", "names no fault: write one of lose, double, flip, split, late, stall, "
+                "disappear, baud and full_output beside it, or take the table out")
+        require(self.full_output is None or self.direction != "to-host", "full_output",
+                'is of the way to the board: direction "to-host" has none')
+
+    def __str__(self) -> str:
+        """Return all of them in words."""
+        later = f" after {self.after_s:g} s" if self.after_s else ""
+        return f"{', '.join(self._said())}; {_WAYS[self.direction]}{later}, seed {self.seed}"
+
+    def _said(self) -> Iterator[str]:
+        hit = {"lose": "lost", "double": "doubled", "flip": "with a wrong bit", "split": "the last of a piece"}
+        yield from (f"{share:g} of bytes {words}" for key, words in hit.items() if (share := getattr(self, key)))
+        if self.late:
+            yield f"{self.late.probability:g} of bytes late by {self.late.by_s:g} s"
+        if self.stall:
+            yield f"a stall after {self.stall.after_s:g} s for {self.stall.for_s:g} s"
+        if self.disappear:
+            back = self.disappear.back_after_s
+            yield f"gone after {self.disappear.after_s:g} s" + ("" if back is None else f", back after {back:g} s")
+        if self.baud:
+            yield f"{self.baud.to} baud after {self.baud.after_s:g} s"
+        if self.full_output:
+            yield f"a full output buffer after {self.full_output.after_s:g} s for {self.full_output.for_s:g} s"
+
+
+def _check_time(after_s: float) -> None:
+    require(0.0 <= after_s <= _LONGEST_S, "after_s", f"must be 0 to {_LONGEST_S:g}")

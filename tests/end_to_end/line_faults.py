@@ -1,0 +1,237 @@
+"""Short runs on a line with each fault of a rig's [faults], beside one without.
+
+    python -m tests.end_to_end.line_faults
+
+writes their table into docs/reliability.md.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hiltest.bench_files import shipped
+from hiltest.boards.bench import START_UP_S
+from hiltest.link.messages import Collect
+from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S
+from hiltest.rig.faults import Faults
+from hiltest.rig.file import load_rig
+from hiltest.sensors import Fxos8700cqNoise
+
+PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
+WALL_LIMIT_S = 120.0  # for what takes some 3 s on a machine of its own
+READINGS = 16
+# 100 points at 80 Hz; of the requests of this run the one that the board may spend most on.
+LONGEST_DEADLINE_S = REPLY_DEADLINE_S + Collect(100, timeout_us=3_500_000).board_time_s
+# Every attempt of one request has its deadline; the rest is what the reads before and the end of the run take.
+DEADLINE_S = ATTEMPTS * LONGEST_DEADLINE_S + 1.0
+
+# How long a run took, what the line made of it, and the most stack of all that ran: of a run that ended early, of less.
+OF_THE_COURSE = ("board.", "link.retried", "firmware.stack_most")
+
+# A world without noise, but of the accelerometer, in which a time later by a second changes no number.
+QUIET = {
+    "headings_deg = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330]": "headings_deg = [0, 90, 180, 270]",
+    "tumble_points = 300": 'tumble_points = 100\ndpi = "none"',
+    "mag3110_noise_ut = [0.4, 0.35, 0.3, 0.25]": "mag3110_noise_ut = [0.0, 0.0, 0.0, 0.0]",
+    "temperature_end_degc = 41.0\ntemperature_ramp_s = 150.0\n": "",
+}
+TESTS = '''\
+"""The main job in short: who answers, points of a tumble, a calibration, its cycles, headings."""
+
+from hiltest.procedures import collect_tumble, measure_cycles, measure_known_angles, run_calibrators
+
+
+def test_who_answers(board, measure):
+    measure("identity.calibrators", len(board.identity.calibrators))
+
+
+def test_headings(board, turntable, rig, measure):
+    tumble = collect_tumble(board, turntable, points=100)
+    measure("tumble.coverage", 100.0 * tumble.coverage, "%")
+    run = run_calibrators(board, tumble, calibrators=["direct"], n=100)["direct"]
+    measure("fit.direct.residual", run.residual_percent, "%")
+    measure("fit.direct.offset_error", run.offset_error_ut, "uT")
+    angles = measure_known_angles(
+        board, turntable, poses=rig.procedure.known_angle_poses("level"),
+        slots={"uncalibrated": 0, "direct": run.slot}, mounting_yaw_deg=rig.mounting.yaw_deg,
+    )
+    for name in ("direct", "uncalibrated"):
+        measure(f"heading.{name}.max", angles.summary(name).max_deg, "deg")
+
+
+def test_cycles(board, measure):
+    cost = measure_cycles(board, ["direct"], point_sets=1, sizes=(20, 100))["direct"]
+    measure("cycles.direct.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band)
+    measure("cycles.direct.instructions", cost.instructions)
+
+
+def test_line(board, measure):
+    measure("link.retried", board.session.retried)
+'''
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A fault, as the rig has it, and whether the run must recover from it."""
+
+    what: str
+    faults: str
+    recovers: bool
+
+
+FAULTS = (
+    Tried("lost bytes", "lose = 5e-4", True),
+    Tried("many lost bytes", "lose = 0.02\nafter_s = 1.0", False),
+    Tried("doubled bytes", "double = 5e-4", True),
+    Tried("flipped bits", "flip = 5e-4", True),
+    Tried("late bytes", "late = { probability = 5e-4, by_s = 1.5 }", True),
+    Tried("split bytes", "split = 0.1", True),
+    Tried("a stall", "stall = { after_s = 2.0, for_s = 3.0 }", True),
+    Tried("a stall for good", "stall = { after_s = 2.0, for_s = 1e3 }", False),
+    Tried("a device that disappears", "disappear = { after_s = 2.0 }", False),
+    Tried("... and comes back", "disappear = { after_s = 2.0, back_after_s = 2.5 }", False),
+    Tried("a baud rate 2 % off", "baud = { after_s = 2.0, to = 117_504 }", True),
+    Tried("another baud rate", "baud = { after_s = 2.0, to = 57_600 }", False),
+    Tried("a full output buffer", "full_output = { after_s = 2.5, for_s = 1.5 }", True),
+    Tried("... that stays full", "full_output = { after_s = 2.5, for_s = 1e3 }", False),
+)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run ended."""
+
+    code: int
+    output: str
+    record: dict[str, Any]
+
+    @property
+    def numbers(self) -> dict[str, float | None]:
+        """What was measured and does not depend on how long it took, by name."""
+        measured = {each["name"]: each["value"] for each in self.record["measurements"]}
+        return {name: value for name, value in measured.items() if not name.startswith(OF_THE_COURSE)}
+
+    @property
+    def retried(self) -> int:
+        """How many requests were sent again, in a run that came to its end."""
+        return self._value("link.retried")
+
+    @property
+    def virtual_s(self) -> float:
+        """When it ended, from the opening of the port on, by the board's clock."""
+        return self._value("board.virtual_seconds") - START_UP_S
+
+    @property
+    def sentence(self) -> str:
+        """What a user reads of it in the end."""
+        sentence: str = self.record["verdict"]["sentence"]
+        return sentence
+
+    def _value(self, name: str) -> Any:
+        (value,) = (each["value"] for each in self.record["measurements"] if each["name"] == name)
+        return value
+
+
+def run_short(folder: Path, faults: str = "") -> Ended:
+    """Run the tests above on a virtual board whose line has faults."""
+    text = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8").partition("[limits]")[0]
+    for old, new in QUIET.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    folder.mkdir()
+    (folder / "rig.toml").write_text(f"{text}\n[faults]\n{faults}\n" if faults else text, encoding="utf-8")
+    (folder / "test_short.py").write_text(TESTS, encoding="utf-8")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("HIL_", "PYTEST_"))}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--hil-rig", "rig.toml", "test_short.py"],
+        cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=WALL_LIMIT_S,
+    )
+    (file,) = folder.glob("**/run.json")
+    return Ended(done.returncode, done.stdout, json.loads(file.read_text(encoding="utf-8")))
+
+
+def faults_of(folder: Path) -> Faults:
+    """Return the faults of the rig of a run."""
+    faults = load_rig(folder / "rig.toml").faults
+    assert faults is not None
+    return faults
+
+
+def begin_s(faults: Faults) -> float:
+    """Return when a fault begins, from the opening of the port on."""
+    timed = (faults.stall, faults.disappear, faults.baud, faults.full_output)
+    return next((each.after_s for each in timed if each is not None), faults.after_s)
+
+
+def heading_tolerance_deg(dip_deg: float = 62.0) -> float:
+    """Return by how much the noise of the accelerometer's readings, others where time has passed, may move a heading.
+
+    An error of e radians turns it by up to e tan(dip); readings of 16 each on two axes, on either side of a
+    difference, and five sigma.
+    """
+    sigma_g = Fxos8700cqNoise().accelerometer_g(100.0)
+    return 5.0 * math.degrees(2.0 * sigma_g / math.sqrt(READINGS) * math.tan(math.radians(dip_deg)))
+
+
+def wrong_numbers(ended: Ended, clean: Ended) -> list[str]:
+    """Return the names of numbers that are there and are not those of the run without faults."""
+    allowed = heading_tolerance_deg()
+    return [
+        name for name, value in ended.numbers.items()
+        if value != clean.numbers[name] and not (
+            name.startswith("heading.") and value is not None and clean.numbers[name] is not None
+            and abs(value - clean.numbers[name]) <= allowed
+        )
+    ]  # fmt: skip
+
+
+def row(tried: Tried, ended: Ended, faults: Faults, clean: Ended) -> str:
+    """Return a row of the page's table."""
+    key = "; ".join(tried.faults.splitlines())
+    if ended.code == 0:
+        again = f"recovers: {ended.retried} request{'s' * (ended.retried != 1)} sent again"
+        how = again if ended.retried else "goes on"
+        reads = "the numbers of a line without faults"
+    else:
+        how = f"{ended.code}, connection lost after {ended.virtual_s - begin_s(faults):.1f} s"
+        # Where the firmware is then is another place with each build of it.
+        reads = re.sub(r": the firmware is [^.]*\([^)]*\)", "", ended.sentence)
+    return f"| {tried.what} | `{key}` | {how} | {reads} | {len(ended.numbers)} of {len(clean.numbers)} |"
+
+
+def table(rows: list[str]) -> str:
+    """Return the section of the page."""
+    head = "| fault | `[faults]` | the run | what one reads | numbers kept |\n|---|---|---|---|---|"
+    return "\n".join((head, *rows))
+
+
+def shown(page: str) -> str:
+    """Return the table that a page shows."""
+    (found,) = re.findall(r"^\| fault \|.*?(?=\n\n)", page, re.M | re.S)
+    return str(found)
+
+
+def main() -> None:
+    """Try every fault, and write the table."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        clean, rows = run_short(folder / "clean"), []
+        for number, tried in enumerate(FAULTS):
+            ended = run_short(folder / str(number), tried.faults)
+            rows.append(row(tried, ended, faults_of(folder / str(number)), clean))
+            print(rows[-1], wrong_numbers(ended, clean))
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(page.replace(shown(page), table(rows)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
