@@ -90,7 +90,7 @@ def test_it(measure):
     assert measurements_of(pytester)["cycles.direct.per_point"] | {"test": "", "place": ""} == {
         "name": "cycles.direct.per_point", "value": 200.0, "unit": "cycle", "limit": None,
         "information": {"min": None, "max": 168}, "outcome": "information", "volatile": False,
-        "cycle_model": "silicon-dwt", "note": "", "test": "", "band": None,
+        "cycle_model": "silicon-dwt", "note": "", "test": "", "band": None, "uncertainty": None,
         "place": "",
     }
 
