@@ -12,7 +12,8 @@ from tests.test_json_documents import checked
 
 from hiltest.bench_files import shipped
 from hiltest.measurement import Measurement, Outcome
-from hiltest.runs.several_boards import apart_of
+from hiltest.report.boards_page import BoardLine
+from hiltest.runs.several_boards import apart_of, verdict_of
 
 VIRTUAL = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
 LOST = (shipped() / "rigs" / "served-k64f.toml").read_text(encoding="utf-8")
@@ -102,6 +103,16 @@ def test_the_spread_is_of_numbers_that_are_alike() -> None:
     sector = "heading.direct.worst_sector"
     (direction,) = apart_of({"a": [measured(330.0, name=sector)], "b": [measured(30.0, name=sector)]})
     assert direction.spread is None
+
+
+@pytest.mark.parametrize(
+    ("codes", "code"), [((0, 0), 0), ((0, -9), 22), ((0, 20, -9), 20), ((1, 20), 1), ((21, 22), 22)]
+)
+def test_the_first_end_that_applies_is_the_commands_and_a_killed_board_is_no_pass(
+    codes: tuple[int, ...], code: int
+) -> None:
+    boards = [BoardLine(f"board {number}", "", each, "") for number, each in enumerate(codes)]
+    assert verdict_of(boards).exit_code == code
 
 
 def test_what_is_beyond_its_limit_is_marked() -> None:

@@ -20,7 +20,6 @@ from hiltest.link.transcript import Direction, Transcript, TranscriptEntry
 from hiltest.virtual.unique_id import REPLAYED_UNIQUE_ID
 
 _DELIMITER = b"\x7e"
-_FIRST_LINE = 2
 _STEP_S = 0.002
 _AT_A_LOOK = 1 << 16
 _NONCE = slice(1, 5)  # in the payload of an answer to SYNC, behind the status
@@ -42,13 +41,11 @@ class ServedRecording:
 
     def __init__(self, transcript: Transcript, path: Path) -> None:
         self._path = path
-        self._entries: list[tuple[int, str, TranscriptEntry]] = []
-        test = ""
-        for line, entry in enumerate(transcript.entries, _FIRST_LINE):
-            if entry.direction is Direction.MARK:
-                test = entry.data.decode(errors="replace")
-            elif entry.data and (entry.direction is not Direction.CALL or _breaks(entry)):
-                self._entries.append((line, test, entry))
+        self._entries = [
+            (line, test, entry) for line, test, entry in transcript.placed()
+            if entry.data and entry.direction is not Direction.MARK
+            and (entry.direction is not Direction.CALL or _breaks(entry))
+        ]
         self.begin(0.0)
 
     def begin(self, now_s: float) -> None:

@@ -17,7 +17,7 @@ import json
 import math
 import zlib
 from collections import deque
-from collections.abc import Iterable, Mapping, MutableSequence
+from collections.abc import Iterable, Iterator, Mapping, MutableSequence
 from dataclasses import dataclass
 from enum import StrEnum
 from hashlib import sha256
@@ -33,6 +33,7 @@ END = "end"
 """Text of the mark with which the transcript of a recorded run ends."""
 
 _LARGEST_BYTES = 256 << 20  # two bytes of text for one of the line: three hours at 115 200 baud, without a pause
+_FIRST_LINE = 2  # of an entry: the header has the first
 _GZIP = b"\x1f\x8b"
 _ENTRY_BYTES = 8  # an entry's time, in what a transcript may hold: single bytes must not cost nothing
 
@@ -87,6 +88,14 @@ class Transcript:
         """Note something beside the bytes, such as the name of a test."""
         self.add(time_s, Direction.MARK, text.encode())
 
+    def placed(self) -> Iterator[tuple[int, str, TranscriptEntry]]:
+        """Yield each mark and entry with its line in the file, and the latest mark: the test that it belongs to."""
+        test = ""
+        for line, entry in enumerate(self.entries, _FIRST_LINE):
+            if entry.direction is Direction.MARK:
+                test = entry.data.decode(errors="replace")
+            yield line, test, entry
+
     def write(self, path: Path) -> None:
         """Write the transcript to a file."""
         with TranscriptFile(path, self.clock) as file:
@@ -112,7 +121,7 @@ class Transcript:
             transcript.recorded, transcript.sha256 = header.get("recorded"), sha256(content).hexdigest()
         except (ValueError, AttributeError, KeyError) as error:
             raise ConfigError(f"{path}:1: no transcript header: {error}") from None
-        for number, line in enumerate(lines[1:], start=2):
+        for number, line in enumerate(lines[1:], _FIRST_LINE):
             try:
                 transcript.entries.append(_entry(parse_json(line)))
             except (ValueError, AttributeError, KeyError, TypeError) as error:

@@ -15,7 +15,6 @@ from hiltest.link.transcript import END, Direction, Transcript, TranscriptEntry
 from hiltest.replay.tape import Tape, Taped
 from hiltest.replay.values import interface_in, restored, restored_error
 
-_FIRST_LINE = 2  # of an entry: the header has the first
 _SHOWN_CHARACTERS = 200
 
 
@@ -40,9 +39,8 @@ class Player(Tape):
         self._lines: list[int] = []
         self._tests: list[str] = []  # that each entry was recorded in
         test = ""
-        for line, entry in enumerate(transcript.entries, _FIRST_LINE):
+        for line, test, entry in transcript.placed():
             if entry.direction is Direction.MARK:
-                test = entry.data.decode(errors="replace")
                 continue
             self._entries.append(entry)
             self._lines.append(line)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -15,13 +15,14 @@ from hiltest.bench_files import rig_file
 from hiltest.errors import ConfigError
 from hiltest.jobs import each_done
 from hiltest.measurement import Measurement, identify, round_significant
-from hiltest.record.exit_codes import PYTEST_WINS, WORDS, ExitCode
+from hiltest.record.exit_codes import WORDS, ExitCode
 from hiltest.record.files import BOARDS_FILE, BOARDS_MARKDOWN, BOARDS_PAGE, write_atomically
 from hiltest.record.reader import read_record
 from hiltest.record.run import Run, Verdict
 from hiltest.report.boards_page import Apart, BoardLine, boards_html, boards_markdown, print_boards
 from hiltest.report.console import standard_output
 from hiltest.report.job_summary import annotation, append_to_job_summary
+from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
 from hiltest.runs.older_firmware import last_words, run_command
 from hiltest.settings import make_folder
@@ -31,10 +32,6 @@ SCHEMA = "hiltest.boards/1"
 
 _KEPT = "the records of the boards that finished are kept"
 _NAMED_AT_MOST = 4
-_WORST_FIRST = (
-    *PYTEST_WINS, ExitCode.FAILED, ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST, ExitCode.NOT_EVALUATED,
-    ExitCode.REGRESSION,
-)
 _NO_FOLDER = re.compile(r"[^A-Za-z0-9._-]")
 
 
@@ -62,8 +59,11 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     ConfigError
         If two rigs have one name or one port, or one is turned by an operator, or one cannot be read; nothing ran then.
     """
-    files = dict(map(_named, rigs))
-    _check_apart(rigs, files)
+    benches = {_NO_FOLDER.sub("-", rig.name): rig for rig in (load_rig(rig_file(Path.cwd(), each)) for each in rigs)}
+    if len(benches) < len(rigs):
+        raise ConfigError(f"two of {listed([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
+    _check_apart(benches)
+    files = {name: str(rig.path) for name, rig in benches.items()}
     for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # no earlier verdict passes for this one's
         (out / name).unlink(missing_ok=True)
     make_folder(out)
@@ -76,7 +76,7 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
         click.echo(f"{name}: {line.sentence}")
     boards = [ended[name][0] for name in files]
     apart = apart_of({name: ended[name][1] for name in files})
-    verdict = _verdict(boards)
+    verdict = verdict_of(boards)
     write_atomically(out / BOARDS_FILE, _to_json(verdict, boards, apart))
     write_atomically(out / BOARDS_PAGE, boards_html(verdict, boards, apart))
     page = boards_markdown(verdict, boards, apart)
@@ -90,19 +90,11 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     return verdict.exit_code
 
 
-def _named(rig: str) -> tuple[str, str]:
-    file = rig_file(Path.cwd(), rig)
-    return _NO_FOLDER.sub("-", load_rig(file).name), str(file)
-
-
-def _check_apart(rigs: Sequence[str], files: dict[str, str]) -> None:
-    if len(files) < len(rigs):
-        raise ConfigError(f"two of {listed([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
+def _check_apart(benches: Mapping[str, Rig]) -> None:
     ports: dict[str, str] = {}
-    for name, file in files.items():
-        rig = load_rig(Path(file))
+    for name, rig in benches.items():
         if rig.turntable.kind == "operator":
-            raise ConfigError(f"{file}: an operator turns one board at a time; run it by itself")
+            raise ConfigError(f"{rig.path}: an operator turns one board at a time; run it by itself")
         if rig.board.kind == "real" and rig.board.port is None:
             raise ConfigError(f"{rig.where('board', 'kind')}: board.port: name the port of each of several boards: "
                               "hiltest ports lists them")  # fmt: skip
@@ -163,9 +155,12 @@ def _apart(name: str, found: dict[str, Measurement]) -> Apart:
     return Apart(name, next(iter(found.values())).unit, values, outcomes, spread)
 
 
-def _verdict(boards: Sequence[BoardLine]) -> Verdict:
+def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
+    """Return the verdict over all boards."""
     codes = {each.exit_code for each in boards}
-    code = next((int(each) for each in _WORST_FIRST if each in codes), max(codes))
+    # The enumeration is in their order, a pass last. A process that a signal ended has none of them, and no verdict.
+    known = (int(each) for each in ExitCode if each in codes and each)
+    code = next(known, int(ExitCode.NOT_EVALUATED if any(codes) else ExitCode.OK))
     red = [f"{each.name}: {_word(each.exit_code)}" for each in boards if each.exit_code]
     passed = f"{len(boards) - len(red)} of {len(boards)} boards pass"
     sentence = f"{passed}; {listed(red, _NAMED_AT_MOST)}." if red else f"{passed}."
