@@ -118,6 +118,19 @@ class DeviceTimeoutError(BenchError, TimeoutError):
         super().__init__(f"no answer to {command} within {deadline_s:g} s ({clock} time){reason}")
 
 
+class BoardResetError(BenchError):
+    """The board was reset during the run: the points and calibrations that it had stored are gone."""
+
+    def __init__(self, carried_out: int, answered: int) -> None:
+        self.carried_out = carried_out
+        self.answered = answered
+        super().__init__(
+            f"the board was reset: {answered} requests or more were carried out, and it counts {carried_out} since it "
+            "started. Points and calibrations that it had stored are gone. Look for a weak supply, a watchdog or a "
+            "fault of the firmware, then run again."
+        )
+
+
 class DeviceSilentError(BenchError, TimeoutError):
     """Firmware that is listened to says nothing."""
 
@@ -158,6 +171,10 @@ class SensorAbsentError(BenchError):
         self.seen = tuple(seen)
         listed = ", ".join(self.seen) if self.seen else "none"
         super().__init__(f"no {wanted} answers on the board; sensors that do: {listed}. {hint}")
+
+
+class SensorFaultError(BenchError):
+    """A sensor gives samples that no sound one gives; what needs it not still runs."""
 
 
 class OperatorAbsentError(BenchError):
@@ -266,6 +283,11 @@ class DeviceError(HiltestError):
         self.status = status
         super().__init__(f"the board answered {command} with {status}" + (f": {hint}" if hint else ""))
 
+    @property
+    def is_of_sensors(self) -> bool:
+        """Whether a sensor or its bus did not do what it should."""
+        return self.status in ("SENSOR_ABSENT", "SENSOR_TIMEOUT", "BUS_ERROR")
+
 
 class FirmwareContradictionError(HiltestError):
     """The firmware answered what cannot be true by its own other answers, or by what the board saw."""
@@ -307,6 +329,6 @@ def nearest_hint(name: str, known: Sequence[str], those: str = "known") -> str:
 def board_is_gone(error: BenchError | ProtocolError) -> bool:
     """Say whether an error leaves a board that later tests cannot use.
 
-    A missing sensor does not, nor does a missing operator or table: what needs none of them still runs.
+    A missing or faulty sensor does not, nor does a missing operator or table: what needs none of them still runs.
     """
-    return not isinstance(error, SensorAbsentError | OperatorAbsentError | TurntableError)
+    return not isinstance(error, SensorAbsentError | SensorFaultError | OperatorAbsentError | TurntableError)

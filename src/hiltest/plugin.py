@@ -123,9 +123,9 @@ def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
     return [*hil.describe(), *hil.choice.left_out.describe()]
 
 
-# First: no fixture of a test is set up on a board that is gone.
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
+# Around the set-up and within all other wrappers: no fixture of a test is set up on a board that is gone.
+@pytest.hookimpl(wrapper=True, trylast=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
     """Skip a test whose board is already lost."""
     hil = item.config.stash[SESSION]
     hil.begin_test(item.nodeid)
@@ -134,13 +134,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         if hil.trouble_met_by == item.nodeid and hil.trouble is not None:
             raise hil.trouble  # another attempt of the test that met it: no skip may take its place
         pytest.skip(f"connection lost earlier: {hil.trouble}")
+    with hil.refusing_reset():
+        return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     """Fail a test at its end for measurements out of their limits, even if it then skips or excuses itself."""
     try:
-        result = yield
+        with item.config.stash[SESSION].refusing_reset():
+            result = yield
     except (pytest.skip.Exception, pytest.xfail.Exception):
         _fail_out_of_limit(item)
         raise

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from hiltest.errors import (
+    BoardResetError,
     DeviceError,
     DeviceTimeoutError,
     LinkLostError,
@@ -59,6 +60,27 @@ def test_a_reply_comes_back_parsed_and_the_attempt_is_recorded(synchronised: Ope
     assert (last.command, last.number, last.outcome) == ("LINK_STATISTICS", 1, RequestOutcome.ANSWERED)
     assert last.ended_s >= last.sent_s
     assert session.retried == 0
+
+
+def test_a_board_that_has_carried_out_less_than_it_answered_was_reset(synchronised: OpenSession) -> None:
+    # Each count is of all requests, SYNC and the look itself among them, and of what was sent again.
+    counts = iter([(3, 0), (7, 2), (9, 1), (5, 1)])
+
+    def script(frame: Frame, _: int) -> bytes:
+        frames, repeated = next(counts) if frame.type == LinkStatistics.code else (0, 0)
+        return reply(frame, struct.pack("<B4I", 0, frames, 0, 0, repeated) if frames else b"\x00")
+
+    session = synchronised(script)
+    session.request(ClearPoints())
+    session.refuse_reset()  # 3 of 3
+    session.request(ClearPoints())
+    session.refuse_reset()  # 5 of 5
+    session.request(ClearPoints())
+    session.refuse_reset()  # 8 of 7: one more, of a host that was there before
+    session.request(ClearPoints())
+    with pytest.raises(BoardResetError, match="10 requests or more") as raised:
+        session.refuse_reset()
+    assert (raised.value.carried_out, raised.value.answered) == (4, 10)
 
 
 def test_synchronising_skips_noise_and_old_answers(session_with: OpenSession) -> None:

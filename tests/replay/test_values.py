@@ -46,7 +46,9 @@ def test_a_value_comes_back_as_it_was(hint: Any, value: Any) -> None:
 
 
 def test_an_array_comes_back_as_it_was() -> None:
-    truth = Truth(np.eye(3), np.ones(3), 48.5, 62.0, 0.4, 1e-3, np.eye(3) / 3.0, np.zeros(3), np.zeros(3), np.eye(3))
+    truth = Truth(
+        np.eye(3), np.ones(3), 48.5, 62.0, 0.4, 1e-3, np.eye(3) / 3.0, np.zeros(3), np.zeros(3), np.eye(3), 0.025
+    )
     again = restored(Truth | None, json.loads(json.dumps(plain(truth))))
     assert isinstance(again, Truth)
     assert np.array_equal(again.accelerometer_response, truth.accelerometer_response)

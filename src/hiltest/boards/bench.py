@@ -8,11 +8,14 @@ from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.recordings.playback import load_playback
 from hiltest.rig import Rig, build_sensors, build_world
+from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.executed_code import ExecutionWatch
+from hiltest.virtual.i2c_bus import HeldLine
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.memory import MK64FN1M0
+from hiltest.virtual.peripherals.reset_control import ResetSource
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.world import Vector
 from hiltest.world.faces import askew
@@ -21,6 +24,7 @@ from hiltest.world.sway import SWAY_S, Sway
 
 #: From power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
 START_UP_S = 0.2
+_RESETS = {"button": ResetSource.PIN, "brown-out": ResetSource.POWER_ON}
 
 
 def default_firmware() -> Path:
@@ -64,6 +68,15 @@ def _timing_of(rig: Rig) -> str:
     except ConfigError as error:
         raise ConfigError(f"{rig.path}: board.timing: {error}") from error
     return named
+
+
+def _put_faults_on(machine: VirtualK64F, faults: Faults | None) -> None:
+    """Have the faults of the board happen that are none of its parts."""
+    if faults and faults.held_line:
+        held = faults.held_line
+        machine.hold_line(held.bus, HeldLine(held.line, *held.span(START_UP_S)))
+    if faults and faults.reset:
+        machine.reset_at(START_UP_S + faults.reset.after_s, _RESETS[faults.reset.by])
 
 
 class VirtualBench:
@@ -114,13 +127,14 @@ class VirtualBench:
         self.seed = rig.seed if seed is None else seed
         self._world = build_world(rig)
         self._world.playback = self.playback = load_playback(rig)
-        sensors = build_sensors(rig, self._world, self.seed)
+        sensors = build_sensors(rig, self._world, self.seed, faults_from_s=START_UP_S)
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
             load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
             strict=self.firmware == default_firmware(), memory=MK64FN1M0, flash_file=flash_file,
         )  # fmt: skip
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
+        _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed
         self.machine.warm_by(lambda: self.temperature_degc)
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}

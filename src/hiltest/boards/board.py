@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.angles import Pose, rotation_body_from_ned
+from hiltest.boards.sample_checks import SampleChecks
 from hiltest.errors import FirmwareContradictionError, HiltestError, SensorAbsentError
 from hiltest.link.messages import Select, Sensors
 from hiltest.link.ports import SerialPort
@@ -72,6 +73,8 @@ class Truth:
         Body frame [deg/s].
     gyroscope_response : ndarray, shape (3, 3)
         ``felt_dps = gyroscope_response @ rate_dps + bias``, body frame.
+    gyroscope_density_dps : float
+        One-sided noise density of the rate [deg/s/sqrt(Hz)].
     """
 
     soft_iron: NDArray[np.float64]
@@ -84,6 +87,7 @@ class Truth:
     accelerometer_offset_g: NDArray[np.float64]
     gyroscope_bias_dps: NDArray[np.float64]
     gyroscope_response: NDArray[np.float64]
+    gyroscope_density_dps: float
 
     def read_ut(self, attitude: Pose) -> NDArray[np.float64]:
         """Return what the magnetometer reads in an attitude of the board, without noise, shape (3,) [uT]."""
@@ -118,7 +122,7 @@ class Declared:
     rig : str
         Name of the rig.
     faults : Faults or None
-        What the line does wrong on purpose.
+        What goes wrong on purpose.
     """
 
     field_ut: float
@@ -255,6 +259,8 @@ class Board(ABC):
         GNU build-id note of that file; empty without one.
     seed : int or None
         Seed of a simulated world.
+    sample_checks : SampleChecks
+        Refuses what no sound sensor gives; replies are checked as they come.
     execution : ExecutionWatch or None
         What the firmware has executed, where that is kept.
     """
@@ -277,9 +283,18 @@ class Board(ABC):
             session.synchronise()
             self.identity: Identity = session.identify()
             self.sensors: tuple[SensorInfo, ...] = self._select()
+            self.sample_checks = SampleChecks(lambda kind: self.sensor(kind).name, self._is_noise_free)
+            session.on_reply = self.sample_checks.reply
         except HiltestError:
             session.close()
             raise
+
+    def _is_noise_free(self, kind: SensorKind) -> bool:
+        truth = self.truth
+        return truth is not None and 0.0 in {
+            SensorKind.MAGNETOMETER: (truth.magnetometer_sigma_ut,),
+            SensorKind.GYROSCOPE: (truth.gyroscope_density_dps,),
+        }.get(kind, ())
 
     @property
     def origin(self) -> BoardKind:
@@ -294,7 +309,14 @@ class Board(ABC):
     @property
     def line_is_exact(self) -> bool:
         """Whether the line loses and changes nothing, as a simulated one does that has no faults."""
-        return self.origin is BoardKind.VIRTUAL and self.declared.faults is None
+        faults = self.declared.faults
+        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_line)
+
+    @property
+    def sensors_are_sound(self) -> bool:
+        """Whether its sensors and their buses cannot fail: those of a virtual board, unless its rig says so."""
+        faults = self.declared.faults
+        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_sensors)
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""

@@ -24,8 +24,8 @@ _BITS = 10  # of a byte on the line: start, eight of data, stop
 
 
 def with_faults(port: SerialPort, faults: Faults | None, *, baud: int) -> SerialPort:
-    """Return a port with the faults of a rig, itself where the rig has none."""
-    return port if faults is None else FaultyPort(port, faults, baud=baud)
+    """Return a port with the faults of a rig's line, itself where the rig has none."""
+    return port if faults is None or not faults.of_line else FaultyPort(port, faults, baud=baud)
 
 
 class FaultyPort:

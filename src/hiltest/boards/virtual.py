@@ -237,4 +237,5 @@ def truth_of(rig: Rig) -> Truth | None:
         accelerometer_offset_g=np.array(known.accelerometer_offset_g),
         gyroscope_bias_dps=np.array(known.gyroscope_bias_dps),
         gyroscope_response=np.array(known.gyroscope_response),
+        gyroscope_density_dps=1e-3 * rig.world.gyroscope_noise_mdps_per_rthz,
     )

@@ -99,7 +99,11 @@ def _write(
     )
     file.write(",".join(["time_s", *names, "temperature_degc"]) + "\n")
     begin_s: float | None = None
+    last_s = 0.0
     for part in parts:
+        if part.rows[0].time_s < last_s:
+            board.session.refuse_reset()
+        last_s = part.rows[-1].time_s
         counts[None] += part.lost
         lines = ["# samples of the gyroscope are missing here\n"] if part.lost else []
         for row in part.rows:

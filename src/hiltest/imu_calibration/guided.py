@@ -97,6 +97,8 @@ def calibrate_imu(
         When a step's data supports no calibration and it is not done again; says why.
     SensorAbsentError
         When a sensor is missing.
+    BoardResetError
+        When the board was reset, and with it what the steps so far have stored.
     """
     led = _Led(board, turntable, rig, guide, progress)
     if calibrator == DPI and not led.has_faces:
@@ -136,8 +138,11 @@ class _Led:
     def _until_good(self, do: Callable[[], Done]) -> Done:
         while True:
             try:
-                return do()
+                done = do()
+                self._board.session.refuse_reset()
+                return done
             except CalibrationError as error:
+                self._board.session.refuse_reset()  # which then is why
                 if not self._guide.again(str(error)):
                     raise
 

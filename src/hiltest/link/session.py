@@ -17,6 +17,7 @@ from typing import TypeVar
 import serial
 
 from hiltest.errors import (
+    BoardResetError,
     DeviceTimeoutError,
     LinkLostError,
     OtherFirmwareError,
@@ -26,7 +27,7 @@ from hiltest.errors import (
     VersionMismatchError,
 )
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
-from hiltest.link.messages import PROTOCOL_VERSION, Identify, Sync
+from hiltest.link.messages import PROTOCOL_VERSION, Identify, LinkStatistics, Reset, Sync
 from hiltest.link.ports import SerialPort
 from hiltest.link.replies import Identity, Status
 from hiltest.link.request import REPLY_BIT, Request, decode_reply
@@ -102,6 +103,11 @@ class Session:
     nonce_seed : int, optional
         Makes the nonces a function of the seed, as a reproducible run needs. On a
         line that others used before us leave it out: then they are random.
+
+    Attributes
+    ----------
+    on_reply : callable
+        Told the data of each reply, before who asked is.
     """
 
     def __init__(
@@ -124,8 +130,11 @@ class Session:
         self._decoder = FrameDecoder()
         self._sequence = 0
         self._heard = bytearray()
+        self.on_reply: Callable[[object], None] = lambda _reply: None
         self._damaged = 0
         self._stale = 0
+        self._answered = 0  # since the latest look at what the board has carried out
+        self._carried_out = 0
 
     @property
     def retried(self) -> int:
@@ -156,6 +165,7 @@ class Session:
             payload = self._attempt(request, frame, number, self._reply_deadline_s, resync=True)
             if payload is not None:
                 self.protocol_version = int.from_bytes(payload[5:7], "little")
+                self._answered, self._carried_out = 1, 0
                 break
         else:
             heard = bytes(self._heard)
@@ -214,8 +224,31 @@ class Session:
         for number in range(1, self._attempts_allowed + 1):
             payload = self._attempt(message, frame, number, allowed_s)
             if payload is not None:
-                return decode_reply(message, payload)
+                self._answered += 1
+                if isinstance(message, Reset):
+                    self._answered = self._carried_out = 0
+                reply = decode_reply(message, payload)
+                self.on_reply(reply)
+                return reply
         raise DeviceTimeoutError(message.command, allowed_s, self.clock, self._found(), self.noise())
+
+    def refuse_reset(self) -> None:
+        """Check that the board is still the one that was synchronised, with all that it has stored since.
+
+        The board counts the requests that it has carried out since it started, each once however often it was sent:
+        after a reset those are fewer than it has answered.
+
+        Raises
+        ------
+        BoardResetError
+            When it was reset, by whatever.
+        """
+        if self._answered:
+            counted = self.request(LinkStatistics())
+            carried_out, expected = counted.frames - counted.repeated, self._carried_out + self._answered
+            if carried_out < expected:
+                raise BoardResetError(carried_out, expected)
+            self._answered, self._carried_out = 0, carried_out
 
     def noise(self, since: int = 0) -> str:
         """Say what the line has lost or changed since an attempt: what was right when the same was sent again.
@@ -225,7 +258,8 @@ class Session:
         attempts = self.attempts[since:]
         again = sum(each.number > 1 and each.outcome is RequestOutcome.ANSWERED for each in attempts)
         damaged = sum(each.damaged for each in attempts)
-        return f"{again} requests were answered when sent again, {damaged} damaged frames came" if again else ""
+        were = "request was" if again == 1 else "requests were"
+        return f"{again} {were} answered when sent again, {damaged} damaged frames came" if again else ""
 
     def next_frame(self, message: Request[R]) -> Frame:
         """Return the frame of a request under the next sequence number, without sending it."""

@@ -111,6 +111,8 @@ def collect_tumble(
         faults, that was late in each.
     PoorCoverageError
         When more points are asked for than the board can hold.
+    SensorFaultError
+        When a point is none that a sound sensor gives.
     """
     board.sensor(SensorKind.MAGNETOMETER)
     if points > board.identity.max_points:
@@ -253,8 +255,10 @@ class _Collected:
         self._tell(f"tumble, {100 * seen:.0f} % of the sphere", self.stored, self.wanted)
 
     def tumble(self, duration_s: float) -> Tumble:
+        magnetometer, accelerometer = np.concatenate(self._magnetometer), np.concatenate(self._accelerometer)
+        self._board.sample_checks.tumble(magnetometer, accelerometer)
         return Tumble(
-            np.concatenate(self._magnetometer), np.concatenate(self._accelerometer),
+            magnetometer, accelerometer,
             self._board.declared.field_ut, self._overruns, duration_s, np.arange(self.stored),
         )
 

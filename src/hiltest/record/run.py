@@ -91,7 +91,7 @@ class RigRecord:
 
     `conditions_sha256` is of what its numbers rest on: no limits, no texts. Empty in records from before it was kept.
     `tolerances` has absolute and relative by measurement name. `cost_reference` is the calibrator whose cycles the
-    others' are given as a multiple of; empty where the rig names none. `faults` are those of the line to the board, on
+    others' are given as a multiple of; empty where the rig names none. `faults` are those that were made on
     purpose, in words; empty without.
     """
 

@@ -1,4 +1,4 @@
-"""The table ``[faults]``: what the line to the board does wrong on purpose."""
+"""The table ``[faults]``: what goes wrong on purpose on the line to the board, and on a virtual board."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from hiltest.rig.tables import STRICT, require
+from hiltest.rig.board_faults import BoardReset, HeldLine, SensorFault
+from hiltest.rig.tables import STRICT, check_span, require
 
-_LONGEST_S = 1e6
+_MOST_LATE_S = 1e6
 _WAYS = {"both": "both ways", "to-board": "on the way to the board", "to-host": "on the way from the board"}
 
 
@@ -22,7 +23,7 @@ class Late:
 
     def __post_init__(self) -> None:
         require(0.0 < self.probability <= 1.0, "probability", "must be above 0 and at most 1")
-        require(0.0 < self.by_s <= _LONGEST_S, "by_s", f"must be above 0 and at most {_LONGEST_S:g}")
+        require(0.0 < self.by_s <= _MOST_LATE_S, "by_s", f"must be above 0 and at most {_MOST_LATE_S:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +35,7 @@ class Span:
     for_s: float
 
     def __post_init__(self) -> None:
-        _check_time(self.after_s)
-        require(0.0 < self.for_s <= _LONGEST_S, "for_s", f"must be above 0 and at most {_LONGEST_S:g}")
+        check_span(self.after_s, self.for_s)
 
     def holds(self, since_s: float) -> bool:
         """Say whether a time, from the opening of the port on, is in it."""
@@ -51,9 +51,9 @@ class Absence:
     back_after_s: float | None = None
 
     def __post_init__(self) -> None:
-        _check_time(self.after_s)
-        require(self.back_after_s is None or self.after_s < self.back_after_s <= _LONGEST_S, "back_after_s",
-                f"counts from the opening of the port too: it must be above after_s and at most {_LONGEST_S:g}")
+        check_span(self.after_s)
+        require(self.back_after_s is None or self.after_s < self.back_after_s, "back_after_s",
+                "counts from the opening of the port too: it must be above after_s")
 
     def holds(self, since_s: float) -> bool:
         """Say whether it is gone at a time, from the opening of the port on."""
@@ -69,13 +69,15 @@ class OtherBaud:
     to: int
 
     def __post_init__(self) -> None:
-        _check_time(self.after_s)
+        check_span(self.after_s)
         require(50 <= self.to <= 20_000_000, "to", "must be 50 to 20000000")
 
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Faults of the line between host and board. All times are the board's clock's, from the opening of the port on.
+    """Faults of the line between host and board, and of a virtual board.
+
+    All times are the board's clock's, from the opening of the port on.
 
     Attributes
     ----------
@@ -97,6 +99,10 @@ class Faults:
     baud : OtherBaud or None
     full_output : Span or None
         The port takes no bytes: a write waits, and fails after the time that a write may take.
+    sensor : SensorFault or None
+    held_line : HeldLine or None
+        Of an I2C bus.
+    reset : BoardReset or None
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -112,23 +118,43 @@ class Faults:
     disappear: Absence | None = None
     baud: OtherBaud | None = None
     full_output: Span | None = None
+    sensor: SensorFault | None = None
+    held_line: HeldLine | None = None
+    reset: BoardReset | None = None
 
     def __post_init__(self) -> None:
-        _check_time(self.after_s)
+        check_span(self.after_s)
         for key in ("lose", "double", "flip", "split"):
             require(0.0 <= getattr(self, key) <= 1.0, key, "is a probability, 0 to 1")
         require(self.lose + self.double + self.flip <= 1.0, "lose", "and double and flip are more than 1 together")
-        require(any(self._said()), "seed", "names no fault: write one of lose, double, flip, split, late, stall, "
-                "disappear, baud and full_output beside it, or take the table out")
+        require(self.of_line or bool(self.of_board), "seed", "names no fault: write one of lose, double, flip, split, "
+                "late, stall, disappear, baud, full_output, sensor, held_line and reset beside it, or take it out")
         require(self.full_output is None or self.direction != "to-host", "full_output",
                 'is of the way to the board: direction "to-host" has none')
+
+    @property
+    def of_line(self) -> bool:
+        """Whether any is of the line."""
+        return any(self._said_of_line())
+
+    @property
+    def of_board(self) -> tuple[SensorFault | HeldLine | BoardReset, ...]:
+        """Those of the board."""
+        return tuple(each for each in (self.sensor, self.held_line, self.reset) if each is not None)
+
+    @property
+    def of_sensors(self) -> bool:
+        """Whether any is of a sensor or of its bus."""
+        return self.sensor is not None or self.held_line is not None
 
     def __str__(self) -> str:
         """Return all of them in words."""
         later = f" after {self.after_s:g} s" if self.after_s else ""
-        return f"{', '.join(self._said())}; {_WAYS[self.direction]}{later}, seed {self.seed}"
+        line = ", ".join(self._said_of_line())
+        said = [f"{line}; {_WAYS[self.direction]}{later}, seed {self.seed}"] if line else []
+        return "; ".join((*map(str, self.of_board), *said))
 
-    def _said(self) -> Iterator[str]:
+    def _said_of_line(self) -> Iterator[str]:
         hit = {"lose": "lost", "double": "doubled", "flip": "with a wrong bit", "split": "the last of a piece"}
         yield from (f"{share:g} of bytes {words}" for key, words in hit.items() if (share := getattr(self, key)))
         if self.late:
@@ -142,7 +168,3 @@ class Faults:
             yield f"{self.baud.to} baud after {self.baud.after_s:g} s"
         if self.full_output:
             yield f"a full output buffer after {self.full_output.after_s:g} s for {self.full_output.for_s:g} s"
-
-
-def _check_time(after_s: float) -> None:
-    require(0.0 <= after_s <= _LONGEST_S, "after_s", f"must be 0 to {_LONGEST_S:g}")

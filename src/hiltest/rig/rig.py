@@ -23,7 +23,7 @@ from hiltest.measurement import Limit, Reference, Tolerance, identify
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.device import Device
 from hiltest.rig.faults import Faults
-from hiltest.rig.parts import PARTS, scaled
+from hiltest.rig.parts import PARTS, Part, scaled
 from hiltest.rig.tables import (
     STRICT,
     BoardPlace,
@@ -41,6 +41,7 @@ from hiltest.rig.world import SimulatedWorld
 
 if TYPE_CHECKING:
     from hiltest.sensors import RegisterDevice
+    from hiltest.sensors.faulty_part import FaultyPart
     from hiltest.world import EarthField, World
 
 # What a declared noise may differ from the simulated one by: data sheets give it to about that.
@@ -79,7 +80,7 @@ class Rig:
     world : SimulatedWorld or None
         Present exactly when the board is virtual.
     faults : Faults or None
-        What the line to the board does wrong on purpose.
+        What goes wrong on purpose, on the line to the board or on it.
     limits : dict of str to Limit
         Limits by measurement name; a value outside is a failure.
     information : dict of str to Limit
@@ -130,6 +131,12 @@ class Rig:
                 'kind "simulated" goes with a board of kind "virtual", "operator" and "grbl" with others')
         require(self.procedure.accelerometer_calibration == "none" or self.faces is not None, "faces",
                 'is missing: procedure.accelerometer_calibration "six-position" needs to know how true they are')
+        of_board = self.faults.of_board if self.faults else ()
+        require(self.world is not None or not of_board, "faults",
+                'sensor, held_line and reset happen to a board of kind "virtual" alone')
+        sensor = self.faults.sensor if self.faults else None
+        require(self.world is None or sensor is None or sensor.part in self.world.fitted, "faults",
+                "has a fault of a sensor that world.fitted does not name")
         if self.world is not None and self.magnetometer_part is not None:
             part, world = self.magnetometer_part, self.world
             reading_ut = world.largest_reading_ut(part, self.field.strength_ut)
@@ -310,7 +317,9 @@ def build_world(rig: Rig) -> World:
     )
 
 
-def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterDevice]]:
+def build_sensors(
+    rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
+) -> dict[str, list[RegisterDevice | FaultyPart]]:
     """Make the parts of a virtual board, by I2C bus.
 
     Parameters
@@ -321,16 +330,24 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
         Which they measure.
     seed : int
         Noise seed.
+    faults_from_s : float
+        From when the times of the rig's faults count [s since power-on].
 
     Returns
     -------
     dict
         ``"i2c0"``: what is on the FRDM-K64F itself; ``"i2c1"``: the sensor shield.
     """
+    from hiltest.rig.faulty_parts import fitted_part
+
     truth = _simulated(rig)
-    buses: dict[str, list[RegisterDevice]] = {"i2c0": [], "i2c1": []}
-    for part in (PARTS[name] for name in truth.fitted):
-        buses[f"i2c{part.bus}"].append(part.make(world, truth, seed, part))
+
+    def make(part: Part) -> RegisterDevice:
+        return part.make(world, truth, seed, part)
+
+    buses: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
+    for name in truth.fitted:
+        buses[f"i2c{PARTS[name].bus}"].append(fitted_part(name, make, rig.faults, began_s=faults_from_s))
     return buses
 
 

@@ -21,6 +21,8 @@ STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": Fa
 # What the firmware asks for at least, or its fit of them against gravity is refused as TOO_FEW_POINTS.
 DPI_PAIRS_MINIMUM = 300
 
+_LONGEST_RUN_S = 1e6
+
 
 class RigValueError(ValueError):
     """A value of the rig is out of its range."""
@@ -39,6 +41,12 @@ def number_of_points(calibration: str) -> int | None:
 def require(holds: bool, key: str, message: str) -> None:
     if not holds:
         raise RigValueError(key, message)
+
+
+def check_span(after_s: float, for_s: float | None = None) -> None:
+    """Refuse a beginning, or a duration, that is in no run; None is for good."""
+    require(0.0 <= after_s <= _LONGEST_RUN_S, "after_s", f"must be 0 to {_LONGEST_RUN_S:g}")
+    require(for_s is None or 0.0 < for_s <= _LONGEST_RUN_S, "for_s", f"must be above 0 and at most {_LONGEST_RUN_S:g}")
 
 
 @dataclass(frozen=True, slots=True)

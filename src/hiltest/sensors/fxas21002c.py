@@ -75,11 +75,16 @@ class Fxas21002c(RegisterDevice):
         self._noise_density = noise_density
         self._response = response
         self._noise = LowPassedNoise(NoiseSource(seed, f"fxas21002c@{address:02x}"))
-        self._output = SampledOutput(world, self._noise, self._measure)
+        self._output = SampledOutput(world, self._noise, self._measure, full_scale=32_767)
+        self.outputs = (self._output,)
         self._fifo = SampleFifo(self._output, has_trigger=False)
         self._control = [0, 0, 0, 0]  # CTRL_REG0..3
         self._plain = dict.fromkeys(_PLAIN, 0)
         self._boot_over_s = BOOT_S
+
+    def power_up(self, time_s: float) -> None:
+        """Boot at another time than the board."""
+        self._boot_over_s = time_s + BOOT_S
 
     def responds(self, time_s: float) -> bool:
         """Answer only once the boot sequence is over."""

@@ -141,8 +141,13 @@ class Fxos8700cq(RegisterDevice):
         self._noise = noise
         self._name = f"{name} FXOS8700CQ"
         tag = f"{name}@{address:02x}"
-        self._accelerometer = SampledOutput(world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity)
-        self._magnetometer = SampledOutput(world, NoiseSource(seed, f"{tag}/magnetometer"), self._measure_field)
+        self._accelerometer = SampledOutput(
+            world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity, full_scale=8191 << 2
+        )
+        self._magnetometer = SampledOutput(
+            world, NoiseSource(seed, f"{tag}/magnetometer"), self._measure_field, full_scale=_MAGNETOMETER_LIMIT
+        )
+        self.outputs = (self._accelerometer, self._magnetometer)
         self._fifo = SampleFifo(self._accelerometer, has_trigger=True)
         self._extremes = Extremes(self._magnetometer)
         self._registers = bytearray(_LAST_REGISTER + 1)

@@ -71,7 +71,9 @@ class Mag3110(RegisterDevice):
         self._noise_counts = tuple(COUNTS_PER_UT * sigma for sigma in noise_ut)
         self._drift = drift
         self._die_offset_degc = die_temperature_offset_degc
-        self._output = SampledOutput(world, NoiseSource(seed, f"mag3110@{address:02x}"), self._measure)
+        noise = NoiseSource(seed, f"mag3110@{address:02x}")
+        self._output = SampledOutput(world, noise, self._measure, full_scale=_RAW_LIMIT)
+        self.outputs = (self._output,)
         self._control1 = 0
         self._control2 = 0
         self._offsets = [0, 0, 0]  # register words; the value is in bits 15..1

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 
+from hiltest.sensors.sampling import SampledOutput
+
 
 class RegisterDevice(ABC):
     """Bus interface that MAG3110, FXOS8700CQ and FXAS21002C have in common.
@@ -17,10 +19,13 @@ class RegisterDevice(ABC):
     ----------
     address : int
         7-bit address.
+    outputs : tuple of SampledOutput
+        What it measures.
     """
 
     def __init__(self, address: int) -> None:
         self.address = address
+        self.outputs: tuple[SampledOutput, ...] = ()
         self._pointer = 0
         self._awaiting_pointer = False
 
@@ -63,6 +68,9 @@ class RegisterDevice(ABC):
     def next_interrupt_s(self, time_s: float) -> float:
         """Return the next time at which time alone may change a level [s]; infinity when an access must come first."""
         return math.inf
+
+    def power_up(self, time_s: float) -> None:  # noqa: B027 - a part that boots at once has nothing to do
+        """Begin at another time than the board, as a part does whose supply comes back."""
 
     def responds(self, time_s: float) -> bool:
         """Say whether the part answers its address now."""

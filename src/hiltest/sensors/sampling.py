@@ -22,6 +22,7 @@ Measure: TypeAlias = Callable[[float, Vector], Counts]
 _TOLERANCE_TICKS = 1e-9
 
 _NO_SAMPLE: Counts = (0, 0, 0)
+_NEVER = (math.inf, math.inf)
 
 
 class SampleNoise(Protocol):
@@ -42,9 +43,11 @@ class SampledOutput:
         Noise of this quantity.
     measure : callable
         The part's conversion.
+    full_scale : int
+        Largest word that it gives.
     """
 
-    def __init__(self, world: World, noise: SampleNoise, measure: Measure) -> None:
+    def __init__(self, world: World, noise: SampleNoise, measure: Measure, *, full_scale: int) -> None:
         self._world = world
         self._noise = noise
         self._measure = measure
@@ -55,6 +58,16 @@ class SampledOutput:
         self._read = [-1, -1, -1]  # the sample each axis was last read from
         self._held: int | None = None
         self._cached: tuple[int, Counts] = (-1, _NO_SAMPLE)
+        self._full_scale = full_scale
+        self._frozen = self._saturated = _NEVER
+
+    def freeze(self, begin_s: float, end_s: float) -> None:
+        """Go on giving new samples, each the one of `begin_s`, until `end_s`."""
+        self._frozen = (begin_s, end_s)
+
+    def saturate(self, begin_s: float, end_s: float) -> None:
+        """Have the first axis at the end of its range from `begin_s` to `end_s`."""
+        self._saturated = (begin_s, end_s)
 
     @property
     def rate_hz(self) -> float:
@@ -160,9 +173,15 @@ class SampledOutput:
 
     def _convert(self, tick: int) -> Counts:
         instant_s = tick / self._rate_hz
+        begin_s, end_s = self._frozen
+        if begin_s <= instant_s < end_s:
+            tick = max(self._first, math.floor(begin_s * self._rate_hz))
+            instant_s = tick / self._rate_hz
         epoch, start_s = self._world.noise_epoch(instant_s)
         number = tick - math.ceil(start_s * self._rate_hz - _TOLERANCE_TICKS)
-        return self._measure(instant_s, self._noise.sample(epoch, number))
+        x, y, z = self._measure(instant_s, self._noise.sample(epoch, number))
+        begin_s, end_s = self._saturated
+        return (self._full_scale if begin_s <= instant_s < end_s else x, y, z)
 
 
 def limited(value: float, limit: int) -> int:

@@ -7,8 +7,8 @@ to import is imported by the function that needs it.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -365,10 +365,14 @@ class HilSession:
     def blame(self, error: BaseException, nodeid: str) -> TestOutcome | None:
         """Return whose fault a failed test is, None when it is the test's own.
 
-        A lost board is remembered, so that the tests after this one can be skipped.
+        A lost board is remembered, so that the tests after this one can be skipped. What sensors do wrong is the
+        bench's fault, but on a virtual board, whose sensors are sound: there it is the firmware's.
         """
-        from hiltest.errors import BenchError, ProtocolError, board_is_gone
+        from hiltest.errors import BenchError, DeviceError, ProtocolError, SensorFaultError, board_is_gone
 
+        if isinstance(error, SensorFaultError) or (isinstance(error, DeviceError) and error.is_of_sensors):
+            board = self._asked_board()
+            return None if board and board.sensors_are_sound else TestOutcome.CONNECTION_LOST
         if not isinstance(error, BenchError | ProtocolError):
             return None
         if board_is_gone(error):
@@ -391,6 +395,32 @@ class HilSession:
             self._traces.begin()
         if self._tape is not None:
             self._tape.begin_test(self.test_id(nodeid))
+
+    @contextmanager
+    def refusing_reset(self) -> Iterator[None]:
+        """Around what a test does: where the board was reset meanwhile, that is what came of it, whatever was found."""
+        from hiltest.errors import BenchError, ProtocolError
+
+        try:
+            yield
+        except (BenchError, ProtocolError, KeyboardInterrupt, SystemExit, pytest.exit.Exception):
+            raise
+        except BaseException:
+            self._refuse_reset()
+            raise
+        self._refuse_reset()
+
+    def _refuse_reset(self) -> None:
+        if self.trouble is None and (board := self._asked_board()):
+            board.session.refuse_reset()
+
+    def _asked_board(self) -> Board | None:
+        """Return the board, if one is open that answers requests."""
+        if self._board is None:
+            return None
+        from hiltest.boards import Board
+
+        return self._board if isinstance(self._board, Board) else None
 
     def keep_trace(self, test: str, phase: str, error: BaseException) -> str:
         """Write the bytes on the line during a test that failed; return the file, or an empty text."""
@@ -441,7 +471,10 @@ class HilSession:
         ------
         ValueError
             If another test has already measured something of this name.
+        BoardResetError
+            If the board was reset: what was measured may be of one that has lost what it is of.
         """
+        self._refuse_reset()
         owner = self.measured_by.setdefault(measurement.name, item.nodeid)
         if owner != item.nodeid:
             raise ValueError(f"{measurement.name} was already measured by {owner}; names are unique in a run")
@@ -502,7 +535,7 @@ class HilSession:
         """Return the header lines: which board, what its numbers rest on, and the base of the comparison."""
         base = [*self.gate.describe(), *self._remarks]
         if (self.trouble or self._board) and self.rig.faults is not None:
-            base = [f"faults of the line, on purpose: {self.rig.faults}", *base]
+            base = [f"faults on purpose: {self.rig.faults}", *base]
         if self.trouble is not None:
             return [f"hiltest: {self.trouble}", f"rig {self._rig_line()}", *base]
         if self._board is None:

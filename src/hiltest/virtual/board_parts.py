@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from hiltest.errors import ConfigError
 from hiltest.virtual.bare_part import BarePart
 from hiltest.virtual.frdm_k64f import BoardEvent, LedsAndButtons
+from hiltest.virtual.i2c_bus import HeldLine
 from hiltest.virtual.interrupt_wires import InterruptSource, InterruptWires
 from hiltest.virtual.microcontroller import Microcontroller
 from hiltest.virtual.peripherals.bus import PeripheralBus
@@ -174,3 +175,7 @@ class BoardParts:
         wires = InterruptWires(part, pins, self.clocks.time)
         self._chip.i2c_buses[bus].after_stop(part, wires.look)
         wires.look()
+
+    def hold_line(self, bus: int, held: HeldLine) -> None:
+        """Pull a line of I2C bus 0 or 1 low for a time, as a part that is stuck or a short does."""
+        self._chip.i2c_buses[bus].held = held

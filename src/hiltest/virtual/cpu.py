@@ -39,6 +39,8 @@ from hiltest.virtual.waiting import Waiting
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: an executable page that the part does not have
 _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clock or Ctrl-C
 
+_PUSHED_AT_MOST, _LARGEST_FRAME = 64, 4096  # bytes of one PUSH, and of what a function has on its stack
+
 # Faults found after their instruction is over: a jump, or an SVC.
 _BEHIND = {FaultKind.INSTRUCTION_BUS, FaultKind.EXECUTE_NEVER, FaultKind.SUPERVISOR_CALL}
 
@@ -264,7 +266,7 @@ class Processor:
 
     def _deliver(self, fault: Fault) -> None:
         """Have the firmware's handler take a fault."""
-        described = self.fault(fault.cause, fault.place)
+        described = self.fault(f"stack overflow: {fault.cause}" if self._overflows(fault) else fault.cause, fault.place)
         if not self.delivers_faults:
             raise described
         try:
@@ -277,6 +279,14 @@ class Processor:
             raise first.ended(f"lockup at {place}: {fault.cause} where no fault handler can run") from None
         self.fault_log.delivered(described, exception, self.cycles, len(self.nvic.active))
         self._entered()
+
+    def _overflows(self, fault: Fault) -> bool:
+        """Whether an access was on the stack, and that has left its memory."""
+        if fault.address is None:
+            return False
+        above = fault.address - self.registers.snapshot()["sp"]
+        has_left = not self.memory.holds_stack(fault.address - above, 4)
+        return -_PUSHED_AT_MOST <= above < 0 or (has_left and 0 <= above < _LARGEST_FRAME)
 
     def _entered(self) -> None:
         self.event_register.send()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
 
 class I2cDevice(Protocol):
@@ -31,6 +32,15 @@ class I2cDevice(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class HeldLine:
+    """A line that something on the bus pulls low from `begin_s` to `end_s` [virtual s since power-on]."""
+
+    line: Literal["scl", "sda"]
+    begin_s: float
+    end_s: float
+
+
 class I2cBus:
     """Wires a master to its parts by address.
 
@@ -38,18 +48,28 @@ class I2cBus:
     ----------
     devices : sequence of I2cDevice
         At most one part an address.
+
+    Attributes
+    ----------
+    held : HeldLine or None
     """
 
     def __init__(self, devices: Sequence[I2cDevice]) -> None:
         self._devices = {device.address: device for device in devices}
         if len(self._devices) != len(devices):
             raise ValueError("two parts on one bus have the same address")
+        self.held: HeldLine | None = None
         self._addressed: I2cDevice | None = None
         self._after_stop: dict[int, Callable[[], None]] = {}
 
     def after_stop(self, device: I2cDevice, action: Callable[[], None]) -> None:
         """Call `action` after each STOP that ends an access to a part."""
         self._after_stop[device.address] = action
+
+    def holding(self, line: Literal["scl", "sda"], time_s: float) -> HeldLine | None:
+        """Return what pulls a line low now; None where nothing does."""
+        held = self.held
+        return held if held and held.line == line and held.begin_s <= time_s < held.end_s else None
 
     def address(self, byte: int, time_s: float) -> bool:
         """Send the address byte that follows a START."""

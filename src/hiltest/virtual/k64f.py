@@ -154,6 +154,14 @@ class VirtualK64F(BoardParts):
         """Press the reset button, and let it go: the firmware starts anew, time goes on."""
         self._reset(ResetSource.PIN)
 
+    def reset_at(self, time_s: float, source: ResetSource) -> None:
+        """Reset the board at a time, whatever it is at then: by its button, or as the supply comes back."""
+
+        def reset() -> None:
+            raise ResetRequested(source)
+
+        self.clocks.time.at(math.ceil(Fraction(time_s) * PICOSECONDS), reset)
+
     def _reset(self, source: ResetSource) -> None:
         processor = self.processor
         processor.nvic.reset()
@@ -275,7 +283,10 @@ class VirtualK64F(BoardParts):
                     return
                 except ResetRequested as request:
                     fault = self.processor.fault_log.first_cause
-                    self._reset(request.source)
+                    if request.source is ResetSource.POWER_ON:
+                        self.boot()
+                    else:
+                        self._reset(request.source)
                     if fault is not None:
                         raise fault.ended(str(request)) from None
         finally:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from hiltest.virtual.chip import ChipPeripheral
+from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
 from hiltest.virtual.peripherals.bus import ALL_STEADY, read_by_bytes, write_by_bytes
@@ -72,6 +74,8 @@ class I2c:
         self._address_next = False
         self._receiving = False
         self._byte_asks = False
+        self._lost_at_end = False
+        self._enabled_s = self._clocks.time_s()
         self._drive()
 
     def read(self, offset: int, size: int) -> int:
@@ -79,7 +83,7 @@ class I2c:
         if size > 1:
             return read_by_bytes(self, offset, size)
         if offset == _S:
-            return self._status
+            return self._status | (_BUSY if self._sees_start else 0)
         if offset != _D:
             return self._registers[offset] if offset < len(self._registers) else 0
         value = self._data
@@ -87,7 +91,10 @@ class I2c:
         control = self._registers[_C1]
         if control & _MST and not control & _TX and self._transfer is None:
             self._receiving = True
-            self._data = self._bus.read(self._clocks.time_s())
+            time_s = self._clocks.time_s()
+            is_low = self._bus.holding("sda", time_s) is not None
+            self._data = 0 if is_low else self._bus.read(time_s)
+            self._lost_at_end = is_low and bool(control & _TXAK)
             self._begin(_CLOCKS_A_BYTE)
             # The byte that is under way can be read only when it is complete.
             self._arriving, self._data = self._data, value
@@ -134,7 +141,12 @@ class I2c:
             return
         self._receiving = False
         time_s = self._clocks.time_s()
-        if self._address_next:
+        if self._bus.holding("sda", time_s):
+            self._address_next = False
+            # Of a byte that is all zeros nothing is lost, and low is what acknowledges it.
+            self._acknowledged, self._lost_at_end = True, value != 0
+            self._begin(_CLOCKS_A_BYTE - value.bit_length())
+        elif self._address_next:
             self._address_next = False
             self._acknowledged = self._bus.address(value, time_s)
             self._begin(_CLOCKS_A_BYTE + _START_CLOCKS)
@@ -142,17 +154,33 @@ class I2c:
             self._acknowledged = self._bus.write(value, time_s)
             self._begin(_CLOCKS_A_BYTE)
 
+    @property
+    def _sees_start(self) -> bool:
+        """Whether SDA fell while it was enabled and SCL high, which is a START to it, and no STOP has followed."""
+        held = self._bus.holding("sda", self._clocks.time_s())
+        return held is not None and held.begin_s >= self._enabled_s
+
     def _begin(self, clocks: int) -> None:
-        """Begin a byte that takes so many clocks of the wire."""
+        """Begin a byte that takes so many clocks of the wire; it waits for as long as SCL is held."""
         self._status &= ~_TCF
         frequency = self._registers[_F]
         divider = _DIVIDERS[frequency & 0x3F] << (frequency >> 6)
-        self._transfer = self._clocks.bus.after(clocks * divider, self._complete)
+        if held := self._bus.holding("scl", self._clocks.time_s()):
+            for_good = math.isinf(held.end_s)
+            self._transfer = Event(math.inf) if for_good else self._clocks.time.at(
+                math.ceil(held.end_s * PICOSECONDS), self._complete
+            )
+        else:
+            self._transfer = self._clocks.bus.after(clocks * divider, self._complete)
 
     def _complete(self) -> None:
         self._transfer = None
         self._byte_asks = bool(self._registers[_C1] & _DMAEN)
         self._status |= _TCF | _IICIF
+        if self._lost_at_end:
+            self._lost_at_end = False
+            self._status |= _ARBL
+            self._registers[_C1] &= ~_MST
         if self._receiving:
             self._data = self._arriving
         elif self._acknowledged:

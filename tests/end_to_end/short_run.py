@@ -1,19 +1,12 @@
-"""Short runs on a line with each fault of a rig's [faults], beside one without.
-
-    python -m tests.end_to_end.line_faults
-
-writes their table into docs/reliability.md.
-"""
+"""A short run of the main job on the virtual board, and how it ended."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-import re
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,11 +15,8 @@ from hiltest.bench_files import shipped
 from hiltest.boards.bench import START_UP_S
 from hiltest.link.messages import Collect
 from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S
-from hiltest.rig.faults import Faults
-from hiltest.rig.file import load_rig
 from hiltest.sensors import Fxos8700cqNoise
 
-PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
 WALL_LIMIT_S = 120.0  # for what takes some 3 s on a machine of its own
 READINGS = 16
 # 100 points at 80 Hz; of the requests of this run the one that the board may spend most on.
@@ -37,13 +27,13 @@ DEADLINE_S = ATTEMPTS * LONGEST_DEADLINE_S + 1.0
 # How long a run took, what the line made of it, and the most stack of all that ran: of a run that ended early, of less.
 OF_THE_COURSE = ("board.", "link.retried", "firmware.stack_most")
 
-# A world without noise, but of the accelerometer, in which a time later by a second changes no number.
-QUIET = {
+SHORT = {
     "headings_deg = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330]": "headings_deg = [0, 90, 180, 270]",
     "tumble_points = 300": 'tumble_points = 100\ndpi = "none"',
-    "mag3110_noise_ut = [0.4, 0.35, 0.3, 0.25]": "mag3110_noise_ut = [0.0, 0.0, 0.0, 0.0]",
     "temperature_end_degc = 41.0\ntemperature_ramp_s = 150.0\n": "",
 }
+# A world without noise, but of the accelerometer, in which a time later by a second changes no number.
+QUIET = SHORT | {"mag3110_noise_ut = [0.4, 0.35, 0.3, 0.25]": "mag3110_noise_ut = [0.0, 0.0, 0.0, 0.0]"}
 TESTS = '''\
 """The main job in short: who answers, points of a tumble, a calibration, its cycles, headings."""
 
@@ -77,33 +67,6 @@ def test_cycles(board, measure):
 def test_line(board, measure):
     measure("link.retried", board.session.retried)
 '''
-
-
-@dataclass(frozen=True)
-class Tried:
-    """A fault, as the rig has it, and whether the run must recover from it."""
-
-    what: str
-    faults: str
-    recovers: bool
-
-
-FAULTS = (
-    Tried("lost bytes", "lose = 5e-4", True),
-    Tried("many lost bytes", "lose = 0.02\nafter_s = 1.0", False),
-    Tried("doubled bytes", "double = 5e-4", True),
-    Tried("flipped bits", "flip = 5e-4", True),
-    Tried("late bytes", "late = { probability = 5e-4, by_s = 1.5 }", True),
-    Tried("split bytes", "split = 0.1", True),
-    Tried("a stall", "stall = { after_s = 2.0, for_s = 3.0 }", True),
-    Tried("a stall for good", "stall = { after_s = 2.0, for_s = 1e3 }", False),
-    Tried("a device that disappears", "disappear = { after_s = 2.0 }", False),
-    Tried("... and comes back", "disappear = { after_s = 2.0, back_after_s = 2.5 }", False),
-    Tried("a baud rate 2 % off", "baud = { after_s = 2.0, to = 117_504 }", True),
-    Tried("another baud rate", "baud = { after_s = 2.0, to = 57_600 }", False),
-    Tried("a full output buffer", "full_output = { after_s = 2.5, for_s = 1.5 }", True),
-    Tried("... that stays full", "full_output = { after_s = 2.5, for_s = 1e3 }", False),
-)
 
 
 @dataclass(frozen=True)
@@ -141,35 +104,25 @@ class Ended:
         return value
 
 
-def run_short(folder: Path, faults: str = "") -> Ended:
-    """Run the tests above on a virtual board whose line has faults."""
+def run_short(folder: Path, faults: str = "", *, noisy: bool = False, firmware: bytes | None = None) -> Ended:
+    """Run the tests above on a virtual board with faults, or with other firmware."""
     text = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8").partition("[limits]")[0]
-    for old, new in QUIET.items():
+    for old, new in (SHORT if noisy else QUIET).items():
         assert text.count(old) == 1
         text = text.replace(old, new)
     folder.mkdir()
     (folder / "rig.toml").write_text(f"{text}\n[faults]\n{faults}\n" if faults else text, encoding="utf-8")
     (folder / "test_short.py").write_text(TESTS, encoding="utf-8")
+    if firmware is not None:
+        (folder / "other.elf").write_bytes(firmware)
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("HIL_", "PYTEST_"))}
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--hil-rig", "rig.toml", "test_short.py"],
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--hil-rig", "rig.toml",
+         *(["--hil-firmware", "other.elf"] if firmware else []), "test_short.py"],
         cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=WALL_LIMIT_S,
     )
     (file,) = folder.glob("**/run.json")
     return Ended(done.returncode, done.stdout, json.loads(file.read_text(encoding="utf-8")))
-
-
-def faults_of(folder: Path) -> Faults:
-    """Return the faults of the rig of a run."""
-    faults = load_rig(folder / "rig.toml").faults
-    assert faults is not None
-    return faults
-
-
-def begin_s(faults: Faults) -> float:
-    """Return when a fault begins, from the opening of the port on."""
-    timed = (faults.stall, faults.disappear, faults.baud, faults.full_output)
-    return next((each.after_s for each in timed if each is not None), faults.after_s)
 
 
 def heading_tolerance_deg(dip_deg: float = 62.0) -> float:
@@ -192,46 +145,3 @@ def wrong_numbers(ended: Ended, clean: Ended) -> list[str]:
             and abs(value - clean.numbers[name]) <= allowed
         )
     ]  # fmt: skip
-
-
-def row(tried: Tried, ended: Ended, faults: Faults, clean: Ended) -> str:
-    """Return a row of the page's table."""
-    key = "; ".join(tried.faults.splitlines())
-    if ended.code == 0:
-        again = f"recovers: {ended.retried} request{'s' * (ended.retried != 1)} sent again"
-        how = again if ended.retried else "goes on"
-        reads = "the numbers of a line without faults"
-    else:
-        how = f"{ended.code}, connection lost after {ended.virtual_s - begin_s(faults):.1f} s"
-        # Where the firmware is then is another place with each build of it.
-        reads = re.sub(r": the firmware is [^.]*\([^)]*\)", "", ended.sentence)
-    return f"| {tried.what} | `{key}` | {how} | {reads} | {len(ended.numbers)} of {len(clean.numbers)} |"
-
-
-def table(rows: list[str]) -> str:
-    """Return the section of the page."""
-    head = "| fault | `[faults]` | the run | what one reads | numbers kept |\n|---|---|---|---|---|"
-    return "\n".join((head, *rows))
-
-
-def shown(page: str) -> str:
-    """Return the table that a page shows."""
-    (found,) = re.findall(r"^\| fault \|.*?(?=\n\n)", page, re.M | re.S)
-    return str(found)
-
-
-def main() -> None:
-    """Try every fault, and write the table."""
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        clean, rows = run_short(folder / "clean"), []
-        for number, tried in enumerate(FAULTS):
-            ended = run_short(folder / str(number), tried.faults)
-            rows.append(row(tried, ended, faults_of(folder / str(number)), clean))
-            print(rows[-1], wrong_numbers(ended, clean))
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(page.replace(shown(page), table(rows)), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,89 @@
+"""What happens to a virtual board on purpose: its sensors, its I2C buses, its supply."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from hiltest.rig.parts import PARTS
+from hiltest.rig.tables import STRICT, check_span, require
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFault:
+    """A fault of one part from `after_s` on, for `for_s` or for good.
+
+    Attributes
+    ----------
+    part : str
+        As ``world.fitted`` names it.
+    fault : {"absent", "other part", "frozen", "saturated"}
+        It does not answer; another part answers at its address; it gives the same sample again and again; its first
+        axis is at the end of its range. One that was absent is back as after power-on.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    part: str
+    fault: Literal["absent", "other part", "frozen", "saturated"]
+    after_s: float = 0.0
+    for_s: float | None = None
+
+    def __post_init__(self) -> None:
+        require(self.part in PARTS, "part", f"is none of {', '.join(PARTS)}")
+        check_span(self.after_s, self.for_s)
+
+    def span(self, began_s: float) -> tuple[float, float]:
+        """Return when it begins and ends, where times count from `began_s`."""
+        return _span(began_s, self.after_s, self.for_s)
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.part}: {self.fault} {_when(self.after_s, self.for_s)}"
+
+
+@dataclass(frozen=True, slots=True)
+class HeldLine:
+    """SCL or SDA of an I2C bus, 0 or 1, is pulled low from `after_s` on, for `for_s` or for good."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    bus: Literal[0, 1]
+    line: Literal["scl", "sda"]
+    after_s: float = 0.0
+    for_s: float | None = None
+
+    def __post_init__(self) -> None:
+        check_span(self.after_s, self.for_s)
+
+    def span(self, began_s: float) -> tuple[float, float]:
+        """Return when it begins and ends, where times count from `began_s`."""
+        return _span(began_s, self.after_s, self.for_s)
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.line.upper()} of I2C{self.bus} held low {_when(self.after_s, self.for_s)}"
+
+
+@dataclass(frozen=True, slots=True)
+class BoardReset:
+    """The board is reset at `after_s`: by its button, or by its supply, which the sensors lose too."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    by: Literal["button", "brown-out"]
+    after_s: float
+
+    def __post_init__(self) -> None:
+        check_span(self.after_s)
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{'reset by its button' if self.by == 'button' else 'a brown-out'} after {self.after_s:g} s"
+
+
+def _span(began_s: float, after_s: float, for_s: float | None) -> tuple[float, float]:
+    begin_s = began_s + after_s
+    return begin_s, math.inf if for_s is None else begin_s + for_s
+
+
+def _when(after_s: float, for_s: float | None) -> str:
+    return f"after {after_s:g} s" + ("" if for_s is None else f" for {for_s:g} s")

@@ -1,0 +1,44 @@
+"""The parts of a virtual board with the faults that a rig's ``[faults]`` give them; imports the models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hiltest.rig.board_faults import SensorFault
+from hiltest.rig.faults import Faults
+from hiltest.rig.parts import PARTS, Part
+from hiltest.sensors import RegisterDevice
+from hiltest.sensors.faulty_part import FaultyPart
+
+
+def fitted_part(
+    name: str, make: Callable[[Part], RegisterDevice], faults: Faults | None, *, began_s: float
+) -> RegisterDevice | FaultyPart:
+    """Make a part with its faults, of which times count from `began_s` [virtual s]."""
+    part = PARTS[name]
+    if faults and faults.sensor and faults.sensor.part == name:
+        return _faulty(faults.sensor, part, make, *faults.sensor.span(began_s))
+    if faults and faults.reset and faults.reset.by == "brown-out":
+        at_s = began_s + faults.reset.after_s
+        return FaultyPart(lambda: make(part), at_s, at_s)
+    return make(part)
+
+
+def _faulty(
+    fault: SensorFault, part: Part, make: Callable[[Part], RegisterDevice], begin_s: float, end_s: float
+) -> RegisterDevice | FaultyPart:
+    if fault.fault in ("absent", "other part"):
+        return FaultyPart(
+            lambda: make(part), begin_s, end_s, _another(fault.part, make) if fault.fault == "other part" else None
+        )
+    made = make(part)
+    for output in made.outputs:
+        (output.freeze if fault.fault == "frozen" else output.saturate)(begin_s, end_s)
+    return made
+
+
+def _another(name: str, make: Callable[[Part], RegisterDevice]) -> RegisterDevice:
+    """Make a part of another kind at the address of one."""
+    other = make(PARTS["fxas21002c" if "fxos8700cq" in name else "fxos8700cq"])
+    other.address = PARTS[name].address
+    return other
