@@ -175,6 +175,7 @@ def test_the_program_that_holds_a_port_is_named_with_its_process(tree: UsbTree) 
     found = see_holders(plugged(tree))
     assert found.health is Health.FAILED
     assert "minicom (process 4711)" in found.found
+    assert found.remedy.endswith("kill 4711")
     assert "4712" not in found.found
 
 
