@@ -13,6 +13,7 @@ from hiltest.doctor.board import BOARD_CHECKS, see_identity
 from hiltest.doctor.check import Check, Health, failed, not_looked_at, of_error, ok
 from hiltest.doctor.earth import model_field, see_declared_field, see_measured_field
 from hiltest.doctor.host import HOST_CHECKS, HostPort, flash_command, host_port
+from hiltest.doctor.turntable import see_turntable
 from hiltest.errors import (
     BenchError,
     ConfigError,
@@ -73,6 +74,7 @@ def examine(rig: Rig, *, port: str | None = None, root: Path | None = None, toda
         else:
             check = not_looked_at(name, host if isinstance(host, str) else "there is no board")
         yield check
+    yield see_turntable(rig, root or machine_root())
     flash = flash_command(host) if isinstance(host, HostPort) else "where it is plugged in: hiltest flash"
     yield from _at_the_board(rig, url, today, flash, usable=usable)
 

@@ -111,7 +111,7 @@ def see_permission(port: HostPort) -> Check:
     try:
         status = port.path.stat()
     except OSError as error:
-        return failed("permission", f"{port.path}: {error.strerror}", "name a port of `hiltest ports` with --hil-port")
+        return failed("permission", f"{port.path}: {error.strerror}", "name one that `hiltest ports` lists")
     if os.access(port.path, os.R_OK | os.W_OK, effective_ids=True):
         return ok("permission", f"{port.path} can be read and written")
     return failed("permission", f"{port.path} may not be read and written by this user", _way_in(port, status))
