@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 import serial
 
+from hiltest.bench_files import shipped
+
 from ..boards.gdb_client import GdbClient
-from .conftest import FLAGS, HERE, START, WALL_LIMIT_S, Serve
+from .conftest import FLAGS, HERE, START, WALL_LIMIT_S, Serve, converse
 
 SAID = b"boot 0, RCM 82\r\n"
 
@@ -66,6 +68,16 @@ def test_the_coolant_output_of_the_table_resets_the_board(serve: Serve, banner: 
             table.write(b"M8\nM9\n")
             assert table.read_until(b"ok\r\nok\r\n") == b"ok\r\nok\r\n"
             assert client.read(len(SAID)) == b"boot " + boot + b", RCM 40\r\n"  # the pin
+
+
+def test_faults_of_a_rig_are_said_not_to_be_served(serve: Serve, tmp_path: Path) -> None:
+    rig = tmp_path / "faults.toml"
+    rig.write_text((shipped() / "rigs" / "virtual-k64f.toml").read_text() + "\n[faults]\nlose = 1.0\n")
+    served = serve("--rig", str(rig))
+    converse(served.board)
+    code, said = served.end()
+    assert code == 0
+    assert f"without the [faults] of {rig}" in said
 
 
 def test_it_ends_at_a_virtual_time_and_sums_up(serve: Serve, banner: Path) -> None:

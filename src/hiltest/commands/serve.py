@@ -126,6 +126,8 @@ def serve(
             else:
                 listed = {"board": urls[0], "turntable": urls[1], **urls_of_uarts, "gdb": gdb_at}
                 click.echo("\n".join(f"{name}: {url}" for name, url in listed.items() if url))
+            if bench.rig.faults is not None:
+                _tell(f"without the [faults] of {bench.rig.path}: they belong in the rig of who opens the port")
             if bench.playback:
                 _tell(bench.playback.described())
             waits = ", in reset until a program opens a port" if held else ""
