@@ -163,6 +163,14 @@ class SensorAbsentError(BenchError):
 class OperatorAbsentError(BenchError):
     """No operator answers to turn the board; tests that need no turning still run."""
 
+    @classmethod
+    def asked(cls, question: str) -> OperatorAbsentError:
+        """Return the error of a question that nobody answered."""
+        return cls(
+            f"no one answers at the terminal; this was asked: {question.strip().rstrip(':.')}. "
+            "Run it where an operator can type and turn the board."
+        )
+
 
 class TurntableError(BenchError):
     """The motor table does not do what it should; what needs no turning still runs."""
