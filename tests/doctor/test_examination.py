@@ -66,6 +66,12 @@ def test_a_board_without_its_shield_is_looked_at_as_far_as_it_goes(rig_without_s
     assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
 
 
+def test_a_port_elsewhere_that_nobody_serves_needs_no_other_cable(real_rig: Rig, by_name: ByName) -> None:
+    found = by_name(examine(real_rig, port="socket://127.0.0.1:1", today=TODAY))["answer"]
+    assert found.health is Health.FAILED
+    assert "what serves it runs" in found.remedy
+
+
 def test_two_boards_are_no_choice_of_ours(real_rig: Rig, tree: UsbTree) -> None:
     tree.plug_in()
     tree.plug_in(serial=SECOND_K64F, tty="ttyACM1")

@@ -79,12 +79,14 @@ def test_the_process_that_holds_the_tables_port_is_named() -> None:
     assert f"kill {holder.pid}" in found.remedy
 
 
-def test_a_port_that_is_not_there_and_one_that_nobody_serves() -> None:
-    for url in ("/dev/ttyACM77", "socket://127.0.0.1:1"):
-        found = look(url)
-        assert found.health is Health.FAILED
-        assert url in found.found
-        assert found.remedy
+@pytest.mark.parametrize(
+    ("url", "remedy"), [("/dev/ttyACM77", "`hiltest ports` lists"), ("socket://127.0.0.1:1", "what serves it runs")]
+)
+def test_a_port_that_is_not_there_or_that_nobody_serves(url: str, remedy: str) -> None:
+    found = look(url)
+    assert found.health is Health.FAILED
+    assert url in found.found
+    assert remedy in found.remedy
 
 
 def test_a_port_that_this_user_may_not_use(as_nobody: None) -> None:

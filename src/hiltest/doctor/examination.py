@@ -141,7 +141,7 @@ def _not_opened(
         found = str(error).partition(". ")[0]
         yield failed("answer", found, flash)
     elif isinstance(error, BenchError):
-        yield of_error("answer", error)
+        yield of_error("answer", error, url)
     else:
         yield ok("answer", f"something answers at {rig.link.baud} baud")
     names = [*looks]

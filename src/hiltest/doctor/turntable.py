@@ -31,6 +31,6 @@ def see_turntable(rig: Rig, root: Path) -> Check:
         found = str(error).partition(". ")[0]
         return failed(name, found, "write the table's port under [turntable] in the rig; the controller needs $10=1")
     except HiltestError as error:
-        return of_error(name, error)
+        return of_error(name, error, url)
     where = ", ".join(f"{angle:g}" for angle in status.position)
     return ok(name, f"Grbl answers on {url}: {status.state} at {where} degrees")
