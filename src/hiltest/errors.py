@@ -53,8 +53,8 @@ class NoBoardError(BenchError):
         listed = ", ".join(seen) or "none"
         which = f" whose serial number begins with {wanted!r}; plugged in: {listed}" if wanted else ""
         super().__init__(
-            f"no FRDM-K64F is plugged in{which}. Plug in the one next to its reset button (OpenSDA); `hiltest ports` "
-            "shows what is there. A board elsewhere is named with --hil-port"
+            f"no FRDM-K64F is plugged in{which}. Plug it in at the USB socket next to its reset button (J26, OpenSDA); "
+            "`hiltest ports` shows what is there, and --hil-port names a board elsewhere"
         )
 
 
@@ -179,6 +179,14 @@ class SensorFaultError(BenchError):
 
 class OperatorAbsentError(BenchError):
     """No operator answers to turn the board; tests that need no turning still run."""
+
+    @classmethod
+    def asked(cls, question: str) -> OperatorAbsentError:
+        """Return the error of a question that nobody answered."""
+        return cls(
+            f"no one answers at the terminal; this was asked: {question.strip().rstrip(':.')}. "
+            "Run it where an operator can type and turn the board."
+        )
 
 
 class TurntableError(BenchError):

@@ -32,10 +32,7 @@ def ask(text: str) -> str:
     except (EOFError, OSError, RuntimeError) as error:  # RuntimeError: standard input is closed
         from hiltest.errors import OperatorAbsentError
 
-        raise OperatorAbsentError(
-            f"no one answers at the terminal; this was asked: {text.strip()} "
-            "Run it where an operator can type and turn the board."
-        ) from error
+        raise OperatorAbsentError.asked(text) from error
 
 
 def _is_terminal() -> bool:

@@ -130,9 +130,9 @@ def real_rig() -> Rig:
 class PtyBoard:
     """A paced virtual board and its cable."""
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, firmware: Path | None) -> None:
         self._terminal = PseudoTerminal()
-        stepped = VirtualBench(rig)
+        stepped = VirtualBench(rig, firmware=firmware)
         self.machine = stepped.machine
         self.bench = PacedBench(stepped, self._terminal)
         self.path = self._terminal.path
@@ -149,12 +149,12 @@ class PtyBoard:
 
 
 @pytest.fixture
-def pty_board() -> Iterator[Callable[[Rig], PtyBoard]]:
+def pty_board() -> Iterator[Callable[..., PtyBoard]]:
     """Return a function that puts the virtual board of a rig behind a pseudo-terminal."""
     with ExitStack() as stack:
 
-        def start(rig: Rig) -> PtyBoard:
-            board = PtyBoard(rig)
+        def start(rig: Rig, firmware: Path | None = None) -> PtyBoard:
+            board = PtyBoard(rig, firmware)
             stack.callback(board.unplug)
             return board
 

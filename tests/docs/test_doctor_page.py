@@ -17,6 +17,7 @@ from tests.command_files import run
 from tests.usb_tree import UsbTree
 
 from hiltest.bench_files import shipped
+from hiltest.boards import default_firmware
 from hiltest.doctor.board import BOARD_CHECKS
 from hiltest.doctor.earth import model_field, see_declared_field
 from hiltest.doctor.host import HOST_CHECKS
@@ -26,9 +27,9 @@ from hiltest.rig.file import load_rig
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "doctor.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^```sh\nhiltest (.*?)\n```", PAGE, re.M | re.S)
-PORTS, DOCTOR, DECLARED, _MEASURED = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
+PORTS, DOCTOR, OTHER_FIRMWARE, DECLARED, _MEASURED = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
 # In wall time no two runs are alike.
-MEASURED = re.compile(r"^ok +(clock|[a-z]+ noise) .*$", re.M)
+MEASURED = re.compile(r"^ok +(clock|[a-z]+ noise) .*$|text comes: .*$", re.M)
 
 
 @pytest.fixture
@@ -49,7 +50,7 @@ def plug_in(tree: UsbTree, board: Path) -> None:
 def as_on_the_page(text: str, tree: UsbTree) -> list[str]:
     """Return lines without the tree's place, the widths of columns, and what is measured in wall time."""
     text = text.replace(str(tree.root), "").replace(str(shipped()), "HIL")
-    text = MEASURED.sub(lambda line: re.sub(r"\d[\d.]*", "0", line[0]), text)
+    text = MEASURED.sub(lambda line: re.sub(r"[-\d][\d.]*", "0", line[0]), text)
     return [re.sub(" {2,}", "  ", line) for line in text.splitlines()]
 
 
@@ -72,6 +73,16 @@ def test_doctor_prints_what_the_page_shows(
     assert said == shown
 
 
+def test_doctor_says_of_other_firmware_what_the_page_shows(
+    pty_board: Callable[..., Any], rig: Rig, tree: UsbTree, capsys: pytest.CaptureFixture[str]  # noqa: F811
+) -> None:
+    plug_in(tree, Path(pty_board(rig, default_firmware().with_name("compass-lines.elf")).path))
+    assert run("doctor") == 23
+    said, shown = (as_on_the_page(text, tree) for text in (capsys.readouterr().out, OTHER_FIRMWARE))
+    begins = said.index(shown[0])
+    assert said[begins : begins + len(shown)] == shown
+
+
 def test_the_field_of_the_place_on_the_page_is_compared_as_it_shows() -> None:
     (text,) = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
     default = load_rig(shipped() / "rigs" / "frdm-k64f.toml")
@@ -84,4 +95,4 @@ def test_the_field_of_the_place_on_the_page_is_compared_as_it_shows() -> None:
 
 def test_the_table_has_every_check_in_its_order() -> None:
     names = re.findall(r"^\| ([A-Za-z ]+) \| (?!what is looked at)", PAGE, re.M)
-    assert names == [*HOST_CHECKS, "answer", *BOARD_CHECKS, "measured field", "declared field"]
+    assert names == [*HOST_CHECKS, "turntable", "answer", *BOARD_CHECKS, "measured field", "declared field"]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import os
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ from tests.usb_tree import UsbTree
 from hiltest.doctor.check import Check
 
 from ..boards.conftest import pty_board, real_rig, rig, rig_without_shield  # noqa: F401  # fixtures
+
+NOBODY = 65_534
 
 
 @pytest.fixture
@@ -28,3 +31,19 @@ def by_name() -> Callable[[Iterable[Check]], dict[str, Check]]:
         return {each.name: each for each in found}
 
     return named
+
+
+@pytest.fixture
+def as_nobody() -> Iterator[None]:
+    """Be nobody for a test, where the tests' user may be."""
+    if os.geteuid() != 0:
+        yield
+        return
+    groups = os.getgroups()
+    os.setgroups([])
+    os.setegid(NOBODY)
+    os.seteuid(NOBODY)
+    yield
+    os.seteuid(0)
+    os.setegid(0)
+    os.setgroups(groups)

@@ -52,7 +52,9 @@ def test_the_magnetometers_noise_is_judged_by_what_the_rig_declares(
     declaring = replace(rig, world=None, board=replace(rig.board, kind="real"),
                         turntable=replace(rig.turntable, kind="operator"),
                         sensors=replace(rig.sensors, magnetometer_noise_ut=declared_ut))  # fmt: skip
-    assert see_magnetometer_noise(board, declaring).health is health
+    found = see_magnetometer_noise(board, declaring)
+    assert found.health is health
+    assert ("magnetometer_noise_ut" in found.remedy) is (health is Health.WARNING)
 
 
 def test_a_board_that_turns_is_not_at_rest(board: Board, rig: Rig) -> None:
@@ -91,10 +93,19 @@ def test_time_that_asking_takes_is_no_wrong_clock(board: Board, rig: Rig, monkey
 
 
 def test_a_build_of_someone_else_is_a_warning(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(board, "identity", replace(board.identity, build_id="0123456789abcdef"))
-    found = see_identity(board, rig)
+    others = replace(board.identity, build_id="0123456789abcdef", unique_id=bytes(15) + b"1")
+    monkeypatch.setattr(board, "identity", others)
+    found = see_identity(board, rig, "hiltest flash --hil-port usb://0240")
     assert found.health is Health.WARNING
     assert "0123456789abcdef" in found.found
+    assert found.remedy.startswith("hiltest flash --hil-port usb://0240, ")
+
+
+def test_a_virtual_board_is_not_told_to_be_flashed(
+    board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(board, "identity", replace(board.identity, build_id="0123456789abcdef"))
+    assert "hiltest serve" in see_identity(board, rig, "hiltest flash").remedy
 
 
 def test_a_core_without_a_cycle_counter_is_a_warning(

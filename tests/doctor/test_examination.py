@@ -30,7 +30,7 @@ from hiltest.rig import Rig
 TODAY = date(2026, 6, 1)
 ByName = Callable[[Iterable[Check]], dict[str, Check]]
 StartPtyBoard = Callable[[Rig], Any]
-ALL = (*HOST_CHECKS, "answer", *BOARD_CHECKS, "measured field", "declared field")
+ALL = (*HOST_CHECKS, "turntable", "answer", *BOARD_CHECKS, "measured field", "declared field")
 
 
 @pytest.mark.slow
@@ -44,7 +44,7 @@ def test_a_board_that_is_plugged_in_is_found_and_looked_at_to_the_end(
     assert K64F in checks["board"].found
     # No rules in the tree. A board on a busy machine may lag behind the wall clock.
     unwell = {name for name, each in checks.items() if each.health is not Health.OK} - {"clock"}
-    assert unwell == {"udev rules", "measured field", "declared field"}
+    assert unwell == {"udev rules", "turntable", "measured field", "declared field"}
 
 
 def test_without_a_board_what_needs_none_is_looked_at(real_rig: Rig, tree: UsbTree, by_name: ByName) -> None:
@@ -64,6 +64,12 @@ def test_a_board_without_its_shield_is_looked_at_as_far_as_it_goes(rig_without_s
     assert {checks[name].health for name in ("identity", "clock", "cycle counter")} == {Health.OK}
     assert {checks[name].health for name in ("magnetometer noise", "gyroscope noise")} == {Health.NOT_LOOKED_AT}
     assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
+
+
+def test_a_port_elsewhere_that_nobody_serves_needs_no_other_cable(real_rig: Rig, by_name: ByName) -> None:
+    found = by_name(examine(real_rig, port="socket://127.0.0.1:1", today=TODAY))["answer"]
+    assert found.health is Health.FAILED
+    assert "what serves it runs" in found.remedy
 
 
 def test_two_boards_are_no_choice_of_ours(real_rig: Rig, tree: UsbTree) -> None:
@@ -144,18 +150,32 @@ def test_another_version_of_the_protocol_is_wrong_firmware(real_rig: Rig, tmp_pa
         checks = by_name(examine(real_rig, port=path, root=tmp_path, today=TODAY))
     assert checks["answer"].health is Health.OK
     assert str(PROTOCOL_VERSION + 1) in checks["protocol"].found
+    assert checks["protocol"].remedy.startswith(f"hiltest flash --hil-port {path} --probe pyocd, ")
     assert checks["identity"].health is Health.NOT_LOOKED_AT
     assert exit_code([*checks.values()]) is ExitCode.WRONG_FIRMWARE
 
 
+def test_firmware_that_prints_lines_is_to_be_flashed_over_unless_it_is_meant(
+    real_rig: Rig, tree: UsbTree, by_name: ByName
+) -> None:
+    with answering(lambda data, _baud: b"compass. heading 12\r\n" if data else b"") as path:
+        tree.plug_in(behind=Path(path))
+        checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
+    assert (checks["answer"].health, checks["protocol"].health) == (Health.OK, Health.FAILED)
+    assert checks["protocol"].remedy == f"hiltest flash --hil-port usb://{K64F}, unless the firmware is yours"
+    assert exit_code([*checks.values()]) is ExitCode.WRONG_FIRMWARE
+
+
 @pytest.mark.slow
-def test_a_line_on_which_nothing_answers_at_any_rate(real_rig: Rig, tmp_path: Path, by_name: ByName) -> None:
+def test_a_board_on_which_nothing_answers_at_any_rate_is_to_be_flashed(
+    real_rig: Rig, tree: UsbTree, by_name: ByName
+) -> None:
     with answering(lambda _data, _baud: b"") as path:
-        checks = by_name(examine(real_rig, port=path, root=tmp_path, today=TODAY))
+        tree.plug_in(behind=Path(path))
+        checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
     assert checks["answer"].health is Health.FAILED
     assert "silence" in checks["answer"].found
-    assert checks["answer"].remedy
-    assert checks["board"].health is Health.NOT_LOOKED_AT
+    assert checks["answer"].remedy == f"hiltest flash --hil-port usb://{K64F}"
     assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
 
 

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -29,7 +28,7 @@ from hiltest.doctor.host import (
     see_volume,
 )
 
-NOBODY = 65_534
+from .conftest import NOBODY
 
 
 def plugged(tree: UsbTree, tty: str = "ttyACM0") -> HostPort:
@@ -93,22 +92,6 @@ def test_firmware_from_before_daplink_and_of_known_faults_is_a_warning(tree: Usb
     found = see_daplink(plugged(tree))
     assert found.health is Health.WARNING
     assert "daplink.io" in found.remedy
-
-
-@pytest.fixture
-def as_nobody() -> Iterator[None]:
-    """Be nobody for a test, where the tests' user may be."""
-    if os.geteuid() != 0:
-        yield
-        return
-    groups = os.getgroups()
-    os.setgroups([])
-    os.setegid(NOBODY)
-    os.seteuid(NOBODY)
-    yield
-    os.seteuid(0)
-    os.setegid(0)
-    os.setgroups(groups)
 
 
 def test_a_port_that_this_user_may_not_use_says_what_gives_access(as_nobody: None) -> None:
@@ -175,6 +158,7 @@ def test_the_program_that_holds_a_port_is_named_with_its_process(tree: UsbTree) 
     found = see_holders(plugged(tree))
     assert found.health is Health.FAILED
     assert "minicom (process 4711)" in found.found
+    assert found.remedy.endswith("kill 4711")
     assert "4712" not in found.found
 
 

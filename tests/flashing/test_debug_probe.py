@@ -101,6 +101,16 @@ def test_there_must_be_one_probe(
     assert said in capsys.readouterr().err
 
 
+def test_a_board_whose_probe_may_not_be_used_leads_to_the_udev_rules(
+    probe: type[Any], app: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    UsbTree(tmp_path / "with a board").plug_in()
+    monkeypatch.setenv("HILTEST_ROOT", str(tmp_path / "with a board"))
+    monkeypatch.setattr("pyocd.probe.aggregator.PROBE_CLASSES", {})
+    assert run("flash", str(app), "--probe", "pyocd") == 20
+    assert f"pyOCD sees no probe of board {K64F}: install the udev rules" in capsys.readouterr().err
+
+
 def test_without_pyocd_the_extra_is_named(
     app: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

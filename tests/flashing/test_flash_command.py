@@ -22,6 +22,7 @@ from hiltest.boards import default_firmware
 from hiltest.flashing import flashing
 from hiltest.virtual.elf import load_image
 
+RECORDED = Path(__file__).parents[2] / "fixtures" / "recordings" / "board-silent.jsonl.gz"
 LINES = default_firmware().with_name("compass-lines.elf")
 
 
@@ -74,29 +75,58 @@ def test_a_board_that_answers_another_build_is_not_what_was_flashed(
     assert f"build {build[:16]} answers" in err
 
 
-@pytest.mark.slow
-def test_a_run_flashes_first_and_records_what(plugged_in: Bench, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "run", "--flash", "--rig", "served-k64f", "--hil-port", "usb://", "--",
-         "-k", "identity"],
-        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=WAIT_S, env=os.environ,
+def identity_of(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run the tests of a board's identity in a folder."""
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", "run", *words, "--", "-k", "identity"],
+        cwd=folder, capture_output=True, text=True, check=False, timeout=WAIT_S, env=os.environ,
     )  # fmt: skip
+
+
+def board_in(out: Path) -> dict[str, object]:
+    """Return what a record says of its board, but for what a replay says otherwise."""
+    board = json.loads((out / "run.json").read_text(encoding="utf-8"))["board"]
+    return {name: value for name, value in board.items() if name not in ("kind", "description", "recording")}
+
+
+@pytest.mark.slow
+def test_a_run_flashes_first_and_records_what_and_its_replay_says_the_same(plugged_in: Bench, tmp_path: Path) -> None:
+    done = identity_of(
+        tmp_path, "--flash", "--rig", "served-k64f", "--hil-port", "usb://", "--record", "flashed.jsonl.gz"
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"bytes flashed onto board {K64F}; hiltest-frdm-k64f" in done.stdout
-    record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    assert record["board"]["firmware_sha256"] == sha256(default_firmware().read_bytes()).hexdigest()
-    assert record["board"]["kind"] == "real"
+    flashed = board_in(tmp_path / "hil-out")
+    assert flashed["firmware_sha256"] == sha256(default_firmware().read_bytes()).hexdigest()
+    assert flashed["elf_build_id"] == load_image(default_firmware()).build_id
+    again = identity_of(tmp_path, "--replay", "flashed.jsonl.gz", "--out", "again")
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert board_in(tmp_path / "again") == flashed
+
+
+@pytest.mark.slow
+def test_of_two_boards_a_run_flashes_the_one_that_its_rig_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Bench(tmp_path / "bench") as bench, Drive(
+        bench.usb.plug_in(serial=SECOND_K64F, tty="ttyACM1", disk="sdc", mounted="/media/me/DAPLINK1")
+    ) as other:
+        monkeypatch.setenv("HILTEST_ROOT", str(bench.root))
+        served = (shipped() / "rigs" / "served-k64f.toml").read_text(encoding="utf-8")
+        port = 'port = "socket://127.0.0.1:6464"'
+        for named in ("", K64F):
+            (tmp_path / "rig.toml").write_text(served.replace(port, f'port = "usb://{named}"', 1), encoding="utf-8")
+            done = identity_of(tmp_path, "--flash", "--rig", "rig.toml")
+            assert done.returncode == (0 if named else 4), done.stdout + done.stderr
+            assert bool(bench.drive.flash) is bool(named)
+        assert other.flash == {}
 
 
 @pytest.mark.slow
 def test_a_run_on_a_board_that_could_not_be_flashed_ends_with_20(plugged_in: Bench, tmp_path: Path) -> None:
     plugged_in.drive.refusal = "Failed to reset/halt the target MCU"
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", "hiltest", "run", "--flash", "--rig", "served-k64f", "--hil-port", "usb://", "--",
-             "-k", "identity"],
-            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=WAIT_S, env=os.environ,
-        )  # fmt: skip
+        done = identity_of(tmp_path, "--flash", "--rig", "served-k64f", "--hil-port", "usb://")
     finally:
         plugged_in.drive.refusal = ""
     assert done.returncode == 20, done.stdout + done.stderr
@@ -196,6 +226,9 @@ def test_a_board_that_is_not_known_is_not_flashed(
         ((), "a virtual board is not flashed"), (("--seeds", "1..2"), "--flash is for a real board"),
         (("--against", str(default_firmware())), "--flash is for a real board"),
         (("--hil-port", "usb://", "--base", "0x8000"), "leave out --base"),
+        (("--hil-port", "usb://", "--coverage", "lcov.info"), "--hil-coverage has none"),
+        (("--replay", str(RECORDED)), "--hil-replay has none"),
+        (("--hil-port", "usb://", "--calibration", "none.json"), "none.json"),
         (("--hil-port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a whole ELF file"),
     ],
 )  # fmt: skip
@@ -204,8 +237,9 @@ def test_a_run_that_cannot_flash_is_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    machine.plug_in(disk="sdb", mounted="/media/me/DAPLINK")
+    drive = machine.plug_in(disk="sdb", mounted="/media/me/DAPLINK")
     assert run("run", "--flash", *words) == 4
+    assert [each.name for each in drive.iterdir()] == ["DETAILS.TXT"]
     printed = capsys.readouterr()
     assert said in printed.out + printed.err
     assert not (tmp_path / "hil-out" / "run.json").exists()

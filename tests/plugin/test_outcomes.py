@@ -67,6 +67,23 @@ def test_failed(measure):
     assert pytester.runpytest_inprocess().ret == 1
 
 
+def test_what_several_tests_lack_is_said_once(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+from hiltest.errors import OperatorAbsentError
+
+import pytest
+
+@pytest.mark.parametrize("question", ["lie still: ", "turn it: ", "turn it: "])
+def test_by_hand(measure, question):
+    raise OperatorAbsentError.asked(question)
+""")
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 20
+    said = " ".join(" ".join(result.outlines).split())
+    assert [said.count(f"this was asked: {asked}. Run it") for asked in ("lie still", "turn it")] == [1, 1]
+    assert "test_by_hand[turn it: 0] and 1 more: no one answers" in said
+
+
 def test_stopping_at_the_first_failure_keeps_the_code_of_a_lost_bench(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(HEAD + "def test_lost(measure):\n    raise LinkLostError('p', 'gone')\n")
     assert pytester.runpytest_inprocess("-x").ret == 20

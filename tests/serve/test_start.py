@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 import serial
 
+from hiltest.bench_files import shipped
+
 from ..boards.gdb_client import GdbClient
-from .conftest import FLAGS, HERE, START, WALL_LIMIT_S, Serve
+from .conftest import FLAGS, HERE, START, WALL_LIMIT_S, Serve, converse
 
 SAID = b"boot 0, RCM 82\r\n"
 
@@ -66,6 +68,18 @@ def test_the_coolant_output_of_the_table_resets_the_board(serve: Serve, banner: 
             table.write(b"M8\nM9\n")
             assert table.read_until(b"ok\r\nok\r\n") == b"ok\r\nok\r\n"
             assert client.read(len(SAID)) == b"boot " + boot + b", RCM 40\r\n"  # the pin
+
+
+def test_faults_of_the_board_are_served_and_those_of_the_line_are_not(serve: Serve, tmp_path: Path) -> None:
+    rig = tmp_path / "faults.toml"
+    faults = '\n[faults]\nlose = 1.0\nheld_line = { bus = 0, line = "sda", after_s = 60.0 }\n'
+    rig.write_text((shipped() / "rigs" / "virtual-k64f.toml").read_text() + faults)
+    served = serve("--rig", str(rig))
+    converse(served.board)
+    code, said = served.end()
+    assert code == 0
+    assert "faults on purpose: SDA of I2C0 held low after 60 s" in said
+    assert f"without the faults of the line in {rig}" in said
 
 
 def test_it_ends_at_a_virtual_time_and_sums_up(serve: Serve, banner: Path) -> None:

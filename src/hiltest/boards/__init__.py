@@ -7,7 +7,7 @@ from pathlib import Path
 import serial
 
 from hiltest.boards.bench import VirtualBench, default_firmware
-from hiltest.boards.board import NO_COVERAGE, Board, BoardKind, Declared, Stage, Truth
+from hiltest.boards.board import NO_COVERAGE, Board, BoardKind, Declared, OnChip, Stage, Truth
 from hiltest.boards.compass import CompassBoard, open_compass
 from hiltest.boards.daplink import port_of
 from hiltest.boards.real import RealBoard
@@ -22,8 +22,8 @@ from hiltest.rig import Rig
 from hiltest.rig.rig import refuse_unknown_sensors
 
 __all__ = [
-    "Board", "BoardKind", "CompassBoard", "Declared", "RealBoard", "ReplayBoard", "Stage", "Truth", "VirtualBench",
-    "VirtualBoard", "default_firmware", "open_board", "open_compass",
+    "Board", "BoardKind", "CompassBoard", "Declared", "OnChip", "RealBoard", "ReplayBoard", "Stage", "Truth",
+    "VirtualBench", "VirtualBoard", "default_firmware", "open_board", "open_compass",
 ]  # fmt: skip
 
 # Makes hil:// and usb:// URLs that any program using pyserial in this process can open.
@@ -35,6 +35,7 @@ if _HANDLERS not in serial.protocol_handler_packages:
 def open_board(
     rig: Rig, *, firmware: Path | None = None, port: str | None = None, seed: int | None = None,
     transcript: Transcript | None = None, base: int | None = None, watches_execution: bool = False, tape: Tape = LIVE,
+    on_chip: OnChip | None = None,
 ) -> Board:  # fmt: skip
     """Open the board of a rig: synchronised, identified, its sensors selected.
 
@@ -56,6 +57,8 @@ def open_board(
         Whether it is kept what the firmware executes, as only a virtual board can.
     tape : Tape, optional
         Records what is asked, or answers it from a recording.
+    on_chip : OnChip, optional
+        Of the firmware of a board that has just been flashed.
 
     Raises
     ------
@@ -73,6 +76,8 @@ def open_board(
         rig, declared, firmware=firmware, port=port, seed=seed, transcript=transcript, base=base,
         watches_execution=watches_execution, tape=tape,
     )  # fmt: skip
+    if on_chip is not None:
+        on_chip.note(board)
     if tape is not LIVE:
         put_on_tape(board, tape)
     return board

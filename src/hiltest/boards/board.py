@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import TracebackType
-from typing import Protocol, Self, TypeVar
+from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,6 +232,19 @@ class LinkTerms:
         port = tape.port(opened)
         terms: LinkTerms = tape.ask("link", {}, LinkTerms, lambda: self)
         return made(port, transcript=transcript, nonce_seed=terms.nonce_seed, attempts=terms.attempts)
+
+
+class OnChip(NamedTuple):
+    """What is known of the file that was flashed onto a chip, which a board cannot be asked for: as of `Board`."""
+
+    firmware_sha256: str
+    compiler_flags: str
+    elf_build_id: str
+
+    def note(self, board: Any) -> None:
+        """Let a board say it."""
+        for name, value in self._asdict().items():
+            setattr(board, name, value)
 
 
 class Board(ABC):

@@ -18,7 +18,7 @@ import serial
 from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench
-from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, Stage, Truth
+from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, OnChip, Stage, Truth
 from hiltest.boards.daplink import port_of
 from hiltest.boards.faulty_port import with_faults
 from hiltest.boards.function_costs import FunctionCosts
@@ -363,7 +363,7 @@ class VirtualCompass(CompassBoard):
 
 def open_compass(
     rig: Rig, *, firmware: Path | None, port: str | None, seed: int | None, transcript: Transcript | None,
-    base: int | None, watches_execution: bool = False,
+    base: int | None, watches_execution: bool = False, on_chip: OnChip | None = None,
 ) -> CompassBoard:
     """Open the board of a rig whose firmware speaks its own language.
 
@@ -403,6 +403,8 @@ def open_compass(
     except BaseException:
         _hang_up(interfaces)
         raise
+    if on_chip is not None:
+        on_chip.note(board)
     try:
         board.begin()
     except BaseException:

@@ -22,7 +22,7 @@ VENDOR_ID, PRODUCT_ID = 0x0D28, 0x0204
 """USB identity of DAPLink, on every board that has it."""
 BOARD_ID = "0240"
 """DAPLink's id of the FRDM-K64F: its serial numbers begin with it."""
-NO_PORT = "load its driver (sudo modprobe cdc_acm), or plug the board in again"
+NO_PORT = "load its driver: sudo modprobe cdc_acm"
 """What to do about a board without a serial port."""
 
 _DETAILS = ("DETAILS.TXT", "details.txt")  # vfat shows short names as they are, or in lower case

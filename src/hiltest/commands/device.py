@@ -68,6 +68,8 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
     table = _table(described)
     interfaces = _interfaces(described, table)
     opened = _opened(described, interfaces, hil_port or described.board.port, firmware)
+    if described.faults is not None and opened.port is not None:
+        click.echo(f"faults on purpose: {described.faults}", err=True)
     try:
         trial = Trial(
             interfaces, opened.memory,
@@ -137,6 +139,7 @@ def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, 
     """Open a port, or that of a virtual board, which comes with it; and what reads variables, as the rig says."""
     from hiltest.boards import VirtualBench
     from hiltest.boards.daplink import port_of
+    from hiltest.boards.faulty_port import with_faults
     from hiltest.boards.memory_reading import memory_kind
     from hiltest.boards.virtual_port import VirtualPort
     from hiltest.link.ports import READ_SLICE_S, open_port
@@ -153,10 +156,12 @@ def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, 
         virtual.attach(bench.machine)
         virtual.open()
         virtual.timeout = READ_SLICE_S
-        return _Opened(virtual, bench, memory)
+        return _Opened(with_faults(virtual, rig.faults, baud=rig.link.baud), bench, memory)
     if elf is not None and not reads_memory:
         raise ConfigError(f"--firmware is for the virtual board, and this one is on {port}")
-    line = open_port(port, baud=rig.link.baud, rig=rig.name) if port is not None and interfaces else None
+    line: SerialPort | None = None
+    if port is not None and interfaces:
+        line = with_faults(open_port(port, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
     try:
         is_read = reads_memory and (elf is not None or line is None)
         return _Opened(line, None, memory_kind(load_image(elf) if elf else None, None)(rig) if is_read else None)

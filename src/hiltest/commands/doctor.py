@@ -38,9 +38,9 @@ _COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
 def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
     """Look what is wrong with a bench, and say what to do about it.
 
-    Board, DAPLink, permission, other programs, baud rate, firmware, sensors, clock, cycle counter, noise at rest, and
-    the field beside the World Magnetic Model. Leave the board alone while it looks; it takes 5 s. What fails leaves out
-    what needs it, and no more.
+    Board, DAPLink, permission, other programs, the port of a motor table, baud rate, firmware, sensors, clock, cycle
+    counter, noise at rest, and the field beside the World Magnetic Model. Leave the board alone while it looks; it
+    takes 5 s, and turns nothing. What fails leaves out what needs it, and no more.
     """
     from hiltest.doctor.check import exit_code
     from hiltest.doctor.examination import examine

@@ -190,7 +190,8 @@ def _run(
     of_this_run = {
         f"--hil-{name}": given.pop(name) for name in ("baseline", "coverage", "record", "replay")
     }  # fmt: skip
-    baseline, coverage = of_this_run["--hil-baseline"], of_this_run["--hil-coverage"]
+    base = of_this_run["--hil-baseline"] or base_of_environment()
+    coverage = of_this_run["--hil-coverage"]
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
     options += [*_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
@@ -200,7 +201,6 @@ def _run(
     if flash and (seeds is not None or against is not None):
         raise ConfigError("--flash is for a real board, --seeds and --against are for the virtual one: leave one out")
     if against is not None:
-        base = baseline or base_of_environment()
         _check_against(base and f"the baseline {base}", given["hil_port"])
     taped = next((name for name in ("record", "replay") if of_this_run[f"--hil-{name}"]), None)
     if taped and (seeds is not None or against is not None):
@@ -212,7 +212,6 @@ def _run(
             raise ConfigError(f"{named[0]} is of one board, and {len(rigs)} rigs are named: leave one of them out")
         from hiltest.runs.several_boards import run_boards
 
-        base = baseline or base_of_environment()
         options += [] if base is None else [f"--hil-baseline={base}"]
         with sole_command(Path(out)):
             return run_boards(rigs, options, Path(out), flashes=flash), Path(out) / BOARDS_FILE
@@ -223,7 +222,6 @@ def _run(
 
         if against is not None:
             _try_out(against, given["firmware"], given["rig"], given["base"])
-        base = baseline or base_of_environment()
         with sole_command(Path(out)):
             code = run_seeds(
                 seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against, jobs=jobs,

@@ -126,6 +126,11 @@ def serve(
             else:
                 listed = {"board": urls[0], "turntable": urls[1], **urls_of_uarts, "gdb": gdb_at}
                 click.echo("\n".join(f"{name}: {url}" for name, url in listed.items() if url))
+            faults = bench.rig.faults
+            if faults is not None and faults.of_board:
+                _tell(f"faults on purpose: {'; '.join(map(str, faults.of_board))}")
+            if faults is not None and faults.of_line:
+                _tell(f"without the faults of the line in {bench.rig.path}: they belong in the rig of who opens the port")
             if bench.playback:
                 _tell(bench.playback.described())
             waits = ", in reset until a program opens a port" if held else ""

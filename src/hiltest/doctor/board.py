@@ -39,17 +39,20 @@ _TIMED_POINTS = 100
 # Of rounding to whole counts; the accelerometer's 14 bits come in steps of four.
 _ROUNDING_COUNTS, _ACCELEROMETER_STEP = math.sqrt(1.0 / 12.0), 4.0
 
+_SHIELD = "put the shield FRDM-FXS-MULTI-B on, with its jumpers as shipped"
 
-def see_identity(board: Board, _rig: Rig) -> Check:
-    """Look which firmware answers."""
+
+def see_identity(board: Board, _rig: Rig, flash: str = "hiltest flash") -> Check:
+    """Look which firmware answers; `flash` is the command that puts hiltest's onto the board."""
     identity = board.identity
-    chip = identity.unique_id.hex() if is_silicon(identity.unique_id) else "a virtual board"
+    is_chip = is_silicon(identity.unique_id)
+    chip = identity.unique_id.hex() if is_chip else "a virtual board"
     found = f"{board.firmware_line} on {chip}"
     shipped = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))["build_id"]
     if identity.build_id != shipped:
         return warning(
             "identity", f"{found}; this hiltest comes with build {shipped}",
-            f"flash {default_firmware()}, unless it is a build of your own",
+            f"{flash if is_chip else 'end its hiltest serve, and start this one'}, unless the firmware is yours",
         )
     return ok("identity", found)
 
@@ -72,15 +75,11 @@ def see_sensors(board: Board, rig: Rig) -> Check:
             absent.append(f"{place}: {seen if each.seen_who_am_i else 'no answer'}")
     if absent:
         others = [each.name for each in board.sensors if each.present]
-        return failed(
-            "sensors", "; ".join(absent), "put the shield FRDM-FXS-MULTI-B on, with its jumpers as shipped; or name "
-            f"sensors that answer under [sensors] in the rig: {', '.join(others) or 'none does'}",
-        )
+        instead = f"; or name those that answer under [sensors] in the rig: {', '.join(others)}" if others else ""
+        return failed("sensors", "; ".join(absent), _SHIELD + instead)
     if not found:
         found = [each.name for each in board.sensors if each.present]
-    return ok("sensors", ", ".join(found)) if found else failed(
-        "sensors", "none answers on either bus", "put the shield FRDM-FXS-MULTI-B on, with its jumpers as shipped"
-    )
+    return ok("sensors", ", ".join(found)) if found else failed("sensors", "none answers on either bus", _SHIELD)
 
 
 def see_clock(board: Board, _rig: Rig) -> Check:
@@ -109,9 +108,9 @@ def see_clock(board: Board, _rig: Rig) -> Check:
     found = f"{core}; {board_s:.3f} s of its time in {least_s:.3f} to {most_s:.3f} s of the host's"
     if is_off:
         remedy = (
-            "times and angles of the gyroscope are off by as much: does the firmware run from the crystal, and the "
-            "core at what it says?" if is_silicon(board.identity.unique_id)
-            else "the machine that serves it is too busy to keep pace: end what else runs on it"
+            "let the firmware run from the crystal: times, and angles of the gyroscope, are off by as much"
+            if is_silicon(board.identity.unique_id)
+            else "end what else runs on the machine that serves it, which is too busy to keep pace"
         )  # fmt: skip
         return warning("clock", found, remedy)
     return ok("clock", found)
@@ -120,7 +119,7 @@ def see_clock(board: Board, _rig: Rig) -> Check:
 def see_cycle_counter(board: Board, _rig: Rig) -> Check:
     """Let the board count the same work twice, over points of the host: those that it held are gone."""
     name = "cycle counter"
-    remedy = "cycles are not measured on this board, and limits of cycles end a run as not evaluated; the rest is"
+    remedy = "take limits on cycles out of the rig: this board cannot measure them, and all else it can"
     if board.identity.cycle_source is CycleSource.NONE:
         return warning(name, "the core has none, as under an emulator without it", remedy)
     board.session.request(ClearPoints())
@@ -133,7 +132,7 @@ def see_cycle_counter(board: Board, _rig: Rig) -> Check:
     if counted[0] != counted[1]:
         return warning(
             name, f"the same work takes {counted[0]} cycles, then {counted[1]}",
-            "interrupts or a debugger disturb it: detach the debugger, and reset the board",
+            "detach the debugger and press the reset button: one disturbs the count",
         )
     return ok(name, f"{board.cycle_model}: {counted[0]} cycles for the same work, twice")
 
@@ -142,7 +141,8 @@ def see_magnetometer_noise(board: Board, rig: Rig) -> Check:
     """Compare the magnetometer's noise at rest with what the rig has from the data sheet."""
     board.sensor(SensorKind.MAGNETOMETER)
     spread = board.session.request(Average(READINGS)).magnetometer.spread
-    return _noise("magnetometer", spread, MICROTESLA_PER_COUNT, rig.sensors.magnetometer_noise_ut, "uT")
+    return _noise("magnetometer", spread, MICROTESLA_PER_COUNT, rig.sensors.magnetometer_noise_ut, "uT",
+                  key="magnetometer_noise_ut")  # fmt: skip
 
 
 def see_accelerometer_noise(board: Board, _rig: Rig) -> Check:
@@ -162,13 +162,18 @@ def see_gyroscope_noise(board: Board, _rig: Rig) -> Check:
     except BoardMovedError as error:
         found, _, remedy = str(error).partition(". ")
         return warning("gyroscope noise", found, remedy)
-    return _noise("gyroscope", rest.rate.spread, DPS_PER_COUNT, declared_dps, "deg/s")
+    return _noise("gyroscope", rest.rate.spread, DPS_PER_COUNT, declared_dps, "deg/s",
+                  key="gyroscope_noise_mdps_per_rthz")  # fmt: skip
 
 
 def _noise(
-    sensor: str, spread: NDArray[np.float64] | None, scale: float, declared: float, unit: str, *, step: float = 1.0
-) -> Check:
-    """Judge the spread of each axis [counts]: by its rms, and by an axis that does not change at all."""
+    sensor: str, spread: NDArray[np.float64] | None, scale: float, declared: float, unit: str, *, step: float = 1.0,
+    key: str = "",
+) -> Check:  # fmt: skip
+    """Judge the spread of each axis [counts]: by its rms, and by an axis that does not change at all.
+
+    `key` of the rig's [sensors] declares it; empty where only the data sheet does.
+    """
     name = f"{sensor} noise"
     assert spread is not None  # more than one reading
     still = [axis for axis, value in zip("xyz", spread, strict=True) if value == 0.0]
@@ -181,12 +186,15 @@ def _noise(
             "switch the board off and on: a sensor that hangs gives its last reading for ever",
         )
     if measured > MOST_NOISE_RATIO * expected:
+        still_noisy = f"; where it does, correct {key} under [sensors] in the rig" if key else ""
         return warning(
-            name, found, "let the board lie still, away from motors, mains leads and power supplies; or the rig "
-            "declares less noise than this part has",
+            name, found, f"let the board lie still, away from motors, mains leads and power supplies{still_noisy}"
         )
     if measured < expected / MOST_NOISE_RATIO:
-        return warning(name, found, "the rig declares more noise than this part has: correct it under [sensors]")
+        return warning(
+            name, found, f"correct {key} under [sensors] in the rig: it is more than this part has" if key
+            else "take filters of readings out of the firmware: it says less noise than the part has",
+        )  # fmt: skip
     return ok(name, found)
 
 

@@ -62,11 +62,14 @@ def not_looked_at(name: str, because: str) -> Check:
     return Check(name, Health.NOT_LOOKED_AT, because)
 
 
-def of_error(name: str, error: HiltestError) -> Check:
-    """Return the check that an error is of: behind what is wrong its message has the next step."""
+def of_error(name: str, error: HiltestError, port: str | None = None) -> Check:
+    """Return the check that an error, met at a port, is of: behind what is wrong its message has the next step."""
     found, _, remedy = str(error).partition(". ")
+    unknown = "run again; if it comes back, try another cable and another USB port"
+    if port is not None and "://" in port:
+        unknown = "see that what serves it runs, and that this machine reaches it"
     code = ExitCode.WRONG_FIRMWARE if isinstance(error, ProtocolError) else ExitCode.CONNECTION_LOST
-    return failed(name, found, remedy or "run again; if it comes back, try another cable and another USB port", code)
+    return failed(name, found, remedy or unknown, code)
 
 
 def exit_code(checks: list[Check]) -> ExitCode:

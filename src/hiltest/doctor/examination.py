@@ -9,10 +9,11 @@ from typing import TypeAlias
 
 from hiltest.boards import Board, open_board
 from hiltest.boards.daplink import choose_board, machine_root
-from hiltest.doctor.board import BOARD_CHECKS
+from hiltest.doctor.board import BOARD_CHECKS, see_identity
 from hiltest.doctor.check import Check, Health, failed, not_looked_at, of_error, ok
 from hiltest.doctor.earth import model_field, see_declared_field, see_measured_field
-from hiltest.doctor.host import HOST_CHECKS, HostPort, host_port
+from hiltest.doctor.host import HOST_CHECKS, HostPort, flash_command, host_port
+from hiltest.doctor.turntable import see_turntable
 from hiltest.errors import (
     BenchError,
     ConfigError,
@@ -26,6 +27,7 @@ from hiltest.errors import (
 )
 from hiltest.link.ports import open_port
 from hiltest.link.session import Session
+from hiltest.record.exit_codes import ExitCode
 from hiltest.rig import Rig
 
 BAUDS = (9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800, 921_600)
@@ -72,7 +74,9 @@ def examine(rig: Rig, *, port: str | None = None, root: Path | None = None, toda
         else:
             check = not_looked_at(name, host if isinstance(host, str) else "there is no board")
         yield check
-    yield from _at_the_board(rig, url, today, usable=usable)
+    yield see_turntable(rig, root or machine_root())
+    flash = flash_command(host) if isinstance(host, HostPort) else "where it is plugged in: hiltest flash"
+    yield from _at_the_board(rig, url, today, flash, usable=usable)
 
 
 def _on_this_machine(url: str | None, root: Path) -> tuple[HostPort | NoBoardError | str, str | None]:
@@ -88,23 +92,26 @@ def _on_this_machine(url: str | None, root: Path) -> tuple[HostPort | NoBoardErr
     return host_port(Path(url), root), url
 
 
-def _at_the_board(rig: Rig, url: str | None, today: date, *, usable: bool) -> Iterator[Check]:
+def _at_the_board(rig: Rig, url: str | None, today: date, flash: str, *, usable: bool) -> Iterator[Check]:
     model = model_field(rig, today)
-    looks: Looks = {**BOARD_CHECKS, "measured field": lambda board, rig: see_measured_field(board, rig, model)}
+    looks: Looks = {
+        **BOARD_CHECKS, "identity": lambda board, rig: see_identity(board, rig, flash),
+        "measured field": lambda board, rig: see_measured_field(board, rig, model),
+    }  # fmt: skip
     if not usable:
         yield from _left_out(("answer", *looks), "the port cannot be used")
     elif rig.own_language is not None:
         yield from _left_out(("answer", *looks), "the firmware speaks its own language: see `hiltest device try`")
     else:
-        yield from _opened(rig, url, looks)
+        yield from _opened(rig, url, looks, flash)
     yield see_declared_field(rig, model)
 
 
-def _opened(rig: Rig, url: str | None, looks: Looks) -> Iterator[Check]:
+def _opened(rig: Rig, url: str | None, looks: Looks, flash: str) -> Iterator[Check]:
     try:
         board = open_board(rig, port=url)
     except (BenchError, ProtocolError) as error:
-        yield from _not_opened(rig, url, looks, error)
+        yield from _not_opened(rig, url, looks, error, flash)
         return
     with board:
         yield ok("answer", f"at {rig.link.baud} baud" if url else board.description)
@@ -123,22 +130,27 @@ def _opened(rig: Rig, url: str | None, looks: Looks) -> Iterator[Check]:
             yield check
 
 
-def _not_opened(rig: Rig, url: str | None, looks: Looks, error: BenchError | ProtocolError) -> Iterator[Check]:
+def _not_opened(
+    rig: Rig, url: str | None, looks: Looks, error: BenchError | ProtocolError, flash: str
+) -> Iterator[Check]:
     """Say how far it came, and at which baud rate else something answers."""
     if isinstance(error, SyncError) and url is not None and (baud := _answering_baud(url, rig.link.baud)):
         found = f"nothing at {rig.link.baud} baud; something answers at {baud}"
         yield failed("answer", found, f"write baud = {baud} under [link] in the rig, if that is the firmware meant")
     elif isinstance(error, SyncError):
         found = str(error).partition(". ")[0]
-        yield failed("answer", found, "press the board's reset button; or put hiltest's firmware on it (README.md)")
+        yield failed("answer", found, flash)
     elif isinstance(error, BenchError):
-        yield of_error("answer", error)
+        yield of_error("answer", error, url)
     else:
         yield ok("answer", f"something answers at {rig.link.baud} baud")
     names = [*looks]
     if isinstance(error, OtherFirmwareError):
         yield ok(names.pop(0), "hiltest's")
-    if isinstance(error, ProtocolError):
+    if isinstance(error, VersionMismatchError):
+        found, remedy = str(error).partition(". ")[0], f"{flash}, unless the firmware is yours"
+        yield failed(names.pop(0), found, remedy, ExitCode.WRONG_FIRMWARE)
+    elif isinstance(error, ProtocolError):
         yield of_error(names.pop(0), error)
     yield from _left_out(names, "nothing answers" if isinstance(error, BenchError) else "another firmware answers")
 

@@ -64,7 +64,8 @@ def see_board(port: HostPort) -> Check:
     if port.device is None:
         return not_looked_at("board", f"{port.path} is not on USB, where boards are found")
     if port.device.not_taken:
-        return warning("board", f"{port.path}: {port.device.not_taken}", "`hiltest ports` lists the boards; name one")
+        found = f"{port.path}: {port.device.not_taken}"
+        return warning("board", found, "name a board of `hiltest ports` with --hil-port")
     if port.path is None:
         return failed("board", f"FRDM-K64F {port.device.serial_number} has no serial port", NO_PORT)
     return ok("board", f"FRDM-K64F {port.device.serial_number} on {port.path}")
@@ -83,7 +84,10 @@ def see_daplink(port: HostPort) -> Check:
         found = f"firmware {version}: before 0244 the serial port may get stuck, and in 0244 the drive"
     else:
         return ok("DAPLink", f"firmware {version}")
-    return warning("DAPLink", found, "put the latest DAPLink on it: https://daplink.io, for FRDM-K64F")
+    return warning(
+        "DAPLink", found, "plug it in with its reset button held, and copy the FRDM-K64F's file of https://daplink.io "
+        "onto the drive that appears",
+    )
 
 
 def see_volume(port: HostPort) -> Check:
@@ -92,11 +96,9 @@ def see_volume(port: HostPort) -> Check:
         return not_looked_at("volume", _no_daplink(port))
     volume, disks = port.daplink.volume, port.daplink.disks
     if not disks:
-        return warning("volume", "DAPLink shows no drive", "plug it in again; or flash with pyOCD, which needs none")
+        return warning("volume", "DAPLink shows no drive", "hiltest flash --probe pyocd needs none")
     if volume is None:
-        return warning(
-            "volume", f"{disks[0]} is not mounted", f"udisksctl mount -b /dev/{disks[0]}, or flash with pyOCD"
-        )
+        return warning("volume", f"{disks[0]} is not mounted", f"udisksctl mount -b /dev/{disks[0]}")
     if volume.read_only:
         return warning("volume", f"{volume.path} is mounted to be read only", "plug the board in again")
     return ok("volume", f"{volume.path}")
@@ -109,7 +111,7 @@ def see_permission(port: HostPort) -> Check:
     try:
         status = port.path.stat()
     except OSError as error:
-        return failed("permission", f"{port.path}: {error.strerror}", "`hiltest ports` lists the ports that there are")
+        return failed("permission", f"{port.path}: {error.strerror}", "name one that `hiltest ports` lists")
     if os.access(port.path, os.R_OK | os.W_OK, effective_ids=True):
         return ok("permission", f"{port.path} can be read and written")
     return failed("permission", f"{port.path} may not be read and written by this user", _way_in(port, status))
@@ -117,16 +119,16 @@ def see_permission(port: HostPort) -> Check:
 
 def _way_in(port: HostPort, status: os.stat_result) -> str:
     """Return what gives a user access to a port: its group, where that is one of devices and may do both."""
-    rules = "install the udev rules: see there"
+    rules = f"install the udev rules: {install_rules()}"
     if status.st_gid == 0 or status.st_mode & _GROUP_MAY != _GROUP_MAY:
-        return rules if port.daplink else "its owner, or root, can give access: chmod or chown"
+        return rules if port.daplink else f"sudo chmod a+rw {port.path}"
     try:
         group, user = grp.getgrgid(status.st_gid), pwd.getpwuid(os.geteuid()).pw_name
     except KeyError:
         return rules
     if user in group.gr_mem:
         return f"log in again: you have joined the group {group.gr_name} since"
-    return f"sudo usermod -aG {group.gr_name} $USER, then log in again" + (f"; or {rules}" if port.daplink else "")
+    return f"sudo usermod -aG {group.gr_name} $USER, then log in again"
 
 
 def see_rules(port: HostPort) -> Check:
@@ -151,6 +153,13 @@ def install_rules() -> str:
     )
 
 
+def flash_command(port: HostPort) -> str:
+    """Return the command that puts hiltest's firmware onto the board on a port."""
+    if port.device and not port.device.not_taken:
+        return f"hiltest flash --hil-port usb://{port.device.serial_number}"
+    return f"hiltest flash --hil-port {port.path} --probe pyocd"
+
+
 def see_modem_manager(port: HostPort) -> Check:
     """Look whether ModemManager would write to the port when the board is plugged in."""
     name = "ModemManager"
@@ -163,7 +172,7 @@ def see_modem_manager(port: HostPort) -> Check:
     if any(line.removeprefix("E:") in _LOOKED_UP for line in kept):
         return ok(name, "runs, and leaves this port alone")
     return warning(
-        name, "runs, and writes to the board for half a minute after it is plugged in", f"{install_rules()}"
+        name, "runs, and writes to the board for half a minute after it is plugged in", install_rules()
     )
 
 
@@ -171,7 +180,7 @@ def see_holders(port: HostPort) -> Check:
     """Look whether another program has the port open: each would get a part of what the board says."""
     if port.path is None:
         return not_looked_at("port", "there is none")
-    real, holders, unseen = os.path.realpath(port.path), [], 0
+    real, holders, unseen = os.path.realpath(port.path), {}, 0
     for process in _processes(port.root):
         try:
             opened = [*(process / "fd").iterdir()]
@@ -181,9 +190,10 @@ def see_holders(port: HostPort) -> Check:
         except OSError:
             continue  # ended since
         if process.name != str(os.getpid()) and any(_leads_to(each) == real for each in opened):
-            holders.append(f"{_command(process)} (process {process.name})")
+            holders[process.name] = f"{_command(process)} (process {process.name})"
     if holders:
-        return failed("port", f"{port.path} is held by {listed(holders, 3)}", "close that program, or end the process")
+        found = f"{port.path} is held by {listed([*holders.values()], 3)}"
+        return failed("port", found, f"close that program, or: kill {' '.join(holders)}")
     return ok("port", f"no program has {port.path} open" + (", of those that this user sees" if unseen else ""))
 
 

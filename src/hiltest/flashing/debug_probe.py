@@ -51,6 +51,11 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
     try:
         # Not ConnectHelper.session_with_chosen_probe: it waits for a probe, and asks the terminal which one.
         probes = ConnectHelper.get_all_connected_probes(blocking=False, unique_id=serial_number or None)
+        if not probes and serial_number:
+            raise FlashError(
+                f"pyOCD sees no probe of board {serial_number}: install the udev rules with the command that "
+                "`hiltest doctor` prints, then plug it in again"
+            )
         if not probes:
             raise NoBoardError(serial_number, [])
         if len(probes) > 1:

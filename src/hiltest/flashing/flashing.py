@@ -211,7 +211,7 @@ def _volume_of(target: Target) -> Path:
     raise FlashError(
         f"the drive of board {target.serial_number} is not mounted: "
         + (f"mount it ({disks})" if disks else "it shows none; see that its DAPLink has one (MSD in its DETAILS.TXT)")
-        + ", or flash with --probe pyocd"
+        + ", or use hiltest flash --probe pyocd"
     )
 
 

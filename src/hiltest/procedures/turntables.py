@@ -289,10 +289,7 @@ class OperatorTurntable:
         try:
             return self._prompt(question)
         except EOFError:
-            raise OperatorAbsentError(
-                f"no one answers at the terminal; this was asked: {question.strip()} "
-                "Run it where an operator can type and turn the board."
-            ) from None
+            raise OperatorAbsentError.asked(question) from None
 
 
 def open_turntable(

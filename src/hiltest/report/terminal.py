@@ -170,10 +170,9 @@ def _print_failures(console: Console, found: Summary, run: Run, folder: Path) ->
         _wrapped(console, f"{what}: {measurement.name}: {measurement.note}", "yellow", _INDENT)
     if found.unmeasured:
         _wrapped(console, unmeasured_in_words(found.unmeasured), "yellow", _INDENT)
-    for test in run.tests:
-        if test.outcome.is_of_bench:
-            reason = "" if test.reason in run.verdict.sentence else f": {test.reason}"  # the first stands there
-            _wrapped(console, f"{test.outcome}: {test.id}{reason}", "red", _INDENT)
+    for reason, tests in by_reason(each for each in run.tests if each.outcome.is_of_bench).items():
+        why = "" if reason in run.verdict.sentence else f": {reason}"  # the first stands there
+        _wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}{why}", "red", _INDENT)
     if traces := {test.trace: test for test in run.tests if test.trace}:
         (trace, test), *more = traces.items()
         of = counted(len(traces), "test") if more else without_folders(test.id)

@@ -23,24 +23,31 @@ def open_flashed(hil: HilSession) -> list[str]:
     Raises
     ------
     pytest.UsageError
-        When the board is virtual, the image is refused, or as `HilSession.open`.
+        When the board is virtual, the image is refused, or as `HilSession.open`: before anything is flashed.
     """
+    from hiltest.boards import OnChip
     from hiltest.boards.bench import firmware_of
     from hiltest.flashing.flash_image import load_flash_image
     from hiltest.flashing.flashing import find_target, flash
 
     if hil.hands_out or hil.is_worker:
         raise pytest.UsageError("--flash: a board is flashed, and then used, by one process: leave out -n")
+    for name in ("coverage", "replay"):
+        if getattr(hil.settings, name) is not None:
+            other = hil.settings.sources[name]
+            raise pytest.UsageError(f"--flash is for a real board, and {other} has none: leave one out")
     said = []
-    image = None
     try:
         file = hil.settings.firmware or firmware_of(hil.rig)
         if hil.settings.base is not None:
             raise ConfigError("--flash: a raw binary is flashed to 0, or give an ELF or Intel HEX; leave out --base")
         image = load_flash_image(file)
         target = find_target(rig=hil.rig, port=hil.settings.port)
+        hil.open(with_board=False)
         done = flash(image, target, progress=progress_of(hil.config))
         said = [done.sentence(image, target)]
+        digest = sha256(file.read_bytes()).hexdigest()
+        hil.on_chip = OnChip(digest, image.image.compiler_flags, image.image.build_id)
     except ConfigError as error:
         raise pytest.UsageError(str(error)) from error
     except (BenchError, ProtocolError) as error:
@@ -48,7 +55,4 @@ def open_flashed(hil: HilSession) -> list[str]:
     if not hil.rig.own_language:  # which reads variables by the ELF's names
         hil.settings = hil.settings._replace(firmware=None)
     hil.open(with_board=True)
-    if hil.board is not None and image is not None:
-        hil.board.firmware_sha256 = sha256(file.read_bytes()).hexdigest()
-        hil.board.compiler_flags, hil.board.elf_build_id = image.image.compiler_flags, image.image.build_id
     return said

@@ -32,7 +32,7 @@ from hiltest.session.selection import (
 from hiltest.settings import Settings, check_environment
 
 if TYPE_CHECKING:
-    from hiltest.boards import Board, CompassBoard
+    from hiltest.boards import Board, CompassBoard, OnChip
     from hiltest.coverage.lcov import Coverage
     from hiltest.coverage.source_map import SourceMap
     from hiltest.errors import BenchError, ProtocolError
@@ -84,6 +84,7 @@ class HilSession:
         self.config = config
         self.replay: Replay | None = None
         self.divergence = ""
+        self.on_chip: OnChip | None = None  # of a board that was flashed
         self._tape: Tape | None = None
         if settings.replay is not None:
             settings = self._begin_replay(settings, settings.replay)
@@ -305,7 +306,7 @@ class HilSession:
                 opened: Board | CompassBoard = opening(
                     self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
                     transcript=self._traces.transcript, base=self.settings.base,
-                    watches_execution=self.settings.coverage is not None,
+                    watches_execution=self.settings.coverage is not None, on_chip=self.on_chip,
                 )
                 self._board = opened
                 if opened.execution is not None:

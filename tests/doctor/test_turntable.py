@@ -1,0 +1,107 @@
+"""The port of a motor table, over a real pseudo-terminal with the simulated Grbl table behind it, and without one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tests.boards.test_simulated_grbl import Bench
+from tests.usb_tree import UsbTree
+
+from hiltest.angles import Pose
+from hiltest.bench_files import shipped
+from hiltest.boards.simulated_grbl import GrblTable
+from hiltest.boards.table_axes import TableAxes
+from hiltest.doctor.check import Check, Health
+from hiltest.doctor.turntable import see_turntable
+from hiltest.link import grbl
+from hiltest.rig.file import load_rig
+
+from .test_examination import answering
+
+SERVED = load_rig(shipped() / "rigs" / "served-k64f.toml")
+
+
+def look(port: str, root: Path = Path("/")) -> Check:
+    """Look at the table that a rig says is on a port."""
+    return see_turntable(replace(SERVED, turntable=replace(SERVED.turntable, port=port)), root)
+
+
+@contextmanager
+def simulated_table() -> Iterator[tuple[str, Bench]]:
+    """Serve the simulated table on a pseudo-terminal: its path, and the bench that it turns."""
+    bench = Bench()
+    table = GrblTable(TableAxes(bench), about="a test", reset=lambda: None)
+
+    def reply(data: bytes, _baud: int) -> bytes:
+        table.hear(data)
+        return table.say()
+
+    with answering(reply) as path:
+        yield path, bench
+
+
+def test_a_table_that_answers_is_said_with_its_state_and_is_not_turned() -> None:
+    with simulated_table() as (path, bench):
+        found = look(path)
+    assert (found.health, found.found) == (Health.OK, f"Grbl answers on {path}: Idle at 0, 0, 0 degrees")
+    assert bench.moves == []
+    assert bench.world.at(bench.time_s).pose == Pose(0.0, 0.0, 0.0)
+
+
+def test_what_does_not_speak_grbl_is_no_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grbl, "_START_S", 0.5)  # of the 6 that an Arduino may take
+    with answering(lambda data, _baud: b"$ " * len(data)) as path:
+        found = look(path)
+    assert found.health is Health.FAILED
+    assert f"on {path}: nothing answered '?' as Grbl 1.1 does" in found.found
+    assert "port under [turntable]" in found.remedy
+
+
+def test_the_process_that_holds_the_tables_port_is_named() -> None:
+    holds = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
+    with simulated_table() as (path, _bench):
+        command = [sys.executable, "-I", "-S", "-c", holds, path]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+            assert holder.stdin is not None
+            assert holder.stdout is not None
+            holder.stdout.readline()
+            found = look(path)
+            holder.stdin.close()
+    assert found.health is Health.FAILED
+    assert f"(process {holder.pid})" in found.found
+    assert f"kill {holder.pid}" in found.remedy
+
+
+@pytest.mark.parametrize(
+    ("url", "remedy"), [("/dev/ttyACM77", "`hiltest ports` lists"), ("socket://127.0.0.1:1", "what serves it runs")]
+)
+def test_a_port_that_is_not_there_or_that_nobody_serves(url: str, remedy: str) -> None:
+    found = look(url)
+    assert found.health is Health.FAILED
+    assert url in found.found
+    assert remedy in found.remedy
+
+
+def test_a_port_that_this_user_may_not_use(as_nobody: None) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        tree = UsbTree(Path(folder) / "machine")
+        tree.plug_in(vendor="1a86", product="7523", serial=None, name="USB Serial", tty="ttyUSB0")
+        port = tree.root / "dev/ttyUSB0"
+        port.chmod(0)
+        found = look(str(port), tree.root)
+    assert found.health is Health.FAILED
+    assert "may not be read and written" in found.found
+    assert found.remedy == f"sudo chmod a+rw {port}"
+
+
+def test_a_table_that_a_hand_turns_has_no_port(tree: UsbTree) -> None:
+    rig = load_rig(shipped() / "rigs" / "frdm-k64f.toml")
+    found = see_turntable(rig, tree.root)
+    assert found.health is Health.NOT_LOOKED_AT
