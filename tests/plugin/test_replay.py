@@ -100,7 +100,7 @@ def test_a_replay_gives_the_same_record_but_for_what_is_volatile(
 @pytest.mark.parametrize(
     ("edit", "said"),
     [
-        (lambda lines: with_another_byte(lines, "<"), ["test_turned asks position()", "asked board.true_attitude"]),
+        (lambda lines: with_another_byte(lines, "<"), ["test_turned asks position()", "sent LINK_STATISTICS"]),
         (lambda lines: with_another_byte(lines, ">"), ["test_turned sends AVERAGE", "sent "]),
         (lambda lines: lines[: line_of(lines, '"dir": ">"')], ["test_turned sends AVERAGE", "it was cut short"]),
     ],

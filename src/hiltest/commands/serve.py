@@ -130,7 +130,7 @@ def serve(
             if faults is not None and faults.of_board:
                 _tell(f"faults on purpose: {'; '.join(map(str, faults.of_board))}")
             if faults is not None and faults.of_line:
-                _tell(f"without the faults of the line in {bench.rig.path}: they belong in the rig of who opens the port")
+                _tell(f"without the faults of the line of {bench.rig.path}: they are for the rig of who opens the port")
             if bench.playback:
                 _tell(bench.playback.described())
             waits = ", in reset until a program opens a port" if held else ""

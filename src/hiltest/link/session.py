@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeVar
@@ -99,7 +100,7 @@ class Session:
     port : SerialPort
         Open. The session closes it.
     transcript : Transcript, optional
-        Gets every byte, both ways.
+        Gets every byte, both ways, but those of `refuse_reset`.
     nonce_seed : int, optional
         Makes the nonces a function of the seed, as a reproducible run needs. On a
         line that others used before us leave it out: then they are random.
@@ -244,11 +245,21 @@ class Session:
             When it was reset, by whatever.
         """
         if self._answered:
-            counted = self.request(LinkStatistics())
+            with self._untold():
+                counted = self.request(LinkStatistics())
             carried_out, expected = counted.frames - counted.repeated, self._carried_out + self._answered
             if carried_out < expected:
                 raise BoardResetError(carried_out, expected)
             self._answered, self._carried_out = 0, carried_out
+
+    @contextmanager
+    def _untold(self) -> Iterator[None]:
+        """Keep an exchange out of the transcript: it is none of those that a test, which it follows, has asked for."""
+        transcript, self.transcript = self.transcript, None
+        try:
+            yield
+        finally:
+            self.transcript = transcript
 
     def noise(self, since: int = 0) -> str:
         """Say what the line has lost or changed since an attempt: what was right when the same was sent again.
