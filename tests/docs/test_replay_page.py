@@ -24,8 +24,8 @@ def as_on_any_day(text: str) -> str:
 
 
 def test_the_commands_print_what_the_page_shows(tmp_path: Path) -> None:
-    assert len(COMMANDS) == len(SHOWN) == 3
-    for command, shown, code in zip(COMMANDS, SHOWN, (0, 0, 20), strict=True):
+    assert len(COMMANDS) == len(SHOWN) == 5
+    for command, shown, code in zip(COMMANDS, SHOWN, (0, 0, 20, 0, 0), strict=True):
         done = run_hiltest(tmp_path, *shlex.split(command))
         assert done.code == code, done.output + done.errors
         assert as_on_any_day(done.output) == as_on_any_day(shown)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from tests.flashing.drive import Drive
@@ -19,6 +20,7 @@ class Bench:
     def __init__(self, folder: Path) -> None:
         self.root, self._folder = folder / "machine", folder
         self._chip: subprocess.Popen[str] | None = None
+        self._taken: list[int] = []
         self.usb = UsbTree(self.root)
         self.drive = Drive(self.usb.plug_in(behind=folder / "chip", disk="sdb", mounted="/media/me/DAPLINK"))
         self.drive.programmed = self.run
@@ -30,6 +32,8 @@ class Bench:
     def __exit__(self, *_: object) -> None:
         self.drive.__exit__()
         self._end()
+        for descriptor in self._taken:
+            os.close(descriptor)
 
     def run(self, text: bytes) -> None:
         """Have the chip run what is in Intel HEX."""
@@ -47,6 +51,9 @@ class Bench:
 
     def _end(self) -> None:
         if self._chip is not None:
+            # Held, so that its terminal's number is not that of another test's while what it stands for is locked.
+            with suppress(OSError):
+                self._taken.append(os.open(self._folder / "chip", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK))
             self._chip.terminate()
             self._chip.communicate(timeout=WAIT_S)
             self._chip = None

@@ -20,6 +20,7 @@ TESTS = {
     "virtual-k64f": MAIN_JOB, "virtual-k64f-harsh": MAIN_JOB, "by-hand": AT_REST, "motors": "identity or bias_is_gone",
     "line-lost": "identity or link", "line-garbled": "identity or link", "board-silent": "identity or link",
     "nothing-answers": "identity or link",
+    "text-compass": "test_", "text-by-hand": "before_calibration",
     "firmware-hangs": AT_REST, "firmware-faults": AT_REST,
 }  # fmt: skip
 REASONS = {

@@ -13,8 +13,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.angles import Pose
-from hiltest.boards import Board, BoardKind, RealBoard, ReplayBoard, Truth, VirtualBoard
+from hiltest.boards import (
+    Board,
+    BoardKind,
+    CompassBoard,
+    RealBoard,
+    ReplayBoard,
+    ReplayCompass,
+    Truth,
+    VirtualBoard,
+)
+from hiltest.boards.compass import VirtualCompass
 from hiltest.boards.replay import asked_of_boards
+from hiltest.device.quantities import Quantity
 from hiltest.errors import BoardFault, ConfigError, DeviceTimeoutError, HiltestError
 from hiltest.measurement import CycleRange
 from hiltest.measurement.cycle_range import RowEffect
@@ -39,6 +50,8 @@ JSON = st.recursive(
         (dict[str, int | str], {"flash": 1, "ram": "unknown"}),
         (list[str], ["one", "two"]),
         (float, 1e-300),
+        (dict[Quantity, str], {Quantity.HEADING: "deg"}),
+        (np.ndarray | None, None),
     ],
 )
 def test_a_value_comes_back_as_it_was(hint: Any, value: Any) -> None:
@@ -108,13 +121,14 @@ def test_an_object_on_tape_has_its_interface_and_no_more() -> None:
 
 
 def test_every_board_answers_by_the_interface_of_all_so_that_it_is_recorded() -> None:
-    for kind in (VirtualBoard, RealBoard):
+    for kind, interface in ((VirtualBoard, Board), (RealBoard, Board), (VirtualCompass, CompassBoard)):
         for name in vars(kind):
             if not name.startswith("_"):
-                member_of(Board, name)  # raises where the interface has it not
+                member_of(interface, name)  # raises where the interface has it not
 
 
 def test_a_replay_answers_for_itself_whatever_boards_answer_each_in_its_own_way() -> None:
-    for name in asked_of_boards():
-        if isinstance(getattr(Board, name, None), property):
-            assert name in vars(ReplayBoard), f"{name} would be answered as by a board that knows nothing"
+    for interface, replayed in ((Board, ReplayBoard), (CompassBoard, ReplayCompass)):
+        for name in asked_of_boards(interface):
+            if isinstance(getattr(interface, name, None), property):
+                assert name in vars(replayed), f"{name} would be answered as by a board that knows nothing"

@@ -14,6 +14,7 @@ from hiltest.errors import HiltestError
 from hiltest.link.messages import Average, LinkStatistics, Points
 from hiltest.link.ports import open_port
 from hiltest.link.session import Session
+from hiltest.link.transcript import Direction, Transcript
 from hiltest.replay.recorded_run import RecordedRun
 from hiltest.replay.recorder import Recorder
 from hiltest.replay.values import plain
@@ -68,6 +69,26 @@ def test_other_bytes_end_it_with_both_and_their_place(serve: Serve, recording: t
     assert "the program sends POINTS first=0 count=1" in said
     assert "in test_average had AVERAGE" in said
     assert "run.jsonl.gz:" in said
+
+
+def test_lines_come_as_late_as_they_were_printed_and_a_command_must_be_the_recorded_one(serve: Serve) -> None:
+    """The by-hand recording of a compass that prints ten lines a second, and is never told anything."""
+    path = Path(__file__).parents[2] / "fixtures" / "recordings" / "text-by-hand.jsonl.gz"
+    said = [each for each in Transcript.read(path).entries if each.direction is Direction.TO_HOST and each.data]
+    recorded, took_s = b"".join(each.data for each in said), said[-1].time_s - said[0].time_s
+    served = serve("--replay", str(path))
+    port = open_port(served.board)
+    began_s, heard = time.monotonic(), b""
+    while len(heard) < len(recorded) and time.monotonic() < began_s + 20.0:
+        heard += port.read_until(b"\n")
+    assert heard == recorded
+    assert time.monotonic() - began_s > took_s - 0.2 > 2.0, "as long as it took"
+    port.write(b"cal\n")
+    code, ended = served.ended()
+    assert code == 20
+    assert r"the program sends 'cal\n'" in ended
+    assert "has come to its end" in ended
+    port.close()
 
 
 def test_a_session_with_nonces_of_its_own_is_synchronised(serve: Serve, recording: tuple[Path, list[float]]) -> None:

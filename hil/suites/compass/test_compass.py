@@ -141,9 +141,9 @@ def test_cycles_of_the_functions_that_the_rig_names(
             measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
         measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=why)
     if (latest := compass.costs.latest_solution()) is not None:
-        measure("cycles.calibrated.total", latest.kept.cycles, "cycle", cycle_model=model,
-                note=f"{latest.name} in {len(latest.kept.slices)} slices")
-        flash = compass.costs.from_flash(latest)
+        measure("cycles.calibrated.total", latest.cycles, "cycle", cycle_model=model,
+                note=f"{latest.name} in {latest.slices} slices")
+        flash = compass.costs.from_flash()
         measure("cycles.calibrated.from_flash", flash.cycles, "cycle", cycle_model=flash.cycle_model, band=flash.band,
                 note="the same slices", not_offered=flash.refusal)
 

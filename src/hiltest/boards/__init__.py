@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import serial
 
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import NO_COVERAGE, Board, BoardKind, Declared, OnChip, Stage, Truth
-from hiltest.boards.compass import CompassBoard, open_compass
+from hiltest.boards.compass import CompassBoard, opened_compass
 from hiltest.boards.daplink import port_of
 from hiltest.boards.real import RealBoard
-from hiltest.boards.replay import ReplayBoard, put_on_tape
+from hiltest.boards.replay import ReplayBoard, ReplayCompass, put_on_tape
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.errors import ConfigError, PortNotFoundError
 from hiltest.link.replies import SensorKind
@@ -22,8 +23,8 @@ from hiltest.rig import Rig
 from hiltest.rig.rig import refuse_unknown_sensors
 
 __all__ = [
-    "Board", "BoardKind", "CompassBoard", "Declared", "OnChip", "RealBoard", "ReplayBoard", "Stage", "Truth",
-    "VirtualBench", "VirtualBoard", "default_firmware", "open_board", "open_compass",
+    "Board", "BoardKind", "CompassBoard", "Declared", "OnChip", "RealBoard", "ReplayBoard", "ReplayCompass", "Stage",
+    "Truth", "VirtualBench", "VirtualBoard", "default_firmware", "open_board", "open_compass",
 ]  # fmt: skip
 
 # Makes hil:// and usb:// URLs that any program using pyserial in this process can open.
@@ -80,6 +81,42 @@ def open_board(
         on_chip.note(board)
     if tape is not LIVE:
         put_on_tape(board, tape)
+    return board
+
+
+def open_compass(
+    rig: Rig, *, firmware: Path | None = None, port: str | None = None, seed: int | None = None,
+    transcript: Transcript | None = None, base: int | None = None, watches_execution: bool = False, tape: Tape = LIVE,
+    on_chip: OnChip | None = None,
+) -> CompassBoard:  # fmt: skip
+    """Open the board of a rig whose firmware speaks its own language, and wait until it speaks; as `open_board`.
+
+    Raises
+    ------
+    ConfigError
+        When rig, firmware and port do not go together.
+    BenchError
+        When the port cannot be opened, nothing comes, or the firmware faults.
+    VersionMismatchError
+        When what comes is not understood.
+    """
+    is_replay = isinstance(tape, Player)
+    board = ReplayCompass(tape, rig, transcript=transcript) if is_replay else opened_compass(
+        rig, firmware=firmware, port=port, seed=seed, transcript=transcript, base=base,
+        watches_execution=watches_execution, tape=tape,
+    )  # fmt: skip
+    if on_chip is not None:
+        on_chip.note(board)
+    try:
+        board.begin()
+        if isinstance(board, ReplayCompass):
+            board.identify(tape)
+        elif tape is not LIVE:
+            put_on_tape(board, tape)
+    except BaseException:
+        with suppress(OSError):
+            board.close()
+        raise
     return board
 
 

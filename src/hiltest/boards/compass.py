@@ -7,29 +7,27 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 import serial
 from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench
-from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, OnChip, Stage, Truth
+from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, Stage, Truth
 from hiltest.boards.daplink import port_of
 from hiltest.boards.faulty_port import with_faults
-from hiltest.boards.function_costs import FunctionCosts
+from hiltest.boards.function_costs import Costs, FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.memory_use import seen_memory_use
 from hiltest.boards.virtual import truth_of
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.device.kinds import Interface, open_interfaces, sources_of
-from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Moment, Observation, PolledInterface, Quantity, StreamInterface
-from hiltest.device.text import TextInterface
 from hiltest.errors import (
     ConfigError,
     DeviceSilentError,
@@ -38,8 +36,9 @@ from hiltest.errors import (
     LinkLostError,
     VersionMismatchError,
 )
-from hiltest.link.ports import open_port
+from hiltest.link.ports import SerialPort, open_port
 from hiltest.link.transcript import Direction, Transcript
+from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import Rig
 from hiltest.rig.device import Device
 from hiltest.text import is_text, legible, listed
@@ -52,6 +51,8 @@ _MOST_BYTES = 1 << 16
 # Longest that the firmware may stay silent behind its declared start, before it is given up.
 _SILENT_S = 5.0
 _SHOWN_BYTES = 48
+POLLED = "device.polled"
+"""Question of the kinds that read from the outside."""
 
 
 class CompassBoard:
@@ -79,7 +80,7 @@ class CompassBoard:
         What it said last of each.
     errors : Counter of str
         What it reported to be wrong, and how often.
-    costs : FunctionCosts or None
+    costs : Costs or None
         Of the functions that the rig names; None where the board cannot see them.
     stage : Stage or None
         None where an operator or motors turn the board.
@@ -95,7 +96,9 @@ class CompassBoard:
         What it has executed, where that is kept.
     """
 
-    costs: FunctionCosts | None = None
+    kind: BoardKind
+    description: str
+    costs: Costs | None = None
     stage: Stage | None = None
     truth: Truth | None = None
     seed: int | None = None
@@ -116,7 +119,7 @@ class CompassBoard:
         self.description = description
         self._port = port
         own_clock: Callable[[], float] | None = getattr(port, "now", None)
-        self.clock = "virtual" if own_clock else "wall"
+        self.clock: str = getattr(port, "clock", "virtual" if own_clock else "wall")
         self.now_s: Callable[[], float] = own_clock or time.monotonic
         self._transcript = transcript
         if transcript is not None and not transcript.clock:
@@ -226,7 +229,7 @@ class CompassBoard:
     def remarks(self) -> tuple[str, ...]:
         """Return what a reader should know of how the firmware was understood; empty where all is plain."""
         return tuple(
-            each for interface in self.interfaces.values() if isinstance(interface, MemoryInterface | TextInterface)
+            each for interface in self.interfaces.values() if isinstance(interface, _Remarking)
             for each in interface.remarks()
         )  # fmt: skip
 
@@ -267,7 +270,7 @@ class CompassBoard:
 
     def close(self) -> None:
         """Give the port back, and the debug server."""
-        _hang_up(self.interfaces)
+        hang_up(self.interfaces)
         self._port.close()
 
     def __enter__(self) -> Self:
@@ -324,21 +327,25 @@ class VirtualCompass(CompassBoard):
         What understands the firmware, by kind.
     transcript : Transcript, optional
         Gets every byte, both ways.
+    tape : Tape, optional
+        Records what is asked.
     """
 
     def __init__(
-        self, bench: VirtualBench, interfaces: Mapping[str, Interface], *, transcript: Transcript | None = None
-    ) -> None:
+        self, bench: VirtualBench, interfaces: Mapping[str, Interface], *, transcript: Transcript | None = None,
+        tape: Tape = LIVE,
+    ) -> None:  # fmt: skip
         self._machine = bench.machine
         port = VirtualPort()
         port.port = "hil://"
         port.attach(bench.machine)
         port.open()
         super().__init__(
-            with_faults(port, bench.rig.faults, baud=bench.rig.link.baud), bench.rig, interfaces,
-            kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}", transcript=transcript,
-        )
-        self.costs = FunctionCosts(bench.machine, bench.rig)
+            tape.port(lambda: with_faults(port, bench.rig.faults, baud=bench.rig.link.baud)), bench.rig,
+            on_tape(interfaces, tape), kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}",
+            transcript=transcript,
+        )  # fmt: skip
+        self.costs = self._costs = FunctionCosts(bench.machine, bench.rig)
         self.execution = bench.execution
         self.stage, self.seed, self.truth = bench, bench.seed, truth_of(bench.rig)
         image = bench.machine.image
@@ -348,7 +355,7 @@ class VirtualCompass(CompassBoard):
 
     def memory_use(self) -> Mapping[str, int | str]:
         """As `VirtualBoard.memory_use`."""
-        return seen_memory_use(self._machine, self.costs.stacks() if self.costs is not None else {})
+        return seen_memory_use(self._machine, self._costs.stacks())
 
     @property
     def core_clock_hz(self) -> int:
@@ -361,18 +368,16 @@ class VirtualCompass(CompassBoard):
         return self._machine.processor.profile.name
 
 
-def open_compass(
+def opened_compass(
     rig: Rig, *, firmware: Path | None, port: str | None, seed: int | None, transcript: Transcript | None,
-    base: int | None, watches_execution: bool = False, on_chip: OnChip | None = None,
+    base: int | None, watches_execution: bool, tape: Tape,
 ) -> CompassBoard:
-    """Open the board of a rig whose firmware speaks its own language.
+    """Open the board of a rig whose firmware speaks its own language, without a word of it yet.
 
     Raises
     ------
     BenchError
-        When the port cannot be opened, nothing comes, or the firmware faults.
-    VersionMismatchError
-        When what comes is not understood.
+        When the port cannot be opened.
     """
     url = port or rig.board.port
     virtual = rig.board.kind == "virtual" and (url is None or url.startswith("hil:"))
@@ -384,7 +389,6 @@ def open_compass(
     )  # fmt: skip
     image = bench.machine.image if bench else load_image(firmware, base=base) if firmware else None
     interfaces = open_interfaces(rig, {"memory": memory_kind(image, bench.machine if bench else None)})
-    board: CompassBoard
     try:
         if Quantity.HEADING not in sources_of(rig, interfaces):  # all that is wrong is said before a port is opened
             raise ConfigError(
@@ -392,29 +396,81 @@ def open_compass(
                 "is what is judged; name it in the rig (docs/compass.md)"
             )
         if bench is not None:
-            board = VirtualCompass(bench, interfaces, transcript=transcript)
-        else:
-            url = url or port_of()
-            line = open_port(url, baud=rig.link.baud, rig=rig.name)
-            opened = with_faults(line, rig.faults, baud=rig.link.baud)
-            board = CompassBoard(
-                opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript
-            )
+            return VirtualCompass(bench, interfaces, transcript=transcript, tape=tape)
+        url = url or port_of()
+
+        def line() -> SerialPort:
+            return with_faults(open_port(url, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
+
+        return CompassBoard(
+            tape.port(line), rig, on_tape(interfaces, tape), kind=BoardKind.REAL, description=f"board on {url}",
+            transcript=transcript,
+        )  # fmt: skip
     except BaseException:
-        _hang_up(interfaces)
+        hang_up(interfaces)
         raise
-    if on_chip is not None:
-        on_chip.note(board)
-    try:
-        board.begin()
-    except BaseException:
-        with suppress(OSError):
-            board.close()
-        raise
-    return board
 
 
-def _hang_up(interfaces: Mapping[str, Interface]) -> None:
+def hang_up(interfaces: Mapping[str, Interface]) -> None:
+    """Let go of what interfaces read through. Idempotent."""
     for interface in interfaces.values():
-        if isinstance(interface, MemoryInterface):
+        if isinstance(interface, _Closable):
             interface.close()
+
+
+@runtime_checkable
+class _Remarking(Protocol):
+    def remarks(self) -> tuple[str, ...]: ...
+
+
+@runtime_checkable
+class _Closable(Protocol):
+    def close(self) -> None: ...
+
+
+class TapedReadings:
+    """A `PolledInterface` each of whose readings is a question.
+
+    Parameters
+    ----------
+    tape : Tape
+    kind : str
+        As the rig names it.
+    target : PolledInterface or None
+        Reads; None in a replay.
+    """
+
+    def __init__(self, tape: Tape, kind: str, target: Any) -> None:
+        self._tape, self._kind, self._target = tape, kind, target
+        units: Mapping[Quantity, str] = tape.ask(
+            f"{kind}.offers", {}, Mapping[Quantity, str],
+            lambda: {each: each.unit for each in sorted(target.offers, key=lambda each: each.key)},
+        )
+        self.offers = frozenset(units)
+
+    def read(self, time_s: float) -> Observation:
+        """Read all of it now."""
+        read: Observation = self._tape.ask(f"{self._kind}.read", {}, Observation, lambda: self._target.read(time_s))
+        return read
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return what a reader of the values should know of how they were read."""
+        said: tuple[str, ...] = self._tape.ask(
+            f"{self._kind}.remarks", {}, tuple[str, ...],
+            lambda: self._target.remarks() if isinstance(self._target, _Remarking) else (),
+        )
+        return said
+
+    def close(self) -> None:
+        """Let go of what it reads through."""
+        if isinstance(self._target, _Closable):
+            self._target.close()
+
+
+def on_tape(interfaces: Mapping[str, Interface], tape: Tape) -> Mapping[str, Interface]:
+    """Let what interfaces read from the outside pass through a tape; what a line says has passed it as bytes."""
+    if tape is LIVE:
+        return interfaces
+    polled = [kind for kind, each in interfaces.items() if not isinstance(each, StreamInterface)]
+    tape.ask(POLLED, {}, tuple[str, ...], lambda: polled)
+    return {kind: TapedReadings(tape, kind, each) if kind in polled else each for kind, each in interfaces.items()}

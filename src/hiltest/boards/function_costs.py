@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +33,13 @@ class LatestSolution:
     ----------
     name : str
         Of the solver, in the rig.
-    kept : KeptSolution
+    cycles, slices : int
+        How many it took.
     """
 
     name: str
-    kept: KeptSolution
+    cycles: int
+    slices: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +59,28 @@ class FlashCost:
     cycle_model: str
     band: CycleRange | None = None
     refusal: str = ""
+
+
+class Costs(Protocol):
+    """What the functions that a rig names cost."""
+
+    def calls(self) -> Mapping[str, CallSummary]:
+        """Return what the calls of each function came to, by its name in the rig."""
+
+    def solutions(self) -> Mapping[str, SolutionSummary]:
+        """Return what the slices of each function came to, solution by solution, by its name in the rig."""
+
+    def latest_solution(self) -> LatestSolution | None:
+        """Return the solution that was completed last, of whichever solver; None where none was."""
+
+    def samples(self) -> NDArray[np.float64] | None:
+        """Return the samples that the firmware held when that one began, in its axes, shape (n, 3) [counts].
+
+        None without one, and where the rig does not say where they lie.
+        """
+
+    def from_flash(self) -> FlashCost:
+        """Compute that one once more with the waits of memories; takes the host some 3 s a million cycles."""
 
 
 class FunctionCosts:
@@ -84,14 +109,14 @@ class FunctionCosts:
                 raise ConfigError(f"{rig.where('cycles', name)}: cycles.{name}: {error}") from error
 
     def calls(self) -> Mapping[str, CallSummary]:
-        """Return what the calls of each function came to, by its name in the rig."""
+        """As `Costs.calls`."""
         return {
             name: watch.summary(function) for name, (function, watch) in self._watches.items()
             if isinstance(watch, CallWatch)
         }  # fmt: skip
 
     def solutions(self) -> Mapping[str, SolutionSummary]:
-        """Return what the slices of each function came to, solution by solution, by its name in the rig."""
+        """As `Costs.solutions`."""
         return {name: watch.summary for name, (_, watch) in self._watches.items() if isinstance(watch, SolutionWatch)}
 
     def stacks(self) -> Mapping[str, tuple[str, int | None]]:
@@ -102,29 +127,34 @@ class FunctionCosts:
         }
 
     def latest_solution(self) -> LatestSolution | None:
-        """Return the solution that was completed last, of whichever solver; None where none was."""
-        found = {
-            name: kept for name, (_, watch) in self._watches.items()
+        """As `Costs.latest_solution`."""
+        name, kept = self._latest()
+        return LatestSolution(name, kept.cycles, len(kept.slices)) if kept else None
+
+    def _latest(self) -> tuple[str, KeptSolution | None]:
+        found = [
+            (name, kept) for name, (_, watch) in self._watches.items()
             if isinstance(watch, SolutionWatch) and (kept := watch.latest())
-        }  # fmt: skip
-        return max((LatestSolution(*each) for each in found.items()), key=lambda each: each.kept.ended, default=None)
+        ]  # fmt: skip
+        return max(found, key=lambda each: each[1].ended, default=("", None))
 
-    def samples(self, solution: LatestSolution) -> NDArray[np.float64] | None:
-        """Return the samples that the firmware held when a solution began, in its axes, shape (n, 3) [counts].
-
-        None where the rig does not say where they lie.
-        """
-        if self._buffer is None:
+    def samples(self) -> NDArray[np.float64] | None:
+        """As `Costs.samples`."""
+        _, kept = self._latest()
+        if self._buffer is None or kept is None:
             return None
-        memory, base = solution.kept.memory, self._machine.processor.memory.sram.base
+        memory, base = kept.memory, self._machine.processor.memory.sram.base
         return self._buffer.counts(lambda address, size: memory[address - base :][:size])
 
-    def from_flash(self, solution: LatestSolution) -> FlashCost:
-        """Compute a solution once more with the waits of memories; takes the host some 3 s a million cycles."""
+    def from_flash(self) -> FlashCost:
+        """As `Costs.from_flash`."""
         profile = load_profile(MEMORY_PROFILE)
         model = f"{profile.name}@flash"
+        _, kept = self._latest()
+        if kept is None:
+            return FlashCost(None, model, refusal="no solution was completed")
         try:
-            counted = counted_with_waits(self._machine, solution.kept, profile)
+            counted = counted_with_waits(self._machine, kept, profile)
         except (ConfigError, BoardFault) as error:
             return FlashCost(None, model, refusal=str(error))
         return FlashCost(counted.cycles, model, flash_range(profile, counted.cycles))

@@ -10,6 +10,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import NoReturn
 
+from hiltest.boards.compass import POLLED
 from hiltest.boards.lines import PortLine
 from hiltest.errors import BenchError, DivergenceError, ProtocolError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
@@ -29,7 +30,8 @@ class ServedRecording:
     """The board's end of a recorded line.
 
     What the program sends must be what the recorded host sent. The nonce of SYNC alone is its own, and comes back. The
-    board's unique id is `REPLAYED_UNIQUE_ID`: numbers of a recording must not pass for a board's.
+    board's unique id is `REPLAYED_UNIQUE_ID`: numbers of a recording must not pass for a board's. Firmware that speaks
+    its own language has neither, and says what it said.
 
     Parameters
     ----------
@@ -41,6 +43,8 @@ class ServedRecording:
 
     def __init__(self, transcript: Transcript, path: Path) -> None:
         self._path = path
+        calls = (json.loads(each.data)["call"] for each in transcript.entries if each.direction is Direction.CALL)
+        self._has_frames = POLLED not in calls  # else lines or packets of the firmware's own
         self._entries = [
             (line, test, entry) for line, test, entry in transcript.placed()
             if entry.data and entry.direction is not Direction.MARK
@@ -90,8 +94,10 @@ class ServedRecording:
         """
         said = bytearray()
         while not self.over and self._next.direction is not Direction.TO_BOARD:
-            answer = [entry for _, _, entry in takewhile(_is_of_board, self._entries[self._at :])]
-            changed = self._changed(b"".join(each.data for each in answer))
+            answer, changed = [], b""
+            if self._has_frames:
+                answer = [entry for _, _, entry in takewhile(_is_of_board, self._entries[self._at :])]
+                changed = self._changed(b"".join(each.data for each in answer))
             due = answer[-1] if changed else self._next
             if due.time_s - self._recorded_s > now_s - self._asked_s:
                 break

@@ -46,9 +46,10 @@ def trace_lines(transcript: Transcript) -> Iterator[str]:
 
 
 def frames_in_words(data: bytes) -> str:
-    """Return what the bytes of one write ask for: commands with their fields, or hexadecimal digits."""
+    """Return what the bytes of one write ask for: commands with their fields, a text, or hexadecimal digits."""
     said = [_what(Direction.TO_BOARD, item, {}) for item in FrameDecoder().feed(data)]
-    return "; ".join(said) or _hex(data)
+    text = data.decode("latin-1")
+    return "; ".join(said) or (repr(text) if data and text.isascii() and text.rstrip().isprintable() else _hex(data))
 
 
 def _shown(seen: _Seen, asked: dict[int, Request[Any]]) -> str:

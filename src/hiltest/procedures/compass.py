@@ -186,8 +186,7 @@ def samples_of(board: CompassBoard) -> Reals:
     shown. Empty where it says neither.
     """
     frame = frame_of(board.rig)
-    solution = board.costs and board.costs.latest_solution()
-    if board.costs and solution and (found := board.costs.samples(solution)) is not None:
+    if board.costs and (found := board.costs.samples()) is not None:
         return np.array([frame.vector(counts) for counts in found], dtype=np.float64).reshape(-1, 3)
     held = [counts for each in board.interfaces.values() for counts in getattr(each, "buffer", {}).values()]
     return np.array([frame.vector(counts) for counts in held], dtype=np.float64).reshape(-1, 3)

@@ -89,6 +89,20 @@ class Player(Tape):
 
     def read(self) -> bytes:
         """Return what the read of the line brought; nothing where the recorded run did not read on."""
+        data = self._brought()
+        if data is None:
+            self._time_s = self.now() + READ_SLICE_S
+        return data or b""
+
+    def listen(self) -> bytes:
+        """Return what the read brought, of a run that listens for a time: it must be one of the recorded run."""
+        data = self._brought()
+        if data is None:
+            self._question()
+            self._diverged("listens to the board")
+        return data
+
+    def _brought(self) -> bytes | None:
         while (entry := self._next()) is not None and entry.direction is Direction.CLOCK:
             self._at += 1
         if entry is not None and entry.direction is Direction.TO_HOST:
@@ -96,8 +110,7 @@ class Player(Tape):
             self._time_s = max(self._time_s, entry.time_s)
             return entry.data
         self._raise_if_broken("read")
-        self._time_s = self.now() + READ_SLICE_S
-        return b""
+        return None
 
     def write(self, data: bytes) -> None:
         """Take bytes for the board, which must be the recorded ones."""
@@ -188,6 +201,7 @@ class _ReplayedPort:
     def __init__(self, player: Player, name: str) -> None:
         self._player = player
         self.name, self.clock = name, player.clock
+        self.timeout = READ_SLICE_S
 
     def now(self) -> float:
         """Return the time of the recorded clock [s]."""
@@ -201,6 +215,10 @@ class _ReplayedPort:
     def read_until(self, expected: bytes) -> bytes:
         """Return what the read brought."""
         return self._player.read()
+
+    def read(self, size: int) -> bytes:
+        """Return what the read brought."""
+        return self._player.listen()
 
     def write(self, data: bytes) -> int:
         """Compare bytes with those that were recorded."""

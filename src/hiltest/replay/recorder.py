@@ -119,7 +119,7 @@ class Recorder(Tape):
 class _RecordedPort:
     """A port whose bytes are kept."""
 
-    def __init__(self, recorder: Recorder, port: SerialPort, clock: str) -> None:
+    def __init__(self, recorder: Recorder, port: Any, clock: str) -> None:
         self._recorder, self._port = recorder, port
         self.name, self.clock = port.name, clock
 
@@ -133,10 +133,27 @@ class _RecordedPort:
         found: str = self._recorder.ask("position", {}, str, look)
         return found
 
+    @property
+    def timeout(self) -> float | None:
+        """How long one read may wait [s]."""
+        waits_s: float | None = self._port.timeout
+        return waits_s
+
+    @timeout.setter
+    def timeout(self, seconds: float | None) -> None:
+        self._port.timeout = seconds
+
     def read_until(self, expected: bytes) -> bytes:
         """Return bytes up to and including `expected`, fewer when the read slice is over."""
+        return self._kept(lambda: self._port.read_until(expected))
+
+    def read(self, size: int) -> bytes:
+        """Return what arrives within the timeout, at most `size` bytes."""
+        return self._kept(lambda: self._port.read(size))
+
+    def _kept(self, read: Callable[[], bytes]) -> bytes:
         try:
-            data = bytes(self._port.read_until(expected))
+            data = bytes(read())
         except Exception as error:
             self._recorder.broken("read", error)
             raise
@@ -147,10 +164,11 @@ class _RecordedPort:
         """Send bytes."""
         self._recorder.add(self._recorder.now_s(is_asked=False), Direction.TO_BOARD, data)
         try:
-            return self._port.write(data)
+            written: int | None = self._port.write(data)
         except Exception as error:
             self._recorder.broken("write", error)
             raise
+        return written
 
     def reset_input_buffer(self) -> None:
         """Drop what has arrived and was not read."""

@@ -84,7 +84,7 @@ def plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items()}
+        return {_key(key): plain(each) for key, each in value.items()}
     if isinstance(value, Sequence):
         return [plain(each) for each in value]
     raise TypeError(f"{type(value).__name__} cannot be recorded: an interface that is recorded takes and gives plain "
@@ -118,10 +118,20 @@ def restored(hint: Any, content: Any) -> Any:
         return _record(kind, content)
     if isinstance(kind, type) and issubclass(kind, Mapping):
         _checked(isinstance(content, dict), None, hint)
-        return {key: restored(inner[1], each) for key, each in content.items()}
+        return {_restored_key(inner[0], key): restored(inner[1], each) for key, each in content.items()}
     if isinstance(kind, type) and issubclass(kind, Sequence):
         return _sequence(kind, inner, content)
     raise TypeError(f"no value of type {hint} can be replayed")
+
+
+def _key(key: Any) -> str:
+    return key.name if isinstance(key, Enum) and not isinstance(key, str) else str(key)
+
+
+def _restored_key(hint: Any, key: str) -> Any:
+    if not (isinstance(hint, type) and issubclass(hint, Enum)) or issubclass(hint, str):
+        return key
+    return _checked(key in hint.__members__, hint.__members__.get(key), hint)
 
 
 def _checked(is_right: bool, value: Any, hint: Any) -> Any:
@@ -140,6 +150,7 @@ def _first_of(hints: Sequence[Any], content: Any) -> Any:
 
 
 def _array(content: Any) -> Any:
+    _checked(isinstance(content, list), None, np.ndarray)  # of nothing numpy makes a NaN
     try:
         return np.asarray(content, dtype=np.float64)
     except TypeError as error:

@@ -7,9 +7,9 @@ to import is imported by the function that needs it.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -231,8 +231,6 @@ class HilSession:
             return
         if self.is_worker or self.hands_out:
             raise ConfigError(f"{asked_for}: a run is recorded and replayed in one process; leave out -n and --dist")
-        if self.rig.own_language is not None:
-            raise ConfigError(f"{asked_for}: firmware that speaks its own language cannot be recorded yet")
         if settings.coverage is not None:
             raise ConfigError(f"{asked_for}: a recording has no coverage; leave out --hil-coverage")
 
@@ -302,11 +300,11 @@ class HilSession:
             self._opened_s = time.monotonic()
             self._traces = WireTraces(self.folder.path)
             try:
-                opening = open_compass if self.rig.own_language else partial(open_board, tape=self.tape)
-                opened: Board | CompassBoard = opening(
+                opening: Callable[..., Board | CompassBoard] = open_compass if self.rig.own_language else open_board
+                opened = opening(
                     self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
                     transcript=self._traces.transcript, base=self.settings.base,
-                    watches_execution=self.settings.coverage is not None, on_chip=self.on_chip,
+                    watches_execution=self.settings.coverage is not None, tape=self.tape, on_chip=self.on_chip,
                 )
                 self._board = opened
                 if opened.execution is not None:

@@ -1,0 +1,109 @@
+"""``--hil-record`` and ``--hil-replay`` of firmware that speaks its own language: lines, packets, and its variables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.finished_run import without_volatile
+
+from hiltest.bench_files import shipped
+
+SUITE = """
+from hiltest.angles import Pose
+from hiltest.device.quantities import Moment, Quantity
+
+
+def test_heard(compass, turntable, measure):
+    turntable.turn_to(Pose(30.0), known_angle=2)
+    compass.send(Moment.POSE)
+    said = compass.observe(1.0)
+    measure("compass.said", len(said), "")
+    measure("compass.heading", float(compass.latest[Quantity.HEADING][0]), "deg")
+    measure("compass.read", float(compass.latest.get(Quantity.DIP, [-1.0])[0]), "deg")
+    measure("compass.now", compass.now_s(), "s")
+    measure("compass.remarks", len(compass.remarks()), "")
+
+
+def test_seen(compass, measure):
+    measure("compass.clock", compass.core_clock_hz, "Hz")
+    measure("compass.hard_iron", float(compass.truth.hard_iron_ut[0]), "uT")
+    measure("compass.calls", compass.costs.calls()["tilt"].calls, "")
+    measure("compass.samples", -1 if compass.costs.samples() is None else 1, "")
+"""
+VARIABLES = '[device.memory.values]\ndip = { path = "background.count", unit = "deg" }\n'
+RIG = (shipped() / "rigs" / "text-compass.toml").read_text(encoding="utf-8").partition("[limits]")[0]
+LINES = RIG.replace("\n[field]", '\n[device.text.commands]\npose = "pose\\r\\n"\n\n[field]')
+RIGS = {
+    "lines": LINES,
+    "packets": f'{RIG[: RIG.index("[device]")]}[device]\nkind = "fsflk"\n[device.fsflk]\nalgorithm = "Q9"\n\n'
+               f'{RIG[RIG.index("[field]") :]}'.replace("compass-lines.elf", "compass-packets.elf"),
+    "lines and variables": LINES.replace('kind = "text"', 'kind = ["text", "memory"]').replace(
+        "\n[field]", f"\n{VARIABLES}\n[field]"
+    ),
+    "silence": RIG.replace("compass-lines.elf", "hiltest-frdm-k64f.elf").partition("[cycles]")[0],
+}  # fmt: skip
+# Lines say no dip; it is 62 degrees; in the place of one the rig names a variable that counts two points by then.
+READ = {"lines": (-1.0, -1.0), "packets": (60.0, 64.0), "lines and variables": (2.0, 2.0)}
+Run = Callable[..., tuple[int, dict[str, Any], str]]
+
+
+@pytest.fixture
+def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run the suite with options; return exit code, record and output."""
+    monkeypatch.delenv("HIL_RIG")
+
+    def run(*options: str, suite: str = SUITE) -> tuple[int, dict[str, Any], str]:
+        (pytester.path / "test_bench.py").write_text(suite, encoding="utf-8")
+        done = pytester.runpytest_inprocess("test_bench.py", *options)
+        record = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
+        return int(done.ret), record, " ".join((done.stdout.str() + done.stderr.str()).split())
+
+    return run
+
+
+@pytest.mark.parametrize("said", RIGS)
+def test_a_replay_gives_the_same_record_without_the_firmware(said: str, run: Run, tmp_path: Path) -> None:
+    rig = tmp_path / "compass.toml"
+    rig.write_text(RIGS[said], encoding="utf-8")
+    code, first, output = run(f"--hil-rig={rig}", "--hil-record=run.jsonl")
+    assert code == (20 if said == "silence" else 0), output
+    again_code, again, output = run("--hil-replay=run.jsonl")
+    assert again_code == code, output
+    if said != "silence":
+        assert "replay of virtual FRDM-K64F, seed 1; compass-" in output
+        assert again["board"]["kind"] == "replay"
+        values = {each["name"]: each["value"] for each in again["measurements"]}
+        assert values["compass.said"] >= 10
+        low, high = READ[said]
+        assert low <= values["compass.read"] <= high
+        assert values["compass.calls"] > 10
+    volatile = sorted({*first.pop("volatile"), *again.pop("volatile")})
+    assert without_volatile({**first, "volatile": volatile}) == without_volatile({**again, "volatile": volatile})
+
+
+def test_another_command_a_longer_wait_and_a_changed_line_are_found(
+    run: Run, tmp_path: Path, pytester: pytest.Pytester
+) -> None:
+    rig = tmp_path / "compass.toml"
+    rig.write_text(LINES, encoding="utf-8")
+    assert run(f"--hil-rig={rig}", "--hil-record=run.jsonl")[0] == 0
+    code, record, _ = run("--hil-replay=run.jsonl", suite=SUITE.replace("Moment.POSE", "Moment.START"))
+    assert code == 20
+    assert "test_heard listens to the board, and run.jsonl:" in record["tests"][0]["reason"]
+    assert r"in test_bench.py::test_heard sent 'pose\r\n'" in record["tests"][0]["reason"]
+    code, record, _ = run("--hil-replay=run.jsonl", suite=SUITE.replace("observe(1.0)", "observe(0.5)"))
+    assert code == 20
+    assert "test_seen asks costs-1.calls(), and run.jsonl:" in record["tests"][1]["reason"]
+    assert "bytes before it went on" in record["tests"][1]["reason"]
+    lines = (pytester.path / "run.jsonl").read_text(encoding="utf-8")
+    sent = b"pose\r\n".hex()
+    assert lines.count(sent) == 1
+    (pytester.path / "run.jsonl").write_text(lines.replace(sent, b"hold\r\n".hex()), encoding="utf-8")
+    code, record, _ = run("--hil-replay=run.jsonl")
+    assert code == 20
+    assert r"test_heard sends 'pose\r\n', and run.jsonl:" in record["tests"][0]["reason"]
+    assert r"in test_bench.py::test_heard sent 'hold\r\n'" in record["tests"][0]["reason"]
