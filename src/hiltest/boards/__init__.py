@@ -99,6 +99,7 @@ def open_compass(
         rig, firmware=firmware, port=port, seed=seed, transcript=transcript, base=base,
         watches_execution=watches_execution, tape=tape,
     )  # fmt: skip
+    board.may_be_overheard = tape is LIVE
     try:
         board.begin()
         if isinstance(board, ReplayCompass):

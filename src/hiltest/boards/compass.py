@@ -94,8 +94,11 @@ class CompassBoard:
         Of that file.
     execution : ExecutionWatch or None
         What it has executed, where that is kept.
+    may_be_overheard : bool
+        Whether it may be listened to while an operator is asked: what is heard then is no part of a recording.
     """
 
+    may_be_overheard = True
     kind: BoardKind
     description: str
     costs: Costs | None = None
