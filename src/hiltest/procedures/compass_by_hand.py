@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hiltest.angles import Pose, circular_mean_deg
+from hiltest.angles import Pose, circular_mean_deg, wrap_180
 from hiltest.boards.compass import CompassBoard
 from hiltest.device.frames import Frame
 from hiltest.device.quantities import Moment, Observation, Quantity
 from hiltest.procedures.hand_poses import STILL_WITHIN_S, Readings, Reals, moved, said_beside, walk_by_hand
-from hiltest.procedures.settling import Settled, agree, wait_until_settled
+from hiltest.procedures.settling import Settled, wait_until_settled
 from hiltest.procedures.turntables import Achieved, OperatorTurntable
 
+SAY = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
+"""Said before the first question: nothing tells one build of such firmware, or its own calibration, from another."""
 _STOPPED = "the same command begins anew"
-# What is said before the first question: nothing that such firmware says tells one of its builds from another, or the
-# calibration that it has made of itself since.
-_SAY = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
 _FIELD = (Quantity.MAGNETOMETER, Quantity.MAGNETOMETER_CALIBRATED)
 _GRAVITY = (Quantity.ACCELEROMETER, Quantity.ACCELEROMETER_CALIBRATED)
 # One look at the board while a question waits [s]: three lines of ten a second.
 _LOOK_S = 0.3
+# Between two looks a heading of a table that turns by 3 degrees a second changes so; noise of three lines makes 0.3.
+_TURNED_DEG = 1.0
 
 
 def hold_by_hand(
@@ -49,7 +51,7 @@ def hold_by_hand(
         return moves
 
     look = _Look(board, frame) if board.may_be_overheard else None
-    walk_by_hand(table, poses, (), take=take, look=look, now_s=board.now_s, say=_SAY, stopped=_STOPPED)
+    walk_by_hand(table, poses, (), take=take, look=look, now_s=board.now_s, say=SAY, stopped=_STOPPED)
 
 
 def settle_where_still(
@@ -119,11 +121,12 @@ class _Look:
         """Listen, and say it in few words."""
         before, self._before = self._before, self._board.observe(_LOOK_S)
         pair = self._headings(before), self._headings(self._before)
+        mean_deg = circular_mean_deg(pair[1]) if pair[1] else math.nan
         if min(_readings(each).n for each in (before, self._before)):
             moves = bool(movement_heard(self._board, before, self._before))
         else:
-            moves = not (all(pair) and agree(*pair))
-        return said_beside(circular_mean_deg(pair[1]) if pair[1] else None, moves=moves)
+            moves = not all(pair) or abs(wrap_180(mean_deg - circular_mean_deg(pair[0]))) > _TURNED_DEG
+        return said_beside(mean_deg if pair[1] else None, moves=moves)
 
     def _headings(self, said: Sequence[Observation]) -> list[float]:
         values = [each.values[Quantity.HEADING] for each in said if Quantity.HEADING in each.values]
