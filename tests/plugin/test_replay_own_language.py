@@ -112,6 +112,20 @@ def test_another_command_a_longer_wait_and_a_changed_line_are_found(
     assert r"in test_bench.py::test_heard sent 'hold\r\n'" in record["tests"][0]["reason"]
 
 
+def test_a_variable_of_other_numbers_than_its_quantity_has_is_refused(
+    run: Run, tmp_path: Path, pytester: pytest.Pytester
+) -> None:
+    rig = tmp_path / "compass.toml"
+    rig.write_text(RIGS["lines and variables"], encoding="utf-8")
+    assert run(f"--hil-rig={rig}", "--hil-record=run.jsonl")[0] == 0
+    recorded = (pytester.path / "run.jsonl").read_text(encoding="utf-8")
+    assert '"DIP": [2.0]' in recorded
+    (pytester.path / "run.jsonl").write_text(recorded.replace('"DIP": [2.0]', '"DIP": [2.0, 2.0]'), encoding="utf-8")
+    code, _, output = run("--hil-replay=run.jsonl", "--hil-out=damaged")
+    assert code not in (0, 20)
+    assert "the recording is damaged: memory reads 2 numbers of dip" in output
+
+
 @pytest.mark.parametrize(
     ("beyond_deg", "outcome", "code"),
     [(-0.8, "fail", 1), (-0.6, "cannot tell", 22), (0.6, "cannot tell", 22), (0.8, "pass", 0)],
