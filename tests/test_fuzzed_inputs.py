@@ -25,7 +25,7 @@ from tests.logs.recording import six_faces_and_turns, write
 from tests.totals import printed_totals
 
 from hiltest.bench_files import shipped
-from hiltest.boards import Declared, ReplayBoard, default_firmware
+from hiltest.boards import Declared, ReplayBoard, default_firmware, open_compass
 from hiltest.boards.gcode import GcodeError, Modals, read_block
 from hiltest.boards.served_recording import ServedRecording
 from hiltest.device.packet_csv import PacketRows
@@ -163,9 +163,9 @@ def _text(data: bytes) -> None:
             assert not {"\n", "\r", "\0", "\x1b"} & set(heard.line)
 
 
-def _recording() -> bytes:
+def _recording(name: str) -> bytes:
     """Return a recording up to its first test."""
-    recording = Path(__file__).parents[1] / "fixtures" / "recordings" / "by-hand.jsonl.gz"
+    recording = Path(__file__).parents[1] / "fixtures" / "recordings" / f"{name}.jsonl.gz"
     return gzip.decompress(recording.read_bytes()).partition(b'"mark"')[0].rpartition(b"\n")[0]
 
 
@@ -179,7 +179,10 @@ def _replayed(path: Path) -> None:
         served.say(1e9 + number)
     tape = Player(transcript, path)
     rig = parse_rig(Path(run.rig_file), run.rig_text.encode("utf-8", errors="replace"))
-    ReplayBoard(tape, declared=Declared.of(rig)).close()
+    if rig.own_language is None:
+        ReplayBoard(tape, declared=Declared.of(rig)).close()
+    else:
+        open_compass(rig, tape=tape).close()
 
 
 def _trace(data: bytes) -> None:
@@ -275,7 +278,9 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "rate logs": Reader(read_rate_log, data, [rates, *forms], 0.005, ".csv"),
         "IMU logs": Reader(read_imu_log, data, [imu, *forms], 0.002, ".csv"),
         "intervals": Reader(lambda path: listed_intervals(log, path), config, [intervals], 0.002, ".json"),
-        "recorded runs": Reader(_replayed, (HiltestError,), [_recording()], 0.001, ".jsonl"),
+        "recorded runs": Reader(
+            _replayed, (HiltestError,), [_recording("by-hand"), _recording("text-skipped")], 0.001, ".jsonl"
+        ),
         "transcripts": Reader(Transcript.read, config, [(folder / "wire.jsonl").read_bytes()], 0.002, ".jsonl"),
         "timing profiles": Reader(lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml"),
         "rigs": Reader(load_rig, config, rigs, 0.004, ".toml"),

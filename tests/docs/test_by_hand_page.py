@@ -11,6 +11,7 @@ import pytest
 from hiltest.angles import Pose
 from hiltest.bench_files import shipped
 from hiltest.measurement import Limit, check
+from hiltest.procedures.compass_by_hand import SAY as NEW_RUN
 from hiltest.procedures.hand_poses import Wish, question_of, wish_of
 from hiltest.rig.file import load_rig
 from hiltest.verdict.verdict import decide
@@ -20,13 +21,15 @@ from ..written_run import board, findings
 __all__ = ["board", "findings"]
 
 PAGE = (Path(__file__).parents[2] / "docs" / "by-hand.md").read_text(encoding="utf-8")
-SESSION, _, VERDICT = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
+SESSION, _, COMPASS, VERDICT = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
 RIG = load_rig(shipped() / "rigs" / "frdm-k64f.toml")
 
 
 def test_the_questions_are_those_that_are_asked() -> None:
     for number, heading_deg in enumerate((0.0, 90.0, 180.0)):
         assert question_of(number, Pose(heading_deg)) in SESSION
+        assert question_of(number, Pose(heading_deg)) in COMPASS
+    assert COMPASS.startswith(NEW_RUN)
 
 
 def test_every_wish_is_in_the_table_and_no_other() -> None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..device.conftest import shared_data  # noqa: F401  # a fixture
+from ..finished_run import without_volatile
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "nxp-fusion-agm01.toml"
 WALL_LIMIT_S = 900  # a minute and a half on two idle cores
@@ -29,11 +30,19 @@ def test_its_calibration_is_right_and_its_slices_are_counted(
         text, found = re.subn(pattern, instead, text, flags=re.M)
         assert found == 1, pattern
     (tmp_path / "short.toml").write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "hiltest", "run", "--rig", "short.toml", "--firmware", str(elf)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
+    command = [sys.executable, "-m", "hiltest", "run", "--rig", "short.toml"]
+    recorded = [*command, "--firmware", str(elf), "--record", "run.jsonl.gz"]
+    done = subprocess.run(recorded, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
     assert done.returncode in (0, 1), done.stdout + done.stderr
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     values = {each["name"]: each["value"] for each in record["measurements"]}
+    # Packets, variables, what its functions cost and the samples that ours got come from the recording as they were.
+    replay = [*command[:4], "--replay", "run.jsonl.gz", "--out", "again"]
+    replayed = subprocess.run(replay, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
+    assert replayed.returncode == done.returncode, replayed.stdout + replayed.stderr
+    again = json.loads((tmp_path / "again" / "run.json").read_text(encoding="utf-8"))
+    volatile = sorted({*record["volatile"], *again["volatile"]})
+    assert without_volatile(again | {"volatile": volatile}) == without_volatile(record | {"volatile": volatile})
     assert values["heading.uncalibrated.max_level"] > 20.0, "its magnetometer reads 19 uT too much, level, of 23"
     assert values["heading.calibrated.max"] < 1.0
     assert values["fit.firmware.offset_error"] < 1.0

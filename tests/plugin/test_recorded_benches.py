@@ -21,6 +21,7 @@ TESTS = {
     "line-lost": "identity or link", "line-garbled": "identity or link", "board-silent": "identity or link",
     "nothing-answers": "identity or link",
     "text-compass": "test_", "text-by-hand": "before_calibration",
+    "text-skipped": "before_calibration",
     "firmware-hangs": AT_REST, "firmware-faults": AT_REST,
 }  # fmt: skip
 REASONS = {

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ import pytest
 from tests.finished_run import without_volatile
 
 from hiltest.bench_files import shipped
+from hiltest.commands.run import RunCommand
 
 SUITE = """
 from hiltest.angles import Pose
@@ -107,3 +110,43 @@ def test_another_command_a_longer_wait_and_a_changed_line_are_found(
     assert code == 20
     assert r"test_heard sends 'pose\r\n', and run.jsonl:" in record["tests"][0]["reason"]
     assert r"in test_bench.py::test_heard sent 'hold\r\n'" in record["tests"][0]["reason"]
+
+
+def test_a_variable_of_other_numbers_than_its_quantity_has_is_refused(
+    run: Run, tmp_path: Path, pytester: pytest.Pytester
+) -> None:
+    rig = tmp_path / "compass.toml"
+    rig.write_text(RIGS["lines and variables"], encoding="utf-8")
+    assert run(f"--hil-rig={rig}", "--hil-record=run.jsonl")[0] == 0
+    recorded = (pytester.path / "run.jsonl").read_text(encoding="utf-8")
+    assert '"DIP": [2.0]' in recorded
+    (pytester.path / "run.jsonl").write_text(recorded.replace('"DIP": [2.0]', '"DIP": [2.0, 2.0]'), encoding="utf-8")
+    code, _, output = run("--hil-replay=run.jsonl", "--hil-out=damaged")
+    assert code not in (0, 20)
+    assert "the recording is damaged: memory reads 2 numbers of dip" in output
+
+
+@pytest.mark.parametrize(
+    ("beyond_deg", "outcome", "code"),
+    [(-0.8, "fail", 1), (-0.6, "cannot tell", 22), (0.6, "cannot tell", 22), (0.8, "pass", 0)],
+)
+def test_a_heading_at_an_angle_that_a_hand_set_is_held_against_its_limit_with_u(
+    beyond_deg: float, outcome: str, code: int, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """U is 0.71 degrees, of the table's 0.5 and the mounting's; the limit is so far beyond what was measured."""
+    monkeypatch.delenv("HIL_RIG")
+    recordings = Path(__file__).parents[2] / "fixtures" / "recordings"
+    kept = json.loads(gzip.decompress((recordings / "text-by-hand.run.json.gz").read_bytes()))
+    (value,) = (each["value"] for each in kept["measurements"] if each["name"] == "heading.uncalibrated.max")
+    limit = f'"heading.uncalibrated.max" = {{ max = {value + beyond_deg:.3f}, unit = "deg" }}'
+    text = (recordings / "text-by-hand.toml").read_text(encoding="utf-8").partition("[limits]")[0]
+    (pytester.path / "other.toml").write_text(f"{text}[limits]\n{limit}\n", encoding="utf-8")
+    done = pytester.runpytest_inprocess(
+        str(shipped() / "suites"), "--import-mode=importlib", f"--rootdir={pytester.path}", "-k", "before_calibration",
+        f"--hil-replay={recordings / 'text-by-hand.jsonl.gz'}", "--hil-rig=other.toml", "--hil-out=hil-out",
+        plugins=[RunCommand()],
+    )  # fmt: skip
+    record = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
+    (found,) = (each for each in record["measurements"] if each["name"] == "heading.uncalibrated.max")
+    assert (found["value"], found["outcome"], done.ret) == (value, outcome, code)
+    assert found["uncertainty"] == pytest.approx(0.5 * math.sqrt(2.0))

@@ -33,8 +33,11 @@ FEWEST_SAMPLES = 50
 
 
 def test_heading_before_calibration(before: CompassHeadings, measure: Measure) -> None:
-    measure("heading.uncalibrated.max_level", before.max_level_deg(FIRMWARE), "deg")
-    measure("heading.uncalibrated.max", before.summary(FIRMWARE).max_deg, "deg")
+    missing = before.not_measured
+    level_deg = before.max_level_deg(FIRMWARE)
+    measure("heading.uncalibrated.max_level", level_deg, "deg", not_checked=missing,
+            not_offered="" if level_deg is not None else missing or "the rig has no level known angle")
+    measure("heading.uncalibrated.max", before.summary(FIRMWARE).max_deg, "deg", not_checked=missing)
 
 
 def test_the_firmware_calibrates_itself(
@@ -67,7 +70,8 @@ def test_pitch_and_roll_at_known_angles(after: CompassHeadings, compass: Compass
 
 
 def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Measure) -> None:
-    not_checked = "" if rig.mounting else "the rig declares no mounting"
+    missing = after.not_measured
+    not_checked = missing or ("" if rig.mounting else "the rig declares no mounting")
     for source in after.error_deg:
         errors = after.summary(source)
         limit = GOAL if source == FIRMWARE else TOGETHER
@@ -75,7 +79,7 @@ def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Meas
                 limit=None if f"heading.{source}.max" in rig.information else limit)
         measure(f"heading.{source}.rms", errors.rms_deg, "deg", not_checked=not_checked)
         measure(f"heading.{source}.bias", or_nan(errors.bias_deg), "deg", not_checked=not_checked)
-        measure(f"heading.{source}.max_centred", or_nan(errors.max_centred_deg), "deg")
+        measure(f"heading.{source}.max_centred", or_nan(errors.max_centred_deg), "deg", not_checked=missing)
         measure(f"heading.{source}.worst_sector", errors.worst_sector.start_deg, "deg")
         measure(f"heading.{source}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
     measure.table(

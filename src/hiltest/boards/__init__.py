@@ -107,6 +107,7 @@ def open_compass(
     )  # fmt: skip
     if on_chip is not None:
         on_chip.note(board)
+    board.may_be_overheard = tape is LIVE
     try:
         board.begin()
         if isinstance(board, ReplayCompass):

@@ -94,8 +94,11 @@ class CompassBoard:
         Of that file.
     execution : ExecutionWatch or None
         What it has executed, where that is kept.
+    may_be_overheard : bool
+        Whether it may be listened to while an operator is asked: what is heard then is no part of a recording.
     """
 
+    may_be_overheard = True
     kind: BoardKind
     description: str
     costs: Costs | None = None
@@ -449,8 +452,18 @@ class TapedReadings:
         self.offers = frozenset(units)
 
     def read(self, time_s: float) -> Observation:
-        """Read all of it now."""
+        """Read all of it now.
+
+        Raises
+        ------
+        ConfigError
+            When a recording holds other than the numbers of a quantity.
+        """
         read: Observation = self._tape.ask(f"{self._kind}.read", {}, Observation, lambda: self._target.read(time_s))
+        for quantity, numbers in read.values.items():
+            if quantity not in self.offers or numbers.shape != (quantity.size,):
+                found = f"{self._kind} reads {numbers.size} numbers of {quantity.key}"
+                raise ConfigError(f"the recording is damaged: {found}; record the run again")
         return read
 
     def remarks(self) -> tuple[str, ...]:

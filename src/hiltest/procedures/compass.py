@@ -16,11 +16,13 @@ from hiltest.device.frames import FRAMES, Frame
 from hiltest.device.quantities import Moment, Observation, Quantity
 from hiltest.errors import PoorCoverageError
 from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.procedures.compass_by_hand import hold_by_hand
 from hiltest.procedures.conventions import other_frame, other_tilt, other_way, standing_still
+from hiltest.procedures.hand_poses import missing_in_words
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.settling import Settled, wait_until_settled
-from hiltest.procedures.turntables import Turntable
+from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
 from hiltest.rig import COUNTS_PER_UT, Rig
 from hiltest.text import counted
 
@@ -114,6 +116,8 @@ class CompassHeadings:
     contradictions : dict of str to str
         Where what the firmware says is far off, and right by another convention than the declared one: that in words,
         of its ``heading``, ``vectors`` and ``tilt``; and that its heading is ``still``.
+    skipped : tuple of Pose
+        Known angles that an operator has left out.
     """
 
     held: tuple[HeldPose, ...]
@@ -123,6 +127,12 @@ class CompassHeadings:
     belief: Belief
     tilt_error_deg: float | None
     contradictions: Mapping[str, str]
+    skipped: tuple[Pose, ...] = ()
+
+    @property
+    def not_measured(self) -> str:
+        """Which known angles are missing, in words; empty where all were taken. A limit is of all of them."""
+        return missing_in_words(self.skipped, len(self.held))
 
     @property
     def level(self) -> NDArray[np.bool_]:
@@ -142,9 +152,10 @@ class CompassHeadings:
         """Return the statistics of one source."""
         return summarise(self.error_deg[source], self.reference_deg, level=self.level)
 
-    def max_level_deg(self, source: str) -> float:
-        """Return the largest error of a source over the level poses."""
-        return summarise(self.error_deg[source][self.level], self.reference_deg[self.level]).max_deg
+    def max_level_deg(self, source: str) -> float | None:
+        """Return the largest error of a source over the level poses; None where none was taken."""
+        level = self.level
+        return summarise(self.error_deg[source][level], self.reference_deg[level]).max_deg if level.any() else None
 
     @property
     def settle_s(self) -> Reals:
@@ -247,6 +258,8 @@ def measure_headings(
 ) -> CompassHeadings:
     """Turn the board to each pose, wait until its heading has settled, and compare it with the table's angle.
 
+    An operator is asked as `hold_by_hand` has it.
+
     Parameters
     ----------
     board : CompassBoard
@@ -258,19 +271,27 @@ def measure_headings(
     """
     frame, tell = frame_of(board.rig), progress or silent
     yaw_deg = board.rig.mounting.yaw_deg if board.rig.mounting else 0.0
-    held: list[HeldPose] = []
-    for index, pose in enumerate(poses):
-        there = turntable.turn_to(pose, known_angle=index)
-        board.send(Moment.POSE)
-        settled = wait_until_settled(board, frame, longest_s)
+    held: dict[int, HeldPose] = {}
+
+    def hold(index: int, there: Achieved, settled: Settled) -> None:
         attitude = Pose(wrap_360(there.heading_deg + yaw_deg), there.pitch_deg, there.roll_deg)
-        held.append(HeldPose(
-            pose, attitude, settled, field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
+        held[index] = HeldPose(
+            poses[index], attitude, settled, field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
             gravity_g=_mean(settled, _gravity(board), frame.gravity),
             read_ut=_read_ut(board, settled, attitude, frame),
-        ))  # fmt: skip
-        tell("known angles", index + 1, len(poses))
-    return _headings(tuple(held), belief_of(board.latest, frame), board)
+        )  # fmt: skip
+
+    if isinstance(turntable, OperatorTurntable):
+        hold_by_hand(board, turntable, poses, frame, hold, longest_s=longest_s)
+    else:
+        for index, pose in enumerate(poses):
+            there = turntable.turn_to(pose, known_angle=index)
+            board.send(Moment.POSE)
+            hold(index, there, wait_until_settled(board, frame, longest_s))
+            tell("known angles", index + 1, len(poses))
+    skipped = tuple(pose for index, pose in enumerate(poses) if index not in held)
+    found = _headings(tuple(held[index] for index in sorted(held)), belief_of(board.latest, frame), board)
+    return replace(found, skipped=skipped)
 
 
 def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -> CompassHeadings:

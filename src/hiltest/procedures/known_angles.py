@@ -13,21 +13,19 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180, wrap_360
 from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
-from hiltest.errors import DeviceError, FirmwareContradictionError, TurntableError
+from hiltest.errors import DeviceError, FirmwareContradictionError
 from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.link.messages import Average, GetCalibration
 from hiltest.link.replies import AverageReply, CalibrationReply, SensorKind, SlotHeading
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
-from hiltest.procedures.hand_poses import PoseJournal, place_of, take_by_hand
+from hiltest.procedures.hand_poses import PoseJournal, missing_in_words, place_of, take_by_hand
 from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
-from hiltest.text import listed
 
 Reals = NDArray[np.float64]
 
-_NAMED_AT_MOST = 3
 LARGEST_ROUNDING_DEG = 0.002
 """A heading in float32 is within 3e-5 degrees of the same in float64: eighty times that is another computation."""
 
@@ -86,9 +84,7 @@ class KnownAngles:
     @property
     def not_measured(self) -> str:
         """Which known angles are missing, in words; empty where all were taken. A limit is of all of them."""
-        places = listed([place_of(each) for each in self.skipped], _NAMED_AT_MOST)
-        of = len(self.skipped) + len(self.poses)
-        return f"{len(self.skipped)} of {of} known angles not measured: {places}" if self.skipped else ""
+        return missing_in_words(self.skipped, len(self.poses))
 
     def in_body(self, vector_ned: Sequence[float]) -> Reals:
         """Return what a vector of the earth frame is along the board's axes at each pose, shape (n, 3)."""
@@ -168,8 +164,6 @@ def measure_known_angles(
             shown=next((slot for name, slot in slots.items() if name != UNCALIBRATED), UNCALIBRATED_SLOT),
             earlier=earlier, keep=journal.keep if journal else lambda *_: None, say=said,
         )
-        if not taken:
-            raise TurntableError("every known angle was skipped: there is no heading to judge")
     else:
         mask, taken = sum(1 << slot for slot in slots.values()), {}
         for index, pose in enumerate(poses):

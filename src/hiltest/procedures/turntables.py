@@ -185,14 +185,18 @@ class OperatorTurntable:
         How well the table's scale can be set and read.
     tumble_s : float
         How long the hand gets to turn the board all round.
+    shows_coverage : bool
+        Whether it is shown meanwhile how much of the sphere the board has seen.
     """
 
     name = "operator"
 
     def __init__(
-        self, *, prompt: Callable[[str], str], uncertainty_deg: float, tumble_s: float = HAND_TUMBLE_S
-    ) -> None:
+        self, *, prompt: Callable[[str], str], uncertainty_deg: float, tumble_s: float = HAND_TUMBLE_S,
+        shows_coverage: bool = True,
+    ) -> None:  # fmt: skip
         self._prompt = prompt
+        self._shows_coverage = shows_coverage
         self._tumble_s = tumble_s
         self.uncertainty_deg = uncertainty_deg
 
@@ -232,7 +236,7 @@ class OperatorTurntable:
         self.ask(
             f"take the board in your hand, away from iron. Turn it all round for {takes_s:.0f} s: each of its six "
             f"sides and eight corners down once, about {takes_s / 15:.0f} s each. "
-            "How much of the sphere is seen is shown. Enter to begin: "
+            f"{'How much of the sphere is seen is shown. ' if self._shows_coverage else ''}Enter to begin: "
         )
         return takes_s
 
@@ -317,7 +321,9 @@ def open_turntable(
         return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
     if prompt is None:
         raise OperatorAbsentError("a real board needs an operator to turn it, and there is no one to ask")
-    return OperatorTurntable(prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s)
+    return OperatorTurntable(
+        prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s, shows_coverage=isinstance(board, Board)
+    )
 
 
 def heading_of(answer: str, asked_deg: float) -> float | None:

@@ -1,0 +1,158 @@
+"""An operator at the known angles of firmware that speaks its own language: the dialogue, and what is still."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hiltest.angles import Pose
+from hiltest.bench_files import shipped
+from hiltest.boards import CompassBoard, open_compass
+from hiltest.device.quantities import Quantity
+from hiltest.errors import TurntableError
+from hiltest.procedures import OperatorTurntable
+from hiltest.procedures.compass import CompassHeadings, measure_headings
+from hiltest.procedures.hand_poses import Question
+from hiltest.replay.recorder import Recorder
+from hiltest.rig import Rig
+from hiltest.rig.file import parse_rig
+
+pytestmark = pytest.mark.slow
+
+SHIPPED = shipped() / "rigs" / "text-compass.toml"
+TEXT = SHIPPED.read_text(encoding="utf-8").replace('kind = "text"', 'kind = "text"\nwindow_s = 0.5\nsettle_s = 3.0')
+RIG = parse_rig(SHIPPED, TEXT.encode())
+POSES = (Pose(0.0), Pose(90.0), Pose(180.0))
+_BEGUN_S = 1.0  # a turn of the table begins and gathers way in this time
+
+
+class Hand:
+    """Turns a virtual board to what it is asked for, and answers as it is told to, Enter where nothing is left."""
+
+    def __init__(
+        self, board: CompassBoard, *answers: str, then: Callable[[int], object] = lambda asked: None, looks: int = 0
+    ) -> None:
+        assert board.stage is not None
+        self.stage, self.answers, self.then, self.looks = board.stage, list(answers), then, looks
+        self.asked: list[str] = []
+        self.beside: list[str] = []
+
+    def __call__(self, question: str) -> str:
+        self.asked.append(re.sub(r"\s+", " ", question))
+        if pose := re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question):
+            self.stage.turn_to(Pose(*map(float, pose.groups())))
+        if isinstance(question, Question):
+            self.beside += [question.live() for _ in range(self.looks)]
+        self.then(len(self.asked))
+        return self.answers.pop(0) if self.answers else ""
+
+    @property
+    def poses(self) -> list[int]:
+        """Numbers of the poses that were asked for."""
+        return [int(found[1]) for each in self.asked if (found := re.search(r"pose (\d+): turn", each))]
+
+
+def opened(rig: Rig, **more: object) -> CompassBoard:
+    return open_compass(rig, **more)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def compass() -> Iterator[CompassBoard]:
+    with opened(RIG) as board:
+        yield board
+
+
+def measured(board: CompassBoard, hand: Hand, poses: Sequence[Pose] = POSES) -> CompassHeadings:
+    return measure_headings(board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses)
+
+
+def test_what_the_firmware_says_whether_it_moves_and_what_is_left_stand_beside_a_question(
+    compass: CompassBoard,
+) -> None:
+    hand = Hand(compass, looks=3)
+    found = measured(compass, hand)
+    assert hand.poses == [1, 2, 3]
+    assert (found.skipped, found.not_measured) == ((), "")
+    assert found.reference_deg.tolist() == [1.7, 91.7, 181.7]  # the mounting is 1.7
+    first, _, then = hand.beside[:3]
+    assert re.fullmatch(r"board \d+\.\d deg, moving; 0 of 3", first)  # with nothing before it nothing is known
+    assert re.fullmatch(r"board \d+\.\d deg, still; 0 of 3", then)
+    assert re.fullmatch(r"board \d+\.\d deg, still; 2 of 3, \d+ s left", hand.beside[8])
+    assert float(then.split()[1]) == pytest.approx(found.heading_deg["firmware"][0], abs=2.0)  # noise of three lines
+    assert "A run that is stopped begins anew" in hand.asked[0]
+
+
+def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: CompassBoard) -> None:
+    hand = Hand(compass, "", "r", "1.5", "s", "b", "s", "", "")
+    found = measured(compass, hand)
+    assert hand.poses == [1, 2, 1, 2, 3, 2, 3]
+    assert [each.pose for each in found.held] == [POSES[0], POSES[2]]
+    assert found.reference_deg.tolist() == pytest.approx([3.2, 181.7])  # the second time the operator said 1.5
+    assert found.skipped == (POSES[1],)
+    assert found.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
+
+
+def test_an_operator_who_skips_everything_or_stops_ends_it_with_what_becomes_of_the_run(compass: CompassBoard) -> None:
+    with pytest.raises(TurntableError, match="every known angle was skipped"):
+        measured(compass, Hand(compass, "s", "s", "s"))
+    with pytest.raises(KeyboardInterrupt, match="stops, with 1 of 3 known angles taken; the same command begins anew"):
+        measured(compass, Hand(compass, "", "q"))
+
+
+def test_a_board_that_still_turns_is_not_taken_until_it_stands(compass: CompassBoard) -> None:
+    stage = compass.stage
+    assert stage is not None
+
+    def let_go_late(asked: int) -> None:
+        if asked == 1:
+            stage.turn_round(90.0, rate_dps=36.0, after_s=0.0)  # lets go of the table 2 s after Enter
+            compass.sleep(_BEGUN_S)
+
+    hand = Hand(compass, then=let_go_late)
+    found = measured(compass, hand, POSES[:1])
+    assert len(hand.asked) == 2  # the pose, and the end
+    there = compass.observe(1.0)[-1].values[Quantity.HEADING][0]
+    assert 60.0 < there < 120.0, "it did turn"
+    assert found.heading_deg["firmware"][0] == pytest.approx(there, abs=1.5)  # noise of one line
+
+
+@pytest.mark.parametrize("says_vectors", [True, False])
+def test_a_board_that_never_stands_is_asked_for_again_where_its_vectors_show_it(
+    says_vectors: bool, compass: CompassBoard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of firmware that says its heading alone, a heading that moves is what it says, and is counted as unsettled."""
+    monkeypatch.setattr("hiltest.procedures.compass_by_hand.STILL_WITHIN_S", 1.0)
+    text = re.sub(r"\n  '(RAW|hard)=.*", "", TEXT)
+    board = compass if says_vectors else opened(parse_rig(SHIPPED, text.encode()))
+    stage = board.stage
+    assert stage is not None
+
+    def turn_on(asked: int) -> None:
+        if asked == 1:
+            stage.turn_round(360.0, rate_dps=36.0, after_s=0.0)
+            board.sleep(_BEGUN_S)
+
+    hand = Hand(board, then=turn_on, looks=2)
+    found = measured(board, hand, POSES[:1])
+    if says_vectors:
+        assert re.match(r"the board does not stand still: the field changed by \d+\.\d uT\. pose 1: ", hand.asked[1])
+        assert found.unsettled == 0
+    else:
+        assert len(hand.asked) == 2
+        assert found.unsettled == 1
+        assert all(", moving; 1 of 1" in each for each in hand.beside[2:]), "by its heading"
+        board.close()
+
+
+def test_nothing_is_heard_beside_a_question_while_a_run_is_recorded(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.jsonl", {})
+    with opened(replace(RIG, cycles={}), tape=recorder) as board:
+        hand = Hand(board, looks=1)
+        found = measured(board, hand, POSES[:1])
+        recorder.end()
+    assert len(found.held) == 1
+    assert hand.beside == []
