@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.patched_firmware import patched
 
 from hiltest.bench_files import shipped
-from hiltest.boards import Board, open_board
+from hiltest.boards import Board, default_firmware, open_board
 from hiltest.boards.sample_checks import SAME_SAMPLES, longest_run
-from hiltest.errors import BoardResetError, DeviceError, SensorFaultError
+from hiltest.errors import BoardResetError, DeviceError, ProtocolError, SensorAbsentError, SensorFaultError
 from hiltest.link.gyroscope import GyroscopeRest, IntegrateGyroscope
 from hiltest.link.messages import Average, Points, Read, Reset, Select, Sensors, SetCalibration, Upload
 from hiltest.link.poses import AddPose
@@ -25,6 +27,7 @@ from hiltest.rig.parts import PARTS
 
 RIG = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
 BEGIN_S = 1.5
+NOT_SUPPORTED = (0x200F, 0x4770)  # movs r0, #15; bx lr
 
 
 @contextmanager
@@ -87,6 +90,21 @@ def test_a_sensor_that_is_gone_is_absent_and_back_as_after_power_on() -> None:
         board.sleep(0.5)
         board.session.request(Select(mag.sensor_id))  # which sets it up again
         board.session.request(Read(mag.sensor_id, 1))
+
+
+def test_a_sensor_that_goes_while_the_board_is_opened_is_missing_for_who_needs_it() -> None:
+    # After SENSORS has found it, and before SELECT sets it up.
+    with board_with(**sensor("fxos8700cq", "absent", after_s=0.05)) as board:
+        with pytest.raises(SensorAbsentError, match="no FXOS8700CQ accelerometer answers"):
+            board.sensor(SensorKind.ACCELEROMETER)
+        assert board.sensor(SensorKind.MAGNETOMETER).name == "MAG3110"
+
+
+def test_firmware_that_refuses_the_first_words_is_not_ours(tmp_path: Path) -> None:
+    elf = tmp_path / "refuses.elf"
+    elf.write_bytes(patched(default_firmware(), ["command_sensors"], NOT_SUPPORTED))
+    with pytest.raises(ProtocolError, match="the first words to the firmware were refused: the board answered SENSORS"):
+        open_board(RIG, firmware=elf)
 
 
 @pytest.mark.parametrize("part", ["mag3110", "fxos8700cq", "fxas21002c"])

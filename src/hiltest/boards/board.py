@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.boards.sample_checks import SampleChecks
-from hiltest.errors import FirmwareContradictionError, HiltestError, SensorAbsentError
+from hiltest.errors import (
+    DeviceError,
+    FirmwareContradictionError,
+    HiltestError,
+    ProtocolError,
+    SensorAbsentError,
+)
 from hiltest.link.messages import Select, Sensors
 from hiltest.link.ports import SerialPort
 from hiltest.link.replies import DPS_PER_COUNT, CostedReply, CostedSteps, Identity, RunCost, SensorInfo, SensorKind
@@ -298,8 +304,10 @@ class Board(ABC):
             self.sensors: tuple[SensorInfo, ...] = self._select()
             self.sample_checks = SampleChecks(lambda kind: self.sensor(kind).name, self._is_noise_free)
             session.on_reply = self.sample_checks.reply
-        except HiltestError:
+        except HiltestError as error:
             session.close()
+            if isinstance(error, DeviceError):
+                raise ProtocolError(f"the first words to the firmware were refused: {error}") from error
             raise
 
     def _is_noise_free(self, kind: SensorKind) -> bool:
@@ -475,7 +483,7 @@ class Board(ABC):
             if sensor.kind is kind and sensor.selected and sensor.present and wanted in (None, sensor.name):
                 return sensor
         raise SensorAbsentError(
-            f"{kind.name.lower()} {wanted or ''}".strip(),
+            wanted if wanted and kind.name.lower() in wanted else f"{kind.name.lower()} {wanted or ''}".strip(),
             [sensor.name for sensor in self.sensors if sensor.present],
             _SHIELD_HINT,
         )
@@ -499,7 +507,12 @@ class Board(ABC):
             wanted = self.declared.wanted.get(kind)
             for sensor in known:
                 if sensor.kind is kind and sensor.present and wanted in (None, sensor.name):
-                    self.session.request(Select(sensor.sensor_id))
+                    try:
+                        self.session.request(Select(sensor.sensor_id))
+                    except DeviceError as error:
+                        if not error.is_of_sensors:
+                            raise
+                        # It is missing then for who needs it; what needs none still runs.
                     break
         return self.session.request(Sensors())
 
