@@ -141,7 +141,7 @@ def test_a_gyroscope_that_is_stuck_while_it_turns_is_named() -> None:
         assert said.startswith("FXAS21002C: 200 samples in a row are the same")
 
 
-@pytest.mark.parametrize(("fault", "words"), [("frozen", "samples in a row"), ("saturated", "points")])
+@pytest.mark.parametrize(("fault", "words"), [("frozen", "samples in a row"), ("saturated", "of 100 samples")])
 def test_a_tumble_with_a_sensor_that_is_stuck_for_a_part_of_it_is_refused(fault: str, words: str) -> None:
     with board_with(**sensor("mag3110", fault, after_s=2.0, for_s=0.2)) as board:
         table = open_table(board, RIG, prompt=lambda _: "")

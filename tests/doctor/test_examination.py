@@ -26,6 +26,8 @@ from hiltest.link.messages import PROTOCOL_VERSION, Sync
 from hiltest.link.request import REPLY_BIT
 from hiltest.record.exit_codes import ExitCode
 from hiltest.rig import Rig
+from hiltest.rig.board_faults import BoardReset, SensorFault
+from hiltest.rig.faults import Faults
 
 TODAY = date(2026, 6, 1)
 ByName = Callable[[Iterable[Check]], dict[str, Check]]
@@ -180,6 +182,32 @@ def test_a_board_on_which_nothing_answers_at_any_rate_is_to_be_flashed(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "name", "words"),
+    [
+        (SensorFault("mag3110", "frozen"), "magnetometer noise", "MAG3110: 64 samples in a row are the same"),
+        (SensorFault("fxos8700cq", "saturated"), "accelerometer noise", "accelerometer: its y axis is at the end"),
+        (SensorFault("fxas21002c", "frozen"), "gyroscope noise", "FXAS21002C: 400 samples in a row are the same"),
+    ],
+)
+def test_a_sensor_that_fails_is_named_by_its_own_check_and_the_others_are_made(
+    rig: Rig, by_name: ByName, fault: SensorFault, name: str, words: str
+) -> None:
+    checks = by_name(examine(replace(rig, faults=Faults(sensor=fault)), today=TODAY))
+    of_noise = {each for each in checks if each.endswith("noise")}
+    assert {each for each in of_noise if checks[each].health is Health.FAILED} == {name}
+    assert {checks[each].health for each in of_noise - {name}} == {Health.OK}
+    assert words in checks[name].found
+
+
+def test_a_board_that_is_reset_while_it_is_looked_at_has_failed(rig: Rig, by_name: ByName) -> None:
+    checks = by_name(examine(replace(rig, faults=Faults(reset=BoardReset("brown-out", 1.4))), today=TODAY))
+    assert checks["clock"].health is Health.FAILED
+    assert "the board was reset" in checks["clock"].found
+    assert "weak supply" in checks["clock"].remedy
+    assert checks["magnetometer noise"].health is Health.NOT_LOOKED_AT
+
+
 def test_a_board_that_is_unplugged_in_the_middle_leaves_the_rest_out(
     pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, tmp_path: Path, by_name: ByName
 ) -> None:

@@ -71,13 +71,26 @@ class SampleChecks:
         ------
         SensorFaultError
         """
-        most = {SensorKind.MAGNETOMETER: 0, SensorKind.ACCELEROMETER: int(_SHOCKS * len(accelerometer))}
-        for kind, counts in zip(most, (magnetometer, accelerometer), strict=True):
-            at_end = np.abs(counts.astype(int)) >= self._end(kind)
-            if np.count_nonzero(at_end.any(axis=1)) > most[kind]:
-                axis = int(at_end.sum(axis=0).argmax())
-                self._refuse_end(kind, axis, f"in {at_end[:, axis].sum()} of {len(counts)} points")
-            self._refuse_same(kind, longest_run(counts.tolist()))
+        self.samples(SensorKind.MAGNETOMETER, magnetometer)
+        self.samples(SensorKind.ACCELEROMETER, accelerometer, knocked=int(_SHOCKS * len(accelerometer)))
+
+    def samples(self, kind: SensorKind, counts: NDArray[np.int16], *, knocked: int = 0) -> None:
+        """Check samples of one sensor in the order of their time, shape (n, 3) [counts].
+
+        Parameters
+        ----------
+        knocked : int
+            How many may be at the end of the range.
+
+        Raises
+        ------
+        SensorFaultError
+        """
+        at_end = np.abs(counts.astype(int)) >= self._end(kind)
+        if np.count_nonzero(at_end.any(axis=1)) > knocked:
+            axis = int(at_end.sum(axis=0).argmax())
+            self._refuse_end(kind, axis, f"in {at_end[:, axis].sum()} of {len(counts)} samples")
+        self._refuse_same(kind, longest_run(counts.tolist()))
 
     def _mean(self, kind: SensorKind, n: int, found: Statistic) -> None:
         spread = np.zeros(3) if found.spread is None else found.spread

@@ -24,6 +24,7 @@ from hiltest.errors import (
     SensorAbsentError,
     SyncError,
     VersionMismatchError,
+    board_is_gone,
 )
 from hiltest.link.ports import open_port
 from hiltest.link.session import Session
@@ -122,11 +123,12 @@ def _opened(rig: Rig, url: str | None, looks: Looks, flash: str) -> Iterator[Che
                 continue
             try:
                 check = look(board, rig)
+                board.session.refuse_reset()
             except SensorAbsentError as error:
                 check = not_looked_at(name, str(error).partition(";")[0])
             except HiltestError as error:
                 check = of_error(name, error)
-                gone = isinstance(error, BenchError | ProtocolError)
+                gone = isinstance(error, BenchError | ProtocolError) and board_is_gone(error)
             yield check
 
 
