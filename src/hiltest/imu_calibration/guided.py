@@ -16,7 +16,7 @@ from hiltest.calibration.acceptance import Acceptance, FitFigures, rate
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
 from hiltest.calibration.gyroscope import GyroscopeFit
-from hiltest.errors import CalibrationError, ConfigError
+from hiltest.errors import CalibrationError, ConfigError, SensorFaultError
 from hiltest.imu_calibration.contents import (
     ACCELEROMETER_UNITS,
     FRAME,
@@ -95,6 +95,8 @@ def calibrate_imu(
         When `dpi` is asked for, and the rig asks for no calibration of the accelerometer.
     CalibrationError
         When a step's data supports no calibration and it is not done again; says why.
+    SensorFaultError
+        When a sensor gives what no sound one does, as near a magnet, and the step is not done again.
     SensorAbsentError
         When a sensor is missing.
     BoardResetError
@@ -141,7 +143,7 @@ class _Led:
                 done = do()
                 self._board.session.refuse_reset()
                 return done
-            except CalibrationError as error:
+            except (CalibrationError, SensorFaultError) as error:
                 self._board.session.refuse_reset()  # which then is why
                 if not self._guide.again(str(error)):
                     raise

@@ -13,17 +13,16 @@ from hiltest.calibration import FitStatus
 from hiltest.calibration.dpi import PAIRS_MINIMUM, POSE_READINGS, UNKNOWNS
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import COUNTS_PER_UT
-from hiltest.calibration.still_pose import StillPose
 from hiltest.errors import CalibrationError
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.dpi import DpiReply, DpiSource, FitDpi
 from hiltest.link.messages import SetCalibration
-from hiltest.link.poses import MAX_TRANSFER, Poses
 from hiltest.link.replies import CycleSource
 from hiltest.procedures.calibrate import UNCALIBRATED_SLOT, CalibratorRun, calibrator_run
 from hiltest.procedures.cycles import CycleCost, fit_line, instructions_of, no_cycle_counter, upload_pairs
 from hiltest.procedures.golden_points import golden_pairs
 from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.still_poses import stored_poses
 from hiltest.procedures.tumble import Tumble
 
 DPI = "dpi"
@@ -89,10 +88,7 @@ def fit_still_poses(board: Board, n: int, *, dip_deg: float | None = None) -> Dp
     dip_deg : float, optional
         As for `fit_tumble`.
     """
-    poses: list[StillPose] = []
-    while len(poses) < n:
-        more = board.session.request(Poses(len(poses), min(MAX_TRANSFER, n - len(poses))))
-        poses += more
+    poses = stored_poses(board, n)
     reply = board.session.request(FitDpi(n, UNCALIBRATED_SLOT, source=DpiSource.POSES, dip_deg=dip_deg))
     return _found(board, DPI_POSES, reply, np.array([pose.magnetometer for pose in poses]), None)
 

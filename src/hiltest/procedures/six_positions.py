@@ -32,6 +32,7 @@ from hiltest.link.poses import MAX_TRANSFER, AddPose, ClearPoses, Poses, UploadP
 from hiltest.link.replies import RunCost, SensorKind, Statistic
 from hiltest.measurement import CycleRange, Limit, identify
 from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.still_poses import stored_poses
 from hiltest.procedures.turntables import FACE_WORDS, Turntable
 
 Reals = NDArray[np.float64]
@@ -202,10 +203,7 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
     FirmwareContradictionError
         When the residual that it answers is not that of its poses under the calibration that it answers.
     """
-    poses: list[StillPose] = []
-    while len(poses) < n:
-        stored = board.session.request(Poses(len(poses), min(20, n - len(poses))))
-        poses += stored
+    poses = stored_poses(board, n)
     reply = board.session.request(FitAccelerometer(n, method))
     solution = reply.solution
     if solution.status is not AccelerometerStatus.OK:

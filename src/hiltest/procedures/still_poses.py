@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from hiltest.angles import Pose, wrap_180, wrap_360
 from hiltest.boards.board import Board
 from hiltest.calibration.quality import sphere_directions
-from hiltest.link.poses import AddPose, ClearPoses
+from hiltest.calibration.still_pose import StillPose
+from hiltest.errors import FirmwareContradictionError
+from hiltest.link.poses import MAX_TRANSFER, AddPose, ClearPoses, Poses
 from hiltest.link.replies import SensorKind
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
@@ -73,3 +75,25 @@ def collect_still_poses(
         degc = board.session.request(AddPose(readings)).die_temperature_degc
     tell("still poses", len(poses), len(poses))
     return degc
+
+
+def stored_poses(board: Board, n: int) -> list[StillPose]:
+    """Return the first n poses of the board's buffer.
+
+    Raises
+    ------
+    BoardResetError
+        When they are gone.
+    FirmwareContradictionError
+        When the board took them and does not give them back.
+    """
+    poses: list[StillPose] = []
+    while len(poses) < n:
+        stored = board.session.request(Poses(len(poses), min(MAX_TRANSFER, n - len(poses))))
+        if not stored:
+            board.session.refuse_reset()
+            raise FirmwareContradictionError(
+                f"the firmware contradicts itself: it took {n} poses, and gives {len(poses)} of them back"
+            )
+        poses += stored
+    return poses

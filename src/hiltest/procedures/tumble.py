@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.boards.board import Board
-from hiltest.errors import PoorCoverageError, TurntableError
+from hiltest.errors import FirmwareContradictionError, PoorCoverageError, TurntableError
 from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points
 from hiltest.link.replies import SensorKind
 from hiltest.procedures.coverage import sphere_coverage
@@ -242,6 +242,12 @@ class _Collected:
         timeout_us = round(2e6 * count / _RATE_HZ + 1e6)
         reply = self._board.session.request(Collect(count, timeout_us=timeout_us))
         self._overruns += reply.overruns
+        if reply.stored != self.stored + count:
+            self._board.session.refuse_reset()
+            raise FirmwareContradictionError(
+                f"the firmware contradicts itself: it held {self.stored} points, was asked for {count} more, and holds "
+                f"{reply.stored}"
+            )
         self.stored = reply.stored
 
     def read_back(self) -> None:
