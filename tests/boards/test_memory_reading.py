@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.bench_files import rig_file
-from hiltest.boards.compass import open_compass
+from hiltest.boards import open_compass
 from hiltest.boards.memory_reading import memory_kind, open_memory
 from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Quantity
