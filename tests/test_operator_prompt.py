@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import select
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,8 +46,11 @@ def asked_with(keyboard: int, typed: bytes, *, looks: int) -> tuple[str, str]:
             os.write(keyboard, typed)
         return f"look {number}"
 
-    answer = ask(Question("turn it.\n  Enter: ", live))
-    return answer, os.read(keyboard, 4096).decode()
+    answer, shown = ask(Question("turn it.\n  Enter: ", live)), b""
+    # The system moves what was written to a terminal a little later, and not all at once.
+    while select.select([keyboard], [], [], 0.5)[0]:
+        shown += os.read(keyboard, 4096)
+    return answer, shown.decode()
 
 
 def test_what_is_beside_a_question_is_drawn_behind_it_until_a_line_is_typed() -> None:

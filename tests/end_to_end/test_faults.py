@@ -66,6 +66,7 @@ def test_the_page_shows_each_fault_and_no_other(heads: str) -> None:
     assert [each.split("|")[1].strip() for each in rows] == [each.what for each in TABLES[heads]]
 
 
+@pytest.mark.ci
 def test_whichever_command_hangs_its_name_is_said_within_the_deadline(tmp_path: Path) -> None:
     elf, rig = tmp_path / "hangs.elf", load_rig(shipped() / "rigs" / "virtual-k64f.toml")
     functions = load_image(default_firmware()).symbols
