@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from tests.usb_tree import UsbTree
 
+from hiltest.bench_files import shipped
 from hiltest.doctor.check import Check
 
 from ..boards.conftest import pty_board, real_rig, rig, rig_without_shield  # noqa: F401  # fixtures
@@ -34,11 +35,13 @@ def by_name() -> Callable[[Iterable[Check]], dict[str, Check]]:
 
 
 @pytest.fixture
-def as_nobody() -> Iterator[None]:
+def as_nobody(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Be nobody for a test, where the tests' user may be."""
     if os.geteuid() != 0:
         yield
         return
+    here = shipped()  # which nobody could not look for, where hiltest is installed in a folder of root's
+    monkeypatch.setattr("hiltest.doctor.host.shipped", lambda: here)
     groups = os.getgroups()
     os.setgroups([])
     os.setegid(NOBODY)
