@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -50,3 +53,16 @@ def as_nobody(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     os.seteuid(0)
     os.setegid(0)
     os.setgroups(groups)
+
+
+@contextmanager
+def held_by_a_process(path: Path | str) -> Iterator[int]:
+    """Have another process hold a terminal open; give its number."""
+    holds = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
+    command = [sys.executable, "-I", "-S", "-c", holds, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+        assert holder.stdin is not None
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        yield holder.pid
+        holder.stdin.close()

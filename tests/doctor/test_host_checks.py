@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import grp
 import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -28,7 +26,7 @@ from hiltest.doctor.host import (
     see_volume,
 )
 
-from .conftest import NOBODY
+from .conftest import NOBODY, held_by_a_process
 
 
 def plugged(tree: UsbTree, tty: str = "ttyACM0") -> HostPort:
@@ -167,14 +165,9 @@ def test_a_real_process_that_holds_a_real_terminal_is_found() -> None:
     port = HostPort(Path("/"), Path(os.ttyname(near)), None)
     os.close(near)
     assert see_holders(port).health is Health.OK
-    program = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
-    command = [sys.executable, "-I", "-S", "-c", program, str(port.path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
-        assert holder.stdin is not None
-        assert holder.stdout is not None
-        holder.stdout.readline()
+    assert port.path is not None
+    with held_by_a_process(port.path) as pid:
         found = see_holders(port)
-        holder.stdin.close()
     os.close(far)
     assert found.health is Health.FAILED
-    assert f"(process {holder.pid})" in found.found
+    assert f"(process {pid})" in found.found

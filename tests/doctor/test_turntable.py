@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,6 +21,7 @@ from hiltest.doctor.turntable import see_turntable
 from hiltest.link import grbl
 from hiltest.rig.file import load_rig
 
+from .conftest import held_by_a_process
 from .test_examination import answering
 
 SERVED = load_rig(shipped() / "rigs" / "served-k64f.toml")
@@ -65,18 +64,11 @@ def test_what_does_not_speak_grbl_is_no_table(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_the_process_that_holds_the_tables_port_is_named() -> None:
-    holds = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(flush=True); sys.stdin.read()"
-    with simulated_table() as (path, _bench):
-        command = [sys.executable, "-I", "-S", "-c", holds, path]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
-            assert holder.stdin is not None
-            assert holder.stdout is not None
-            holder.stdout.readline()
-            found = look(path)
-            holder.stdin.close()
+    with simulated_table() as (path, _bench), held_by_a_process(path) as pid:
+        found = look(path)
     assert found.health is Health.FAILED
-    assert f"(process {holder.pid})" in found.found
-    assert f"kill {holder.pid}" in found.remedy
+    assert f"(process {pid})" in found.found
+    assert f"kill {pid}" in found.remedy
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.recordings.playback import load_playback
 from hiltest.rig import Rig, build_sensors, build_world
+from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS
 from hiltest.virtual.elf import load_image
@@ -74,7 +75,7 @@ def _put_faults_on(machine: VirtualK64F, faults: Faults | None) -> None:
     """Have the faults of the board happen that are none of its parts."""
     if faults and faults.held_line:
         held = faults.held_line
-        machine.hold_line(held.bus, HeldLine(held.line, *held.span(START_UP_S)))
+        machine.hold_line(held.bus, HeldLine(held.line, *span_of(held, START_UP_S)))
     if faults and faults.reset:
         machine.reset_at(START_UP_S + faults.reset.after_s, _RESETS[faults.reset.by])
 

@@ -311,11 +311,14 @@ class Board(ABC):
             raise
 
     def _is_noise_free(self, kind: SensorKind) -> bool:
-        truth = self.truth
-        return truth is not None and 0.0 in {
-            SensorKind.MAGNETOMETER: (truth.magnetometer_sigma_ut,),
-            SensorKind.GYROSCOPE: (truth.gyroscope_density_dps,),
-        }.get(kind, ())
+        if self.truth is None:
+            return False
+        noise = {
+            SensorKind.MAGNETOMETER: self.truth.magnetometer_sigma_ut,
+            SensorKind.ACCELEROMETER: self.truth.accelerometer_sigma_g,
+            SensorKind.GYROSCOPE: self.truth.gyroscope_density_dps,
+        }
+        return noise[kind] == 0.0
 
     @property
     def origin(self) -> BoardKind:

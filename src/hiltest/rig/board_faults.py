@@ -33,13 +33,9 @@ class SensorFault:
         require(self.part in PARTS, "part", f"is none of {', '.join(PARTS)}")
         check_span(self.after_s, self.for_s)
 
-    def span(self, began_s: float) -> tuple[float, float]:
-        """Return when it begins and ends, where times count from `began_s`."""
-        return _span(began_s, self.after_s, self.for_s)
-
     def __str__(self) -> str:
         """Return it in words."""
-        return f"{self.part}: {self.fault} {_when(self.after_s, self.for_s)}"
+        return f"{self.part}: {self.fault} {_when(self)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +51,9 @@ class HeldLine:
     def __post_init__(self) -> None:
         check_span(self.after_s, self.for_s)
 
-    def span(self, began_s: float) -> tuple[float, float]:
-        """Return when it begins and ends, where times count from `began_s`."""
-        return _span(began_s, self.after_s, self.for_s)
-
     def __str__(self) -> str:
         """Return it in words."""
-        return f"{self.line.upper()} of I2C{self.bus} held low {_when(self.after_s, self.for_s)}"
+        return f"{self.line.upper()} of I2C{self.bus} held low {_when(self)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +72,11 @@ class BoardReset:
         return f"{'reset by its button' if self.by == 'button' else 'a brown-out'} after {self.after_s:g} s"
 
 
-def _span(began_s: float, after_s: float, for_s: float | None) -> tuple[float, float]:
-    begin_s = began_s + after_s
-    return begin_s, math.inf if for_s is None else begin_s + for_s
+def span_of(fault: SensorFault | HeldLine, began_s: float) -> tuple[float, float]:
+    """Return when a fault begins and ends, where times count from `began_s`."""
+    begin_s = began_s + fault.after_s
+    return begin_s, math.inf if fault.for_s is None else begin_s + fault.for_s
 
 
-def _when(after_s: float, for_s: float | None) -> str:
-    return f"after {after_s:g} s" + ("" if for_s is None else f" for {for_s:g} s")
+def _when(fault: SensorFault | HeldLine) -> str:
+    return f"after {fault.after_s:g} s" + ("" if fault.for_s is None else f" for {fault.for_s:g} s")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hiltest.rig.board_faults import SensorFault
+from hiltest.rig.board_faults import SensorFault, span_of
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS, Part
 from hiltest.sensors import RegisterDevice
@@ -17,7 +17,7 @@ def fitted_part(
     """Make a part with its faults, of which times count from `began_s` [virtual s]."""
     part = PARTS[name]
     if faults and faults.sensor and faults.sensor.part == name:
-        return _faulty(faults.sensor, part, make, *faults.sensor.span(began_s))
+        return _faulty(faults.sensor, part, make, *span_of(faults.sensor, began_s))
     if faults and faults.reset and faults.reset.by == "brown-out":
         at_s = began_s + faults.reset.after_s
         return FaultyPart(lambda: make(part), at_s, at_s)
