@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 from tests.command_files import run
 from tests.device.compiled import compile_c
+from tests.foreign_elf import foreign_elf
 
 from hiltest.device.quantities import Quantity
 from hiltest.device.variables import Variables
@@ -27,7 +28,6 @@ from hiltest.virtual.elf import load_image
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "src" / "hiltest" / "firmware"
-FOREIGN = ROOT.parent / "shared" / "data" / "foreign"
 # A compass without printf: it formats by a function of its own. What is only like a heading has names that begin so.
 SOURCE = """
 struct vector { float x, y, z; };
@@ -92,15 +92,6 @@ def compass(tmp_path: Path, require_tool: Callable[[str], str]) -> Path:
     return compile_c(require_tool("arm-none-eabi-gcc"), tmp_path / "build", SOURCE)
 
 
-def foreign(name: str) -> Path:
-    path = FOREIGN / name
-    if not path.exists():
-        if os.environ.get("HILTEST_REQUIRE_TOOLS"):
-            pytest.fail(f"{path} is missing, and HILTEST_REQUIRE_TOOLS is set", pytrace=False)
-        pytest.skip(f"{path} is missing")
-    return path
-
-
 def assert_all_paths_lead_to_their_quantity(proposed: Proposed, elf: Path) -> None:
     variables = Variables(load_image(elf))
     for name, several in proposed.paths().items():
@@ -133,7 +124,7 @@ def test_lines_without_a_unit_are_proposed_and_the_world_is_that_of_a_rig_that_s
 def test_the_board_is_understood_by_the_rig(
     name: str, propose: Callable[..., Proposed], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    proposed = propose(SAMPLES / name if (SAMPLES / name).exists() else foreign(name))
+    proposed = propose(SAMPLES / name if (SAMPLES / name).exists() else foreign_elf(name))
     assert run("device", "try", "--rig", str(proposed.path), "--for", "2.2") == 0
     said = capsys.readouterr().out
     assert re.search(r"^\d+ understood, 0 not", said, re.M)
@@ -141,7 +132,7 @@ def test_the_board_is_understood_by_the_rig(
 
 
 def test_nxp_s_fusion_is_known_with_its_variables_and_functions(propose: Callable[..., Proposed]) -> None:
-    elf = foreign("nxp_sensor_fusion.elf")
+    elf = foreign_elf("nxp_sensor_fusion.elf")
     proposed = propose(elf)
     rig, paths = proposed.rig, proposed.paths()
     assert rig.device is not None
@@ -159,7 +150,7 @@ def test_nxp_s_fusion_is_known_with_its_variables_and_functions(propose: Callabl
 
 @pytest.mark.parametrize("name", ["compass-packets.elf", "riot_fxos8700.elf", "z_hello.elf", "nxp_shell.elf"])
 def test_without_a_heading_no_language_is_claimed(name: str, propose: Callable[..., Proposed]) -> None:
-    elf = SAMPLES / name if (SAMPLES / name).exists() else foreign(name)
+    elf = SAMPLES / name if (SAMPLES / name).exists() else foreign_elf(name)
     proposed = propose(elf)
     assert proposed.rig.device is None
     assert "nothing in it is surely a heading: fill in [device]" in proposed.said
@@ -271,7 +262,7 @@ def test_at_a_terminal_it_asks_which_is_meant_and_in_which_unit(compass: Path, t
 
 @pytest.mark.slow
 def test_nxp_s_fusion_has_the_sensors_of_its_shield_by_its_variables_as_well(tmp_path: Path) -> None:
-    rig, _ = answered(tmp_path, foreign("nxp_sensor_fusion.elf"), "2\n5\n" + "\n" * 12)
+    rig, _ = answered(tmp_path, foreign_elf("nxp_sensor_fusion.elf"), "2\n5\n" + "\n" * 12)
     shipped = load_rig(ROOT / "hil" / "rigs" / "nxp-fusion-agm01.toml")
     assert (rig.sensors, rig.world) == (shipped.sensors, shipped.world)
     assert rig.device is not None

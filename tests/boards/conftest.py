@@ -23,8 +23,6 @@ from hiltest.boards.paced import PacedBench
 from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
 
-from ..device.conftest import shared_data  # noqa: F401  # a fixture
-
 # It takes some 10 s; nothing may wait for ever.
 WALL_LIMIT_S = 90.0
 # A hand that turns for longer than points are collected: where they are asked for late, on a machine that is busy, it

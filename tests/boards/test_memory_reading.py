@@ -23,6 +23,7 @@ from hiltest.virtual.k64f import VirtualK64F
 
 from ..device.compiled import compile_c
 from ..device.test_gdb_client import SOURCE, WALL_LIMIT_S, own_server, qemu_server
+from ..foreign_elf import foreign_elf
 
 VALUES = {"hard_iron": MemoryValue("calibration.hard_iron", unit="uT"),
           "heading": MemoryValue("heading_rad", unit="rad")}  # fmt: skip
@@ -146,11 +147,9 @@ def both_kinds(tmp_path: Path) -> Callable[[str], Path]:
 
 
 @pytest.mark.slow
-def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(
-    both_kinds: Callable[[str], Path], shared_data: Callable[[str], Path]
-) -> None:
+def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(both_kinds: Callable[[str], Path]) -> None:
     rig = load_rig(both_kinds(MEMORY))
-    with open_compass(rig, firmware=shared_data("foreign/nxp_sensor_fusion.elf"), port=None, seed=1, transcript=None,
+    with open_compass(rig, firmware=foreign_elf("nxp_sensor_fusion.elf"), port=None, seed=1, transcript=None,
                       base=None) as board:  # fmt: skip
         assert {Quantity.HEADING, Quantity.HARD_IRON, Quantity.GYROSCOPE_BIAS, Quantity.QUATERNION} <= board.offers
         said = board.observe(1.0)

@@ -25,6 +25,7 @@ from hiltest.rig.memory_device import MemoryValue
 from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.k64f import VirtualK64F
 
+from ..foreign_elf import foreign_elf
 from .compiled import compile_c
 from .test_gdb_client import SOURCE
 
@@ -286,10 +287,8 @@ NXP_VALUES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("at_return_of", [None, "fRun_9DOF_GBY_KALMAN"])
-def test_nxps_sensor_fusion_is_read_by_its_names_and_sends_what_it_sends_alone(
-    shared_data: Callable[[str], Path], at_return_of: str | None
-) -> None:
-    rig, firmware = load_rig(rig_file(HERE, None)), shared_data("foreign/nxp_sensor_fusion.elf")
+def test_nxps_sensor_fusion_is_read_by_its_names_and_sends_what_it_sends_alone(at_return_of: str | None) -> None:
+    rig, firmware = load_rig(rig_file(HERE, None)), foreign_elf("nxp_sensor_fusion.elf")
     read, alone = (VirtualBench(rig, firmware=firmware, seed=1).machine for _ in range(2))
     interface = opened(read, NXP_VALUES, at_return_of)
     while read.time_s < 0.8:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -14,13 +13,15 @@ from hiltest.device.packets import Algorithm, DebugPacket, MainPacket, Shield
 from hiltest.device.toolbox_commands import ToolboxCommand
 from hiltest.link.ports import SerialPort, open_port
 
+from ..foreign_elf import foreign_elf
+
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def port(shared_data: Callable[[str], Path]) -> Iterator[SerialPort]:
+def port() -> Iterator[SerialPort]:
     """The firmware's line, from power-on."""
-    opened = open_port(f"hil://?firmware={shared_data('foreign/nxp_sensor_fusion.elf')}")
+    opened = open_port(f"hil://?firmware={foreign_elf('nxp_sensor_fusion.elf')}")
     yield opened
     opened.close()
 

@@ -12,6 +12,7 @@ from hiltest.device.variables import Variables, function_address
 from hiltest.errors import ConfigError
 from hiltest.virtual.elf import FirmwareImage, load_image
 
+from ..foreign_elf import foreign_elf
 from .compiled import InitialMemory, compile_c
 
 SOURCE = """
@@ -350,10 +351,8 @@ def test_without_debug_information_a_symbol_is_read_by_the_type_that_the_rig_sta
             variables.place("matrix", type_=wrong)
 
 
-def test_paths_into_firmware_that_others_wrote_are_found_in_its_debug_information(
-    shared_data: Callable[[str], Path],
-) -> None:
-    variables = Variables(load_image(shared_data("foreign/nxp_sensor_fusion.elf")))
+def test_paths_into_firmware_that_others_wrote_are_found_in_its_debug_information() -> None:
+    variables = Variables(load_image(foreign_elf("nxp_sensor_fusion.elf")))
     assert [(len(variables.place(path).scalars), variables.place(path).type_text) for path in (
         "sfg.MagCal.fV", "sfg.MagCal.finvW", "sfg.SV_9DOF_GBY_KALMAN.fPhiPl",
         "sfg.pControlSubsystem->DefaultQuaternionPacketType",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,7 @@ from hiltest.rig.file import load_rig
 from hiltest.units import conversion
 from hiltest.virtual.elf import load_image
 
-from ..device.conftest import shared_data  # noqa: F401  # a fixture
+from ..foreign_elf import foreign_elf
 
 PAGE = (Path(__file__).parents[2] / "docs" / "variables.md").read_text(encoding="utf-8")
 ALONE, BESIDE, SAMPLES = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
@@ -40,9 +39,9 @@ def written(tmp_path: Path) -> Path:
     return path
 
 
-def test_its_rig_reads_variables_that_are_there(written: Path, shared_data: Callable[[str], Path]) -> None:  # noqa: F811
+def test_its_rig_reads_variables_that_are_there(written: Path) -> None:
     memory = load_rig(written).device.memory
-    image = load_image(shared_data("foreign/nxp_sensor_fusion.elf"))
+    image = load_image(foreign_elf("nxp_sensor_fusion.elf"))
     found = read_descriptions(memory.values, Variables(image), str)
     assert {quantity.key for quantity in found} == memory.values.keys()
     assert function_address(image, memory.at_return_of)

@@ -14,6 +14,7 @@ import pytest
 from hiltest.angles import wrap_180
 
 from ..device.conftest import shared_data  # noqa: F401  # a fixture
+from ..foreign_elf import foreign_elf
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "nxp-fusion-agm01.toml"
 WALL_LIMIT_S = 900  # a minute on an idle core
@@ -43,7 +44,7 @@ def recorded(tumble: Path, turns: Path) -> str:
 
 
 def test_both_find_what_was_recorded_and_agree(shared_data: Callable[[str], Path], tmp_path: Path) -> None:  # noqa: F811
-    data, elf = shared_data("nxp_imu_fxos8700"), shared_data("foreign/nxp_sensor_fusion.elf")
+    data, elf = shared_data("nxp_imu_fxos8700"), foreign_elf("nxp_sensor_fusion.elf")
     (tmp_path / "imu.csv").write_text(recorded(data / "imu.csv", data / "check_cal.csv"), encoding="utf-8")
     (tmp_path / "field.toml").write_text(RIG.read_text(encoding="utf-8") + PLAYBACK, encoding="utf-8")
     command = [sys.executable, "-m", "hiltest", "play", "--rig", "field.toml", "--firmware", str(elf), "--every", "0.5"]

@@ -6,11 +6,10 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
-from ..device.conftest import shared_data  # noqa: F401  # a fixture
 from ..finished_run import without_volatile
+from ..foreign_elf import foreign_elf
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "nxp-fusion-agm01.toml"
 WALL_LIMIT_S = 900  # a minute and a half on two idle cores
@@ -21,10 +20,8 @@ SHORT = (
 )
 
 
-def test_its_calibration_is_right_and_its_slices_are_counted(
-    shared_data: Callable[[str], Path], tmp_path: Path  # noqa: F811
-) -> None:
-    elf = shared_data("foreign") / "nxp_sensor_fusion.elf"
+def test_its_calibration_is_right_and_its_slices_are_counted(tmp_path: Path) -> None:
+    elf = foreign_elf("nxp_sensor_fusion.elf")
     text = RIG.read_text(encoding="utf-8")
     for pattern, instead in SHORT:
         text, found = re.subn(pattern, instead, text, flags=re.M)

@@ -15,10 +15,6 @@ from hiltest.virtual.native import CHOICE
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 from hiltest.virtual.native.library import missing_because
 
-from .foreign import PROGRAMS as FOREIGN
-from .foreign import Program
-from .published import FOLDER as PUBLISHED
-
 HERE = Path(__file__).parent
 PROGRAMS = HERE / "programs"
 SHIPPED = Path(__file__).parents[2] / "src/hiltest/firmware/hiltest-frdm-k64f.elf"
@@ -59,31 +55,6 @@ def build(tmp_path: Path, require_tool: Callable[[str], str]) -> Build:
         return elf
 
     return compile_program
-
-
-@pytest.fixture
-def published_programs() -> None:
-    """Programs of others whose cycle counts were published: they lie beside the project, and not everywhere."""
-    if not PUBLISHED.is_dir():
-        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{PUBLISHED} is missing, and HILTEST_REQUIRE_TOOLS is set"
-        pytest.skip(f"{PUBLISHED} is not there")
-
-
-ForeignProgram = Callable[[str], Program]
-
-
-@pytest.fixture
-def foreign_program() -> ForeignProgram:
-    """Return a function that finds a program of others by its name: they lie beside the project, and not everywhere."""
-
-    def find(name: str) -> Program:
-        (program,) = [each for each in FOREIGN if each.name == name]
-        if not program.path.is_file():
-            assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{program.path} is missing"
-            pytest.skip(f"{program.path} is not there")
-        return program
-
-    return find
 
 
 @pytest.fixture

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from .conftest import ForeignProgram
-from .foreign import PROGRAMS, run
+from .foreign import PROGRAMS, Program, run
 
 pytestmark = pytest.mark.slow  # seconds of virtual time, and what is not waiting takes as long
 
 
-@pytest.mark.parametrize("name", [each.name for each in PROGRAMS])
-def test_a_program_of_others_does_what_its_readme_says(name: str, foreign_program: ForeignProgram) -> None:
-    assert run(foreign_program(name)).wrong == ()
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
+def test_a_program_of_others_does_what_its_readme_says(program: Program) -> None:
+    assert run(program).wrong == ()

@@ -11,8 +11,6 @@ from hiltest.virtual.k64f import VirtualK64F
 
 from .published import FIGURES, ONE, SHARED_SECRET, TWO, Count, Published, count, mean_and_worst, rows
 
-pytestmark = pytest.mark.usefixtures("published_programs")
-
 PAGE = Path(__file__).parents[2] / "docs" / "cycle-validation.md"
 COUNTED_BY_VERSION_1 = (238, 226, 301, 617, 515.6, 629.6, 743.6, 1004, 1618.6, 468_300, 468_300)
 PROMISED = 0.015  # of integer code of 500 cycles or more with its constants in SRAM

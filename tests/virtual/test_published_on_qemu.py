@@ -16,7 +16,7 @@ from .conftest import PROGRAMS
 from .published import FIGURES, SHARED_SECRET
 
 FLAGS = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("published_programs")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from hiltest.virtual.profile_file import load_profile
 from hiltest.virtual.recount import counted_with_waits
 from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd
 
-from .conftest import Build, ForeignProgram
+from ..foreign_elf import foreign_elf
+from .conftest import Build
 from .foreign import RIG
 
 SLICES = """
@@ -142,10 +143,8 @@ def test_no_solution_is_kept_before_one_is_complete(build_c: Build) -> None:
 
 
 @pytest.mark.slow
-def test_slices_of_anothers_calibration_are_as_many_as_its_source_says(
-    foreign_program: ForeignProgram,
-) -> None:
-    bench = VirtualBench(load_rig(RIG), firmware=foreign_program("nxp_sensor_fusion").path)
+def test_slices_of_anothers_calibration_are_as_many_as_its_source_says() -> None:
+    bench = VirtualBench(load_rig(RIG), firmware=foreign_elf("nxp_sensor_fusion.elf"))
     # sfg.MagCal.iCalInProgress: how many elements are being fitted, or 0.
     watch = bench.machine.watch_solutions(["fUpdateMagCalibration4Slice"], SolutionEnd("sfg+0xa80", size=1))
     bench.machine.run_until(0.3)

@@ -13,8 +13,8 @@ from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, Instr
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.stacks import Stack
 
-from .conftest import Build, ForeignProgram
-from .foreign import machine_for, watch
+from .conftest import Build
+from .foreign import machine_for, program_named, watch
 
 FRAME = 32  # an exception's, without floating-point state
 # The stack is aligned to eight where it is lowest. Behind a move to another place a block ends, as compilers do it.
@@ -168,10 +168,8 @@ FILLS = ({0x00}, {0xA5}, {0xAA}, {0xCC})
 
 
 @pytest.mark.parametrize("name", ["sdk_freertos_hello", "sdk_freertos_swtimer", "z_synchronization", "nxp_shell"])
-def test_below_each_stack_of_others_programs_nothing_was_written(
-    name: str, foreign_program: ForeignProgram
-) -> None:
-    program = foreign_program(name)
+def test_below_each_stack_of_others_programs_nothing_was_written(name: str) -> None:
+    program = program_named(name)
     machine = machine_for(program)
     watch(program, machine, seconds=0.5)
     stacks = known(machine)
@@ -182,8 +180,8 @@ def test_below_each_stack_of_others_programs_nothing_was_written(
         assert any(machine.processor.memory.read(stack.lowest, 64)), stack
 
 
-def test_each_task_is_named_by_the_function_that_it_begins_with(foreign_program: ForeignProgram) -> None:
-    program = foreign_program("sdk_freertos_hello")
+def test_each_task_is_named_by_the_function_that_it_begins_with() -> None:
+    program = program_named("sdk_freertos_hello")
     machine = machine_for(program)
     watch(program, machine, seconds=0.1)
     assert {"stack_most", "hello_task.stack_most", "prvIdleTask.stack_most"} <= set(machine.memory_use())

@@ -11,8 +11,8 @@ import pytest
 from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
-from .conftest import FLAGS, PROGRAMS, Build, ForeignProgram
-from .foreign import machine_for
+from .conftest import FLAGS, PROGRAMS, Build
+from .foreign import machine_for, program_named
 from .foreign import watch as run_for
 from .test_peripherals import Part
 from .test_rtos import TEXT, TICK_S, BuildRtos, build_rtos  # noqa: F401 (a fixture)
@@ -180,9 +180,9 @@ def test_a_call_in_a_task_does_not_count_what_other_tasks_do(
     ],
 )
 def test_a_switch_of_tasks_in_a_kernel_of_others_is_not_its_callers_time(
-    name: str, seconds: float, functions: tuple[str, ...], at_least: int, foreign_program: ForeignProgram
+    name: str, seconds: float, functions: tuple[str, ...], at_least: int
 ) -> None:
-    program = foreign_program(name)
+    program = program_named(name)
     board = machine_for(program)
     watch = board.watch_calls(functions)
     run_for(program, board, seconds)
@@ -198,10 +198,8 @@ def test_a_switch_of_tasks_in_a_kernel_of_others_is_not_its_callers_time(
     "name",
     ["sdk_freertos_hello", "sdk_freertos_swtimer", "z_synchronization", "riot_thread_cooperation", "riot_ztimer_msg"],
 )
-def test_every_function_of_a_kernel_of_others_can_be_watched_at_once(
-    name: str, foreign_program: ForeignProgram
-) -> None:
-    program = foreign_program(name)
+def test_every_function_of_a_kernel_of_others_can_be_watched_at_once(name: str) -> None:
+    program = program_named(name)
     plain, board = machine_for(program), machine_for(program)
     symbols = board.image.symbols.values()
     functions = [each.name for each in symbols if each.is_function and each.size]

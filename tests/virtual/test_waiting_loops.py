@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path
 
 import pytest
 import unicorn
@@ -14,13 +13,14 @@ from hiltest.virtual.native import by_block, every_turn
 
 from .both_ways import assert_same_both_ways
 from .conftest import PROGRAMS, SHIPPED, Build
+from .foreign import PROGRAMS as FOREIGN
+from .foreign import Program
 from .random_loops import HEAD, TAIL, random_program
 from .test_exceptions import word
 
 WAITS = PROGRAMS / "waits.c"
 LOOPS = re.findall(r"^static void (\w+)\(void\)", WAITS.read_text(), re.MULTILINE)
 LOOPS.remove("prepare")
-FOREIGN = Path(__file__).parents[3] / "shared" / "data" / "foreign"
 FOREIGN_S = float(os.environ.get("HILTEST_FOREIGN_S", "0.3"))  # how much of each foreign program is compared [s]
 
 pytestmark = pytest.mark.usefixtures("native_hook")
@@ -165,13 +165,6 @@ def test_a_timed_function_is_found_among_the_readings_of_the_counter_as_if_every
 
 @pytest.mark.slow
 @pytest.mark.ci
-@pytest.mark.parametrize("elf", sorted(FOREIGN.glob("*.elf")), ids=lambda elf: elf.stem)
-def test_foreign_firmware_runs_the_same(elf: Path) -> None:
-    assert_same_both_ways(elf, FOREIGN_S, [(FOREIGN_S / 3, b"s\r\n"), (FOREIGN_S / 2, b"help\r\n")])
-
-
-def test_there_is_foreign_firmware_where_tools_are_required() -> None:
-    if not FOREIGN.is_dir():
-        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{FOREIGN} is missing"
-        pytest.skip(f"{FOREIGN} is not there")
-    assert len(list(FOREIGN.glob("*.elf"))) >= 28
+@pytest.mark.parametrize("program", FOREIGN, ids=lambda program: program.name)
+def test_foreign_firmware_runs_the_same(program: Program) -> None:
+    assert_same_both_ways(program.path, FOREIGN_S, [(FOREIGN_S / 3, b"s\r\n"), (FOREIGN_S / 2, b"help\r\n")])
