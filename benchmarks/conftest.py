@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -43,6 +44,19 @@ def report(request: pytest.FixtureRequest) -> Report:
 def rig() -> Rig:
     """The default rig."""
     return load_rig(shipped() / "rigs" / "virtual-k64f.toml")
+
+
+@pytest.fixture(scope="session")
+def foreign_elf() -> Callable[[str], Path]:
+    """Return a function that takes a program from the folder that HILTEST_PROGRAMS names, or skips the benchmark."""
+
+    def find(name: str) -> Path:
+        folder = os.environ.get("HILTEST_PROGRAMS")
+        if not folder or not (path := Path(folder, name)).is_file():
+            pytest.skip(f"HILTEST_PROGRAMS names no folder with {name}")
+        return path
+
+    return find
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

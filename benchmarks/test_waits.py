@@ -21,9 +21,7 @@ from hiltest.virtual.native.library import missing_because
 from .conftest import Report
 from .kernel_loop import KernelLoop
 
-ROOT = Path(__file__).parents[1]
-PROGRAMS = ROOT / "tests" / "virtual" / "programs"
-FOREIGN = ROOT.parent / "shared" / "data" / "foreign"
+PROGRAMS = Path(__file__).parents[1] / "tests" / "virtual" / "programs"
 FLAGS = (
     "-mcpu=cortex-m4", "-mthumb", "-O2", "-nostdlib", "-ffreestanding", "-Wl,--build-id=none",
     f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
@@ -75,11 +73,10 @@ def _ratio(benchmark: BenchmarkFixture, board: VirtualK64F, run_s: float) -> flo
     [("nxp_hello_world", 100.0, 100.0), ("sdk_uart_polling", 100.0, 100.0), ("nxp_sensor_fusion", 2.0, 1.5)],
 )
 def test_foreign_firmware(
-    benchmark: BenchmarkFixture, report: Report, rig: Rig, program: str, run_s: float, aim: float
-) -> None:
-    elf = FOREIGN / f"{program}.elf"
-    if not elf.exists():
-        pytest.skip(f"{elf} is not there")
+    benchmark: BenchmarkFixture, report: Report, rig: Rig, foreign_elf: Callable[[str], Path],
+    program: str, run_s: float, aim: float,
+) -> None:  # fmt: skip
+    elf = foreign_elf(f"{program}.elf")
     ratio = _ratio(benchmark, VirtualBench(rig, firmware=elf).machine, run_s)
     report(f"{program}: virtual time against processor time", ratio, "x real time", f"at least {aim}")
 

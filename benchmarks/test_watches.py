@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
@@ -14,7 +15,6 @@ from hiltest.rig import Rig
 
 from .conftest import Report
 
-FOREIGN = Path(__file__).parents[2] / "shared" / "data" / "foreign"
 START_S, SLICE_S, PAIRS = 1.0, 0.25, 60
 FUNCTIONS = (
     "fRunMagCalibration", "fUpdateMagCalibration4Slice", "fUpdateMagCalibration7Slice", "fUpdateMagCalibration10Slice",
@@ -27,10 +27,11 @@ FUNCTIONS = (
 
 @pytest.mark.benchmark(timer=time.process_time)
 @pytest.mark.parametrize("functions", [FUNCTIONS, ("fEigenCompute10",)], ids=["22 functions", "one, never called"])
-def test_watching(benchmark: BenchmarkFixture, report: Report, rig: Rig, functions: tuple[str, ...]) -> None:
-    elf = FOREIGN / "nxp_sensor_fusion.elf"
-    if not elf.exists():
-        pytest.skip(f"{elf} is not there")
+def test_watching(
+    benchmark: BenchmarkFixture, report: Report, rig: Rig, foreign_elf: Callable[[str], Path],
+    functions: tuple[str, ...],
+) -> None:  # fmt: skip
+    elf = foreign_elf("nxp_sensor_fusion.elf")
     plain, watched = (VirtualBench(rig, firmware=elf).machine for _ in range(2))
     for board in (plain, watched):
         board.run_until(START_S)
