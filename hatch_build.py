@@ -1,9 +1,11 @@
-"""Builds the libraries in C into the wheel where there is a compiler; without one the wheel is pure Python."""
+"""Builds the libraries in C into the wheel: the virtual board's core, which is required, and those that save time."""
 
 from __future__ import annotations
 
 import importlib.util
+from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
@@ -12,31 +14,43 @@ from packaging.tags import sys_tags
 _BUILD = "src/hiltest/c_library.py"
 
 
-class NativeBlockHook(BuildHookInterface):
+class NativeLibrariesHook(BuildHookInterface):
     """Adds the shared libraries, which fit every Python of this platform."""
 
     PLUGIN_NAME = "custom"
 
-    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile them beside their sources, from where an editable install uses them."""
-        root = Path(self.root)
-        spec = importlib.util.spec_from_file_location("c_library", root / _BUILD)
+    @cached_property
+    def _build(self) -> ModuleType:
+        """The package's module that compiles, which cannot be imported before the package is installed."""
+        spec = importlib.util.spec_from_file_location("c_library", Path(self.root, _BUILD))
         assert spec is not None
         assert spec.loader is not None
-        build = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(build)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    def dependencies(self) -> list[str]:
+        """Ask for zig's compiler if no other one works; pip, build and tox install it for the build alone."""
+        return self._build.build_requirements()
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile them beside their sources, from where an editable install uses them."""
+        build = self._build
+        built = [build.CORE, build.CORE_BINDING]
+        if reason := build.build_core():
+            self.app.abort(f"the virtual board's core in C was not built: {reason}")
         for library, sources in build.SOURCES.items():
-            reason = build.compiled(library, sources)
-            if reason:
+            if library in built:
+                continue
+            if reason := build.compiled(library, sources):
                 self.app.display_warning(f"no {library.stem} in C, and what it does is slower in Python: {reason}")
             else:
-                build_data["artifacts"].append(str(library.relative_to(root)))
-        if not build_data["artifacts"]:
-            return
+                built.append(library)
+        build_data["artifacts"].extend(str(path.relative_to(self.root)) for path in built)
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{_platform()}"
 
 
 def _platform() -> str:
-    """Name this platform without a promise to older ones (manylinux): the library was linked here."""
+    """Name this platform without a promise to older ones (manylinux): the libraries were linked here."""
     return next(tag.platform for tag in sys_tags() if "manylinux" not in tag.platform)

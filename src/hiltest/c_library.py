@@ -1,7 +1,9 @@
-"""Shared libraries in C: built where there is a compiler, checked against their sources, and never required.
+"""Shared libraries in C: built with the C compiler that is there or with zig's, and checked against their sources.
 
-Only the standard library, and no import from the package: the build hook runs
-this file before the package is installed.
+The virtual board's core is required, with its binding for Python. The others make faster what Python does as well.
+
+This module imports only the standard library and nothing of the package, because the build hook runs this file before
+the package is installed. cffi, which generates the binding, is imported when a binding is generated.
 """
 
 from __future__ import annotations
@@ -9,33 +11,146 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import hashlib
+import io
 import os
 import shlex
 import shutil
 import struct
 import subprocess
+import sys
 from collections.abc import Sequence
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 _PACKAGE = Path(__file__).parent
-_FLAGS = ("-std=c11", "-O2", "-shared", "-fPIC")  # c11: sums are never contracted to an fma, on any processor
-_TIMEOUT_S = 120.0
+_FLAGS = (
+    "-std=c11", "-O2", "-fPIC", "-shared", "-s",
+    "-ffp-contract=off",  # clang would contract a product and a sum to one fma if the processor has it
+    "-fno-semantic-interposition",  # gcc may inline a function although the library could export it
+)  # fmt: skip
+_ZIG_FLAGS = (
+    "-mcpu=baseline",  # without it zig compiles for the processor of this very machine
+    "-fomit-frame-pointer",
+)
+_TIMEOUT_S = 600.0
 
-BLOCK_HOOK = _PACKAGE / "virtual" / "native" / "block_hook.so"
+ZIG_REQUIREMENT = "ziglang>=0.13,<0.18"
+"""Package of PyPI whose compiler is used if no other one works."""
+
 INSTANCES_KERNEL = _PACKAGE / "studies" / "instances_kernel.so"
+CORE = _PACKAGE / "virtual" / "core" / "core.so"
+CORE_INTERFACE = CORE.with_name("machine.h")
+CORE_BINDING = CORE.with_name("_machine.py")
 SOURCES = {
-    BLOCK_HOOK: tuple(BLOCK_HOOK.with_name(name) for name in ("block_hook.c", "running_calls.c")),
     INSTANCES_KERNEL: (INSTANCES_KERNEL.with_suffix(".c"),),
+    CORE: tuple(path for suffix in ("c", "h") for path in sorted(CORE.parent.glob(f"*.{suffix}"))),
 }
-"""C sources of every library of the package."""
+"""C sources of every library of the package, headers included."""
+
+_PROBE = """\
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+float probe(const char *text, float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return fmaf(value, sqrtf(value), (float)(strlen(text) + bits));
+}
+"""
+
+
+def build_requirements() -> list[str]:
+    """Return the packages that have to be installed before the libraries can be compiled: zig, or none."""
+    compiler, _ = _system_compiler(os.environ.get("CC"), os.environ.get("PATH"))
+    return [] if compiler else [ZIG_REQUIREMENT]
+
+
+@cache
+def _system_compiler(cc: str | None, path: str | None) -> tuple[tuple[str, ...], str]:
+    """Return the command of the first compiler that works, or why there is none.
+
+    Parameters
+    ----------
+    cc : str or None
+        Value of CC, which is the only candidate if it is set.
+    path : str or None
+        Where commands are looked for; it is the environment's, and makes the cached answer one for this environment.
+    """
+    candidates = [("cc",), ("gcc",), ("clang",)] if cc is None else [tuple(shlex.split(cc))]
+    present = [command for command in candidates if command and shutil.which(command[0], path=path)]
+    if not present:
+        names = ", ".join(" ".join(command) for command in candidates)
+        return (), f"there is no C compiler ({names or 'CC is empty'})"
+    reasons = []
+    for command in present:
+        reason = _probe(command)
+        if not reason:
+            return command, ""
+        reasons.append(f"{' '.join(command)}: {reason}")
+    return (), reasons[0]
+
+
+def _probe(command: Sequence[str]) -> str:
+    """Compile, link and load a few lines; return why that failed, or nothing.
+
+    A compiler without the headers of a C library, or one for other processors, fails here.
+    """
+    with TemporaryDirectory(prefix="hiltest-probe-") as folder:
+        source, library = Path(folder, "probe.c"), Path(folder, "probe.so")
+        source.write_text(_PROBE, encoding="utf-8")
+        if reason := _link(command, library, [source], exports="probe"):
+            return reason
+        try:
+            ctypes.CDLL(str(library))
+        except OSError as error:
+            return f"Python cannot load what the C compiler makes: {error}"
+    return ""
+
+
+def _compiler() -> tuple[tuple[str, ...], str]:
+    """Return the command of the compiler to use, zig's if no other one works, or why there is none."""
+    command, reason = _system_compiler(os.environ.get("CC"), os.environ.get("PATH"))
+    if command:
+        return command, ""
+    if find_spec("ziglang") is not None:
+        return (sys.executable, "-m", "ziglang", "cc", *_ZIG_FLAGS), ""
+    advice = f"Install one (Debian: gcc and libc6-dev) or the Python package {ZIG_REQUIREMENT!r}"
+    return (), f"{reason}. {advice}"
+
+
+@cache
+def _zig_cache() -> TemporaryDirectory[str]:
+    """Return the folder in which zig keeps what it compiles for itself, until this process ends."""
+    return TemporaryDirectory(prefix="hiltest-zig-")
+
+
+def _run(command: Sequence[str]) -> str:
+    """Run a compiler; return why it failed, or nothing."""
+    environment = dict(os.environ)
+    if "ziglang" in command:
+        for variable in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"):
+            environment.setdefault(variable, _zig_cache().name)
+    try:
+        result = subprocess.run(
+            command, env=environment, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"the C compiler could not be run: {error}"
+    if result.returncode:
+        return f"the C compiler failed: {(result.stderr or result.stdout).strip()}"
+    return ""
 
 
 def sha256_of(sources: Sequence[Path]) -> str:
-    """Return the hash of C sources, which is compiled into their library."""
+    """Return the hash of C sources, which their library has as its build ID."""
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
-def compiled(library: Path, sources: Sequence[Path], flags: Sequence[str] = ()) -> str:
+def compiled(library: Path, sources: Sequence[Path], flags: Sequence[str] = (), *, exports: str = "") -> str:
     """Compile a library.
 
     Parameters
@@ -43,37 +158,101 @@ def compiled(library: Path, sources: Sequence[Path], flags: Sequence[str] = ()) 
     library : Path
         What is made, of the sources alone; an older one goes if that fails.
     sources : sequence of Path
+        C files, and the headers that they include.
     flags : sequence of str
         For the compiler, beside its usual ones.
+    exports : str
+        Pattern for the names of the functions that the library shows to others; empty for all of them.
 
     Returns
     -------
     str
         Why there is none now; empty when there is.
     """
-    reason = _compile(library, sources, flags)
+    reason = _compile(library, sources, flags, exports)
     if reason:
         with contextlib.suppress(OSError):  # where nothing can be written, nothing was
             library.unlink(missing_ok=True)  # an older one is of another source
     return reason
 
 
-def _compile(library: Path, sources: Sequence[Path], flags: Sequence[str]) -> str:
-    compiler = shlex.split(os.environ.get("CC", "cc"))
-    if not compiler or shutil.which(compiler[0]) is None:
-        return f"there is no C compiler ({' '.join(compiler) or 'CC is empty'})"
+def _compile(library: Path, sources: Sequence[Path], flags: Sequence[str], exports: str) -> str:
+    compiler, reason = _compiler()
+    if not compiler:
+        return reason
     fresh = library.with_name(f".{library.name}.{os.getpid()}")
-    macro = f'-DHILTEST_SOURCE_SHA256="{sha256_of(sources)}"'
-    command = [*compiler, *_FLAGS, *flags, macro, *map(str, sources), "-o", str(fresh), "-lm"]
     try:
-        result = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S)
-        if result.returncode:
-            return f"the C compiler failed: {(result.stderr or result.stdout).strip()}"
+        if reason := _link(compiler, fresh, sources, flags, exports):
+            return reason
         fresh.replace(library)  # at once: other processes may be loading it
-    except (OSError, subprocess.TimeoutExpired) as error:
+    except OSError as error:
         return f"the C compiler could not be run: {error}"
     finally:
         fresh.unlink(missing_ok=True)
+    return ""
+
+
+def _link(
+    compiler: Sequence[str], library: Path, sources: Sequence[Path], flags: Sequence[str] = (), exports: str = ""
+) -> str:
+    """Compile sources and link them; return why that failed, or nothing."""
+    sha256 = sha256_of(sources)
+    command = [*compiler, *_FLAGS, *flags, f'-DHILTEST_SOURCE_SHA256="{sha256}"']
+    command += [str(source) for source in sources if source.suffix == ".c"]
+    command += ["-o", str(library), "-lm", "-Wl,-z,defs", f"-Wl,--build-id=0x{sha256}"]
+    if not exports:
+        return _run(command)
+    with TemporaryDirectory(prefix="hiltest-link-") as folder:
+        names = Path(folder, "exports.map")
+        names.write_text(f"{{ global: {exports}; local: *; }};\n", encoding="utf-8")
+        return _run([*command, f"-Wl,--version-script={names}"])
+
+
+def build_core() -> str:
+    """Compile the core of the virtual board and generate its binding for Python.
+
+    Returns
+    -------
+    str
+        Why they are not there now; empty when they are.
+    """
+    return compiled(CORE, SOURCES[CORE], exports="machine_*") or _bind_core()
+
+
+def _bind_core() -> str:
+    """Generate the binding: what cffi knows after it has read machine.h, as a module that reads nothing."""
+    try:
+        from cffi import FFI
+    except ImportError as error:
+        return f"the binding cannot be generated ({error}). Install the Python package cffi"
+    ffi = FFI()
+    ffi.set_source("hiltest.virtual.core._machine", None, compiler_verbose=0)
+    ffi.cdef(CORE_INTERFACE.read_text(encoding="utf-8"))
+    code = io.StringIO()
+    code.write(f"# Generated from sources with the SHA-256 {sha256_of(SOURCES[CORE])}.\n")
+    code.write("# ruff: noqa\n# mypy: ignore-errors\n")
+    ffi.emit_python_code(code)
+    fresh = CORE_BINDING.with_name(f".{CORE_BINDING.name}.{os.getpid()}")
+    try:
+        fresh.write_text(code.getvalue(), encoding="utf-8")
+        fresh.replace(CORE_BINDING)
+    except OSError as error:
+        return f"the binding cannot be written: {error}"
+    finally:
+        fresh.unlink(missing_ok=True)
+    return ""
+
+
+def core_is_missing_because() -> str:
+    """Return why the core or its binding cannot be used: missing, or older than the sources. Empty if they can."""
+    sources = SOURCES[CORE]
+    if reason := _unfit_because(CORE, sources):
+        return reason
+    try:
+        if sha256_of(sources).encode() not in CORE_BINDING.read_bytes():
+            return f"{CORE_BINDING} was generated from another {CORE_INTERFACE.name}"
+    except FileNotFoundError:
+        return f"{CORE_BINDING} was not built"
     return ""
 
 
@@ -96,18 +275,28 @@ def loaded(
     reason : str
         Empty where there is one.
     """
+    # Before it is loaded: what a process has loaded from a place it does not load again when it is built anew.
+    if reason := _unfit_because(library, sources):
+        return None, reason
     try:
-        content = library.read_bytes()
-        if _is_cut_off(content):
-            return None, f"{library} is cut off"
-        # Before it is loaded: what a process has loaded from a place it does not load again when it is built anew.
-        if sha256_of(sources).encode() not in content:
-            return None, f"{library} was built from another {sources[0].name}"
         return kind(str(library)), ""
-    except FileNotFoundError:
-        return None, f"{library} was not built"
     except OSError as error:
         return None, f"{library} cannot be loaded ({error})"
+
+
+def _unfit_because(library: Path, sources: Sequence[Path]) -> str:
+    """Return why a library is not to be loaded: it is missing, damaged, or built from other sources."""
+    try:
+        content = library.read_bytes()
+    except FileNotFoundError:
+        return f"{library} was not built"
+    except OSError as error:
+        return f"{library} cannot be loaded ({error})"
+    if _is_cut_off(content):
+        return f"{library} is cut off"
+    if bytes.fromhex(sha256_of(sources)) not in content:
+        return f"{library} was built from another {sources[0].name}"
+    return ""
 
 
 def _is_cut_off(content: bytes) -> bool:

@@ -1,0 +1,1 @@
+"""The core of the virtual board in C, and its binding: `library` loads both."""

@@ -1,0 +1,41 @@
+/* Peripherals in C: what answers the registers of a page. */
+#ifndef HILTEST_DEVICES_H
+#define HILTEST_DEVICES_H
+
+#include "state.h"
+
+/* A peripheral, as the first member of its own structure. */
+struct device {
+    uint32_t base;   /* address of its page, or of the part of one that it answers for */
+    uint32_t bytes;  /* how many it answers for from there on: PAGE_BYTES or less */
+    bool is_clocked; /* whether its clock gate is open; otherwise the bus refuses the access and says why */
+    uint32_t (*read)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
+    void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value);
+    void (*reset)(struct machine *machine, struct device *device); /* state after a reset of the chip */
+    void (*destroy)(struct device *device); /* free what it owns; NULL if that is nothing */
+};
+
+/* Have a device answer for its page, from its state after a reset on. The machine owns it from now on and frees it.
+ * False if there is no room: it is freed at once. */
+bool add_device(struct machine *machine, struct device *device);
+/* The device that answers for all bytes of an access, the first of them, if one does and its gate is open. */
+struct device *device_at(const struct machine *machine, uint32_t address, uint32_t size);
+/* The device that begins at an address, or NULL. */
+struct device *device_of(const struct machine *machine, uint32_t base);
+
+/* The bytes of a word register that an access at an offset has. */
+uint32_t part_of_word(uint32_t word, uint32_t offset, uint32_t size);
+/* Wide accesses to registers of one byte each. */
+uint32_t read_by_bytes(
+    struct machine *machine, struct device *device, uint32_t offset, uint32_t size,
+    uint8_t (*read)(struct machine *machine, struct device *device, uint32_t offset));
+void write_by_bytes(
+    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value,
+    void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint8_t value));
+
+/* Drive a source of DMA requests; the bus is told if the level changes. */
+void drive_request(struct machine *machine, int32_t source, bool level);
+/* An event has done something that the host may be waiting for: a byte for it. */
+void tell_host(struct machine *machine);
+
+#endif

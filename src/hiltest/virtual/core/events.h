@@ -1,0 +1,53 @@
+/* What peripherals in C plan to do at a cycle, and the clocks that they count in. */
+#ifndef HILTEST_EVENTS_H
+#define HILTEST_EVENTS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct machine;
+
+enum { PLANNED_EVENTS = 128, CLOCKS = 16, NO_CLOCK = -1 };
+static const int64_t NEVER = INT64_MAX;
+
+/* A clock of the part. Its ticks at a cycle are ticks + (remainder + (cycle - since) * numerator) / denominator, exact
+ * and rounded down; with a numerator of 0 it stands still. */
+struct clock {
+    int64_t since, ticks, remainder, numerator, denominator;
+};
+
+int64_t clock_ticks(const struct clock *clock, int64_t cycle);
+/* First cycle at which so many ticks have passed; NEVER while the clock stands still. */
+int64_t clock_cycle(const struct clock *clock, int64_t tick);
+
+/* An entry of the calendar, which its peripheral owns. All of it is zero at first, but for `fire`. */
+struct event {
+    void (*fire)(struct machine *machine, struct event *event);
+    void *owner;
+    int64_t cycle;
+    int64_t tick;     /* of `clock`, unless that is NO_CLOCK: the cycle follows the clock's rate */
+    int32_t clock;
+    bool is_planned;
+};
+
+/* The calendar: events in the order of their cycles, those of one cycle in the order in which they were planned. */
+struct calendar {
+    struct event *events[PLANNED_EVENTS];
+    int32_t count;
+    int64_t time; /* cycle at which the event that fires was due: what follows from it counts from there */
+    struct clock clocks[CLOCKS];
+    int32_t clock_count;
+};
+
+/* Plan an event, or plan it anew. A peripheral has a fixed number of events, so that there is room for all. */
+void plan_event(struct machine *machine, struct event *event, int64_t cycle);
+void plan_event_at_tick(struct machine *machine, struct event *event, int32_t clock, int64_t tick);
+void cancel_event(struct machine *machine, struct event *event);
+/* Cycle of the next event, or NEVER. */
+int64_t next_event_cycle(const struct machine *machine);
+/* Fire every event that is due at core.cycles. */
+void fire_due_events(struct machine *machine);
+/* Ticks of a clock now. */
+int64_t ticks_now(const struct machine *machine, int32_t clock);
+
+#endif

@@ -1,0 +1,249 @@
+/* I2C masters of Kinetis parts: START, bytes of nine clocks, STOP, and the interrupt after each byte (K64 reference
+ * manual, chapter "Inter-Integrated Circuit"). The parts on the wires are outside. */
+#include <stdlib.h>
+
+#include "devices.h"
+
+enum { A1, F, C1, S, D, REGISTERS = 16 };
+enum { C1_IICEN = 0x80, C1_IICIE = 0x40, C1_MST = 0x20, C1_TX = 0x10, C1_TXAK = 0x08, C1_RSTA = 0x04, C1_DMAEN = 0x01 };
+enum { S_TCF = 0x80, S_BUSY = 0x20, S_ARBL = 0x10, S_IICIF = 0x02, S_RXAK = 0x01 };
+enum { CLOCKS_A_BYTE = 9, START_CLOCKS = 1 }; /* START or repeated START, set-up and hold */
+enum { DIVIDERS = 64 };
+
+/* Divider by F.ICR, "I2C divider and hold values". */
+static const int16_t DIVIDER[DIVIDERS] = {
+    20, 22, 24, 26, 28, 30, 34, 40, 28, 32, 36, 40, 44, 48, 56, 68,
+    48, 56, 64, 72, 80, 88, 104, 128, 80, 96, 112, 128, 144, 160, 192, 240,
+    160, 192, 224, 256, 288, 320, 384, 480, 320, 384, 448, 512, 576, 640, 768, 960,
+    640, 768, 896, 1024, 1152, 1280, 1536, 1920, 1280, 1536, 1792, 2048, 2304, 2560, 3072, 3840,
+};
+
+/* When something pulls a wire low [ps]; nothing does if both are 0. */
+struct hold {
+    int64_t begin, end;
+};
+
+struct i2c {
+    struct device device;
+    struct machine_i2c connections;
+    struct hold holds[2]; /* by enum i2c_wire */
+    struct event completion;
+    int64_t enabled_at;   /* time since which it has been enabled [ps] */
+    uint8_t registers[REGISTERS];
+    uint8_t status, data;
+    uint8_t arriving;     /* byte under way, which cannot be read before it is complete */
+    bool is_transferring;
+    bool sends_address;   /* the next byte follows a START */
+    bool receives;
+    bool is_acknowledged; /* the byte under way */
+    bool loses;           /* arbitration, at the end of the byte under way */
+    bool asks_dma;        /* from the end of a byte to the next access to D */
+};
+
+static int64_t time_of(const struct machine *machine, const struct i2c *i2c)
+{
+    return ticks_now(machine, i2c->connections.time);
+}
+
+static uint8_t ask_wires(struct machine *machine, const struct i2c *i2c, int32_t operation, uint8_t value)
+{
+    return (uint8_t)i2c->connections.ask(i2c->connections.context, operation, value, time_of(machine, i2c));
+}
+
+static bool is_held(const struct machine *machine, const struct i2c *i2c, int32_t wire)
+{
+    int64_t now = time_of(machine, i2c);
+    return i2c->holds[wire].begin <= now && now < i2c->holds[wire].end;
+}
+
+/* Whether SDA fell while the module was enabled and SCL high, which is a START to it, and no STOP has followed. */
+static bool sees_start(const struct machine *machine, const struct i2c *i2c)
+{
+    return is_held(machine, i2c, I2C_SDA) && i2c->holds[I2C_SDA].begin >= i2c->enabled_at;
+}
+
+static void drive(struct machine *machine, const struct i2c *i2c)
+{
+    bool interrupts = i2c->status & S_IICIF && i2c->registers[C1] & C1_IICIE;
+    machine_set_line(machine, i2c->connections.interrupt, interrupts);
+    drive_request(machine, i2c->connections.request, i2c->asks_dma);
+}
+
+static void reset(struct machine *machine, struct device *device)
+{
+    struct i2c *i2c = (struct i2c *)device;
+    cancel_event(machine, &i2c->completion);
+    for (int32_t i = 0; i < REGISTERS; i++)
+        i2c->registers[i] = 0;
+    i2c->status = S_TCF;
+    i2c->data = 0;
+    i2c->is_transferring = i2c->sends_address = i2c->receives = i2c->loses = i2c->asks_dma = false;
+    i2c->enabled_at = time_of(machine, i2c);
+    drive(machine, i2c);
+}
+
+/* -- bytes -------------------------------------------------------------------------------------------------------- */
+
+/* Begin a byte that takes so many clocks of the wire; it waits for as long as SCL is held. */
+static void begin_byte(struct machine *machine, struct i2c *i2c, int32_t clocks)
+{
+    uint8_t frequency = i2c->registers[F];
+    int64_t divider = (int64_t)DIVIDER[frequency % DIVIDERS] << frequency / DIVIDERS;
+    i2c->status &= (uint8_t)~S_TCF;
+    i2c->is_transferring = true;
+    if (!is_held(machine, i2c, I2C_SCL)) {
+        int64_t end = ticks_now(machine, i2c->connections.clock) + clocks * divider;
+        plan_event_at_tick(machine, &i2c->completion, i2c->connections.clock, end);
+    } else if (i2c->holds[I2C_SCL].end != NEVER) {
+        plan_event_at_tick(machine, &i2c->completion, i2c->connections.time, i2c->holds[I2C_SCL].end);
+    }
+}
+
+static void complete_byte(struct machine *machine, struct event *event)
+{
+    struct i2c *i2c = event->owner;
+    i2c->is_transferring = false;
+    i2c->asks_dma = i2c->registers[C1] & C1_DMAEN;
+    i2c->status |= S_TCF | S_IICIF;
+    if (i2c->loses) {
+        i2c->loses = false;
+        i2c->status |= S_ARBL;
+        i2c->registers[C1] &= (uint8_t)~C1_MST;
+    }
+    if (i2c->receives)
+        i2c->data = i2c->arriving;
+    else if (i2c->is_acknowledged)
+        i2c->status &= (uint8_t)~S_RXAK;
+    else
+        i2c->status |= S_RXAK;
+    drive(machine, i2c);
+}
+
+/* D is accessed: the request for that is over. */
+static void end_request(struct machine *machine, struct i2c *i2c)
+{
+    i2c->asks_dma = false;
+    drive(machine, i2c);
+}
+
+/* Send a byte while SDA is held: arbitration is lost at its first bit that is 1. Of a byte that is all zeros nothing is
+ * lost, and low is what acknowledges it. */
+static void send_against_hold(struct machine *machine, struct i2c *i2c, uint8_t value)
+{
+    int32_t clocks = CLOCKS_A_BYTE;
+    for (uint8_t rest = value; rest; rest >>= 1)
+        clocks--;
+    i2c->sends_address = false;
+    i2c->is_acknowledged = true;
+    i2c->loses = value != 0;
+    begin_byte(machine, i2c, clocks);
+}
+
+static void send(struct machine *machine, struct i2c *i2c, uint8_t value)
+{
+    uint8_t sends = C1_MST | C1_TX;
+    end_request(machine, i2c);
+    if ((i2c->registers[C1] & sends) != sends || i2c->is_transferring)
+        return;
+    i2c->receives = false;
+    if (is_held(machine, i2c, I2C_SDA)) {
+        send_against_hold(machine, i2c, value);
+        return;
+    }
+    bool is_address = i2c->sends_address;
+    i2c->sends_address = false;
+    i2c->is_acknowledged = ask_wires(machine, i2c, is_address ? I2C_ADDRESS : I2C_WRITE, value);
+    begin_byte(machine, i2c, is_address ? CLOCKS_A_BYTE + START_CLOCKS : CLOCKS_A_BYTE);
+}
+
+/* Answer with the byte that has arrived; as receiver, begin the next one. */
+static uint8_t receive(struct machine *machine, struct i2c *i2c)
+{
+    uint8_t control = i2c->registers[C1];
+    end_request(machine, i2c);
+    if ((control & (C1_MST | C1_TX)) != C1_MST || i2c->is_transferring)
+        return i2c->data;
+    bool is_low = is_held(machine, i2c, I2C_SDA);
+    i2c->receives = true;
+    i2c->arriving = is_low ? 0 : ask_wires(machine, i2c, I2C_READ, 0);
+    i2c->loses = is_low && control & C1_TXAK;
+    begin_byte(machine, i2c, CLOCKS_A_BYTE);
+    return i2c->data;
+}
+
+/* -- registers ---------------------------------------------------------------------------------------------------- */
+
+static void control(struct machine *machine, struct i2c *i2c, uint8_t value)
+{
+    uint8_t before = i2c->registers[C1];
+    if (!(value & C1_IICEN))
+        reset(machine, &i2c->device);
+    i2c->registers[C1] = value & (uint8_t)~C1_RSTA;
+    i2c->asks_dma = i2c->asks_dma && value & C1_DMAEN;
+    if (value & C1_IICEN && value & C1_MST && (!(before & C1_MST) || value & C1_RSTA)) {
+        i2c->status |= S_BUSY;
+        i2c->sends_address = true;
+    } else if (value & C1_IICEN && before & C1_MST && !(value & C1_MST)) {
+        ask_wires(machine, i2c, I2C_STOP, 0);
+        i2c->status &= (uint8_t)~S_BUSY;
+    }
+    drive(machine, i2c);
+}
+
+static uint8_t read_byte(struct machine *machine, struct device *device, uint32_t offset)
+{
+    struct i2c *i2c = (struct i2c *)device;
+    if (offset == S) {
+        if (i2c->holds[I2C_SDA].end)
+            machine_answer_holds(machine, 0); /* what BUSY shows comes and goes without an event */
+        return sees_start(machine, i2c) ? i2c->status | S_BUSY : i2c->status;
+    }
+    if (offset == D)
+        return receive(machine, i2c);
+    return offset < REGISTERS ? i2c->registers[offset] : 0;
+}
+
+static void write_byte(struct machine *machine, struct device *device, uint32_t offset, uint8_t value)
+{
+    struct i2c *i2c = (struct i2c *)device;
+    if (offset == C1) {
+        control(machine, i2c, value);
+    } else if (offset == S) {
+        i2c->status &= (uint8_t)~(value & (S_IICIF | S_ARBL));
+        drive(machine, i2c);
+    } else if (offset == D) {
+        send(machine, i2c, value);
+    } else if (offset < REGISTERS) {
+        i2c->registers[offset] = value;
+    }
+}
+
+static uint32_t read_registers(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
+{
+    return read_by_bytes(machine, device, offset, size, read_byte);
+}
+
+static void write_registers(
+    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
+{
+    write_by_bytes(machine, device, offset, size, value, write_byte);
+}
+
+bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections)
+{
+    struct i2c *i2c = calloc(1, sizeof *i2c);
+    if (!i2c)
+        return false;
+    i2c->device = (struct device){
+        .base = base, .bytes = PAGE_BYTES, .read = read_registers, .write = write_registers, .reset = reset};
+    i2c->connections = connections;
+    i2c->completion = (struct event){.fire = complete_byte, .owner = i2c};
+    return add_device(machine, &i2c->device);
+}
+
+void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int64_t begin, int64_t end)
+{
+    struct device *device = device_of(machine, base);
+    if (device)
+        ((struct i2c *)device)->holds[wire] = (struct hold){begin, end};
+}

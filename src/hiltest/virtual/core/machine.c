@@ -1,0 +1,321 @@
+/* A machine as a whole: it is made, reset, and run from one stop to the next. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "execute.h"
+#include "stacks.h"
+
+enum { SLICE_CYCLES = 4000000 }; /* about 10 ms of wall time */
+
+struct machine *machine_create(bool baseline)
+{
+    struct machine *machine = calloc(1, sizeof *machine);
+    if (!machine)
+        return NULL;
+    machine->readable = calloc(PAGES, sizeof *machine->readable);
+    machine->writable = calloc(PAGES, sizeof *machine->writable);
+    machine->code = code_create();
+    if (!machine->readable || !machine->writable || !machine->code) {
+        machine_destroy(machine);
+        return NULL;
+    }
+    machine->baseline = baseline;
+    machine->core.interrupts = 240;
+    machine->core.priority_mask = baseline ? 0xC0 : 0xF0;
+    machine->core.instruction_limit = INT64_MAX;
+    machine->core.return_address = UINT32_MAX;
+    machine_reset(machine);
+    return machine;
+}
+
+void machine_destroy(struct machine *machine)
+{
+    if (!machine)
+        return;
+    for (int i = 0; i < machine->memory_count; i++) {
+        free(machine->memories[i].bytes);
+        free(machine->memories[i].has_code);
+        free(machine->memories[i].executions);
+        destroy_copies(&machine->memories[i]);
+    }
+    forget_devices(machine);
+    profile_destroy(machine);
+    free(machine->turn);
+    code_destroy(machine->code);
+    calls_destroy(machine);
+    free(machine->tables);
+    free(machine->waits);
+    free(machine->readable);
+    free(machine->writable);
+    free(machine);
+}
+
+struct core *machine_core(struct machine *machine)
+{
+    return &machine->core;
+}
+
+void machine_connect(struct machine *machine, struct machine_bus bus)
+{
+    machine->bus = bus;
+}
+
+bool machine_set_price(struct machine *machine, const char *row, int32_t value)
+{
+    machine->code_changed = machine->looks = true;
+    return set_price(&machine->prices, row, value);
+}
+
+bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value)
+{
+    if (!machine->waits) {
+        machine->waits = malloc(sizeof *machine->waits);
+        if (!machine->waits)
+            return false;
+        waits_begin(machine->waits);
+    }
+    return set_memory_row(machine->waits, row, value);
+}
+
+void machine_switch_flash_bank(
+    struct machine *machine, uint32_t bank, bool keeps_line, bool reads_ahead_code, bool reads_ahead_data,
+    bool caches_code, bool caches_data)
+{
+    const struct bank_switches switches = {
+        keeps_line, reads_ahead_code, reads_ahead_data, caches_code, caches_data};
+    if (machine->waits)
+        waits_switch(machine->waits, bank, switches);
+}
+
+void machine_forget_flash_lines(struct machine *machine)
+{
+    if (machine->waits)
+        waits_forget_lines(machine->waits);
+}
+
+void machine_forget_flash_way(struct machine *machine, uint32_t way)
+{
+    if (machine->waits)
+        waits_forget_way(machine->waits, way);
+}
+
+bool machine_set_breakpoint(struct machine *machine, uint32_t address, bool set)
+{
+    return code_set_mark(machine, address, MARK_BREAKPOINT, set);
+}
+
+void machine_set_fpu(struct machine *machine, bool enabled)
+{
+    if (machine->core.fpu_enabled != enabled) {
+        machine->core.fpu_enabled = enabled;
+        machine->code_changed = machine->looks = true;
+    }
+}
+
+void machine_save_floats(struct machine *machine)
+{
+    floating_point_runs(machine);
+}
+
+void machine_flush_pipeline(struct machine *machine)
+{
+    memset(&machine->pipeline, 0, sizeof machine->pipeline);
+    if (machine->waits)
+        waits_flush(machine->waits);
+}
+
+/* DDI 0403E, B1.5.5: the state of the processor after a reset, without the vector table's first two words. */
+void machine_reset(struct machine *machine)
+{
+    struct core *core = &machine->core;
+    const struct core before = *core;
+    memset(core, 0, sizeof *core);
+    core->cycles = before.cycles;
+    core->instructions = before.instructions;
+    core->deadline = before.deadline;
+    core->idle_cycles = before.idle_cycles;
+    core->memory_cycles = before.memory_cycles;
+    core->passed = before.passed;
+    core->device_loads = before.device_loads;
+    core->instruction_limit = before.instruction_limit;
+    core->interrupts = before.interrupts;
+    core->priority_mask = before.priority_mask;
+    core->delivers_faults = before.delivers_faults;
+    core->stops_at = before.stops_at;
+    core->leaves_sleep = before.leaves_sleep;
+    core->may_loop = before.may_loop;
+    core->asks_devices = before.asks_devices;
+    core->tells_returns = before.tells_returns;
+    core->return_address = before.return_address;
+    memcpy(core->taken, before.taken, sizeof core->taken);
+    core->r[14] = 0xFFFFFFFF;
+    core->thumb = 1;
+    core->zero = 1;
+    core->floating_control = 3u << 30; /* FPCCR: ASPEN and LSPEN */
+    machine->exclusive = machine->stacks.has_context = false;
+    calls_reset(machine);
+    if (machine->waits)
+        waits_reset(machine->waits);
+    machine->code_changed = machine->looks = true;
+    machine_flush_pipeline(machine);
+}
+
+/* Whether the architecture forbids code at an address: devices, and the system region (DDI 0403E, B3.1). */
+static bool is_never_executed(uint32_t address)
+{
+    return (address >= 0x40000000 && address < 0x60000000) || address >= 0xA0000000;
+}
+
+static void note_fetch_fault(struct machine *machine)
+{
+    uint32_t address = machine->core.r[15];
+    if (memory_at(machine, address, 2))
+        address += 2; /* the memory ends within an instruction of four bytes */
+    int32_t kind = is_never_executed(address) ? FAULT_EXECUTE_NEVER : FAULT_INSTRUCTION_BUS;
+    note_fault(machine, kind, CAUSE_FETCH_UNMAPPED, machine->previous, address, 0, 0);
+}
+
+struct node *next_node(struct machine *machine)
+{
+    struct core *core = &machine->core;
+    uint32_t address = core->r[15];
+    bool has_memory = memory_at(machine, address, 2);
+    if (!core->thumb) {
+        uint32_t place = has_memory ? address : machine->previous;
+        note_fault(machine, FAULT_INVALID_STATE, CAUSE_NO_THUMB_BIT, place, address, 0, 0);
+        return NULL;
+    }
+    if (machine->code_changed || code_is_full(machine))
+        code_forget(machine);
+    struct node *node =
+        has_memory ? code_at(machine, address, (uint8_t)core->it_state, code_next_state(machine)) : NULL;
+    if (!node)
+        note_fetch_fault(machine);
+    return node;
+}
+
+bool machine_wakes(struct machine *machine)
+{
+    return !machine->core.gated && is_woken(machine, machine->core.waits_for_event);
+}
+
+/* Take what is pending, and wake up from it; false if the core sleeps on. */
+static bool attend(struct machine *machine)
+{
+    struct core *core = &machine->core;
+    machine->looks = machine->code_changed;
+    if (core->gated)
+        return !core->sleeping;
+    if (core->sleeping && is_woken(machine, core->waits_for_event))
+        core->sleeping = false;
+    if (take_exception(machine))
+        core->passes_breakpoint = false;
+    return !core->sleeping;
+}
+
+/* Execute until something has to be looked at. Returns a reason to stop, or -1. */
+static int32_t go_on(struct machine *machine, int64_t slice_end)
+{
+    struct core *core = &machine->core;
+    if (core->r[15] == core->return_address && !core->delivers_faults)
+        return STOP_RETURNED;
+    struct node *node = next_node(machine);
+    if (!node)
+        return STOP_FAULT;
+    return execute_from(machine, node, slice_end);
+}
+
+int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon)
+{
+    struct core *core = &machine->core;
+    machine->looks = false;
+    switch (machine->waits ? execute_with_waits(machine, node, horizon) : execute(machine, node, horizon)) {
+    case FAULTED:
+        counts_fault(machine, core->r[15]);
+        machine_flush_pipeline(machine);
+        return STOP_FAULT;
+    case LOOPED:
+        return STOP_LOOP;
+    case BROKE:
+        return STOP_BREAKPOINT;
+    case LEFT:
+        if (!leave_exception(machine, machine->exc_return, machine->previous))
+            return STOP_FAULT;
+        if (core->fault.kind)
+            return STOP_FAULT;
+        return core->tells_returns ? STOP_UNSTACKED : -1;
+    default:
+        return -1;
+    }
+}
+
+/* Let time pass asleep up to the next event. False if whoever called machine_run has to decide what happens. */
+static bool sleep_on(struct machine *machine)
+{
+    struct core *core = &machine->core;
+    int64_t event = next_event_cycle(machine), target = core->deadline < event ? core->deadline : event;
+    if (core->sleeps_deeply || core->leaves_sleep || core->gated || target == NEVER
+        || !machine_can_ever_wake(machine, machine_ceiling(machine, !core->waits_for_event)))
+        return false;
+    if (target > core->cycles) {
+        core->idle_cycles += target - core->cycles;
+        core->cycles = target;
+    }
+    return true;
+}
+
+/* Whether an event has fired that somebody waits for. */
+static bool concerns_host(const struct machine *machine)
+{
+    int32_t stops_at = machine->core.stops_at;
+    return (stops_at == HOST_ANY && machine->has_fired) || (stops_at == HOST_BYTES && machine->told_host);
+}
+
+static int64_t earliest(int64_t a, int64_t b, int64_t c)
+{
+    int64_t earlier = a < b ? a : b;
+    return earlier < c ? earlier : c;
+}
+
+static int32_t run(struct machine *machine)
+{
+    struct core *core = &machine->core;
+    int64_t slice_end = core->cycles + SLICE_CYCLES;
+    core->fault.kind = FAULT_NONE;
+    look_at_stack(machine, true, core->r[15]); /* somebody may have set the stack pointer */
+    machine->has_fired = machine->told_host = false;
+    for (;;) {
+        fire_due_events(machine);
+        if (concerns_host(machine))
+            return STOP_HOST;
+        if (core->watch_kinds)
+            return STOP_WATCHPOINT;
+        if (core->cycles >= core->deadline)
+            return STOP_DEADLINE;
+        if (core->cycles >= slice_end)
+            return STOP_TURNS;
+        if (!attend(machine)) {
+            if (!sleep_on(machine))
+                return STOP_SLEEP;
+            continue;
+        }
+        if (core->fault.kind)
+            return STOP_FAULT;
+        if (core->cycles >= earliest(core->deadline, next_event_cycle(machine), slice_end))
+            continue; /* it has passed on the way into an exception */
+        if (core->instructions >= core->instruction_limit)
+            return STOP_STEP;
+        int32_t reason = machine->known.polled
+            ? pass_turns(machine, earliest(core->deadline, next_event_cycle(machine), slice_end))
+            : go_on(machine, core->instruction_limit == INT64_MAX ? slice_end : INT64_MIN);
+        if (reason >= 0)
+            return reason;
+    }
+}
+
+int32_t machine_run(struct machine *machine)
+{
+    const int32_t reason = run(machine);
+    forget_answers(machine);
+    return reason;
+}

@@ -1,0 +1,475 @@
+/* A Cortex-M machine: core, memories, exceptions, cycle count. This file is the whole interface of the library.
+ *
+ * It has plain declarations alone, no directives, so that C includes it behind <stdbool.h> and <stdint.h> and cffi
+ * reads it as it is. References are to the ARMv7-M Architecture Reference Manual, DDI 0403E.
+ */
+
+struct machine;
+
+/* Exception numbers of the architecture; 16 + n is external interrupt n. */
+enum exception_number {
+    EXCEPTION_NONE = 0, EXCEPTION_NMI = 2, EXCEPTION_HARD_FAULT = 3, EXCEPTION_MEM_MANAGE = 4, EXCEPTION_BUS_FAULT = 5,
+    EXCEPTION_USAGE_FAULT = 6, EXCEPTION_SVCALL = 11, EXCEPTION_PENDSV = 14, EXCEPTION_SYSTICK = 15,
+    FIRST_INTERRUPT = 16, EXCEPTIONS = 256, ACTIVE_EXCEPTIONS = 256, EXCEPTION_WORDS = 8,
+};
+
+/* Kinds of fault: which exception takes one, and its bits in CFSR and HFSR, are in exceptions.c. */
+enum fault_kind {
+    FAULT_NONE, FAULT_EXECUTE_NEVER, FAULT_INSTRUCTION_BUS, FAULT_DATA_BUS, FAULT_UNSTACKING, FAULT_STACKING,
+    FAULT_UNDEFINED_INSTRUCTION, FAULT_INVALID_STATE, FAULT_INVALID_RETURN, FAULT_NO_COPROCESSOR, FAULT_UNALIGNED,
+    FAULT_DIVIDE_BY_ZERO, FAULT_SUPERVISOR_CALL, FAULT_VECTOR_TABLE, FAULT_BREAKPOINT,
+};
+
+/* What happened, more closely than the kind says. */
+enum fault_cause {
+    CAUSE_NONE,
+    CAUSE_READ_UNMAPPED,   /* data access: `address`, `size` */
+    CAUSE_WRITE_UNMAPPED,
+    CAUSE_WRITE_FLASH,
+    CAUSE_READ_REFUSED,    /* the bus refused the access: whoever refused it knows why */
+    CAUSE_WRITE_REFUSED,
+    CAUSE_FETCH_UNMAPPED,  /* jump to `address` */
+    CAUSE_NO_THUMB_BIT,    /* jump to the even address `address` */
+    CAUSE_OPCODE,          /* `value`: the halfword, or both with the first in the upper half */
+    CAUSE_FPU_DISABLED,
+    CAUSE_COPROCESSOR,
+    CAUSE_MISALIGNED,      /* `value` in the register `size`, or the address of an exclusive access */
+    CAUSE_EXCLUSIVE,
+    CAUSE_DIVISOR,         /* register `size` is zero */
+    CAUSE_SVC,
+    CAUSE_BKPT,
+    CAUSE_STACK_FRAME,     /* no RAM for, or with, a frame at `address` */
+    CAUSE_VECTOR_READ,     /* no memory at VTOR `address` */
+    CAUSE_VECTOR_THUMB,    /* vector `value` of exception `size` has no Thumb bit */
+    CAUSE_RETURN_THREAD,   /* EXC_RETURN `value` while no exception is active */
+    CAUSE_RETURN_VALUE,    /* EXC_RETURN `value` fits no active exception */
+    CAUSE_RETURN_MODE,     /* stacked xPSR `value` is of another mode */
+    CAUSE_RETURN_THUMB,    /* stacked xPSR `value` has no Thumb bit */
+};
+
+struct machine_fault {
+    int32_t kind;      /* enum fault_kind */
+    int32_t cause;     /* enum fault_cause */
+    uint32_t place;    /* address of the instruction to name: for a jump into nothing, the jump */
+    uint32_t address;  /* of a data access: the bit-band alias, if it went through one, and `value` its target */
+    uint32_t value;
+    uint32_t size;
+};
+
+/* Why `machine_run` returned. */
+enum stop_reason {
+    STOP_DEADLINE,   /* `cycles` has reached `deadline`: an event is due, or somebody asked by lowering it */
+    STOP_RETURNED,   /* the PC is the address `return_address` */
+    STOP_FAULT,      /* `fault` is set; `machine_deliver_fault` takes it to its handler */
+    STOP_SLEEP,      /* WFI or WFE found nothing pending, or SLEEPONEXIT: the core sleeps (`sleeping` is set) */
+    STOP_LOOP,       /* a branch to itself, which only an interrupt ends; not while `may_loop` is set */
+    STOP_UNSTACKED,  /* an exception has returned while `tells_returns` was set */
+    STOP_BREAKPOINT, /* the PC is at a breakpoint, see `passes_breakpoint` */
+    STOP_WATCHPOINT, /* an access met a watchpoint, see `watch_address`; its instruction is over */
+    STOP_STEP,       /* `instruction_limit` instructions have been executed, and what was pending then is entered */
+    STOP_HOST,       /* an event has fired that `stops_at` asks for */
+    STOP_TURNS,      /* enough instructions that whoever waits for Ctrl-C should look: about 10 ms of wall time */
+};
+
+/* The architectural state, and the counts. Read it and change it only while the machine does not run or inside a
+ * callback. In a callback the registers are those before the instruction that runs, except that it may have transferred
+ * a part of several words.
+ */
+struct core {
+    int64_t cycles;        /* clock cycles since power-on; inside a callback: at the beginning of the instruction */
+    int64_t instructions;  /* executed since power-on, skipped ones of IT blocks included */
+    int64_t deadline;      /* `machine_run` returns before the first instruction that begins at or after this cycle;
+                              a callback may lower it */
+    int64_t idle_cycles;   /* of them asleep */
+    int64_t memory_cycles; /* cycles in which instructions waited for memories */
+    int64_t passed;        /* of the instructions, those in turns of loops that were counted, not executed */
+    int64_t device_loads;  /* loads that devices have answered since power-on, without the one that runs */
+    int64_t instruction_limit; /* see STOP_STEP */
+
+    uint32_t r[16];        /* r13 is the stack pointer in use; r15 the address of the next instruction, bit 0 clear;
+                              inside a callback of the one that runs */
+    uint32_t other_stack;  /* the stack pointer that is not in use: MSP or PSP */
+    uint32_t control;      /* CONTROL: nPRIV, SPSEL, FPCA */
+    uint32_t primask, faultmask, basepri;
+    uint32_t exception;    /* IPSR: number of the exception that runs, or 0 */
+    uint32_t negative;     /* bit 31 is the N flag */
+    uint32_t zero;         /* the Z flag is set if this is 0 */
+    uint32_t carry, overflow, saturated; /* C, V, Q: 0 or 1 */
+    uint32_t ge;           /* the four GE flags */
+    uint32_t it_state;     /* ITSTATE */
+    uint32_t thumb;        /* EPSR.T */
+    uint32_t fpscr;
+    uint32_t s[32];        /* bit patterns */
+
+    /* Exceptions. Bit n % 32 of word n / 32 is exception n, EXCEPTION_NONE to 255. */
+    uint32_t pending[8], enabled[8], lines[8], is_active[8], taken[8];
+    uint8_t priority[256]; /* priority bytes; those of NMI and HardFault do not count */
+    uint16_t active[256];  /* exceptions being handled, the one that runs last */
+    int32_t active_count;
+    int32_t interrupts;    /* external interrupts that the part has */
+    uint32_t priority_mask;/* implemented bits of a priority byte */
+    uint32_t priority_grouping; /* AIRCR.PRIGROUP */
+    uint32_t vector_table; /* VTOR */
+    uint32_t floating_control; /* FPCCR, ASPEN and LSPEN */
+    uint32_t lazy_frame;   /* FPCAR while floating-point state is not saved yet, or 0 */
+    uint32_t floating_default; /* FPDSCR: modes of FPSCR in a new context */
+    uint32_t cfsr, hfsr, bfar; /* what fault handlers read */
+    uint32_t fault_enabled;/* bit n: the handler of fault exception n is enabled (SHCSR) */
+    bool base_thread_enabled; /* CCR.NONBASETHRDENA */
+    bool divide_traps;     /* CCR.DIV_0_TRP */
+    bool unaligned_traps;  /* CCR.UNALIGN_TRP */
+    bool fpu_enabled;      /* CPACR; see machine_set_fpu */
+    bool sleeps_on_exit;   /* SCR.SLEEPONEXIT */
+    bool sends_on_pend;    /* SCR.SEVONPEND */
+    bool event;            /* the event register */
+    bool newly_pending;    /* an exception has become pending since an event was taken last */
+    bool is_chained;       /* the next exception entry follows a return at once */
+    bool is_saved;         /* the floating-point state is in the frame that both handlers of a chain share */
+    bool sleeping;
+    bool waits_for_event;  /* it sleeps in WFE rather than in WFI */
+    bool gated;            /* it is in a sleep that no interrupt ends */
+    bool sleeps_deeply;    /* SCR.SLEEPDEEP: sleep is left to whoever called machine_run; otherwise time passes in it */
+
+    /* How `machine_run` behaves. */
+    bool delivers_faults;  /* STOP_RETURNED is not for firmware: a jump there is a fault */
+    int32_t stops_at;      /* enum host_event: which events of peripherals in C have machine_run return */
+    bool leaves_sleep;     /* STOP_SLEEP in any sleep, as with `sleeps_deeply` */
+    bool may_loop;         /* a branch to itself passes the time until the deadline */
+    bool tells_returns;
+    bool asks_devices;     /* devices are asked although their answers are known, for tests */
+    bool passes_breakpoint; /* the next instruction executes though there is a breakpoint; that, or an exception's
+                               entry, clears this */
+    uint32_t return_address;
+    uint32_t watch_kinds;  /* enum watch_kind: those of the watchpoint that was met first since this was set to 0 */
+    uint32_t watch_address;/* first byte of it that was accessed */
+    struct machine_fault fault;
+};
+
+/* Events that a host waits for: none, bytes that were sent to it, or any. */
+enum host_event { HOST_NONE, HOST_BYTES, HOST_ANY };
+
+/* Accesses that a watchpoint looks for. */
+enum watch_kind { WATCH_READ = 1, WATCH_WRITE = 2, WATCH_ACCESS = 3 };
+
+/* Accesses that no memory answers: peripherals and the processor's own registers. `refused` is set by the callee if the
+ * access is a bus error. */
+struct machine_bus {
+    void *context;
+    uint32_t (*read)(void *context, uint32_t address, uint32_t size, bool *refused);
+    void (*write)(void *context, uint32_t address, uint32_t size, uint32_t value, bool *refused);
+    /* Told the level of a source of DMA requests when it changes; NULL if nobody wants to know. */
+    void (*request)(void *context, int32_t source, bool level);
+};
+
+/* A stack that has been used: the address above it, which the stack pointer had while it was empty, the lowest one that
+ * the stack pointer has had, and the code that ran when the stack was first seen. */
+struct machine_stack {
+    uint32_t top, lowest, first_pc;
+};
+
+/* A function whose calls are watched. */
+struct machine_function {
+    int64_t abandoned;   /* calls that never returned: longjmp, a task or exception that ended, a reset */
+    int64_t open;        /* calls under way */
+    int64_t came_back;   /* calls that returned after their stack had been given up */
+    int64_t lost;        /* calls that could not be followed: too many were under way, or have not been read */
+    uint32_t looks_at;   /* address of a word to be read at each return, and its bytes; 0 bytes: none */
+    uint32_t look_size;
+    bool tells;          /* see machine_tell_entries */
+};
+
+/* A call that has returned; see Call in hiltest.virtual.call_summary. */
+struct machine_call {
+    int64_t entered, returned, interrupts, elsewhere;
+    int32_t interrupted;
+    int32_t function;
+    uint32_t ended_in, word;
+    uint32_t stack;      /* bytes, UINT32_MAX if it was on two stacks */
+    bool outermost;
+};
+
+/* A call of a function that tells begins, at a cycle of machine_unpaused_cycles. */
+typedef void (*machine_entered)(void *context, int32_t function, int64_t cycle);
+
+/* What devices declare about a byte of their registers. */
+enum device_byte {
+    DEVICE_KEEPS = 1,  /* a load changes nothing */
+    DEVICE_STEADY = 2, /* it changes only at events, at stores to devices, and at loads that may change something */
+    DEVICE_TELLS = 4,  /* the bus is told of loads that were answered without it */
+};
+
+/* Loads of an address by the instruction at `place` have been answered without the bus. */
+typedef void (*machine_repeated)(void *context, uint32_t address, uint32_t place, int64_t repeats);
+
+/* Make a machine without memories. baseline: an ARMv6-M core. NULL if there is no memory for it. */
+struct machine *machine_create(bool baseline);
+void machine_destroy(struct machine *machine);
+struct core *machine_core(struct machine *machine);
+void machine_connect(struct machine *machine, struct machine_bus bus);
+/* Declare a page of devices: bits of enum device_byte for each of its 4096 bytes, which stay where they are. A load of
+ * steady bytes that comes again has the same answer, without the bus. False if no devices are there. */
+bool machine_declare_page(struct machine *machine, uint32_t base, const uint8_t *bytes);
+void machine_tell_repeated(struct machine *machine, machine_repeated tell, void *context);
+/* For a device that is being read: the load has changed something; the answer holds up to a cycle; it changes by `step`
+ * each cycle until then, although it is not declared as steady. */
+void machine_load_changed(struct machine *machine);
+void machine_answer_holds(struct machine *machine, int64_t until);
+void machine_answer_counts(struct machine *machine, int32_t step, int64_t until);
+
+/* Add a memory; base and size are multiples of 4 KiB. Returns its bytes, to be read only, or NULL if it overlaps
+ * another one or there is no room. */
+const uint8_t *machine_add_memory(struct machine *machine, uint32_t base, uint32_t size, bool writable);
+/* Read and write memories as a debugger does, flash included. False if the range is not one memory. */
+bool machine_read(struct machine *machine, uint32_t address, uint32_t size, uint8_t *bytes);
+bool machine_write(struct machine *machine, uint32_t address, uint32_t size, const uint8_t *bytes);
+/* Whether a range is writable memory, where a stack may be. */
+bool machine_holds_stack(struct machine *machine, uint32_t address, uint32_t size);
+
+/* Set a row of the timing profile [cycles]; false if the name is of no row. To be set before anything runs. */
+bool machine_set_price(struct machine *machine, const char *row, int32_t value);
+/* Have memories add cycles by a row of the profile's table [memory]. False if the name is of no row, the value is out
+ * of its range, or there is no memory. To be set before anything runs. */
+bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value);
+/* Flash controller: what it does for half 0 or 1 of the flash, see waits.h; and have it forget its lines, and a way of
+ * its cache. Nothing happens if no row was set. */
+void machine_switch_flash_bank(
+    struct machine *machine, uint32_t bank, bool keeps_line, bool reads_ahead_code, bool reads_ahead_data,
+    bool caches_code, bool caches_data);
+void machine_forget_flash_lines(struct machine *machine);
+void machine_forget_flash_way(struct machine *machine, uint32_t way);
+
+/* Clocks in which peripherals in C count. Ticks at a cycle are ticks + (remainder + (cycle - since) * numerator) /
+ * denominator; a clock whose numerator is 0 stands still. The remainder is below the denominator, that is below 2**31,
+ * and its product with the numerator is below 2**62. Returns the number of a new clock, or -1. */
+int32_t machine_add_clock(struct machine *machine);
+void machine_set_clock(
+    struct machine *machine, int32_t clock, int64_t since, int64_t ticks, int64_t remainder, int64_t numerator,
+    int64_t denominator);
+/* Cycle of the next event of a peripheral in C, INT64_MAX if none is planned; and fire those that are due. */
+int64_t machine_next_event(struct machine *machine);
+void machine_fire_events(struct machine *machine);
+
+/* Peripherals in C, by their first address: whether their clock gate is open, their state after a reset of the chip,
+ * and accesses to their registers as those of a debugger or of DMA, whose addresses are checked before. */
+void machine_set_clocked(struct machine *machine, uint32_t base, bool is_clocked);
+void machine_reset_device(struct machine *machine, uint32_t base);
+uint32_t machine_read_device(struct machine *machine, uint32_t address, uint32_t size);
+void machine_write_device(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
+
+/* UARTs with FIFOs of `depth` bytes, 8 or 1: `clock` is the module's, `time` counts picoseconds. */
+struct machine_uart {
+    int32_t depth;
+    int32_t status_interrupt, error_interrupt;
+    int32_t receive_request, send_request; /* sources of DMA requests, or one for both */
+    int32_t clock, time;
+};
+bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uart connections);
+/* Rate at the far end of the wires, and how long a byte takes there. */
+void machine_set_line_baud(struct machine *machine, uint32_t base, double baud, int64_t byte_ps);
+/* Rate that the firmware has set up, 0 if none. */
+double machine_uart_baud(struct machine *machine, uint32_t base);
+/* Put bytes on the line towards the board, one after the other at line speed. False, and nothing happens, if 16 MiB are
+ * on their way. */
+bool machine_uart_write(struct machine *machine, uint32_t base, const uint8_t *bytes, int32_t count);
+/* Bytes that the board has sent and the host has not fetched; and fetch at most so many. Returns how many, or -1 if
+ * bytes are lost, because the host had not fetched 16 MiB before them. */
+int32_t machine_uart_waiting(struct machine *machine, uint32_t base);
+int32_t machine_uart_read(struct machine *machine, uint32_t base, uint8_t *bytes, int32_t count);
+/* What HOST_BYTES stops at: so many bytes that the host has not fetched, or one with a value, -1 for none. At first it is
+ * any byte. */
+void machine_uart_expect(struct machine *machine, uint32_t base, int32_t count, int32_t byte);
+
+/* I2C masters: `clock` is the module's, `time` counts picoseconds. The parts on the wires are asked at a time: an
+ * address or a byte by whether they acknowledge it, a reading by the byte. */
+enum i2c_operation { I2C_ADDRESS, I2C_WRITE, I2C_READ, I2C_STOP };
+enum i2c_wire { I2C_SDA, I2C_SCL };
+typedef uint32_t (*machine_i2c_ask)(void *context, int32_t operation, uint32_t value, int64_t time);
+struct machine_i2c {
+    int32_t interrupt, request; /* numbers of its external interrupt and of its source of DMA requests */
+    int32_t clock, time;
+    machine_i2c_ask ask;
+    void *context;
+};
+bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections);
+/* Something pulls a wire low from one time to another, which is INT64_MAX if it never lets go. */
+void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int64_t begin, int64_t end);
+
+/* SysTick, which counts a clock. */
+bool machine_add_systick(struct machine *machine, int32_t clock);
+/* NVIC and SCB: somebody is told that AIRCR asks for a reset of the chip, and DEMCR.TRCENA when it is written.
+ * SysTick's registers lie among theirs: it is added before. */
+struct machine_system_control {
+    void (*request_reset)(void *context);
+    void (*enable_trace)(void *context, bool enabled);
+    void *context;
+};
+bool machine_add_system_control(struct machine *machine, struct machine_system_control connections);
+
+/* PIT: `expired` is told of the channels that are heard (a bit each), which something else waits for. */
+typedef void (*machine_timer_expired)(void *context, int32_t channel);
+struct machine_pit {
+    int32_t interrupts[4];
+    int32_t clock, time;
+    machine_timer_expired expired;
+    void *context;
+};
+bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit connections);
+void machine_hear_timers(struct machine *machine, uint32_t base, uint32_t channels);
+/* Time at which a channel was last enabled. */
+int64_t machine_timer_enabled_at(struct machine *machine, uint32_t base, int32_t channel);
+
+/* Run until there is a reason to stop (enum stop_reason). Takes pending exceptions before an instruction. */
+int32_t machine_run(struct machine *machine);
+/* Save floating-point state that an exception has left to be saved. */
+void machine_save_floats(struct machine *machine);
+/* Empty the pipeline: nothing overlaps across what happens now. */
+void machine_flush_pipeline(struct machine *machine);
+/* State after a processor reset; memories, counts and prices stay. */
+void machine_reset(struct machine *machine);
+
+/* xPSR, and the two stack pointers, whichever is in use. */
+uint32_t machine_xpsr(struct machine *machine);
+void machine_set_xpsr(struct machine *machine, uint32_t value);
+uint32_t machine_stack_pointer(struct machine *machine, bool process);
+void machine_set_stack_pointer(struct machine *machine, bool process, uint32_t value);
+/* Set CONTROL as MSR does in privileged thread mode. */
+void machine_set_control(struct machine *machine, uint32_t value);
+
+/* Exceptions. */
+void machine_pend(struct machine *machine, int32_t exception);
+void machine_unpend(struct machine *machine, int32_t exception);
+void machine_set_line(struct machine *machine, int32_t interrupt, bool level);
+void machine_set_enabled(struct machine *machine, int32_t interrupt, bool enabled);
+void machine_set_priority(struct machine *machine, int32_t exception, uint32_t value);
+/* Whether an interrupt that is enabled, or SysTick, would be taken over what runs if it came; `ceiling` as below. */
+bool machine_can_ever_wake(struct machine *machine, int32_t ceiling);
+/* Whether the core would wake from its sleep now. */
+bool machine_wakes(struct machine *machine);
+/* Priority that PRIMASK, FAULTMASK and BASEPRI raise execution to: 256 if none. */
+int32_t machine_ceiling(struct machine *machine, bool without_primask);
+/* The pending and enabled exception that comes first, or 0; `ceiling` as above: only if it is more urgent. */
+int32_t machine_most_urgent(struct machine *machine, int32_t ceiling);
+/* The one that pre-empts what runs, or 0. */
+int32_t machine_next_exception(struct machine *machine, int32_t ceiling);
+int32_t machine_preemption_priority(struct machine *machine, int32_t exception);
+/* Priority of what runs, raised by a ceiling. */
+int32_t machine_execution_priority(struct machine *machine, int32_t ceiling);
+/* Take `fault` to its handler; returns the exception that was entered, or 0 for lockup. */
+int32_t machine_deliver_fault(struct machine *machine);
+
+/* Set CPACR's permission to use the FPU. */
+void machine_set_fpu(struct machine *machine, bool enabled);
+
+/* Stop before the instruction at an address, unless an IT block skips it. False if there are too many breakpoints. */
+bool machine_set_breakpoint(struct machine *machine, uint32_t address, bool set);
+/* Stop behind instructions that access a range; `kinds`: enum watch_kind. False if there are too many watchpoints. */
+bool machine_add_watchpoint(struct machine *machine, uint32_t address, uint32_t size, uint32_t kinds);
+void machine_clear_watchpoints(struct machine *machine);
+/* Whether an IT block skips the next instruction. */
+bool machine_skips(struct machine *machine);
+
+/* How often an instruction was executed, those that jump included, and how often it jumped. One that an IT block skips
+ * is not executed; one that faults is. */
+struct machine_executions {
+    uint64_t executed, jumped;
+};
+/* Count executions from now on. False if there is no memory for that. */
+bool machine_watch_executions(struct machine *machine);
+/* Counts of a memory up to now, for each of its halfwords; NULL if nobody watches. */
+const struct machine_executions *machine_executions(struct machine *machine, uint32_t base);
+
+/* Reasons why an instruction waits, in the order in which they are looked for. */
+enum machine_stall {
+    STALL_FETCH, STALL_ADDRESS, STALL_DIVISION, STALL_FP_RESULT, STALL_LOAD_USE, STALL_STORE_BUFFER,
+    STALL_TAKEN_BRANCH, STALLS = 7,
+};
+/* Code of the function that begins at `function`: addresses from `begin` to before `end`. */
+struct machine_code_range {
+    uint32_t begin, end, function;
+};
+/* A function as it was reached along one path of calls; `caller` is the number of the path that led to it, or 0. */
+struct machine_path {
+    uint32_t function, caller;
+    uint64_t entries;    /* how often it was called, tail calls included */
+    int64_t idle_cycles; /* asleep */
+};
+/* All executions of an instruction on a path, without waits for memories. Two of them may differ in `row`, if an IT
+ * block skips it or code was rewritten. */
+struct machine_cost {
+    uint32_t path, address;
+    int32_t row;
+    uint64_t executions, jumps;
+    uint64_t work_cycles, stall_cycles[7];
+};
+/* Make a profile of what runs from now on, which is in a function. `code` is in the order of addresses. False if there
+ * is no memory. */
+bool machine_begin_profile(
+    struct machine *machine, uint32_t function, const struct machine_code_range *code, uint32_t count);
+/* End it. False if it is incomplete, because there was no memory. The results stay until the next one begins. */
+bool machine_end_profile(struct machine *machine);
+/* A path by its number, from 1 on, and a cost, from 0 on; NULL behind the last one. */
+const struct machine_path *machine_path(struct machine *machine, uint32_t number);
+const struct machine_cost *machine_cost(struct machine *machine, uint32_t number);
+/* Name of the row of a timing profile that priced a cost. */
+const char *machine_row_name(int32_t row);
+
+/* The stacks that have been used, in the order in which they were first seen; valid until the machine runs again. */
+const struct machine_stack *machine_stacks(struct machine *machine, int32_t *count);
+
+/* Watch the function at an address from now on. Returns its number, the same for one that is watched already, or -1 if
+ * there are too many. */
+int32_t machine_watch(struct machine *machine, uint32_t address);
+/* A function that is watched; it stays where it is. */
+struct machine_function *machine_watched(struct machine *machine, int32_t function);
+/* Have each call of the functions that tell announced, before its first instruction. */
+void machine_tell_entries(struct machine *machine, machine_entered entered, void *context);
+/* The calls that have returned since `machine_forget_calls`, in that order; valid until the machine runs again. */
+const struct machine_call *machine_calls(struct machine *machine, int64_t *count);
+void machine_forget_calls(struct machine *machine);
+/* See no call in what runs between, and count no cycle of it. */
+void machine_pause_calls(struct machine *machine);
+void machine_resume_calls(struct machine *machine);
+/* Cycles since power-on without those of the pauses. */
+int64_t machine_unpaused_cycles(struct machine *machine);
+
+/* The state of a machine with its memories at one moment. It shares pages with others and with the machines that it was
+ * taken of and restored to: all of them belong to one thread. */
+struct snapshot;
+/* Take one, also in a callback: then it stands before the instruction that runs. NULL if there is no memory for it. */
+struct snapshot *machine_snapshot(struct machine *machine);
+void machine_forget_snapshot(struct snapshot *snapshot);
+const struct core *machine_snapshot_core(const struct snapshot *snapshot);
+/* Read memories as they were. False if the range is not one memory. */
+bool machine_read_snapshot(const struct snapshot *snapshot, uint32_t address, uint32_t size, uint8_t *bytes);
+/* Go back to a snapshot, or have the machine go on from that of another one. Prices, breakpoints and watchpoints stay,
+ * and how `machine_run` behaves; peripherals and their events stay as they are, and calls that are under way are
+ * abandoned. False, and nothing happens, inside a callback and if the memories are not the same. */
+bool machine_restore(struct machine *machine, const struct snapshot *snapshot);
+/* Make a machine with the same kind of core, memories that hold zeros, and prices. NULL if there is no memory. */
+struct machine *machine_like(const struct machine *machine);
+
+/* Copy the answers of devices to `count` loads from number `first` on (`device_loads` counts them). False if they are
+ * not all kept any more. */
+bool machine_answers(struct machine *machine, int64_t first, int32_t count, uint32_t *answers);
+
+/* What ran from a snapshot on: until a load from a device that comes behind `answer_count` others, without the
+ * instruction of that load, or until the return to the snapshot's `return_address`. */
+struct slice {
+    const struct snapshot *begin;
+    int64_t cycles, instructions;
+    const uint32_t *answers; /* of the devices */
+    int32_t answer_count;
+};
+/* Have `count` price tables, the machine's own as table 0; the others are equal to it at first. Only
+ * `machine_count_again` counts by the others. False if they are too many, or there is no memory for them. */
+bool machine_set_tables(struct machine *machine, int32_t count);
+/* Set a row of table 1 or another one. False if the name is of no row. */
+bool machine_set_table_price(struct machine *machine, int32_t table, const char *row, int32_t value);
+/* Execute a slice again, and add its cycles by each table to `totals`. Devices answer what they answered, and nothing
+ * interrupts. False, and nothing is added, if table 0 does not give the slice's cycles and instructions: an exception
+ * came between, or the processor slept. The machine needs the memories of the one that executed it first. */
+bool machine_count_again(struct machine *machine, const struct slice *slice, int64_t *totals);
+/* Execute the function that is about to begin in a snapshot until it returns. Devices answer zero, nothing interrupts,
+ * and the flash controller goes on with the lines that it holds. False if the function does not return within so many
+ * cycles; otherwise the cycles that have passed since the snapshot's are those of the call. */
+bool machine_call_again(struct machine *machine, const struct snapshot *begin, int64_t most_cycles);

@@ -1,0 +1,227 @@
+"""A machine of the core's library, as Python owns it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.timing import TimingProfile
+
+#: Later than any cycle: `core.deadline` if nothing is due.
+NEVER = 2**63 - 1
+
+_MOST_ANSWERS = 1000  # of devices in a slice
+
+#: Answers a load from an address, of so many bytes; raises `RefusedAccess` if it is a bus error.
+ReadRegister = Callable[[int, int], int]
+WriteRegister = Callable[[int, int, int], None]
+#: Takes note of an address, of the instruction that has read it again, and how often.
+TellRepeated = Callable[[int, int, int], None]
+
+
+class BankSwitches(NamedTuple):
+    """Switches of the flash controller for one half of the flash.
+
+    Attributes
+    ----------
+    keeps_line : bool
+        Whether the line that was read last is kept.
+    reads_ahead_code, reads_ahead_data : bool
+        Whether the next line is read behind a fetch, and behind an access to data.
+    caches_code, caches_data : bool
+        Whether words that were fetched, and accessed, enter the cache. What is in it is found there all the same.
+    """
+
+    keeps_line: bool = True
+    reads_ahead_code: bool = True
+    reads_ahead_data: bool = True
+    caches_code: bool = True
+    caches_data: bool = True
+
+
+class Snapshot:
+    """State of a machine with its memories at one moment.
+
+    Attributes
+    ----------
+    handle : struct snapshot
+    """
+
+    __slots__ = ("handle",)
+
+    def __init__(self, machine: Machine) -> None:
+        handle = lib.machine_snapshot(machine.handle)
+        if handle == ffi.NULL:
+            raise MemoryError
+        self.handle = ffi.gc(handle, lib.machine_forget_snapshot)
+
+    @property
+    def core(self) -> Any:
+        """State of the core, see machine.h; to be read only."""
+        return lib.machine_snapshot_core(self.handle)
+
+    def read(self, address: int, size: int) -> bytes:
+        """Read what a memory held.
+
+        Raises
+        ------
+        ValueError
+            If the range is not one memory.
+        """
+        data = ffi.new("uint8_t[]", size)
+        if not lib.machine_read_snapshot(self.handle, address, size, data):
+            raise ValueError(f"no memory at 0x{address:08x}..+0x{size:x}")
+        return bytes(data)
+
+
+class RefusedAccess(Exception):
+    """An access that is a bus error on the part; the text says where and why."""
+
+
+class Machine:
+    """A core with its memories; `core` is the structure of the same name in machine.h.
+
+    Parameters
+    ----------
+    profile : TimingProfile
+        Gives the prices.
+
+    Attributes
+    ----------
+    refusal : str
+        Reason of the latest bus error.
+    on_request : callable
+        Told the level of a source of DMA requests that a peripheral in C drives, when it changes.
+    """
+
+    def __init__(self, profile: TimingProfile) -> None:
+        self.handle = ffi.gc(lib.machine_create(False), lib.machine_destroy)
+        if self.handle == ffi.NULL:
+            raise MemoryError
+        self.core: Any = lib.machine_core(self.handle)
+        self.core.deadline = NEVER
+        self.refusal = ""
+        self.on_request: Callable[[int, bool], None] = lambda _source, _level: None
+        self._bus: list[Any] = []
+        for name, row in profile.rows.items():
+            # Rows that no instruction has, such as the doubt about all of them, are not the core's.
+            lib.machine_set_price(self.handle, name.encode(), row.value)
+        for name, row in profile.memory.items():
+            if not lib.machine_set_memory_row(self.handle, name.encode(), row.value):
+                raise ConfigError(f"{profile.name}: memory.{name} of {row.value} is not supported")
+
+    def add_memory(self, base: int, size: int, *, writable: bool) -> memoryview:
+        """Add a memory; return its bytes, to be read only.
+
+        Raises
+        ------
+        ConfigError
+            If it overlaps another one, or there are too many.
+        """
+        pointer = lib.machine_add_memory(self.handle, base, size, writable)
+        if pointer == ffi.NULL:
+            raise ConfigError(f"the memory 0x{base:08x}..+0x{size:x} overlaps another one, or there are too many")
+        return memoryview(ffi.buffer(pointer, size)).toreadonly()
+
+    def switch_flash_bank(self, bank: int, switches: BankSwitches) -> None:
+        """Set what the flash controller does for half 0 or 1 of the flash; nothing if the profile has no memories."""
+        lib.machine_switch_flash_bank(self.handle, bank, *switches)
+
+    def forget_flash_lines(self) -> None:
+        """Forget the line of flash that was read last, and the one that was read ahead."""
+        lib.machine_forget_flash_lines(self.handle)
+
+    def forget_flash_way(self, way: int) -> None:
+        """Empty one way of the flash's cache."""
+        lib.machine_forget_flash_way(self.handle, way)
+
+    def add_clock(self) -> int:
+        """Add a clock that peripherals in C count in; return its number.
+
+        Raises
+        ------
+        ConfigError
+            If there are too many.
+        """
+        number: int = lib.machine_add_clock(self.handle)
+        if number < 0:
+            raise ConfigError("too many clocks for the peripherals in C")
+        return number
+
+    def set_clock(self, number: int, since: int, ticks: int, remainder: int, numerator: int, denominator: int) -> None:
+        """Change the rate of a clock from a cycle on; its events are planned anew, see machine_set_clock."""
+        lib.machine_set_clock(self.handle, number, since, ticks, remainder, numerator, denominator)
+
+    def snapshot(self) -> Snapshot:
+        """Take a snapshot, inside a device's access of the state before the instruction that runs."""
+        return Snapshot(self)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot: of this machine, or of another one with the same memories.
+
+        Raises
+        ------
+        ConfigError
+            If the memories are not the same, or an instruction is under way.
+        """
+        if not lib.machine_restore(self.handle, snapshot.handle):
+            raise ConfigError("a snapshot of other memories, or an instruction is under way")
+
+    def tell_repeated(self, tell: TellRepeated, abort: Callable[[BaseException], None]) -> None:
+        """Have told which loads of devices the core has answered; `abort` gets any exception."""
+
+        @ffi.callback("void(void *, uint32_t, uint32_t, int64_t)")  # type: ignore[untyped-decorator]
+        def on_repeated(_context: Any, address: int, place: int, repeats: int) -> None:
+            try:
+                tell(address, place, repeats)
+            except BaseException as error:  # as below
+                abort(error)
+
+        self._repeated = on_repeated  # the library keeps only the pointer
+        lib.machine_tell_repeated(self.handle, on_repeated, ffi.NULL)
+
+    def answers(self, first: int) -> Any:
+        """Return what devices have answered to loads from a number on, or None if that is not kept any more.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first load, as `core.device_loads` counts them.
+        """
+        count = self.core.device_loads - first
+        answers = ffi.new("uint32_t[]", count) if 0 <= count <= _MOST_ANSWERS else ffi.NULL
+        return answers if answers and lib.machine_answers(self.handle, first, count, answers) else None
+
+    def connect(self, read: ReadRegister, write: WriteRegister, abort: Callable[[BaseException], None]) -> None:
+        """Have accesses beside memories answered; `abort` gets any exception but `RefusedAccess`."""
+
+        @ffi.callback("uint32_t(void *, uint32_t, uint32_t, bool *)")  # type: ignore[untyped-decorator]
+        def on_read(_context: Any, address: int, size: int, refused: Any) -> int:
+            try:
+                return read(address, size) & (1 << 8 * size) - 1
+            except RefusedAccess as error:
+                self.refusal, refused[0] = str(error), True
+            except BaseException as error:  # the library cannot pass it on; `abort` has it raised again
+                abort(error)
+            return 0
+
+        @ffi.callback("void(void *, uint32_t, uint32_t, uint32_t, bool *)")  # type: ignore[untyped-decorator]
+        def on_write(_context: Any, address: int, size: int, value: int, refused: Any) -> None:
+            try:
+                write(address, size, value)
+            except RefusedAccess as error:
+                self.refusal, refused[0] = str(error), True
+            except BaseException as error:  # as above
+                abort(error)
+
+        @ffi.callback("void(void *, int32_t, bool)")  # type: ignore[untyped-decorator]
+        def on_request(_context: Any, source: int, level: bool) -> None:
+            try:
+                self.on_request(source, level)
+            except BaseException as error:  # as above
+                abort(error)
+
+        self._bus = [on_read, on_write, on_request]  # the library keeps only the pointers
+        lib.machine_connect(self.handle, ffi.new("struct machine_bus *", (ffi.NULL, *self._bus))[0])

@@ -1,0 +1,357 @@
+/* The address space: memories, bit-band aliases, and the bus for everything else. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "code.h"
+#include "devices.h"
+
+enum {
+    PERIPHERALS = 0x40000000, PERIPHERAL_BYTES = 0x100000,
+    SRAM_BASE = 0x20000000, SRAM_ALIAS = 0x22000000, PERIPHERAL_ALIAS = 0x42000000, ALIAS_BYTES = 0x2000000,
+};
+static const uint32_t PRIVATE_PERIPHERALS = 0xE0000000, PRIVATE_BYTES = 0x100000;
+
+static uint32_t assemble(const uint8_t *bytes, uint32_t size)
+{
+    uint32_t value = 0;
+    for (uint32_t i = 0; i < size; i++)
+        value |= (uint32_t)bytes[i] << 8 * i;
+    return value;
+}
+
+/* -- watchpoints ----------------------------------------------------------------------------------------------- */
+
+/* A watchpoint of some kinds that has bytes of a range, or NULL. */
+static const struct watchpoint *watchpoint_within(
+    const struct machine *machine, uint32_t address, uint32_t size, uint32_t kinds)
+{
+    for (int i = 0; i < machine->watchpoint_count; i++) {
+        const struct watchpoint *watchpoint = &machine->watchpoints[i];
+        if (watchpoint->kinds & kinds && watchpoint->address - address < size)
+            return watchpoint;
+        if (watchpoint->kinds & kinds && address - watchpoint->address < watchpoint->size)
+            return watchpoint;
+    }
+    return NULL;
+}
+
+/* Take note of an access that is over, if it met a watchpoint. */
+static void look_at_access(struct machine *machine, uint32_t address, uint32_t size, uint32_t kind)
+{
+    const struct watchpoint *watchpoint = watchpoint_within(machine, address, size, kind);
+    if (!watchpoint || machine->core.watch_kinds)
+        return;
+    machine->core.watch_kinds = watchpoint->kinds;
+    machine->core.watch_address = address < watchpoint->address ? watchpoint->address : address;
+    machine->looks = true;
+}
+
+/* -- memories -------------------------------------------------------------------------------------------------- */
+
+static bool overlaps(const struct memory *memory, uint32_t base, uint32_t size)
+{
+    return (uint64_t)base < (uint64_t)memory->base + memory->size && (uint64_t)memory->base < (uint64_t)base + size;
+}
+
+/* Watchpoints, code, and a copy that no longer equals the page have to be looked at. */
+void open_page(struct machine *machine, const struct memory *memory, uint32_t offset)
+{
+    uint32_t address = memory->base + offset;
+    uint8_t *bytes = watchpoint_within(machine, address, PAGE_BYTES, WATCH_ACCESS) ? NULL : memory->bytes + offset;
+    bool opens = memory->writable && !memory->copies[offset / PAGE_BYTES]
+        && !memchr(memory->has_code + offset / 2, 1, PAGE_BYTES / 2);
+    machine->readable[address >> PAGE_BITS] = bytes;
+    machine->writable[address >> PAGE_BITS] = opens ? bytes : NULL;
+}
+
+const uint8_t *machine_add_memory(struct machine *machine, uint32_t base, uint32_t size, bool writable)
+{
+    if (!size || (base | size) % PAGE_BYTES || (uint64_t)base + size > UINT64_C(1) << 32
+        || machine->memory_count == MEMORIES)
+        return NULL;
+    for (int i = 0; i < machine->memory_count; i++)
+        if (overlaps(&machine->memories[i], base, size))
+            return NULL;
+    struct memory memory = {
+        .base = base, .size = size, .writable = writable, .bytes = calloc(size, 1), .has_code = calloc(size / 2, 1)};
+    if (!begin_copies(&memory) || !memory.bytes || !memory.has_code) {
+        free(memory.bytes);
+        free(memory.has_code);
+        destroy_copies(&memory);
+        return NULL;
+    }
+    machine->memories[machine->memory_count++] = memory;
+    for (uint32_t offset = 0; offset < size; offset += PAGE_BYTES)
+        open_page(machine, &memory, offset);
+    return memory.bytes;
+}
+
+struct memory *memory_at(struct machine *machine, uint32_t address, uint32_t size)
+{
+    for (int i = 0; i < machine->memory_count; i++) {
+        struct memory *memory = &machine->memories[i];
+        if (address >= memory->base && (uint64_t)address + size <= (uint64_t)memory->base + memory->size)
+            return memory;
+    }
+    return NULL;
+}
+
+bool machine_holds_stack(struct machine *machine, uint32_t address, uint32_t size)
+{
+    const struct memory *memory = memory_at(machine, address, size);
+    return memory && memory->writable;
+}
+
+bool machine_read(struct machine *machine, uint32_t address, uint32_t size, uint8_t *bytes)
+{
+    const struct memory *memory = memory_at(machine, address, size);
+    if (!memory)
+        return false;
+    memcpy(bytes, memory->bytes + (address - memory->base), size);
+    return true;
+}
+
+/* Drop decoded instructions if a write changes any of them. */
+static void forget_changed_code(struct machine *machine, struct memory *memory, uint32_t offset, uint32_t size)
+{
+    for (uint32_t halfword = offset / 2; halfword <= (offset + size - 1) / 2; halfword++)
+        if (memory->has_code[halfword]) {
+            machine->code_changed = machine->looks = true;
+            return;
+        }
+}
+
+bool machine_write(struct machine *machine, uint32_t address, uint32_t size, const uint8_t *bytes)
+{
+    struct memory *memory = memory_at(machine, address, size);
+    if (!memory)
+        return false;
+    uint32_t offset = address - memory->base;
+    drop_copies(machine, memory, offset, size);
+    if (size && memcmp(memory->bytes + offset, bytes, size) != 0) {
+        forget_changed_code(machine, memory, offset, size);
+        memcpy(memory->bytes + offset, bytes, size);
+    }
+    if (machine->waits && !memory->writable)
+        waits_reset(machine->waits); /* flash was loaded or programmed */
+    return true;
+}
+
+void mark_code(struct machine *machine, uint32_t address, uint32_t size)
+{
+    struct memory *memory = memory_at(machine, address, size);
+    if (!memory)
+        return;
+    for (uint32_t offset = 0; offset < size; offset += 2) {
+        memory->has_code[(address + offset - memory->base) / 2] = 1;
+        machine->writable[(address + offset) >> PAGE_BITS] = NULL; /* stores there have to be looked at */
+    }
+}
+
+void unmark_code(struct machine *machine)
+{
+    for (int i = 0; i < machine->memory_count; i++) {
+        struct memory *memory = &machine->memories[i];
+        memset(memory->has_code, 0, memory->size / 2);
+        for (uint32_t offset = 0; memory->writable && offset < memory->size; offset += PAGE_BYTES)
+            open_page(machine, memory, offset);
+    }
+}
+
+/* -- accesses of the core --------------------------------------------------------------------------------------- */
+
+static bool is_within(uint32_t address, uint32_t base, uint32_t size)
+{
+    return address - base < size;
+}
+
+/* Whether the bus answers for an address; a machine without a bus has memories alone. */
+static bool is_device(const struct machine *machine, uint32_t address)
+{
+    if (!machine->bus.read)
+        return false;
+    return is_within(address, PERIPHERALS, PERIPHERAL_BYTES) || is_within(address, PRIVATE_PERIPHERALS, PRIVATE_BYTES);
+}
+
+static bool is_alias(const struct machine *machine, uint32_t address)
+{
+    return !machine->baseline
+        && (is_within(address, SRAM_ALIAS, ALIAS_BYTES) || is_within(address, PERIPHERAL_ALIAS, ALIAS_BYTES));
+}
+
+static bool refuse(struct machine *machine, int32_t cause, uint32_t address, uint32_t size)
+{
+    note_fault(machine, FAULT_DATA_BUS, cause, machine->core.r[15], address, 0, size);
+    return false;
+}
+
+/* An access through an alias has faulted: name the alias as the address, and its target as the value. A store faults
+ * in the load that it begins with, and is a store all the same. */
+static bool name_alias(struct machine *machine, bool stores, uint32_t address)
+{
+    struct machine_fault *fault = &machine->core.fault;
+    if (stores && fault->cause == CAUSE_READ_UNMAPPED)
+        fault->cause = CAUSE_WRITE_UNMAPPED;
+    else if (stores && fault->cause == CAUSE_READ_REFUSED)
+        fault->cause = CAUSE_WRITE_REFUSED;
+    fault->value = fault->address;
+    fault->address = address;
+    return false;
+}
+
+static bool read_device(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value)
+{
+    bool refused = false;
+    struct device *device = device_at(machine, address, size);
+    expect_answer(machine, address, size);
+    if (!device)
+        tell_repeats(machine);
+    *value = device ? device->read(machine, device, address - device->base, size)
+                    : machine->bus.read(machine->bus.context, address, size, &refused);
+    if (refused)
+        return refuse(machine, CAUSE_READ_REFUSED, address, size);
+    remember_answer(machine, address, size, *value);
+    machine->answers[machine->core.device_loads++ % ANSWERS] = *value;
+    return true;
+}
+
+static bool write_device(struct machine *machine, uint32_t address, uint32_t size, uint32_t value)
+{
+    bool refused = false;
+    struct device *device = device_at(machine, address, size);
+    forget_answers(machine);
+    if (device) {
+        device->write(machine, device, address - device->base, size, value);
+        return true;
+    }
+    machine->bus.write(machine->bus.context, address, size, value, &refused);
+    return !refused || refuse(machine, CAUSE_WRITE_REFUSED, address, size);
+}
+
+/* Where the byte, halfword or word lies that has the bit of an alias, and the bit's number in it (DDI 0403E, B3.1). */
+static uint32_t aliased(uint32_t address, uint32_t size, uint32_t *bit)
+{
+    uint32_t region = is_within(address, SRAM_ALIAS, ALIAS_BYTES) ? SRAM_ALIAS : PERIPHERAL_ALIAS;
+    uint32_t number = (address - region) >> 2;
+    *bit = number & (8 * size - 1);
+    return region - ALIAS_BYTES + (number >> 3 & ~(size - 1));
+}
+
+static bool load_elsewhere(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value)
+{
+    const struct memory *memory = memory_at(machine, address, size);
+    if (memory) {
+        *value = assemble(memory->bytes + (address - memory->base), size);
+        return true;
+    }
+    if (is_alias(machine, address)) {
+        uint32_t bit = 0, target = aliased(address, size, &bit);
+        if (!load_elsewhere(machine, target, size, value))
+            return name_alias(machine, false, address);
+        *value = *value >> bit & 1;
+        return true;
+    }
+    if (is_device(machine, address))
+        return read_device(machine, address, size, value);
+    if (size > 1 && memory_at(machine, address, 1) && memory_at(machine, address + size - 1, 1)) {
+        *value = 0; /* it lies across two memories that touch */
+        for (uint32_t i = 0; i < size; i++) {
+            uint32_t byte = 0;
+            if (!load_elsewhere(machine, address + i, 1, &byte))
+                return false;
+            *value |= byte << 8 * i;
+        }
+        return true;
+    }
+    return refuse(machine, CAUSE_READ_UNMAPPED, address, size);
+}
+
+bool load(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value)
+{
+    const uint8_t *page = machine->readable[address >> PAGE_BITS];
+    uint32_t offset = address % PAGE_BYTES;
+    if (page && offset + size <= PAGE_BYTES) {
+        *value = assemble(page + offset, size);
+        return true;
+    }
+    if (!recall_answer(machine, address, size, value) && !load_elsewhere(machine, address, size, value))
+        return false;
+    look_at_access(machine, address, size, WATCH_READ);
+    return true;
+}
+
+static bool store_elsewhere(struct machine *machine, uint32_t address, uint32_t size, uint32_t value)
+{
+    struct memory *memory = memory_at(machine, address, size);
+    if (memory && !memory->writable)
+        return refuse(machine, CAUSE_WRITE_FLASH, address, size);
+    if (memory) {
+        uint8_t bytes[4];
+        for (uint32_t i = 0; i < size; i++)
+            bytes[i] = (uint8_t)(value >> 8 * i);
+        return machine_write(machine, address, size, bytes);
+    }
+    if (is_alias(machine, address)) {
+        uint32_t bit = 0, before = 0, target = aliased(address, size, &bit);
+        if (!load_elsewhere(machine, target, size, &before)
+            || !store_elsewhere(machine, target, size, (before & ~(1u << bit)) | (value & 1) << bit))
+            return name_alias(machine, true, address);
+        return true;
+    }
+    if (is_device(machine, address))
+        return write_device(machine, address, size, value);
+    if (size > 1 && machine_holds_stack(machine, address, 1) && machine_holds_stack(machine, address + size - 1, 1)) {
+        for (uint32_t i = 0; i < size; i++)
+            if (!store_elsewhere(machine, address + i, 1, value >> 8 * i & 0xFF))
+                return false;
+        return true;
+    }
+    return refuse(machine, CAUSE_WRITE_UNMAPPED, address, size);
+}
+
+bool store(struct machine *machine, uint32_t address, uint32_t size, uint32_t value)
+{
+    uint8_t *page = machine->writable[address >> PAGE_BITS];
+    uint32_t offset = address % PAGE_BYTES;
+    if (!page || offset + size > PAGE_BYTES) {
+        if (!store_elsewhere(machine, address, size, value))
+            return false;
+        look_at_access(machine, address, size, WATCH_WRITE);
+        return true;
+    }
+    for (uint32_t i = 0; i < size; i++)
+        page[offset + i] = (uint8_t)(value >> 8 * i);
+    return true;
+}
+
+static void open_all_pages(struct machine *machine)
+{
+    for (int i = 0; i < machine->memory_count; i++)
+        for (uint32_t offset = 0; offset < machine->memories[i].size; offset += PAGE_BYTES)
+            open_page(machine, &machine->memories[i], offset);
+}
+
+bool machine_add_watchpoint(struct machine *machine, uint32_t address, uint32_t size, uint32_t kinds)
+{
+    if (machine->watchpoint_count == WATCHPOINTS)
+        return false;
+    machine->watchpoints[machine->watchpoint_count++] = (struct watchpoint){address, size, kinds};
+    open_all_pages(machine);
+    return true;
+}
+
+void machine_clear_watchpoints(struct machine *machine)
+{
+    machine->watchpoint_count = 0;
+    machine->core.watch_kinds = 0;
+    open_all_pages(machine);
+}
+
+bool fetch(struct machine *machine, uint32_t address, uint16_t *halfword)
+{
+    const struct memory *memory = memory_at(machine, address, 2);
+    if (!memory)
+        return false;
+    *halfword = (uint16_t)assemble(memory->bytes + (address - memory->base), 2);
+    return true;
+}

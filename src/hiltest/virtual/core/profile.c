@@ -1,0 +1,383 @@
+/* Profiles: what each instruction costs and why, along each path of calls.
+ *
+ * While a profile is made, nodes belong to the path on which they are executed, so that their counts are of it. Paths
+ * are followed where nodes lead from one to the next: BL and BLX call; an indirect transfer to where a call would come
+ * back to returns; other code that is jumped to, or reached by going on, is a function under the one that leads there.
+ * Code that was inlined is part of the function that it was inlined into. A function that calls itself stays one path.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "code.h"
+
+enum {
+    LINK_REGISTER = 14, STACK_POINTER = 13,
+    DEEPEST = 100,       /* from here on a function that calls itself through others goes back to its own path */
+    ROOT = 1,            /* the path of the function that is called; 0 is no path */
+    MOST_FRAMES = 1 << 20, MOST_PATHS = 1 << 20, MOST_COSTS = 1 << 24,
+    FIRST_ROOM = 1024,
+};
+static const uint32_t NO_FUNCTION = UINT32_MAX;
+#define ROW_NAME(NAME) #NAME,
+static const char *const ROW_NAMES[INSTRUCTION_ROWS] = {COST_ROWS(ROW_NAME)};
+
+/* A call that has not returned: where it will, with which stack pointer, and what it entered. */
+struct frame {
+    uint32_t return_address, stack_pointer;
+    uint32_t caller, entered;
+};
+
+struct path {
+    struct machine_path shown;
+    uint32_t depth, first_callee, next_callee;
+};
+
+struct profile {
+    struct machine_code_range *code;
+    uint32_t code_count;
+    struct path *paths;
+    uint32_t path_count, path_room;
+    struct frame *frames;
+    uint32_t frame_count, frame_room;
+    struct machine_cost *costs;
+    uint32_t cost_count, cost_room;
+    uint32_t *index; /* numbers of costs + 1 by a hash, or 0; twice as many as there is room for costs */
+    int64_t idle_cycles; /* of the machine, as far as they belong to a path */
+    bool is_short;   /* of memory */
+};
+
+/* -- memory ------------------------------------------------------------------------------------------------------- */
+
+/* Return an array that has room for one more element. If there is none, the profile is short of memory and *room is not
+ * larger than `count`. */
+static void *with_room(
+    struct profile *profile, void *elements, uint32_t *room, uint32_t count, size_t size, uint32_t most)
+{
+    if (count < *room)
+        return elements;
+    uint32_t larger = *room ? 2 * *room : FIRST_ROOM;
+    void *moved = larger <= most ? realloc(elements, larger * size) : NULL;
+    if (!moved) {
+        profile->is_short = true;
+        return elements;
+    }
+    *room = larger;
+    return moved;
+}
+
+static void destroy(struct profile *profile)
+{
+    if (!profile)
+        return;
+    free(profile->code);
+    free(profile->paths);
+    free(profile->frames);
+    free(profile->costs);
+    free(profile->index);
+    free(profile);
+}
+
+/* -- paths -------------------------------------------------------------------------------------------------------- */
+
+static uint32_t add_path(struct profile *profile, uint32_t function, uint32_t caller)
+{
+    uint32_t number = profile->path_count;
+    profile->paths = with_room(
+        profile, profile->paths, &profile->path_room, number, sizeof *profile->paths, MOST_PATHS);
+    if (number == profile->path_room)
+        return ROOT;
+    profile->path_count++;
+    struct path *path = &profile->paths[number], *above = &profile->paths[caller];
+    memset(path, 0, sizeof *path);
+    path->shown.function = function;
+    path->shown.caller = caller;
+    if (caller) {
+        path->depth = above->depth + 1;
+        path->next_callee = above->first_callee;
+        above->first_callee = number;
+    }
+    return number;
+}
+
+static uint32_t function_of(const struct profile *profile, uint32_t path)
+{
+    return profile->paths[path].shown.function;
+}
+
+/* Start of the function that an address belongs to. */
+static uint32_t owner_of(const struct profile *profile, uint32_t address)
+{
+    uint32_t low = 0, high = profile->code_count;
+    while (low < high) {
+        uint32_t middle = low + (high - low) / 2;
+        if (profile->code[middle].begin <= address)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    const struct machine_code_range *code = low ? &profile->code[low - 1] : NULL;
+    return code && address < code->end ? code->function : NO_FUNCTION;
+}
+
+/* The path of a function that another one leads to. */
+static uint32_t path_to(struct profile *profile, uint32_t path, uint32_t function)
+{
+    if (function_of(profile, path) == function)
+        return path;
+    uint32_t callee = profile->paths[path].first_callee;
+    while (callee && function_of(profile, callee) != function)
+        callee = profile->paths[callee].next_callee;
+    if (callee)
+        return callee;
+    uint32_t above = profile->paths[path].depth >= DEEPEST ? path : 0;
+    while (above && function_of(profile, above) != function)
+        above = profile->paths[above].shown.caller;
+    return above ? above : add_path(profile, function, path);
+}
+
+static void enter_call(struct machine *machine, uint32_t target, uint32_t return_address)
+{
+    struct profile *profile = machine->profile;
+    uint32_t owner = owner_of(profile, target), caller = machine->path;
+    machine->path = path_to(profile, caller, owner == NO_FUNCTION ? target : owner);
+    profile->paths[machine->path].shown.entries++;
+    profile->frames = with_room(
+        profile, profile->frames, &profile->frame_room, profile->frame_count, sizeof *profile->frames, MOST_FRAMES);
+    if (profile->frame_count < profile->frame_room)
+        profile->frames[profile->frame_count++] =
+            (struct frame){return_address, machine->core.r[STACK_POINTER], caller, machine->path};
+}
+
+/* Leave the innermost call that comes back to an address; false if none does. */
+static bool leave_call(struct machine *machine, uint32_t target)
+{
+    struct profile *profile = machine->profile;
+    for (uint32_t i = profile->frame_count; i-- > 0;) {
+        const struct frame *frame = &profile->frames[i];
+        /* A lower stack pointer than at the call: a jump within a deeper recursion, no return. */
+        if (frame->return_address == target && machine->core.r[STACK_POINTER] >= frame->stack_pointer) {
+            machine->path = frame->caller;
+            profile->frame_count = i;
+            return true;
+        }
+    }
+    return false;
+}
+
+/* A function that has jumped away since the last call: coming back to it makes no path longer. */
+static uint32_t left_by_tail_call(const struct machine *machine, uint32_t function)
+{
+    const struct profile *profile = machine->profile;
+    uint32_t outermost = profile->frame_count ? profile->frames[profile->frame_count - 1].entered : ROOT;
+    uint32_t path = machine->path;
+    while (path != outermost && profile->paths[path].shown.caller) {
+        path = profile->paths[path].shown.caller;
+        if (function_of(profile, path) == function)
+            return path;
+    }
+    return 0;
+}
+
+/* Go on in the same function, or in another one that was jumped to; false if it is another one. */
+static bool stay(struct machine *machine, uint32_t target)
+{
+    struct profile *profile = machine->profile;
+    uint32_t owner = owner_of(profile, target);
+    if (owner == NO_FUNCTION || owner == function_of(profile, machine->path))
+        return true;
+    uint32_t path = left_by_tail_call(machine, owner);
+    machine->path = path ? path : path_to(profile, machine->path, owner);
+    profile->paths[machine->path].shown.entries += target == owner;
+    return false;
+}
+
+/* Give the time asleep since the last change of the path to the one until now. */
+static void settle_sleep(struct machine *machine)
+{
+    struct profile *profile = machine->profile;
+    profile->paths[machine->path].shown.idle_cycles += machine->core.idle_cycles - profile->idle_cycles;
+    profile->idle_cycles = machine->core.idle_cycles;
+}
+
+bool profile_follows(struct machine *machine, const struct node *from, uint32_t target, bool jumps)
+{
+    const struct instruction *instruction = &from->instruction;
+    settle_sleep(machine);
+    if (!jumps)
+        return stay(machine, target);
+    if (instruction->core_writes >> LINK_REGISTER & 1) {
+        enter_call(machine, target, from->address + instruction->size);
+        return false;
+    }
+    if (instruction->transfer != TRANSFER_INDIRECT)
+        return stay(machine, target);
+    if (!leave_call(machine, target))
+        stay(machine, target);
+    return false;
+}
+
+/* -- costs -------------------------------------------------------------------------------------------------------- */
+
+static uint32_t hash_of(const struct profile *profile, uint32_t path, uint32_t address, int32_t row)
+{
+    uint32_t hash = (path * 0x9E3779B1u ^ address) * 0x85EBCA6Bu ^ (uint32_t)row;
+    return (hash ^ hash >> 15) % (2 * profile->cost_room);
+}
+
+/* Make a larger index when the costs have got more room. */
+static bool rebuild_index(struct profile *profile)
+{
+    free(profile->index);
+    profile->index = calloc(2 * (size_t)profile->cost_room, sizeof *profile->index);
+    if (!profile->index) {
+        profile->is_short = true;
+        return false;
+    }
+    for (uint32_t i = 0; i < profile->cost_count; i++) {
+        const struct machine_cost *cost = &profile->costs[i];
+        uint32_t place = hash_of(profile, cost->path, cost->address, cost->row);
+        while (profile->index[place])
+            place = (place + 1) % (2 * profile->cost_room);
+        profile->index[place] = i + 1;
+    }
+    return true;
+}
+
+/* The sums of an instruction on a path; NULL if there is no memory for them. */
+static struct machine_cost *cost_at(struct profile *profile, uint32_t path, uint32_t address, int32_t row)
+{
+    if (profile->is_short)
+        return NULL;
+    if (profile->cost_count == profile->cost_room) {
+        profile->costs = with_room(
+            profile, profile->costs, &profile->cost_room, profile->cost_count, sizeof *profile->costs, MOST_COSTS);
+        if (profile->is_short || !rebuild_index(profile))
+            return NULL;
+    }
+    uint32_t place = hash_of(profile, path, address, row);
+    for (; profile->index[place]; place = (place + 1) % (2 * profile->cost_room)) {
+        struct machine_cost *cost = &profile->costs[profile->index[place] - 1];
+        if (cost->path == path && cost->address == address && cost->row == row)
+            return cost;
+    }
+    struct machine_cost *cost = &profile->costs[profile->cost_count];
+    profile->index[place] = ++profile->cost_count;
+    *cost = (struct machine_cost){.path = path, .address = address, .row = row};
+    return cost;
+}
+
+/* Take away from a pipeline's state what an instruction may wait for by one cause. */
+static void take_away(struct pipeline *state, enum machine_stall stall)
+{
+    switch (stall) {
+    case STALL_FETCH: state->late = state->misplaced = 0; state->reached = REACHED_ANYHOW; break;
+    case STALL_ADDRESS: state->computed = 0; break;
+    case STALL_DIVISION: state->fpu_busy = 0; state->divided = 0; break;
+    case STALL_FP_RESULT: state->fp_result = 0; break;
+    case STALL_LOAD_USE: state->loaded = 0; break;
+    case STALL_STORE_BUFFER: state->before = state->before == ROW_store ? 0 : state->before; break;
+    default: break;
+    }
+}
+
+/* Add the cost of some executions of a node that do not jump, or are skipped. The work is what is left when nothing
+ * before makes it wait: the parts always add up to the whole. */
+static void add_cost(
+    const struct machine *machine, const struct node *node, bool is_skipped, uint64_t times, struct machine_cost *cost)
+{
+    int32_t (*price)(
+        const struct prices *, const struct instruction *, uint32_t, const struct pipeline *, struct pipeline *) =
+        is_skipped ? price_skipped : price_instruction;
+    struct pipeline state = *code_state(machine, node->state), left;
+    int32_t cycles = price(&machine->prices, &node->instruction, node->address, &state, &left);
+    for (int stall = 0; stall < STALL_TAKEN_BRANCH; stall++) {
+        take_away(&state, (enum machine_stall)stall);
+        int32_t less = price(&machine->prices, &node->instruction, node->address, &state, &left);
+        if (less < cycles) {
+            cost->stall_cycles[stall] += times * (uint64_t)(cycles - less);
+            cycles = less;
+        }
+    }
+    cost->executions += times;
+    cost->work_cycles += times * (uint64_t)cycles;
+}
+
+void profile_add(struct machine *machine, const struct node *node)
+{
+    const struct instruction *instruction = &node->instruction;
+    struct profile *profile = machine->profile;
+    if (node->runs || node->jumps) {
+        struct machine_cost *cost = cost_at(profile, node->path, node->address, instruction->row);
+        if (!cost)
+            return;
+        add_cost(machine, node, false, node->runs + node->jumps, cost);
+        cost->jumps += node->jumps;
+        cost->stall_cycles[STALL_TAKEN_BRANCH] += node->jumps * (uint64_t)(node->taken_cost - node->cost);
+    }
+    if (node->skips) {
+        int32_t row = machine->prices.has[ROW_it_skipped] ? ROW_it_skipped : instruction->row;
+        struct machine_cost *cost = cost_at(profile, node->path, node->address, row);
+        if (cost)
+            add_cost(machine, node, true, node->skips, cost);
+    }
+}
+
+/* -- interface ---------------------------------------------------------------------------------------------------- */
+
+bool machine_begin_profile(
+    struct machine *machine, uint32_t function, const struct machine_code_range *code, uint32_t count)
+{
+    machine_end_profile(machine);
+    profile_destroy(machine);
+    code_forget(machine);
+    struct profile *profile = calloc(1, sizeof *profile);
+    if (!profile)
+        return false;
+    profile->code = malloc((count ? count : 1) * sizeof *profile->code);
+    if (!profile->code || add_path(profile, NO_FUNCTION, 0) != 0 || add_path(profile, function, 0) != ROOT) {
+        destroy(profile);
+        return false;
+    }
+    memcpy(profile->code, code, count * sizeof *code);
+    profile->code_count = count;
+    profile->paths[ROOT].shown.entries = 1;
+    profile->idle_cycles = machine->core.idle_cycles;
+    machine->profile = profile;
+    machine->path = ROOT;
+    machine->profiles = true;
+    return true;
+}
+
+bool machine_end_profile(struct machine *machine)
+{
+    if (!machine->profiles)
+        return false;
+    settle_sleep(machine);
+    code_forget(machine);
+    machine->profiles = false;
+    machine->path = 0;
+    return !machine->profile->is_short;
+}
+
+const struct machine_path *machine_path(struct machine *machine, uint32_t number)
+{
+    return machine->profile && number && number < machine->profile->path_count
+        ? &machine->profile->paths[number].shown : NULL;
+}
+
+const struct machine_cost *machine_cost(struct machine *machine, uint32_t number)
+{
+    return machine->profile && number < machine->profile->cost_count ? &machine->profile->costs[number] : NULL;
+}
+
+const char *machine_row_name(int32_t row)
+{
+    return row >= 0 && row < INSTRUCTION_ROWS ? ROW_NAMES[row] : "";
+}
+
+void profile_destroy(struct machine *machine)
+{
+    destroy(machine->profile);
+    machine->profile = NULL;
+    machine->profiles = false;
+}

@@ -1,0 +1,21 @@
+/* Bits of the special registers, and which stack pointer r13 is. References are to DDI 0403E. */
+#ifndef HILTEST_REGISTERS_H
+#define HILTEST_REGISTERS_H
+
+#include "state.h"
+
+enum {
+    CONTROL_NPRIV = 1 << 0, CONTROL_SPSEL = 1 << 1, CONTROL_FPCA = 1 << 2, /* B1.4.4 */
+    XPSR_EXCEPTION = 0x1FF, XPSR_REALIGNED = 1 << 9, XPSR_THUMB = 1 << 24, /* B1.4.2; bit 9 is of frames only */
+};
+
+/* Handler mode always uses the main stack (B1.4.1). */
+static inline bool uses_process_stack(const struct core *core)
+{
+    return core->exception == EXCEPTION_NONE && (core->control & CONTROL_SPSEL) != 0;
+}
+
+/* Set IPSR and CONTROL; r13 becomes the stack pointer that follows from them. */
+void set_mode(struct core *core, uint32_t exception, uint32_t control);
+
+#endif

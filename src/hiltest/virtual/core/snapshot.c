@@ -1,0 +1,340 @@
+/* Snapshots: the state of a machine with its memories, to go back to it or to go on from it on another machine.
+ *
+ * Pages are shared by all snapshots in which they are alike. A page of a memory has a copy from the moment a snapshot is
+ * taken until the page is written; the first store to it after a snapshot is looked at for that reason. So a snapshot
+ * copies only pages that were written since the one before it. Groups of pages are shared in the same way, so that a
+ * snapshot costs little more than the groups with such pages.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "code.h"
+
+struct snapshot_memory {
+    uint32_t base, size;
+    bool writable;
+};
+
+struct snapshot {
+    struct core core;
+    struct pipeline pipeline;
+    struct stacks stacks;
+    uint32_t stack_lowest, stack_used;
+    uint32_t previous, exc_return, jumped_from;
+    int64_t jumped_at;
+    bool exclusive;
+    uint32_t exclusive_address;
+    struct memory_waits *waits; /* NULL if memories add none */
+    int memory_count;
+    struct snapshot_memory memories[MEMORIES];
+    uint32_t group_count;
+    struct page_group *groups[]; /* of all memories, one after the other */
+};
+
+/* -- pages ------------------------------------------------------------------------------------------------------- */
+
+static void release(struct page *page)
+{
+    if (page && --page->holders == 0)
+        free(page);
+}
+
+static void release_group(struct page_group *group)
+{
+    if (!group || --group->holders)
+        return;
+    for (uint32_t page = 0; page < group->count; page++)
+        release(group->pages[page]);
+    free(group);
+}
+
+static uint32_t pages_of(const struct memory *memory)
+{
+    return memory->size / PAGE_BYTES;
+}
+
+static uint32_t groups_of(const struct memory *memory)
+{
+    return (pages_of(memory) + GROUP_PAGES - 1) / GROUP_PAGES;
+}
+
+bool begin_copies(struct memory *memory)
+{
+    memory->copies = calloc(pages_of(memory), sizeof *memory->copies);
+    memory->groups = calloc(groups_of(memory), sizeof *memory->groups);
+    return memory->copies && memory->groups;
+}
+
+void destroy_copies(struct memory *memory)
+{
+    for (uint32_t page = 0; memory->copies && page < pages_of(memory); page++)
+        release(memory->copies[page]);
+    for (uint32_t group = 0; memory->groups && group < groups_of(memory); group++)
+        release_group(memory->groups[group]);
+    free(memory->copies);
+    free(memory->groups);
+}
+
+void drop_copies(struct machine *machine, struct memory *memory, uint32_t offset, uint32_t size)
+{
+    if (!size)
+        return;
+    for (uint32_t page = offset / PAGE_BYTES; page <= (offset + size - 1) / PAGE_BYTES; page++) {
+        if (!memory->copies[page])
+            continue;
+        release(memory->copies[page]);
+        memory->copies[page] = NULL;
+        release_group(memory->groups[page / GROUP_PAGES]);
+        memory->groups[page / GROUP_PAGES] = NULL;
+        open_page(machine, memory, page * PAGE_BYTES);
+    }
+}
+
+/* Return the copy of a page, which is made if there is none. NULL if there is no room for it. */
+static struct page *copy_of(struct machine *machine, struct memory *memory, uint32_t page)
+{
+    if (memory->copies[page])
+        return memory->copies[page];
+    struct page *copy = malloc(sizeof *copy);
+    if (!copy)
+        return NULL;
+    copy->holders = 1;
+    memcpy(copy->bytes, memory->bytes + page * PAGE_BYTES, PAGE_BYTES);
+    memory->copies[page] = copy;
+    machine->writable[memory->base / PAGE_BYTES + page] = NULL; /* the first store to it has to be looked at */
+    return copy;
+}
+
+/* Return the copies of a group, which are made if they are not there. NULL if there is no room for them. */
+static struct page_group *group_of(struct machine *machine, struct memory *memory, uint32_t number)
+{
+    if (memory->groups[number])
+        return memory->groups[number];
+    struct page_group *group = malloc(sizeof *group);
+    if (!group)
+        return NULL;
+    group->holders = 1;
+    group->count = 0;
+    for (uint32_t page = number * GROUP_PAGES; page < pages_of(memory) && group->count < GROUP_PAGES; page++) {
+        struct page *copy = copy_of(machine, memory, page);
+        if (!copy) {
+            release_group(group);
+            return NULL;
+        }
+        copy->holders++;
+        group->pages[group->count++] = copy;
+    }
+    memory->groups[number] = group;
+    return group;
+}
+
+/* Whether two states of a page differ in bytes that were decoded as instructions. */
+static bool differs_in_code(const uint8_t *has_code, const uint8_t *before, const uint8_t *after)
+{
+    for (uint32_t halfword = 0; halfword < PAGE_BYTES / 2; halfword++)
+        if (has_code[halfword] && memcmp(before + 2 * halfword, after + 2 * halfword, 2) != 0)
+            return true;
+    return false;
+}
+
+/* Have a page of a memory be what a copy says. */
+static void restore_page(struct machine *machine, struct memory *memory, uint32_t page, struct page *copy)
+{
+    uint8_t *bytes = memory->bytes + page * PAGE_BYTES;
+    if (memory->copies[page] == copy)
+        return;
+    if (differs_in_code(memory->has_code + page * PAGE_BYTES / 2, bytes, copy->bytes))
+        machine->code_changed = true;
+    memcpy(bytes, copy->bytes, PAGE_BYTES);
+    release(memory->copies[page]);
+    memory->copies[page] = copy;
+    copy->holders++;
+    open_page(machine, memory, page * PAGE_BYTES);
+}
+
+static void restore_group(struct machine *machine, struct memory *memory, uint32_t number, struct page_group *group)
+{
+    if (memory->groups[number] == group)
+        return;
+    for (uint32_t page = 0; page < group->count; page++)
+        restore_page(machine, memory, number * GROUP_PAGES + page, group->pages[page]);
+    release_group(memory->groups[number]);
+    memory->groups[number] = group;
+    group->holders++;
+}
+
+/* -- machines ---------------------------------------------------------------------------------------------------- */
+
+static uint32_t count_groups(const struct machine *machine)
+{
+    uint32_t count = 0;
+    for (int i = 0; i < machine->memory_count; i++)
+        count += groups_of(&machine->memories[i]);
+    return count;
+}
+
+static bool copy_waits(const struct machine *machine, struct snapshot *snapshot)
+{
+    if (!machine->waits)
+        return true;
+    snapshot->waits = malloc(sizeof *snapshot->waits);
+    if (snapshot->waits)
+        *snapshot->waits = *machine->waits;
+    return snapshot->waits;
+}
+
+static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
+{
+    for (int i = 0; i < machine->memory_count; i++) {
+        struct memory *memory = &machine->memories[i];
+        snapshot->memories[i] = (struct snapshot_memory){memory->base, memory->size, memory->writable};
+        for (uint32_t number = 0; number < groups_of(memory); number++) {
+            struct page_group *group = group_of(machine, memory, number);
+            if (!group)
+                return false;
+            group->holders++;
+            snapshot->groups[snapshot->group_count++] = group;
+        }
+    }
+    snapshot->memory_count = machine->memory_count;
+    return true;
+}
+
+struct snapshot *machine_snapshot(struct machine *machine)
+{
+    struct snapshot *snapshot = malloc(sizeof *snapshot + count_groups(machine) * sizeof *snapshot->groups);
+    if (!snapshot)
+        return NULL;
+    snapshot->core = machine->core;
+    /* The instruction that runs has not been counted yet: the pipeline is the one before it, too. */
+    snapshot->pipeline = machine->running ? *code_state(machine, machine->running->state) : machine->pipeline;
+    snapshot->stacks = machine->stacks;
+    snapshot->stack_lowest = machine->stack_lowest;
+    snapshot->stack_used = machine->stack_used;
+    snapshot->previous = machine->previous;
+    snapshot->exc_return = machine->exc_return;
+    snapshot->jumped_from = machine->jumped_from;
+    snapshot->jumped_at = machine->jumped_at;
+    snapshot->exclusive = machine->exclusive;
+    snapshot->exclusive_address = machine->exclusive_address;
+    snapshot->group_count = 0;
+    snapshot->waits = NULL;
+    if (!copy_waits(machine, snapshot) || !copy_memories(machine, snapshot)) {
+        machine_forget_snapshot(snapshot);
+        return NULL;
+    }
+    return snapshot;
+}
+
+void machine_forget_snapshot(struct snapshot *snapshot)
+{
+    if (!snapshot)
+        return;
+    for (uint32_t i = 0; i < snapshot->group_count; i++)
+        release_group(snapshot->groups[i]);
+    free(snapshot->waits);
+    free(snapshot);
+}
+
+bool machine_read_snapshot(const struct snapshot *snapshot, uint32_t address, uint32_t size, uint8_t *bytes)
+{
+    struct page_group *const *groups = snapshot->groups;
+    for (int i = 0; i < snapshot->memory_count; i++) {
+        const struct snapshot_memory *memory = &snapshot->memories[i];
+        uint32_t offset = address - memory->base;
+        if (address >= memory->base && (uint64_t)offset + size <= memory->size) {
+            for (uint32_t byte = 0; byte < size; byte++, offset++)
+                bytes[byte] = groups[offset / GROUP_BYTES]->pages[offset / PAGE_BYTES % GROUP_PAGES]
+                    ->bytes[offset % PAGE_BYTES];
+            return true;
+        }
+        groups += (memory->size + GROUP_BYTES - 1) / GROUP_BYTES;
+    }
+    return false;
+}
+
+const struct core *machine_snapshot_core(const struct snapshot *snapshot)
+{
+    return &snapshot->core;
+}
+
+static bool has_same_memories(const struct machine *machine, const struct snapshot *snapshot)
+{
+    if (machine->memory_count != snapshot->memory_count)
+        return false;
+    for (int i = 0; i < machine->memory_count; i++) {
+        const struct memory *memory = &machine->memories[i];
+        const struct snapshot_memory *other = &snapshot->memories[i];
+        if (memory->base != other->base || memory->size != other->size || memory->writable != other->writable)
+            return false;
+    }
+    return true;
+}
+
+static void restore_memories(struct machine *machine, const struct snapshot *snapshot)
+{
+    struct page_group *const *group = snapshot->groups;
+    for (int i = 0; i < machine->memory_count; i++)
+        for (uint32_t number = 0; number < groups_of(&machine->memories[i]); number++)
+            restore_group(machine, &machine->memories[i], number, *group++);
+}
+
+/* Restore the core apart from how `machine_run` behaves. */
+static void restore_core(struct machine *machine, const struct core *state)
+{
+    struct core *core = &machine->core;
+    const struct core before = *core;
+    *core = *state;
+    core->deadline = before.deadline;
+    core->instruction_limit = before.instruction_limit;
+    core->delivers_faults = before.delivers_faults;
+    core->may_loop = before.may_loop;
+    core->asks_devices = before.asks_devices;
+    core->stops_at = before.stops_at;
+    core->passes_breakpoint = before.passes_breakpoint;
+    core->return_address = before.return_address;
+    core->watch_kinds = before.watch_kinds;
+    core->watch_address = before.watch_address;
+    if (core->fpu_enabled != before.fpu_enabled)
+        machine->code_changed = true; /* nodes tell instructions that the FPU's permission stops */
+}
+
+bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
+{
+    if (machine->running || !has_same_memories(machine, snapshot))
+        return false;
+    restore_memories(machine, snapshot);
+    restore_core(machine, &snapshot->core);
+    machine->pipeline = snapshot->pipeline;
+    machine->stacks = snapshot->stacks;
+    machine->stack_lowest = snapshot->stack_lowest;
+    machine->stack_used = snapshot->stack_used;
+    machine->previous = snapshot->previous;
+    machine->exc_return = snapshot->exc_return;
+    machine->jumped_from = snapshot->jumped_from;
+    machine->jumped_at = snapshot->jumped_at;
+    machine->exclusive = snapshot->exclusive;
+    machine->exclusive_address = snapshot->exclusive_address;
+    if (machine->waits)
+        waits_restore(machine->waits, snapshot->waits);
+    machine->oldest_answer = snapshot->core.device_loads;
+    machine->looks = true;
+    calls_reset(machine);
+    return true;
+}
+
+struct machine *machine_like(const struct machine *machine)
+{
+    struct machine *other = machine_create(machine->baseline);
+    if (!other)
+        return NULL;
+    other->prices = machine->prices;
+    for (int i = 0; i < machine->memory_count; i++) {
+        const struct memory *memory = &machine->memories[i];
+        if (!machine_add_memory(other, memory->base, memory->size, memory->writable)) {
+            machine_destroy(other);
+            return NULL;
+        }
+    }
+    return other;
+}

@@ -1,0 +1,145 @@
+/* How deep the stacks of firmware have been, seen by where its stack pointer was.
+ *
+ * A stack is a range of addresses that the stack pointer has had without a jump: instructions and exceptions' frames
+ * lower it. If the stack pointer is set to an address outside all known ranges, such as a new task's, a stack begins
+ * there. Nothing is painted.
+ */
+#include "stacks.h"
+
+#include <string.h>
+
+static bool holds(const struct machine_stack *stack, uint32_t address)
+{
+    return stack->lowest <= address && address <= stack->top;
+}
+
+/* Number of the stack that an address belongs to, or -1. */
+static int32_t stack_with(const struct stacks *stacks, uint32_t address)
+{
+    for (int32_t i = 0; i < stacks->count; i++)
+        if (holds(&stacks->entries[i], address))
+            return i;
+    return -1;
+}
+
+/* If the table is full, the newest stack makes room. */
+static int32_t begin_stack(struct stacks *stacks, uint32_t top, uint32_t pc)
+{
+    if (stacks->count < MOST_STACKS)
+        stacks->count++;
+    stacks->entries[stacks->count - 1] = (struct machine_stack){.top = top, .lowest = top, .first_pc = pc};
+    return stacks->count - 1;
+}
+
+static void lower(uint32_t *lowest, uint32_t address)
+{
+    if (address < *lowest)
+        *lowest = address;
+}
+
+/* Drop the stacks whose top is in the range of another one: they were first seen half way down, or the one above has
+ * run into them, so no border between them remains. Returns the new number of the one that stays. */
+static int32_t merge(struct stacks *stacks, int32_t number)
+{
+    struct machine_stack stack = stacks->entries[number];
+    const uint32_t lowest = stack.lowest;
+    int32_t remaining = 0, place = number;
+    for (int32_t i = 0; i < stacks->count; i++) {
+        const struct machine_stack other = stacks->entries[i];
+        if (i != number && lowest < other.top && other.top <= stack.top) {
+            lower(&stack.lowest, other.lowest);
+            continue;
+        }
+        if (i == number)
+            place = remaining;
+        stacks->entries[remaining++] = other;
+    }
+    stacks->count = remaining;
+    stacks->entries[place] = stack;
+    return place;
+}
+
+/* Set the range in which the stack pointer may move unseen. While calls are watched it ends at the lowest address of
+ * the stack pointer since they were looked at. */
+static void set_range(struct machine *machine)
+{
+    const struct machine_stack *stack = &machine->stacks.entries[machine->stacks.current];
+    uint32_t lowest = machine->stacks.lowest > stack->lowest ? machine->stacks.lowest : stack->lowest;
+    machine->stack_lowest = lowest;
+    machine->stack_used = stack->top - lowest;
+}
+
+void stack_moves(struct machine *machine, bool jumps, uint32_t pc)
+{
+    struct stacks *stacks = &machine->stacks;
+    const uint32_t pointer = machine->core.r[13];
+    if (stacks->count == 0 || !holds(&stacks->entries[stacks->current], pointer)) {
+        /* From where it went down without a jump. */
+        bool descends = !jumps && stacks->count && pointer < stacks->entries[stacks->current].lowest;
+        int32_t number = descends ? stacks->current : stack_with(stacks, pointer);
+        if (number < 0)
+            number = begin_stack(stacks, pointer, pc & ~1u);
+        lower(&stacks->entries[number].lowest, pointer);
+        stacks->current = merge(stacks, number);
+    }
+    if (pointer < stacks->lowest)
+        stacks->lowest = pointer;
+    set_range(machine);
+}
+
+void stacks_seek_lowest(struct machine *machine, bool wanted)
+{
+    if (wanted) {
+        machine->stacks.lowest = machine->core.r[13];
+        stack_moves(machine, true, machine->core.r[15]);
+    } else if (machine->stacks.lowest) {
+        machine->stacks.lowest = 0;
+        set_range(machine);
+    }
+}
+
+uint32_t stacks_used(const struct machine *machine, uint32_t above, uint32_t lowest)
+{
+    for (int32_t i = 0; i < machine->stacks.count; i++) {
+        const struct machine_stack *stack = &machine->stacks.entries[i];
+        if (stack->lowest <= lowest && above <= stack->top)
+            return above - lowest;
+    }
+    return UINT32_MAX;
+}
+
+/* A kernel that switches tasks puts their other registers below the frame of a thread's exception, while the handler
+ * has another stack: the stack pointer never shows it. */
+void stacks_handler_begins(struct machine *machine)
+{
+    struct stacks *stacks = &machine->stacks;
+    const uint32_t below = machine->core.r[13] - CONTEXT_BYTES;
+    stacks->has_context = below < stacks->entries[stacks->current].lowest
+        && machine_read(machine, below, CONTEXT_BYTES, stacks->context);
+    stacks->below = below;
+}
+
+void stacks_handler_ends(struct machine *machine)
+{
+    struct stacks *stacks = &machine->stacks;
+    uint8_t context[CONTEXT_BYTES];
+    if (!stacks->has_context)
+        return;
+    stacks->has_context = false;
+    int32_t number = stack_with(stacks, stacks->below + CONTEXT_BYTES);
+    if (number < 0 || !machine_read(machine, stacks->below, CONTEXT_BYTES, context))
+        return;
+    uint32_t first = 0;
+    while (first < CONTEXT_BYTES && memcmp(context + first, stacks->context + first, 4) == 0)
+        first += 4;
+    if (first < CONTEXT_BYTES) {
+        lower(&stacks->entries[number].lowest, stacks->below + first);
+        set_range(machine);
+    }
+}
+
+const struct machine_stack *machine_stacks(struct machine *machine, int32_t *count)
+{
+    *count = machine->stacks.count;
+    return machine->stacks.entries;
+}

@@ -1,0 +1,113 @@
+#include "system.h"
+
+/* Numbers of special registers (SYSm). */
+enum {
+    SYS_XPSR_LAST = 7, SYS_MSP = 8, SYS_PSP = 9, SYS_PRIMASK = 16, SYS_BASEPRI = 17, SYS_BASEPRI_MAX = 18,
+    SYS_FAULTMASK = 19, SYS_CONTROL = 20,
+    WITH_IPSR = 1, WITH_EPSR = 2, WITHOUT_APSR = 4,
+};
+static const uint32_t APSR_BITS = 0xF80F0000u;
+enum { NOT_PRIVILEGED = 1, FPU_ACTIVE = 4 };
+
+static bool is_privileged(const struct core *core)
+{
+    return core->exception != 0 || !(core->control & NOT_PRIVILEGED);
+}
+
+uint32_t read_special(struct machine *machine, uint32_t number)
+{
+    const struct core *core = &machine->core;
+    if (number <= SYS_XPSR_LAST) {
+        uint32_t value = number & WITHOUT_APSR ? 0 : machine_xpsr(machine) & APSR_BITS; /* EPSR reads as zero */
+        return number & WITH_IPSR && is_privileged(core) ? value | core->exception : value;
+    }
+    if (number == SYS_CONTROL)
+        return core->control;
+    if (!is_privileged(core))
+        return 0;
+    switch (number) {
+    case SYS_MSP:
+    case SYS_PSP:
+        return machine_stack_pointer(machine, number == SYS_PSP);
+    case SYS_PRIMASK:
+        return core->primask;
+    case SYS_BASEPRI:
+    case SYS_BASEPRI_MAX:
+        return core->basepri;
+    case SYS_FAULTMASK:
+        return core->faultmask;
+    default:
+        return 0;
+    }
+}
+
+static void write_flags(struct core *core, uint32_t mask, uint32_t value)
+{
+    if (mask & 2) {
+        core->negative = value;
+        core->zero = ~value >> 30 & 1;
+        core->carry = value >> 29 & 1;
+        core->overflow = value >> 28 & 1;
+        core->saturated = value >> 27 & 1;
+    }
+    if (mask & 1)
+        core->ge = value >> 16 & 0xF;
+}
+
+/* BASEPRI_MAX only raises the priority: a value of 0 does nothing, and neither does one that is less urgent. */
+static void raise_base_priority(struct core *core, uint32_t value)
+{
+    if (value && (core->basepri == 0 || value < core->basepri))
+        core->basepri = value;
+}
+
+void write_special(struct machine *machine, uint32_t number, uint32_t mask, uint32_t value)
+{
+    struct core *core = &machine->core;
+    if (number < WITHOUT_APSR)
+        write_flags(core, mask, value);
+    if (number <= SYS_XPSR_LAST || !is_privileged(core))
+        return;
+    uint32_t priority = value & core->priority_mask;
+    switch (number) {
+    case SYS_MSP:
+    case SYS_PSP:
+        machine_set_stack_pointer(machine, number == SYS_PSP, value & ~3u);
+        return;
+    case SYS_PRIMASK:
+        core->primask = value & 1;
+        break;
+    case SYS_BASEPRI:
+        if (!machine->baseline)
+            core->basepri = priority;
+        break;
+    case SYS_BASEPRI_MAX:
+        if (!machine->baseline)
+            raise_base_priority(core, priority);
+        break;
+    case SYS_FAULTMASK: /* it cannot be set by NMI or by HardFault */
+        if (!machine->baseline && (!(value & 1) || machine_execution_priority(machine, PRIORITY_IDLE) > -1))
+            core->faultmask = value & 1;
+        break;
+    case SYS_CONTROL:
+        machine_set_control(machine, value);
+        break;
+    default:
+        return;
+    }
+    machine->looks = true;
+}
+
+void change_masks(struct machine *machine, const struct instruction *instruction)
+{
+    struct core *core = &machine->core;
+    if (!is_privileged(core))
+        return;
+    uint32_t value = instruction->immediate & 1;
+    if (instruction->amount & 2)
+        core->primask = value;
+    if (instruction->amount & 1 && !machine->baseline
+        && (!value || machine_execution_priority(machine, PRIORITY_IDLE) > -1))
+        core->faultmask = value;
+    machine->looks = true;
+}

@@ -1,0 +1,299 @@
+/* Waits of the K64F's memories. */
+#include "waits.h"
+
+#include <string.h>
+
+#define NOTHING UINT32_MAX
+
+/* The core fetches words. */
+enum { WORD_BYTES = 4, WORD_BITS = 2 };
+enum { PARTS = 100 }; /* conflicts are priced in hundredths of a cycle an access: a measurement gives their mean */
+
+#define UPPER_SRAM 0x20000000u /* SRAM_L ends and SRAM_U begins here, the SRAM region of DDI 0403E, B3.1 */
+#define SRAM_END 0x20030000u
+#define HALF_FLASH_BYTES 0x80000u
+
+/* --- Rows --------------------------------------------------------------------------------------------------------- */
+
+struct row_range {
+    const char *name;
+    int32_t least, largest;
+    bool is_power;
+};
+#define MEMORY_ROW_RANGE(NAME, LEAST, LARGEST, IS_POWER) {#NAME, LEAST, LARGEST, IS_POWER},
+static const struct row_range RANGES[MEMORY_ROW_COUNT] = {MEMORY_ROWS(MEMORY_ROW_RANGE)};
+
+static bool is_in_range(const struct row_range *range, int32_t value)
+{
+    bool is_power = (value & (value - 1)) == 0;
+    return value >= range->least && value <= range->largest && (is_power || !range->is_power);
+}
+
+/* Logarithm of a power of two. */
+static uint32_t bits_of(int32_t power)
+{
+    uint32_t bits = 0;
+    while (bits < 31 && power >> bits != 1)
+        bits++;
+    return bits;
+}
+
+/* Take over what the rows say of lines and cache. */
+static void set_geometry(struct memory_waits *waits)
+{
+    waits->line_shift = bits_of(waits->value[MEMORY_flash_line_bytes]) - WORD_BITS;
+    waits->entry_shift = bits_of(waits->value[MEMORY_cache_entry_bytes]) - WORD_BITS;
+    waits->set_mask = (uint32_t)waits->value[MEMORY_cache_sets] - 1;
+    waits_reset(waits);
+}
+
+void waits_begin(struct memory_waits *waits)
+{
+    const struct bank_switches all_on = {true, true, true, true, true};
+    memset(waits, 0, sizeof *waits);
+    waits->half_flash_bytes = HALF_FLASH_BYTES;
+    waits->ram_end = SRAM_END;
+    waits->switches[0] = waits->switches[1] = all_on;
+    for (int row = 0; row < MEMORY_ROW_COUNT; row++)
+        waits->value[row] = RANGES[row].least;
+    set_geometry(waits);
+}
+
+bool set_memory_row(struct memory_waits *waits, const char *row, int32_t value)
+{
+    for (int i = 0; i < MEMORY_ROW_COUNT; i++) {
+        if (strcmp(RANGES[i].name, row) == 0) {
+            if (!is_in_range(&RANGES[i], value))
+                return false;
+            waits->value[i] = value;
+            set_geometry(waits);
+            return true;
+        }
+    }
+    return false;
+}
+
+/* --- What is remembered ------------------------------------------------------------------------------------------- */
+
+void waits_reset(struct memory_waits *waits)
+{
+    uint32_t ways = (uint32_t)waits->value[MEMORY_cache_ways];
+    for (uint32_t set = 0; set < CACHE_SETS; set++) {
+        for (uint32_t place = 0; place < ways; place++) {
+            waits->sets[set].entries[place] = NOTHING;
+            waits->sets[set].ways[place] = (uint8_t)(ways - 1 - place); /* way 0 is filled first */
+        }
+    }
+    waits->free_at = 0;
+    waits_forget_lines(waits);
+    waits_forget_word(waits);
+}
+
+void waits_restore(struct memory_waits *waits, const struct memory_waits *state)
+{
+    if (state && memcmp(waits->value, state->value, sizeof waits->value) == 0) {
+        *waits = *state;
+    } else {
+        waits_reset(waits);
+        waits_flush(waits);
+    }
+}
+
+void waits_forget_lines(struct memory_waits *waits) { waits->line = waits->ahead = NOTHING; }
+
+void waits_forget_word(struct memory_waits *waits) { waits->word = NOTHING; }
+
+void waits_flush(struct memory_waits *waits)
+{
+    waits->parts_owed = 0; /* else a call would take a cycle more because of what was called before it */
+    waits_forget_word(waits);
+}
+
+static void empty_way(struct cache_set *set, uint32_t way, uint32_t ways)
+{
+    uint32_t place = 0;
+    while (place < ways && set->ways[place] != way)
+        place++;
+    if (place == ways)
+        return;
+    for (; place < ways - 1; place++) {
+        set->entries[place] = set->entries[place + 1];
+        set->ways[place] = set->ways[place + 1];
+    }
+    set->entries[place] = NOTHING;
+    set->ways[place] = (uint8_t)way;
+}
+
+void waits_forget_way(struct memory_waits *waits, uint32_t way)
+{
+    for (uint32_t set = 0; set <= waits->set_mask; set++)
+        empty_way(&waits->sets[set], way, (uint32_t)waits->value[MEMORY_cache_ways]);
+}
+
+void waits_switch(struct memory_waits *waits, uint32_t bank, struct bank_switches switches)
+{
+    if (bank > 1)
+        return;
+    if (waits->switches[bank].keeps_line && !switches.keeps_line)
+        waits->line = NOTHING;
+    waits->switches[bank] = switches;
+}
+
+/* --- Flash -------------------------------------------------------------------------------------------------------- */
+
+static int64_t next_edge(const struct memory_waits *waits, int64_t cycle)
+{
+    int64_t clocks = waits->value[MEMORY_flash_clocks];
+    int64_t earliest = cycle > waits->free_at ? cycle : waits->free_at;
+    return (earliest + clocks - 1) / clocks * clocks;
+}
+
+/* Read a line from the array, unless it is the one that is read ahead; returns how long that takes. */
+static int32_t read_line(struct memory_waits *waits, uint32_t line, int64_t cycle, bool keeps, bool reads_ahead)
+{
+    int64_t clocks = waits->value[MEMORY_flash_clocks];
+    int64_t ready = next_edge(waits, cycle) + clocks;
+    if (line == waits->ahead) /* it is there when the array is free again */
+        ready = cycle > waits->free_at ? cycle : waits->free_at;
+    waits->line = keeps ? line : NOTHING;
+    waits->ahead = NOTHING;
+    waits->free_at = ready;
+    if (reads_ahead) {
+        waits->ahead = line + 1;
+        waits->free_at = next_edge(waits, ready) + clocks;
+    }
+    return (int32_t)(ready - cycle);
+}
+
+/* Put an entry at the place of another one, and this place first. */
+static void use_entry(struct cache_set *set, uint32_t place, uint32_t entry)
+{
+    uint8_t way = set->ways[place];
+    for (; place > 0; place--) {
+        set->entries[place] = set->entries[place - 1];
+        set->ways[place] = set->ways[place - 1];
+    }
+    set->entries[0] = entry;
+    set->ways[0] = way;
+}
+
+/* Whether the entry of a word was used last of its set: it waits for nothing, and changes nothing. */
+static bool is_used_last(const struct memory_waits *waits, uint32_t word)
+{
+    uint32_t entry = word >> waits->entry_shift;
+    return waits->sets[entry & waits->set_mask].entries[0] == entry;
+}
+
+/* Wait for a word whose entry was not used last. */
+static int32_t wait_for_word(
+    struct memory_waits *waits, uint32_t word, int64_t cycle, const struct bank_switches *switches, bool is_fetched)
+{
+    uint32_t entry = word >> waits->entry_shift, line = word >> waits->line_shift;
+    struct cache_set *set = &waits->sets[entry & waits->set_mask];
+    uint32_t ways = (uint32_t)waits->value[MEMORY_cache_ways], place = 0;
+    while (place < ways && set->entries[place] != entry)
+        place++;
+    bool is_cached = place < ways;
+    int32_t wait = 0;
+    if (!is_cached && line != waits->line && !(is_fetched && word == waits->word)) {
+        bool ahead = is_fetched ? switches->reads_ahead_code : switches->reads_ahead_data;
+        ahead = ahead && waits->value[MEMORY_flash_read_ahead];
+        wait = read_line(waits, line, cycle, switches->keeps_line, ahead);
+    }
+    if (is_cached)
+        use_entry(set, place, entry);
+    else if (is_fetched ? switches->caches_code : switches->caches_data)
+        use_entry(set, ways - 1, entry);
+    return wait;
+}
+
+static bool is_flash(const struct memory_waits *waits, uint32_t address)
+{
+    return address >> 1 < waits->half_flash_bytes;
+}
+
+/* Access the words from `first` to `last`; an instruction or data may straddle two of them, and two lines. */
+static int32_t wait_for_words(
+    struct memory_waits *waits, uint32_t first, uint32_t last, int64_t cycle, bool is_fetched)
+{
+    const struct bank_switches *switches = &waits->switches[first * WORD_BYTES >= waits->half_flash_bytes];
+    int32_t wait = 0;
+    for (uint32_t word = first; word <= last; word++) {
+        if (!is_used_last(waits, word))
+            wait += wait_for_word(waits, word, cycle + wait, switches, is_fetched);
+        if (is_fetched)
+            waits->word = word;
+    }
+    return wait;
+}
+
+static inline int32_t wait_for_flash(
+    struct memory_waits *waits, uint32_t address, uint32_t size, int64_t cycle, bool is_fetched)
+{
+    uint32_t first = address / WORD_BYTES, last = (address + size - 1) / WORD_BYTES;
+    if (first != last || !is_used_last(waits, first))
+        return wait_for_words(waits, first, last, cycle, is_fetched);
+    if (is_fetched)
+        waits->word = first;
+    return 0; /* by far the most frequent case */
+}
+
+int32_t waits_fetch(struct memory_waits *waits, uint32_t address, uint32_t size, int64_t cycle)
+{
+    return is_flash(waits, address) ? wait_for_flash(waits, address, size, cycle, true) : 0;
+}
+
+bool waits_are_over(const struct memory_waits *waits, uint32_t address, uint32_t size)
+{
+    return !is_flash(waits, address)
+        || (is_used_last(waits, address / WORD_BYTES) && is_used_last(waits, (address + size - 1) / WORD_BYTES));
+}
+
+/* --- Data --------------------------------------------------------------------------------------------------------- */
+
+/* Halfwords and words at halfwords are made of two parts, words at odd addresses of three (TRM, 3.3.2); pairs of words
+ * are two words. */
+static int32_t unaligned_wait(const struct memory_waits *waits, uint32_t address, uint32_t size)
+{
+    uint32_t unit = size < WORD_BYTES ? size : WORD_BYTES;
+    if ((address & (unit - 1)) == 0)
+        return 0;
+    return waits->value[MEMORY_unaligned] * (size == WORD_BYTES && address % 2 ? 2 : 1);
+}
+
+/* Hundredths of a cycle that an instruction waits in the mean because code is fetched from the bank of its data. Code
+ * in flash and data in SRAM_L are both on the code bus. */
+static int32_t conflict_parts(const struct memory_waits *waits, uint32_t code, uint32_t words, uint32_t data)
+{
+    bool is_multiple = words > 1;
+    bool is_lower = data < UPPER_SRAM;
+    if (is_flash(waits, code))
+        return is_lower ? waits->value[is_multiple ? MEMORY_flash_lower_multiple : MEMORY_flash_lower_single] : 0;
+    if ((code < UPPER_SRAM) != is_lower)
+        return 0;
+    if (is_lower)
+        return waits->value[is_multiple ? MEMORY_lower_multiple : MEMORY_lower_single];
+    return waits->value[is_multiple ? MEMORY_upper_multiple : MEMORY_upper_single];
+}
+
+/* Wait for the whole cycles of what is owed. */
+static int32_t pay_parts(struct memory_waits *waits, int32_t parts)
+{
+    if (parts == 0)
+        return 0; /* less than a cycle is owed */
+    int32_t owed = waits->parts_owed + parts;
+    waits->parts_owed = owed % PARTS;
+    return owed / PARTS;
+}
+
+int32_t waits_access(
+    struct memory_waits *waits, uint32_t code_address, uint32_t words, bool first, uint32_t address, uint32_t size,
+    int64_t cycle)
+{
+    if (address >= waits->ram_end)
+        return 0;
+    int32_t wait = unaligned_wait(waits, address, size);
+    if (is_flash(waits, address))
+        return wait + wait_for_flash(waits, address, size, cycle + wait, false);
+    return first ? wait + pay_parts(waits, conflict_parts(waits, code_address, words, address)) : wait;
+}

@@ -1,0 +1,179 @@
+"""What the K64F's memories add, in Python: the oracle of core/waits.c.
+
+A read of the flash array brings one line, and the next line is read ahead at once. What was accessed is kept in a cache
+of smaller entries. The flash has a clock of its own, so a read begins at one of its edges: a miss costs one flash
+clock, and up to nearly another one until the edge.
+
+Line buffer, reading ahead and cache can be switched off, for each half of the flash. With all of them off every word
+that is fetched and every access to data is a read of the array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hiltest.virtual.core.machine import BankSwitches
+from hiltest.virtual.memory import FLASH, SRAM
+from hiltest.virtual.timing import CostRow
+
+_NOTHING = -1
+_WORD_BYTES = 4  # the core fetches words: the second instruction of one is no access, unless it is jumped to
+_BANKS = 2
+_BANK_BYTES = FLASH[1] // _BANKS
+_FLASH_END, _SRAM_END = sum(FLASH), sum(SRAM)
+_SRAM_U = 0x20000000
+_PARTS = 100  # conflicts are priced in hundredths of a clock an access: what was measured is a mean
+
+
+class FlashController:
+    """Line buffer, cache and read-ahead.
+
+    Parameters
+    ----------
+    rows : mapping of str to CostRow
+        The memory rows of a timing profile.
+    """
+
+    def __init__(self, rows: Mapping[str, CostRow]) -> None:
+        self._clocks = rows["flash_clocks"].value
+        self._line_bytes = rows["flash_line_bytes"].value
+        self._entry_bytes = rows["cache_entry_bytes"].value
+        self._ways = rows["cache_ways"].value
+        self._sets = rows["cache_sets"].value
+        self._reads_ahead = rows["flash_read_ahead"].value > 0
+        self._switches = [BankSwitches()] * _BANKS
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all lines and words."""
+        self._free_at = 0  # when the array can take the next read
+        # What each way of each set holds, and its ways, the one that was not used for longest first.
+        self._held = [[_NOTHING] * self._ways for _ in range(self._sets)]
+        self._order = [list(range(self._ways)) for _ in range(self._sets)]
+        self.forget_flash_lines()
+        self.forget_word()
+
+    def switch_flash_bank(self, bank: int, switches: BankSwitches) -> None:
+        """Set what is done for one half of the flash: 0 or 1."""
+        if self._switches[bank].keeps_line and not switches.keeps_line:
+            self._line = _NOTHING
+        self._switches[bank] = switches
+
+    def forget_flash_lines(self) -> None:
+        """Forget the line that was read last, and the one that was read ahead."""
+        self._line = self._ahead = _NOTHING
+
+    def forget_word(self) -> None:
+        """Forget the fetched word: the core jumps."""
+        self._word = _NOTHING
+
+    def forget_flash_way(self, way: int) -> None:
+        """Empty one way of the cache; it is filled next."""
+        for held, order in zip(self._held, self._order, strict=True):
+            if way < self._ways:
+                held[way] = _NOTHING
+                order.remove(way)
+                order.insert(0, way)
+
+    def wait(self, address: int, size: int, cycle: int, *, fetched: bool = True) -> int:
+        """Return for how many core clocks an access waits that is made at a cycle.
+
+        Parameters
+        ----------
+        address, size : int
+            Place of an instruction or of data; it may straddle two lines.
+        cycle : int
+            Never earlier than that of the access before.
+        fetched : bool
+            Whether it is an instruction.
+        """
+        switches = self._switches[address // _BANK_BYTES % _BANKS]
+        begin = cycle
+        for word in range(address // _WORD_BYTES, (address + size - 1) // _WORD_BYTES + 1):
+            cycle += self._wait_for(word, cycle, switches, fetched=fetched)
+            if fetched:
+                self._word = word
+        return cycle - begin
+
+    def _wait_for(self, word: int, cycle: int, switches: BankSwitches, *, fetched: bool) -> int:
+        line, entry = word * _WORD_BYTES // self._line_bytes, word * _WORD_BYTES // self._entry_bytes
+        waited = 0
+        if not (line == self._line or self._is_cached(entry) or (fetched and word == self._word)):
+            ahead = switches.reads_ahead_code if fetched else switches.reads_ahead_data
+            waited = self._read(line, cycle, keeps=switches.keeps_line, ahead=ahead and self._reads_ahead)
+        self._use(entry, keeps=switches.caches_code if fetched else switches.caches_data)
+        return waited
+
+    def _read(self, line: int, cycle: int, *, keeps: bool, ahead: bool) -> int:
+        # The line that is read ahead is there when the array is free again; another one is read from then on.
+        ready = max(self._free_at, cycle) if line == self._ahead else self._next_edge(cycle) + self._clocks
+        self._line, self._free_at, self._ahead = line if keeps else _NOTHING, ready, _NOTHING
+        if ahead:
+            self._ahead = line + 1
+            self._free_at = self._next_edge(ready) + self._clocks
+        return ready - cycle
+
+    def _next_edge(self, cycle: int) -> int:
+        return -(-max(cycle, self._free_at) // self._clocks) * self._clocks
+
+    def _is_cached(self, entry: int) -> bool:
+        return entry in self._held[entry % self._sets]
+
+    def _use(self, entry: int, *, keeps: bool) -> None:
+        """Take note that an entry was used: it is the last one to give way, and replaces the first where it is new."""
+        held, order = self._held[entry % self._sets], self._order[entry % self._sets]
+        if entry not in held:
+            if not keeps:
+                return
+            held[order[0]] = entry
+        way = held.index(entry)
+        order.remove(way)
+        order.append(way)
+
+
+class Memories:
+    """Flash, banks of SRAM that code and data want at once, and data at no multiple of its size.
+
+    Attributes
+    ----------
+    flash : FlashController
+    """
+
+    def __init__(self, rows: Mapping[str, CostRow]) -> None:
+        self.flash = FlashController(rows)
+        self._rows = {name: row.value for name, row in rows.items()}
+        self._parts_owed = 0
+
+    def fetch(self, address: int, size: int, cycle: int) -> int:
+        """Return for how many clocks the fetch of an instruction waits."""
+        return self.flash.wait(address, size, cycle) if address < _FLASH_END else 0
+
+    def access(self, code: int, words: int, *, is_first: bool, address: int, size: int, cycle: int) -> int:
+        """Return for how many clocks an access of the instruction at `code` waits, which moves `words` words."""
+        if address >= _SRAM_END:
+            return 0
+        wait = 0
+        if address % min(size, 4):  # pairs of words are two; words at odd addresses are a byte, two and a byte
+            wait = self._rows.get("unaligned", 0) * (2 if size == 4 and address % 2 else 1)
+        if address < _FLASH_END:
+            return wait + self.flash.wait(address, size, cycle + wait, fetched=False)
+        if is_first:
+            whole, self._parts_owed = divmod(self._parts_owed + self._conflict(code, words, address), _PARTS)
+            wait += whole
+        return wait
+
+    def flush(self) -> None:
+        """Forget fetched words and parts of a clock: an exception was entered or left, or a call begins."""
+        self._parts_owed = 0  # else a call would take a clock more because of what was called before it
+        self.flash.forget_word()
+
+    def _conflict(self, code_address: int, words: int, data_address: int) -> int:
+        code, data = _bank(code_address), _bank(data_address)
+        if (code, data) not in (("lower", "lower"), ("upper", "upper"), ("flash", "lower")):
+            return 0
+        place = code if code == data else f"{code}_{data}"
+        return self._rows[f"{place}_{'multiple' if words > 1 else 'single'}"]
+
+
+def _bank(address: int) -> str:
+    return "flash" if address < _FLASH_END else "lower" if address < _SRAM_U else "upper"

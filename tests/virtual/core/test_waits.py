@@ -1,0 +1,190 @@
+"""Waits of the memories in C are those of the model in Python, for random fetches, accesses and switches."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import pytest
+
+from hiltest.virtual import timing
+from hiltest.virtual.core.machine import BankSwitches
+from hiltest.virtual.profile_file import MEMORY_ROWS, MEMORY_RULES, load_profile
+
+from .inner_library import inner_library
+from .memory_model import Memories
+
+PROFILES = ("cortex-m4-k64f/1", "cortex-m4-k64f/2")
+OFF = dict.fromkeys(("keeps_line", "reads_ahead_code", "reads_ahead_data", "caches_code", "caches_data"), False)
+#: First addresses of places that matter: both ends of flash and its middle, both banks of SRAM, and what has no waits.
+PLACES = (0x0, 0x8000, 0x7FFE0, 0xFFFC0, 0x1FFF0000, 0x1FFFFFC0, 0x20000000, 0x2002FFC0, 0x20030000, 0x40000000)
+FLASH_PLACES = 4
+STEPS = 400
+
+
+def rows_of(values: Mapping[str, int]) -> dict[str, timing.CostRow]:
+    return {name: timing.CostRow(value, (value, value), "") for name, value in values.items()}
+
+
+class NewModel:
+    """The model in C."""
+
+    def __init__(self, values: Mapping[str, int]) -> None:
+        self.ffi, self.library = inner_library()
+        self.waits = self.ffi.new("struct memory_waits *")
+        self.library.waits_begin(self.waits)
+        for name, value in values.items():
+            assert self.library.set_memory_row(self.waits, name.encode(), value), (name, value)
+
+    def fetch(self, address: int, size: int, cycle: int) -> int:
+        return int(self.library.waits_fetch(self.waits, address, size, cycle))
+
+    def access(self, code: int, words: int, *, is_first: bool, address: int, size: int, cycle: int) -> int:
+        return int(self.library.waits_access(self.waits, code, words, is_first, address, size, cycle))
+
+    def flush(self) -> None:
+        self.library.waits_flush(self.waits)
+
+    def switch(self, bank: int, switches: BankSwitches) -> None:
+        self.library.waits_switch(self.waits, bank, switches._asdict())
+
+
+class Course:
+    """A random course of one program: mostly straight on, with jumps, accesses, and now and then something else."""
+
+    def __init__(self, values: Mapping[str, int], chance: random.Random) -> None:
+        self.old, self.new, self.chance = Memories(rows_of(values)), NewModel(values), chance
+        self.cycle, self.code, self.first = 0, 0x8000, True
+        self.span = chance.choice((0x40, 0x100, 0x1000))
+
+    def go(self) -> Iterator[tuple[str, int, int]]:
+        """Yield what happened, and the waits of both models."""
+        for _ in range(STEPS):
+            yield self.fetch()
+            self.first = True
+            for _ in range(self.chance.choice((0, 0, 1, 1, 3))):
+                yield self.access()
+                self.first = False
+            if self.chance.random() < 0.2:
+                self.jump()
+            if self.chance.random() < 0.05:
+                self.change()
+            self.cycle += self.chance.randint(0, 3)
+
+    def fetch(self) -> tuple[str, int, int]:
+        size = self.chance.choice((2, 2, 4))
+        waits = [model.fetch(self.code, size, self.cycle) for model in (self.old, self.new)]
+        told = f"fetch of {size} bytes at 0x{self.code:x}, cycle {self.cycle}"
+        self.code += size
+        self.cycle += waits[0]
+        return told, waits[0], waits[1]
+
+    def access(self) -> tuple[str, int, int]:
+        size = self.chance.choice((1, 2, 4, 4, 8))
+        address = self.chance.choice(PLACES) + self.chance.randrange(0x20)
+        words = self.chance.choice((0, 0, 1, 2, 8))
+        waits = [
+            model.access(self.code, words, is_first=self.first, address=address, size=size, cycle=self.cycle)
+            for model in (self.old, self.new)
+        ]
+        told = f"access to {size} bytes at 0x{address:x} by {words} words at 0x{self.code:x}, cycle {self.cycle}"
+        self.cycle += waits[0]
+        return told, waits[0], waits[1]
+
+    def jump(self) -> None:
+        places = PLACES[:FLASH_PLACES] if self.chance.random() < 0.8 else PLACES[:-2]
+        self.code = self.chance.choice(places) + 2 * self.chance.randrange(self.span // 2)
+        self.old.flash.forget_word()
+        self.new.library.waits_forget_word(self.new.waits)
+
+    def change(self) -> None:
+        """Do something rarer to both."""
+        library, waits, flash = self.new.library, self.new.waits, self.old.flash
+        way, bank = self.chance.randrange(6), self.chance.randrange(2)
+        switches = BankSwitches(**{name: self.chance.random() < 0.6 for name in OFF})
+        changes: tuple[tuple[Callable[[], Any], Callable[[], Any]], ...] = (
+            (self.old.flush, self.new.flush),
+            (flash.forget_flash_lines, lambda: library.waits_forget_lines(waits)),
+            (lambda: flash.forget_flash_way(way), lambda: library.waits_forget_way(waits, way)),
+            (lambda: flash.switch_flash_bank(bank, switches), lambda: self.new.switch(bank, switches)),
+            (flash.reset, lambda: library.waits_reset(waits)),
+        )
+        for change in self.chance.choices(changes, weights=(4, 4, 4, 4, 1))[0]:
+            change()
+
+
+def assert_alike(values: Mapping[str, int], chance: random.Random) -> None:
+    for place, (told, expected, counted) in enumerate(Course(values, chance).go()):
+        assert counted == expected, f"step {place}: {told}"
+
+
+def shipped_values(name: str) -> dict[str, int]:
+    return {name: row.value for name, row in load_profile(name).memory.items()}
+
+
+def random_values(chance: random.Random) -> dict[str, int]:
+    """Return values of all rows, now and then without the one that a profile need not have."""
+    values = {
+        "flash_clocks": chance.choice((1, 2, 5, 7)), "flash_line_bytes": 2 ** chance.randint(2, 6),
+        "flash_read_ahead": chance.randrange(2), "cache_entry_bytes": 2 ** chance.randint(2, 6),
+        "cache_ways": chance.choice((1, 2, 4, 5, 16)), "cache_sets": 2 ** chance.randint(0, 6),
+        "flash_uncertainty": 15, "unaligned": chance.randint(0, 3),
+    } | {
+        f"{place}_{count}": chance.choice((0, 3, 50, 150, 1000))
+        for place in ("lower", "upper", "flash_lower") for count in ("single", "multiple")
+    }  # fmt: skip
+    assert values.keys() == {*MEMORY_ROWS, *MEMORY_RULES}
+    return values if chance.random() < 0.8 else {name: value for name, value in values.items() if name != "unaligned"}
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("name", PROFILES)
+def test_random_courses_wait_as_long_by_the_profiles_that_ship(name: str, seed: int) -> None:
+    assert_alike(shipped_values(name), random.Random(seed))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_random_courses_wait_as_long_by_random_rows(seed: int) -> None:
+    chance = random.Random(seed)
+    assert_alike(random_values(chance), chance)
+
+
+def test_a_miss_waits_for_the_edge_and_one_clock_and_what_is_read_ahead_for_less() -> None:
+    model = NewModel(shipped_values(PROFILES[1]))
+    assert model.fetch(0x8000, 4, 101) == 9  # from the edge at 105 to 110
+    assert [model.fetch(0x8000 + 4 * word, 4, 110) for word in range(1, 4)] == [0, 0, 0]  # of the same line
+    assert model.fetch(0x8010, 4, 112) == 3  # it is read from 110 to 115
+    assert model.fetch(0x8000, 4, 200) == 0  # in the cache
+
+
+def test_with_everything_off_each_word_that_is_not_the_last_one_is_read() -> None:
+    model = NewModel(shipped_values(PROFILES[1]))
+    model.switch(0, BankSwitches(**OFF))
+    waits = [model.fetch(address, 2, cycle) for address, cycle in ((0x8000, 0), (0x8002, 10), (0x8004, 20))]
+    assert waits == [5, 0, 5]
+    # Data does not profit from the fetched word.
+    assert model.access(0x8004, 0, is_first=True, address=0x8004, size=4, cycle=30) == 5
+
+
+def test_halves_of_a_cycle_are_waited_for_together() -> None:
+    def access() -> int:
+        return model.access(0x1FFF0000, 0, is_first=True, address=0x1FFF8000, size=4, cycle=0)
+
+    model = NewModel(shipped_values(PROFILES[1]))
+    assert [access() for _ in range(4)] == [0, 1, 0, 1]
+    access()
+    model.flush()
+    assert access() == 0
+
+
+@pytest.mark.parametrize(("row", "value"), [
+    ("", 1), ("flash", 1), ("cache_ways", 0), ("cache_ways", 17), ("cache_sets", 128), ("cache_sets", 3),
+    ("flash_clocks", 0), ("flash_clocks", 1001), ("flash_line_bytes", 2), ("flash_line_bytes", 24),
+    ("cache_entry_bytes", 2), ("flash_read_ahead", 2), ("unaligned", -1), ("lower_single", 1001),
+])  # fmt: skip
+def test_a_row_that_is_none_or_out_of_range_is_refused_and_changes_nothing(row: str, value: int) -> None:
+    model = NewModel(shipped_values(PROFILES[1]))
+    before = bytes(model.ffi.buffer(model.waits))
+    assert not model.library.set_memory_row(model.waits, row.encode(), value)
+    assert bytes(model.ffi.buffer(model.waits)) == before
