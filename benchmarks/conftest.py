@@ -12,7 +12,6 @@ import pytest
 from hiltest.bench_files import shipped
 from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
-from hiltest.virtual.native import counts_natively
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +63,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if not figures:
         return
     terminalreporter.section("figures of this run")
-    hook = "in C" if counts_natively() else "in Python"
     busy = f"{os.getloadavg()[0]:.1f} processes on {os.cpu_count()} processors"
-    terminalreporter.write_line(f"boards count {hook} by default; load {busy}")
+    terminalreporter.write_line(f"load {busy}")
     for figure in figures:
         terminalreporter.write_line(f"{figure.what:<72} {figure.value:8.3f} {figure.unit:<14} {figure.aim}")

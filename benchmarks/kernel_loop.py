@@ -1,4 +1,4 @@
-"""A calibrator of the shipped firmware, run again and again without leaving the emulator."""
+"""A calibrator of the shipped firmware, run again and again without leaving the core."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import struct
 import numpy as np
 
 from hiltest.boards import default_firmware
-from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, CodeHook
 from hiltest.virtual.cpu import RETURN_ADDRESS
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.schedule import Event
@@ -20,14 +19,6 @@ _FOREVER = 10**12
 _LOOP = struct.pack("<7H", 0xB5F0, 0x4628, 0x4631, 0x47B8, 0x3C01, 0xD1FA, 0xBDF0)
 
 
-class Uncounted(BlockAccounting):
-    """Counts nothing: the emulator is given no hook."""
-
-    def hook(self, outside: int, abort: object) -> CodeHook:
-        """Return none."""
-        return CodeHook(None, None)
-
-
 class KernelLoop:
     """A board that is ready to run one calibrator over the same 100 points many times.
 
@@ -37,12 +28,10 @@ class KernelLoop:
         Name of the calibrator's function.
     rounds : int
         How often a run calls it.
-    accounting : AccountingFactory
-        What counts.
     """
 
-    def __init__(self, kernel: str, rounds: int, accounting: AccountingFactory) -> None:
-        self._board = VirtualK64F(default_firmware(), accounting=accounting)
+    def __init__(self, kernel: str, rounds: int) -> None:
+        self._board = VirtualK64F(default_firmware())
         self._rounds = rounds
         self._entry = self._board.image.symbols[kernel].address | 1
         memory = self._board.processor.memory
@@ -55,8 +44,13 @@ class KernelLoop:
         memory.write(_CODE, _LOOP)
         self._board.processor.fpu_enabled = True
 
+    @property
+    def instructions(self) -> int:
+        """Instructions executed so far."""
+        return self._board.instructions
+
     def run(self) -> int:
-        """Run all rounds; the virtual cycles that they took, 0 where nothing counts."""
+        """Run all rounds; return the virtual cycles that they took."""
         processor = self._board.processor
         processor.registers.primask.set(1)
         processor.registers.xpsr.set(_XPSR)

@@ -7,7 +7,7 @@ import time
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hiltest.measurement import EXACT, Better, Limit, judge
+from hiltest.measurement import EXACT, Better, Limit, check
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 from hiltest.record.run import Column, Environment, Findings, Run, Table, Verdict
 from hiltest.report.render import html_report
@@ -22,9 +22,9 @@ CALIBRATORS = ("direct", "corrected", "iterative", "dpi")
 def large_run() -> Run:
     found = Findings(Environment("bench", "Linux", "3.11", {}), "gate", "all", "2026-01-02T03:04:05Z")
     measurements = [
-        judge(f"family_{k % 25}.thing_{k}.quantity", 1.2345, unit="deg", limit=Limit(max=2), test="test_it.py::test_it")
+        check(f"family_{k % 25}.thing_{k}.quantity", 1.2345, unit="deg", limit=Limit(max=2), test="test_it.py::test_it")
         for k in range(MEASUREMENTS - len(CALIBRATORS))
-    ] + [judge(f"heading.{name}.max", 0.9, unit="deg", limit=Limit(max=1.8)) for name in CALIBRATORS]
+    ] + [check(f"heading.{name}.max", 0.9, unit="deg", limit=Limit(max=1.8)) for name in CALIBRATORS]
     found.measurements.update((each.name, each) for each in measurements)
     columns = (Column("heading", "deg"), Column("level"), *(Column(f"error.{name}", "deg") for name in CALIBRATORS))
     rows = tuple((6.0 * pose, pose % 5 == 0, *(0.01 * pose for _ in CALIBRATORS)) for pose in range(POSES))

@@ -89,7 +89,7 @@ def test_the_heading_suite(benchmark: BenchmarkFixture, report: Report, rig: Rig
     def suite() -> int:
         nonlocal processor_s
         processor_s = -time.process_time()
-        poses = rig.procedure.judged_poses()
+        poses = rig.procedure.known_angle_poses("all")
         angles = measure_known_angles(
             board, table, poses=poses, slots=slots, mounting_yaw_deg=1.7, readings=rig.procedure.readings_per_pose
         )

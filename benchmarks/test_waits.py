@@ -1,4 +1,4 @@
-"""How fast virtual time passes while firmware waits by polling, and what it costs to try where it does not wait."""
+"""How fast virtual time passes while firmware waits by polling."""
 
 from __future__ import annotations
 
@@ -13,13 +13,9 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.rig import Rig
-from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.native import by_block, every_turn
-from hiltest.virtual.native.library import missing_because
 
 from .conftest import Report
-from .kernel_loop import KernelLoop
 
 PROGRAMS = Path(__file__).parents[1] / "tests" / "virtual" / "programs"
 FLAGS = (
@@ -27,21 +23,6 @@ FLAGS = (
     f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
 )  # fmt: skip
 START_S = 0.5  # what programs set up first is not counted
-CRC = """
-static const unsigned char bytes[256] = {1, 2, 3};
-volatile unsigned sum;
-int main(void)
-{
-    for (;;) {
-        unsigned crc = ~0u;
-        for (int i = 0; i < 256; i++) {
-            crc ^= bytes[i];
-            for (int bit = 0; bit < 8; bit++) crc = crc >> 1 ^ (0xEDB88320u & -(crc & 1));
-        }
-        sum = crc;
-    }
-}
-"""
 
 
 @pytest.fixture
@@ -89,32 +70,3 @@ def test_polling_a_sensor_and_printing(
     ratio = _ratio(benchmark, machine, 2.0)
     assert machine.uart0.host_waiting > 1000
     report("FXOS8700CQ polled over I2C and printed", ratio, "x real time", "at least 2.0")
-
-
-@pytest.mark.benchmark(timer=time.process_time)
-@pytest.mark.parametrize("kernel", ["magnetometer_direct", "crc"])
-def test_what_it_costs_to_try(
-    benchmark: BenchmarkFixture, report: Report, tmp_path: Path, build: Callable[[Path], Path], kernel: str
-) -> None:
-    if reason := missing_because():
-        pytest.skip(reason)
-    if kernel == "crc":
-        source = tmp_path / "crc.c"
-        source.write_text(CRC)
-        elf = build(source)
-        boards = [VirtualK64F(elf, accounting=accounting) for accounting in (by_block, every_turn)]
-        tries, executes = (lambda board=board: board.run_until(board.time_s + 1.0) for board in boards)
-    else:
-        ways: tuple[AccountingFactory, ...] = by_block, every_turn
-        tries, executes = (KernelLoop(kernel, 200, way).run for way in ways)
-    executed_s = []
-
-    def execute() -> None:
-        # Between the others, so that both meet the same machine.
-        began = time.process_time()
-        executes()
-        executed_s.append(time.process_time() - began)
-
-    benchmark.pedantic(tries, setup=execute, rounds=30, warmup_rounds=1)
-    report(f"{kernel}, which waits for nothing: trying to pass over its loops against not trying",
-           benchmark.stats.stats.min / min(executed_s), "x time", "at most 1.05")  # fmt: skip

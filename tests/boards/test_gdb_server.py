@@ -149,7 +149,7 @@ def test_a_breakpoint_halts_before_its_instruction_each_time_and_time_stands_sti
         assert client.ask(b"z1,%x,2" % debugged.at["work"]) == b"OK"
         client.send(b"c")
         debugged.ended()
-    assert debugged.machine.time_s == pytest.approx(UNTIL_S, abs=5e-6)  # the last block passes it: 100 clocks
+    assert debugged.machine.time_s == pytest.approx(UNTIL_S, abs=5e-6)  # an instruction may pass it
 
 
 def test_stepping_through_a_function_visits_every_instruction_and_changes_nothing(debugged: Debugged) -> None:
@@ -204,6 +204,65 @@ def test_a_watchpoint_halts_behind_the_access_and_names_it(debugged: Debugged, k
         client.ask(b"z%s,%x,4" % (kind, place))
         client.send(b"c")
         debugged.ended()
+
+
+def test_breakpoints_watchpoints_and_steps_change_no_count(elf: Path, debugged: Debugged) -> None:
+    alone = VirtualK64F(elf)
+    alone.run_until(UNTIL_S)
+    with started(debugged) as client:
+        client.ask(b"Z1,%x,2" % debugged.at["weigh"])
+        client.ask(b"Z3,%x,4" % debugged.at["last"])
+        for _ in range(20):
+            assert client.ask(b"c").startswith(b"T05")
+            for _ in range(5):
+                assert client.ask(b"s").startswith(b"T05")
+        client.ask(b"z1,%x,2" % debugged.at["weigh"])
+        client.ask(b"z3,%x,4" % debugged.at["last"])
+        client.send(b"c")
+        debugged.ended()
+    assert state(debugged.machine) == state(alone)
+
+
+def test_a_watchpoint_on_a_register_of_a_device_halts_too(debugged: Debugged) -> None:
+    reload = 0xE000E014  # of SysTick
+    with started(debugged) as client:
+        assert client.ask(b"Z2,%x,4" % reload) == b"OK"
+        assert client.ask(b"c") == b"T05thread:1;watch:%x;" % reload
+        assert client.word(reload) == 9999
+
+
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_a_watchpoint_on_a_part_of_a_word_is_met_by_an_access_to_all_of_it(debugged: Debugged, size: int) -> None:
+    place = debugged.at["total"] + 4 - size
+    with started(debugged) as client:
+        assert client.ask(b"Z2,%x,%x" % (place, size)) == b"OK"
+        assert client.ask(b"c") == b"T05thread:1;watch:%x;" % place
+
+
+def test_a_breakpoint_at_an_instruction_that_jumps_to_itself_halts_in_every_round(debugged: Debugged) -> None:
+    debugged.machine.may_rest = True
+    with started(debugged) as client:
+        client.ask(b"Z1,%x,2" % debugged.at["work"])
+        client.ask(b"c")
+        client.ask(b"M%x,2:fee7" % debugged.at["work"])  # b .
+        cycles = debugged.machine.cycles
+        for visit in range(1, 4):
+            assert client.ask(b"c") == b"T05thread:1;hwbreak:;"
+            assert client.pc == debugged.at["work"]
+            assert debugged.machine.cycles == cycles + 2 * visit
+
+
+def test_a_step_with_an_interrupt_pending_enters_its_handler_and_executes_nothing(debugged: Debugged) -> None:
+    with started(debugged) as client:
+        client.ask(b"Z1,%x,2" % debugged.at["work"])
+        client.ask(b"c")
+        assert client.ask(b"Me000ed04,4:" + (1 << 26).to_bytes(4, "little").hex().encode()) == b"OK"  # PENDSTSET
+        instructions = debugged.machine.instructions
+        assert client.ask(b"s") == b"T05thread:1;"
+        assert client.pc == debugged.at["SysTick_Handler"]
+        assert debugged.machine.instructions == instructions
+        assert client.ask(b"s") == b"T05thread:1;"
+        assert debugged.machine.instructions == instructions + 1
 
 
 def test_a_step_within_addresses_ends_where_it_leaves_them(debugged: Debugged) -> None:

@@ -13,10 +13,9 @@ from hiltest.measurement import CycleRange
 from hiltest.procedures import run_streams, upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.rig import Rig
-from hiltest.virtual.memory_waits import MemoryAccounting
 
 CLOUD = golden_points(30)
-CALIBRATORS = ("direct", "direct-fast", "corrected")  # the others take half a minute by instruction
+CALIBRATORS = ("direct", "direct-fast", "corrected")
 
 
 def opened(rig: Rig, timing: str, firmware: Path | None = None) -> VirtualBoard:
@@ -42,12 +41,10 @@ def answers(board: VirtualBoard) -> tuple[list[list[int]], dict[str, tuple[objec
     return [point for each in replies for point in each.magnetometer.tolist()], found, clocks
 
 
-@pytest.mark.slow  # by instruction, in Python
 def test_memories_add_clocks_and_leave_every_answer_alone(rig: Rig) -> None:
     with opened(rig, "cortex-m4-trm/2") as board:
         points, found, clocks = answers(board)
     with opened(rig, "cortex-m4-k64f/2") as board:
-        assert isinstance(board._machine.processor.accounting, MemoryAccounting)
         points_with_memories, found_with_memories, clocks_with_memories = answers(board)
     assert points_with_memories == points == CLOUD.tolist()
     assert found_with_memories == found
@@ -81,7 +78,6 @@ def test_a_count_of_code_in_flash_carries_what_the_memory_rows_state_and_nothing
     assert band == CycleRange(round(0.85 * cycles), round(1.15 * cycles))
 
 
-@pytest.mark.slow  # the same
 def test_so_does_the_total_of_a_stream(rig: Rig, flash_elf: Path) -> None:
     bands = {}
     for timing in ("cortex-m4-trm/2", "cortex-m4-k64f/2"):

@@ -13,7 +13,6 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-import unicorn
 from rich.console import Console
 
 from hiltest.boards import VirtualBench, open_board
@@ -25,15 +24,16 @@ from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.procedures.sequences import measure_sequences
 from hiltest.profiling.timing_table import print_judgements, print_places
 from hiltest.rig import Rig
-from hiltest.virtual import pipeline
+from hiltest.virtual import k64f
+from hiltest.virtual.core.library import lib
 from hiltest.virtual.elf import load_image
-from hiltest.virtual.instructions import Instruction
+from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.measured_profile import CHECKS, EQUATIONS, PLAIN, WITH_RULES, MeasuredProfile, profile_text
 from hiltest.virtual.measured_profile import solve as solve_with
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
-from hiltest.virtual.rule_candidates import questions
-from hiltest.virtual.timing import PipelineState, TimingProfile
+from hiltest.virtual.rule_candidates import Candidate, questions
+from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 pytestmark = pytest.mark.slow
@@ -177,8 +177,9 @@ def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_sa
     left: set[str],
 ) -> None:
     made = written(tmp_path, {"fetch_late_integer": 0} | changed, WITH_RULES)
+    every_second = Candidate("", {"misplaced_on_end": 2}).of(load_profile(made))
     with monkeypatch.context() as of_board:
-        of_board.setattr(pipeline, "_IN_A_ROW", 2)
+        of_board.setattr(k64f, "load_profile", lambda _name: every_second)
         with open_board(made_with(rig, made)) as board:
             clocks = clocks_from_sram(board)
     measured = solved(clocks)
@@ -188,34 +189,39 @@ def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_sa
     assert not left & measured.rows.keys()
 
 
-def dearer_board(
-    rig: Rig, folder: Path, monkeypatch: pytest.MonkeyPatch, clocks: Callable[[Instruction], int]
-) -> dict[str, int]:
-    """What sequences take a board on which instructions cost more."""
-    step = TimingProfile.step
+def clocks_of_dearer_board(rig: Rig, clocks: Callable[[Instruction], int], profile: str = WITH_RULES) -> dict[str, int]:
+    """Return what sequences take a board on which some of their instructions cost more."""
+    bench = VirtualBench(made_with(rig, profile))
+    processor, more = bench.machine.processor, {}
+    for name in SEQUENCES:
+        symbol = bench.machine.image.symbols[f"sequence_{name}_sram"]
+        begin = symbol.address & ~1
+        code = next(
+            segment.data[begin - segment.run_address :][: symbol.size] for segment in bench.machine.image.segments
+            if segment.run_address <= begin < segment.run_address + segment.run_size
+        )  # fmt: skip
+        more |= {each.address: clocks(each) for each in decode(begin, code)}
 
-    def dearer(self: TimingProfile, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
-        """Take more."""
-        cycles, left = step(self, instruction, state)
-        return cycles + clocks(instruction), left
+    def wait(_reason: int) -> None:
+        """Let the time pass that the next instruction takes more."""
+        processor.core.cycles += more[processor.core.r[15]]
+        processor.core.passes_breakpoint = True
 
-    # Of contents of its own: what blocks cost is kept by profile.
-    made = folder / "made.toml"
-    made.write_text(f'name = "made/1"\nbase = "{WITH_RULES}"\n# {folder}\n', encoding="utf-8")
-    with monkeypatch.context() as of_board:
-        of_board.setattr(TimingProfile, "step", dearer)
-        with open_board(made_with(rig, str(made))) as board:
-            return clocks_from_sram(board)
+    processor.at_stop = wait
+    for address in (address for address, cost in more.items() if cost):
+        assert lib.machine_set_breakpoint(processor.machine.handle, address, True)
+    with VirtualBoard(bench, declared=Declared.of(rig)) as board:
+        return clocks_from_sram(board)
 
 
 def test_a_board_whose_fetch_is_late_behind_two_bytes_too_is_told(
-    tmp_path: Path, rig: Rig, verdicts_by_rules: dict[str, str], monkeypatch: pytest.MonkeyPatch
+    rig: Rig, verdicts_by_rules: dict[str, str]
 ) -> None:
     body = IMAGE.symbols[f"sequence_{BEHIND_CMP}_sram"]
     code = range(body.address & ~1, (body.address & ~1) + body.size)
     # LDR.W at a line, CMP, and of three EOR.W the last, 14 bytes behind it.
     third = [address for address in code if (address - code[0]) % 32 == 14 and address > code[0] + 64]
-    clocks = dearer_board(rig, tmp_path, monkeypatch, lambda each: int(each.address in third))
+    clocks = clocks_of_dearer_board(rig, lambda each: int(each.address in third))
     measured = solved(clocks)
     told = {BEHIND_CMP: "one of the three waits"}
     assert verdicts(measured).items() - verdicts_by_rules.items() == told.items()
@@ -227,11 +233,10 @@ def test_a_board_whose_fetch_is_late_behind_two_bytes_too_is_told(
 @pytest.mark.parametrize(("more", "says"), [(1, "a clock more a load"), (2, "two clocks more a load")])
 @pytest.mark.parametrize(("off", "name"), [(1, "one"), (2, "two"), (3, "three")])
 def test_a_board_that_takes_longer_for_data_that_are_not_aligned_is_told(
-    tmp_path: Path, rig: Rig, verdicts_by_rules: dict[str, str], monkeypatch: pytest.MonkeyPatch, off: int,
-    name: str, more: int, says: str,
+    rig: Rig, verdicts_by_rules: dict[str, str], off: int, name: str, more: int, says: str
 ) -> None:
     text = f"ldr.w r0, [r1, #{off}]"
-    clocks = dearer_board(rig, tmp_path, monkeypatch, lambda each: more * (each.text == text))
+    clocks = clocks_of_dearer_board(rig, lambda each: more * (each.text == text))
     told = {f"loads_{name}_off": says}
     assert verdicts(solved(clocks)).items() - verdicts_by_rules.items() == told.items()
 
@@ -358,18 +363,20 @@ def clocks(rig: Rig) -> dict[str, int]:
 
 def with_edge(machine: VirtualK64F, clocks: int) -> None:
     """Have every run of a sequence count more before it returns, as a refill at its edges would make it."""
-    engine, accounting = machine.processor.engine, machine.processor.accounting
+    core, handle = machine.processor.core, machine.processor.machine.handle
 
-    def wait(_engine: object, _address: int, _size: int, _data: object) -> None:
+    def wait(_reason: int) -> None:
         """Let time pass; those that count themselves answer it in r0."""
-        accounting.cycles += clocks
-        engine.reg_write(unicorn.arm_const.UC_ARM_REG_R0, engine.reg_read(unicorn.arm_const.UC_ARM_REG_R0) + clocks)
+        core.cycles += clocks
+        core.r[0] += clocks
+        core.passes_breakpoint = True
 
+    machine.processor.at_stop = wait
     for name in SEQUENCES:
         for place in ("sram", "flash"):
             symbol = machine.image.symbols[f"sequence_{name}_{place}"]
             returns_at = (symbol.address & ~1) + symbol.size - POP_BYTES
-            engine.hook_add(unicorn.UC_HOOK_CODE, wait, begin=returns_at, end=returns_at)
+            assert lib.machine_set_breakpoint(handle, returns_at, True)
 
 
 @pytest.mark.parametrize("edge", [1, 4])
@@ -421,21 +428,12 @@ def test_a_rule_that_does_not_hold_is_told(clocks: dict[str, int]) -> None:
     ids=lambda each: each[0].partition(".")[0] if isinstance(each, tuple) else "",
 )  # fmt: skip
 def test_a_class_of_the_kernels_that_costs_more_than_others_of_its_row_is_told(
-    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mnemonics: tuple[str, ...], told: set[str]
+    rig: Rig, mnemonics: tuple[str, ...], told: set[str]
 ) -> None:
-    step = TimingProfile.step
+    def more(instruction: Instruction) -> int:
+        return int(instruction.text.split()[0].removesuffix(".w") in mnemonics)
 
-    def dearer(self: TimingProfile, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
-        """Take a clock more for these."""
-        cycles, left = step(self, instruction, state)
-        return cycles + (instruction.text.split()[0].removesuffix(".w") in mnemonics), left
-
-    monkeypatch.setattr(TimingProfile, "step", dearer)
-    # Of a name of its own: what blocks cost is kept by profile.
-    profile = tmp_path / "dearer.toml"
-    profile.write_text(f'name = "dearer-{mnemonics[0].partition(".")[0]}/1"\nbase = "{PLAIN}"\n')
-    with open_board(made_with(rig, str(profile))) as board:
-        clocks = clocks_from_sram(board)
+    clocks = clocks_of_dearer_board(rig, more, PLAIN)
     assert {remark.split(":")[0] for remark in solved(clocks).remarks} == told
 
 

@@ -16,7 +16,7 @@ from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.procedure_call import Argument
-from hiltest.virtual.profiling import ProfilingAccounting, profile_call
+from hiltest.virtual.profiling import profile_call
 
 from ..orientation.filters import floats, noise_floats
 from .dpi_kernel import BoardDpi
@@ -30,7 +30,7 @@ class Watched(VirtualK64F):
     """A virtual board that keeps where the floating-point instructions lay that it executed."""
 
     def __init__(self) -> None:
-        super().__init__(ELF, accounting=ProfilingAccounting)
+        super().__init__(ELF)
         self.executed: Counter[str] = Counter()
         self.straddling: Counter[str] = Counter()
         self._watching = True

@@ -6,14 +6,16 @@ import re
 import struct
 
 import pytest
-import unicorn
 
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.replies import Status
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
+from hiltest.virtual.core.library import lib
 from hiltest.virtual.elf import load_image
+from hiltest.virtual.nvic import INTERRUPTS
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
+from ..virtual.oracle import Step, watched
 from .bench import CLEAR_POINTS, ELF, ROOT, Bench
 
 TIME_SEQUENCE = TimeSequence.code
@@ -68,12 +70,17 @@ def test_a_run_of_the_second_half_begins_and_ends_as_one_of_the_whole(memory: st
     bench = Bench()
     executed: list[int] = []
     first, last = (bench.board.image.symbols[f"sequence_{SEQUENCES[each]}_{memory}"] for each in (0, -1))
-    bench.board.processor.engine.hook_add(
-        unicorn.UC_HOOK_CODE, lambda _engine, address, _size, _data: executed.append(address),
-        begin=first.address & ~1, end=(last.address & ~1) + last.size - 1,
-    )  # fmt: skip
+    within = range(first.address & ~1, (last.address & ~1) + last.size)
+
+    def tell(step: Step) -> None:
+        """Keep what is executed of the sequences."""
+        if step.instruction.address in within:
+            executed.append(step.instruction.address)
+
     for number in range(len(SEQUENCES)):
-        half, whole = two_runs(bench, number, memory, executed)
+        with watched(bench.board) as oracle:
+            oracle.tell = tell
+            half, whole = two_runs(bench, number, memory, executed)
         way_in = next(n for n, (one, other) in enumerate(zip(half, whole, strict=False)) if one != other)
         added = len(whole) - len(half)
         assert whole[way_in + added :] == half[way_in:]
@@ -93,10 +100,10 @@ def test_exceptions_cost_what_the_profile_says_beside_what_makes_and_ends_them(p
     rows = {name: row.value for name, row in profile.rows.items()}
     readings = 8 * (rows["load"] + rows["system"])
     assert cycles(bench, SEQUENCES.index("readings"), place) == (readings, readings)
-    entry = readings + 8 * profile.exception_entry
+    entry = readings + 8 * profile.rows["exception_entry"].value
     assert cycles(bench, SEQUENCES.index("exception_entry"), place) == (entry, entry)
     leaving = rows["branch"] + rows["refill_indirect"] - rows["system"]
-    left = readings + 8 * (profile.exception_return + leaving)
+    left = readings + 8 * (profile.rows["exception_return"].value + leaving)
     assert cycles(bench, SEQUENCES.index("exception_return"), place) == (left, left)
 
 
@@ -106,20 +113,21 @@ def test_an_interrupt_that_comes_during_a_sequence_waits_until_it_is_over(name: 
     bench = Bench()
     processor = bench.board.processor
     nvic, at = processor.nvic, bench.board.image.symbols[f"sequence_{name}_sram"].address & ~1
-    enabled = list(nvic.enabled)
+    enabled = [nvic.is_enabled(interrupt) for interrupt in range(INTERRUPTS)]
     came: list[int] = []
 
-    def interrupt(_engine: object, address: int, _size: int, _data: object) -> None:
+    def interrupt(_reason: int) -> None:
         """Have UART0 ask for attention within the sequence."""
-        came.append(address)
+        came.append(processor.core.r[15])
         nvic.pend(UART0_INTERRUPT)
-        processor.look_soon()
+        processor.core.passes_breakpoint = True
 
-    processor.engine.hook_add(unicorn.UC_HOOK_CODE, interrupt, begin=at, end=at)
+    processor.at_stop = interrupt
+    assert lib.machine_set_breakpoint(processor.machine.handle, at, True)
     assert cycles(bench, SEQUENCES.index(name), SequencePlace.SRAM) == undisturbed
-    assert came
+    assert set(came) == {at}
     assert UART0_INTERRUPT not in nvic.pending  # it was served, later
-    assert list(nvic.enabled) == enabled
+    assert [nvic.is_enabled(interrupt) for interrupt in range(INTERRUPTS)] == enabled
     assert any(enabled)
 
 

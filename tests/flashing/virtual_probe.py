@@ -128,12 +128,11 @@ class Memory(MemoryInterface):
         self._machine, self._access = machine, DebugAccess(machine)
         self._registers = _identification()
         self._halted, self._was_reset = True, False
-        machine.processor.traps.at_breakpoint = self._at_breakpoint
+        machine.processor.at_breakpoint = self._at_breakpoint
 
-    def _at_breakpoint(self, address: int) -> bool:
+    def _at_breakpoint(self, address: int) -> None:
         self._at = address & ~1
-        self._machine.processor.abort(_Halted())
-        return True
+        raise _Halted
 
     def reset(self) -> None:
         """Reset the chip; it halts before its first instruction if DEMCR.VC_CORERESET says so."""

@@ -16,9 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.measurement import CycleRange
 from hiltest.virtual.cycle_range import cycle_range
-from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.procedure_call import Argument
 
@@ -138,13 +136,11 @@ FIGURES = (
 def count(published: Published, profile: str) -> Count:
     """Count a function by a profile."""
     board = VirtualK64F(published.path, profile=profile)
-    accounting = board.processor.accounting
-    before = accounting.snapshot(0)
-    cycles = board.call(published.function, *published.arguments()).cycles
-    executed = between(before, accounting.snapshot(0))
-    assert executed is not None
-    band = cycle_range(board.processor.profile, cycles, executed) or CycleRange(cycles, cycles)
-    return Count(*(each / published.times for each in (cycles, band.low, band.high)))
+    result = board.call(published.function, *published.arguments())
+    assert result.executed
+    band = cycle_range(board.processor.profile, result.cycles, [result.executed])
+    low, high = (band.low, band.high) if band else (result.cycles, result.cycles)
+    return Count(*(cycles / published.times for cycles in (result.cycles, low, high)))
 
 
 def mean_and_worst(counts: Sequence[tuple[Published, Count]]) -> tuple[float, float]:

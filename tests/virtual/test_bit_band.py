@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import Build
@@ -42,8 +41,8 @@ int main(void)
 """
 
 
-def test_bits_are_set_and_cleared_and_read_alone(build_c: Build, block_hook: AccountingFactory) -> None:
-    board = VirtualK64F(build_c(SOURCE), accounting=block_hook)
+def test_bits_are_set_and_cleared_and_read_alone(build_c: Build) -> None:
+    board = VirtualK64F(build_c(SOURCE))
     board.run_until(0.001)
     assert not board.faults
     assert word(board, "counted") == 0x80000010

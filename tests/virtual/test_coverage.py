@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from hiltest.coverage.lcov import Coverage, FileCoverage, from_lcov, to_lcov
 from hiltest.coverage.source_map import SourceMap
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.virtual.accounting import AccountingFactory, BlockAccounting
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.executed_code import ExecutionWatch
 from hiltest.virtual.k64f import VirtualK64F
@@ -31,8 +30,8 @@ def covered(board: VirtualK64F, watch: ExecutionWatch, source: str) -> FileCover
     return file
 
 
-def watched(elf: Path, accounting: AccountingFactory | None = None, **more: str) -> tuple[VirtualK64F, ExecutionWatch]:
-    board = VirtualK64F(elf, accounting=accounting, **more)  # type: ignore[arg-type]
+def watched(elf: Path, **more: str) -> tuple[VirtualK64F, ExecutionWatch]:
+    board = VirtualK64F(elf, **more)  # type: ignore[arg-type]
     board.may_rest = True
     return board, ExecutionWatch(board.processor)
 
@@ -54,9 +53,9 @@ def by_gcov(tmp_path: Path, require_tool: Callable[[str], str]) -> tuple[dict[in
 
 
 def test_lines_and_branches_are_counted_as_gcov_counts_them(
-    build: Build, block_hook: AccountingFactory, tmp_path: Path, require_tool: Callable[[str], str]
+    build: Build, tmp_path: Path, require_tool: Callable[[str], str]
 ) -> None:
-    board, watch = watched(build(PROGRAMS / "walked.c", "-O0"), block_hook)
+    board, watch = watched(build(PROGRAMS / "walked.c", "-O0"))
     board.run_until(LONG_ENOUGH_S)
     file = covered(board, watch, "walked.c")
     lines, ways = by_gcov(tmp_path, require_tool)
@@ -130,9 +129,9 @@ out:
 
 
 @pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/2"])
-def test_what_an_it_block_skips_is_not_executed(build: Build, block_hook: AccountingFactory, profile: str) -> None:
+def test_what_an_it_block_skips_is_not_executed(build: Build, profile: str) -> None:
     elf = build(SKIPS)
-    board, watch = watched(elf, block_hook, profile=profile)
+    board, watch = watched(elf, profile=profile)
     board.run_until(LONG_ENOUGH_S)
     file = covered(board, watch, "program.S")
     text = ["", *SKIPS.splitlines()]
@@ -142,28 +141,19 @@ def test_what_an_it_block_skips_is_not_executed(build: Build, block_hook: Accoun
         line: json.loads(each[each.index("[") :]) for line, each in expected.items() if "[" in each
     }
     assert file.functions == {"main": (11, 1)}
-    unwatched = VirtualK64F(elf, accounting=block_hook, profile=profile)
+    unwatched = VirtualK64F(elf, profile=profile)
     unwatched.may_rest = True
     unwatched.run_until(LONG_ENOUGH_S)
     assert (board.cycles, board.instructions) == (unwatched.cycles, unwatched.instructions)
 
 
-def test_the_shipped_firmware_counts_the_same_cycles_when_it_is_watched(block_hook: AccountingFactory) -> None:
-    board, watch = watched(SHIPPED, block_hook)
-    other = VirtualK64F(SHIPPED, accounting=BlockAccounting)
+def test_the_shipped_firmware_counts_the_same_cycles_when_it_is_watched() -> None:
+    board, watch = watched(SHIPPED)
+    other = VirtualK64F(SHIPPED)
     for each in (board, other):
         each.run_until(0.03)
     assert (board.cycles, board.instructions) == (other.cycles, other.instructions)
     assert sum(watch.code().executed.values()) > 1000
-
-
-def test_both_hooks_count_alike(native_hook: AccountingFactory) -> None:
-    found = []
-    for hook in (native_hook, BlockAccounting):
-        board, watch = watched(SHIPPED, hook)
-        board.run_until(0.03)
-        found.append(watch.code())
-    assert found[0] == found[1]
 
 
 def test_library_code_is_left_out(shipped_board: VirtualK64F) -> None:
@@ -190,16 +180,75 @@ int main(void)
 """
 
 
-def test_what_stands_behind_a_fault_is_not_executed(build_c: Build, block_hook: AccountingFactory) -> None:
-    board, watch = watched(build_c(FAULTS, "-O0"), block_hook)
+def test_what_stands_behind_a_fault_is_not_executed(build_c: Build) -> None:
+    board, watch = watched(build_c(FAULTS, "-O0"))
     with pytest.raises(BoardFault):
         board.run_until(LONG_ENOUGH_S)
     file = covered(board, watch, "program.c")
     assert [file.lines[line] for line in (7, 8, 9, 10)] == [1, 1, 0, 0]
 
 
-def test_what_ran_before_a_reset_counts_too(build: Build, block_hook: AccountingFactory) -> None:
-    board, watch = watched(build(SKIPS), block_hook)
+FIRST_FAULTS = """
+        .syntax unified
+        .cpu cortex-m4
+        .thumb
+        .text
+        .global main
+        .thumb_func
+        .type main, %function
+main:
+        movs r0, #3 << 5
+        lsls r0, r0, #24
+        ldr r1, [r0]
+        movs r2, #1
+        .size main, . - main
+"""
+
+
+def test_an_instruction_that_faults_is_executed(build: Build) -> None:
+    board, watch = watched(build(FIRST_FAULTS))
+    with pytest.raises(BoardFault, match="0x60000000"):
+        board.run_until(LONG_ENOUGH_S)
+    main = board.image.symbols["main"].address
+    assert [watch.code().executed[main + 2 * number] for number in range(4)] == [1, 1, 1, 0]
+
+
+OVERLAYS = """
+#include <stdint.h>
+static uint16_t buffer[2] __attribute__((aligned(4)));
+int main(void)
+{
+    int sum = 0;
+
+    for (int k = 0; k < 3; k++) {
+        buffer[0] = (uint16_t)(0x2000 | k); /* movs r0, #k */
+        buffer[1] = 0x4770;                 /* bx lr */
+        __asm volatile("dsb" ::: "memory");
+        sum += ((int (*)(void))((uintptr_t)buffer | 1))();
+    }
+    return sum;
+}
+"""
+
+
+def test_code_that_is_written_anew_is_counted_on(build_c: Build) -> None:
+    board, watch = watched(build_c(OVERLAYS))
+    board.run_until(LONG_ENOUGH_S)
+    code, buffer = watch.code(), board.image.symbols["buffer"].address
+    assert [code.executed[buffer], code.executed[buffer + 2], code.jumped[buffer + 2]] == [3, 3, 3]
+    assert watch.code() == code
+
+
+def test_every_turn_of_a_loop_to_itself_counts(build_c: Build) -> None:
+    board, watch = watched(build_c("int main(void) { for (;;) {} }"))
+    board.run_until(LONG_ENOUGH_S)
+    code = watch.code()
+    assert sum(code.executed.values()) == board.instructions
+    assert max(code.jumped.values()) > 10_000
+
+
+def test_what_ran_before_a_reset_counts_too(build: Build) -> None:
+    board, watch = watched(build(SKIPS))
     board.run_until(LONG_ENOUGH_S)
     board.reset()
     board.run_until(2 * LONG_ENOUGH_S)
@@ -210,13 +259,6 @@ def test_an_image_without_lines_is_refused(build_c: Build) -> None:
     elf = build_c("int main(void) { return 0; }", "-g0")
     with pytest.raises(ConfigError, match="has no line table"):
         SourceMap(load_image(elf))
-
-
-def test_what_counts_by_instruction_is_refused(build_c: Build) -> None:
-    from hiltest.virtual.accounting import InstructionAccounting
-
-    with pytest.raises(ConfigError, match="counts by instruction"):
-        watched(build_c("int main(void) { return 0; }"), InstructionAccounting)
 
 
 counts = st.integers(0, 10**12)

@@ -1,8 +1,7 @@
-"""Counting by block gives the totals that counting by instruction gives."""
+"""What the core counts of calibrators and of random code is what the model in Python counts, step by step."""
 
 from __future__ import annotations
 
-import functools
 import random
 import struct
 from pathlib import Path
@@ -11,11 +10,13 @@ import numpy as np
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
+from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import place_of
+from hiltest.virtual.profile_file import load_profile
+from hiltest.virtual.timing import moved
 
 from .conftest import SHIPPED, Build
+from .oracle import acted, called, watched
 from .test_faults import HEAD, TAIL
 
 PROFILES = ("cortex-m4-trm/1", "cortex-m4-trm/2")
@@ -23,14 +24,19 @@ KERNELS = ("magnetometer_direct", "magnetometer_iterative", "magnetometer_empty"
 POINTS_ADDRESS = 0x20020000
 
 
-def run_kernel(board: VirtualK64F, kernel: str, points: np.ndarray) -> tuple[int, int, bytes]:
-    """Run a calibrator over points; its cycles, instructions and answer."""
+def call_kernel(board: VirtualK64F, kernel: str, points: np.ndarray) -> tuple[CallResult, bytes]:
+    """Run a calibrator over points; the call, and its answer."""
     board.processor.memory.write(POINTS_ADDRESS, points.astype("<i2").tobytes())
     low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     argument = struct.pack("<IH3h3h2x", POINTS_ADDRESS, len(points), *low, *high)
     fit = bytearray(64)
-    result = board.call(kernel, argument, fit)
-    return result.cycles, result.instructions, bytes(fit)
+    return board.call(kernel, argument, fit), bytes(fit)
+
+
+def run_kernel(board: VirtualK64F, kernel: str, points: np.ndarray) -> tuple[int, int, bytes]:
+    """Run a calibrator over points; its cycles, instructions and answer."""
+    result, fit = call_kernel(board, kernel, points)
+    return result.cycles, result.instructions, fit
 
 
 def cloud(n: int, seed: int) -> np.ndarray:
@@ -41,24 +47,15 @@ def cloud(n: int, seed: int) -> np.ndarray:
     return np.round(485 * directions * (1.03, 0.99, 0.98) + (120, -80, 40) + noise).astype(np.int16)
 
 
-@functools.cache
-def counted_by_instruction(kernel: str, n: int, profile: str) -> tuple[int, int, bytes]:
-    """What both hooks are compared with; it takes longer than they do."""
-    board = VirtualK64F(SHIPPED, accounting=InstructionAccounting, profile=profile)
-    return run_kernel(board, kernel, cloud(n, seed=n))
-
-
-# By instruction the iterative kernel takes seconds whatever n is: most of it are its sweeps.
+# The iterative kernel takes seconds step by step whatever n is: most of it are its sweeps.
 SIZES = [(kernel, n) for kernel in KERNELS for n in (3, 20, 100) if (kernel, n) != ("magnetometer_iterative", 20)]
 
 
 @pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize(("kernel", "n"), SIZES)
-def test_counting_by_block_agrees_with_counting_by_instruction_on_every_kernel(
-    block_hook: AccountingFactory, kernel: str, n: int, profile: str
-) -> None:
-    by_block = run_kernel(VirtualK64F(SHIPPED, accounting=block_hook, profile=profile), kernel, cloud(n, seed=n))
-    assert by_block == counted_by_instruction(kernel, n, profile)
+def test_a_kernel_takes_the_cycles_of_the_model(kernel: str, n: int, profile: str) -> None:
+    _, (cycles, instructions, _) = acted(SHIPPED, lambda board: run_kernel(board, kernel, cloud(n, seed=n)), profile)
+    assert cycles > instructions > 0
 
 
 def step(board: VirtualK64F, function: str, state: bytes, argument: bytes) -> tuple[int, int, bytes, bytes]:
@@ -68,27 +65,29 @@ def step(board: VirtualK64F, function: str, state: bytes, argument: bytes) -> tu
     return result.cycles, result.instructions, bytes(after), bytes(answer)
 
 
-@pytest.mark.slow  # by instruction, in Python
+@pytest.mark.slow  # step by step, in Python
 @pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("stream", ["direct_stream", "iterative_stream", "iterative_stream sliced"])
-def test_both_ways_of_counting_agree_on_the_steps_of_a_stream(stream: str, profile: str) -> None:
-    """Every 20th step and those that run a whole solver, of 4 and of 7 elements: counting by instruction is slow."""
+def test_the_steps_of_a_stream_take_the_cycles_of_the_model(stream: str, profile: str) -> None:
+    """Every 20th step and those that run a whole solver, of 4 and of 7 elements: going step by step is slow."""
     name, _, sliced = stream.partition(" ")
-    by_block = VirtualK64F(SHIPPED, profile=profile)
-    by_instruction = VirtualK64F(SHIPPED, accounting=InstructionAccounting, profile=profile)
+    at_once, step_by_step = (VirtualK64F(SHIPPED, profile=profile) for _ in range(2))
     fresh = bytearray(0x2000)
-    by_block.call(f"{name}_reset", fresh, bool(sliced))
+    at_once.call(f"{name}_reset", fresh, bool(sliced))
     state, solved = bytes(fresh), 0
     for index, point in enumerate(cloud(180, seed=180)):
         arguments = (f"{name}_add", state, point.astype("<i2").tobytes())
-        found = step(by_block, *arguments)
-        solved += found[0] > 20_000
-        if index % 20 == 0 or found[0] > 20_000:
-            assert step(by_instruction, *arguments) == found
-        state = found[2]
+        result = step(at_once, *arguments)
+        solved += result[0] > 20_000
+        if index % 20 == 0 or result[0] > 20_000:
+            with watched(step_by_step):
+                assert step(step_by_step, *arguments) == result
+        state = result[2]
     assert solved == (2 if stream == "iterative_stream" else 0)
     asked = (f"{name}_report", state, bytes(80))
-    assert step(by_instruction, *asked) == step(by_block, *asked)
+    expected = step(at_once, *asked)
+    with watched(step_by_step):
+        assert step(step_by_step, *asked) == expected
 
 
 def test_the_same_call_costs_the_same_cycles_every_time(shipped_board: VirtualK64F) -> None:
@@ -104,7 +103,7 @@ def random_program(seed: int, length: int) -> str:
     choose = random.Random(seed)
     lines = [".syntax unified", ".thumb", ".cpu cortex-m4", ".fpu fpv4-sp-d16", ".text"]
     lines += [".thumb_func", ".global main", ".type main, %function", "main:", "bx lr"]
-    # The functions straddle pages of 1 KiB and 4 KiB, where the emulator cuts blocks.
+    # The function straddles pages of 1 KiB and 4 KiB: instructions lie in two of them.
     lines += [".balign 4096", ".space 3800", ".thumb_func", ".global work", ".type work, %function", "work:"]
     lines += ["push {r4-r7, lr}", "ldr r7, =scratch", "movs r6, #3", "top:"]
     forms = [
@@ -147,43 +146,32 @@ def random_program(seed: int, length: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def counted(elf: Path, accounting: AccountingFactory, profile: str) -> tuple[object, ...]:
-    board = VirtualK64F(elf, accounting=accounting, profile=profile)
-    result = board.call("work")
-    return result.cycles, result.instructions, result.value
-
-
 @pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("seed", range(12))
-def test_counting_by_block_agrees_with_counting_by_instruction_on_random_code(
-    build: Build, block_hook: AccountingFactory, seed: int, profile: str
-) -> None:
-    elf: Path = build(random_program(seed, length=220))
-    assert counted(elf, block_hook, profile) == counted(elf, InstructionAccounting, profile)
+def test_random_code_takes_the_cycles_of_the_model(build: Build, seed: int, profile: str) -> None:
+    result = called(build(random_program(seed, length=220)), "work", profile=profile)
+    assert result.instructions > 3 * 220
 
 
-def test_ways_of_counting_agree_on_random_code_where_integers_run_under_multiply_accumulates(
-    build: Build, block_hook: AccountingFactory, tmp_path: Path
-) -> None:
-    text = place_of("cortex-m4-trm/1").read_text(encoding="utf-8")
-    profile = tmp_path / "hidden.toml"
-    profile.write_text(text.replace("value = 0\nband = [0, 2]", "value = 2\nband = [0, 2]"), encoding="utf-8")
+def test_random_code_takes_the_cycles_of_the_model_if_integers_run_under_multiply_accumulates(build: Build) -> None:
+    one = load_profile("cortex-m4-trm/1")
     elf: Path = build(random_program(99, length=220))
-    counted = [
-        VirtualK64F(elf, profile=str(profile), accounting=each).call("work").cycles
-        for each in (block_hook, InstructionAccounting)
-    ]
-    assert counted[0] == counted[1] < VirtualK64F(elf, profile="cortex-m4-trm/1").call("work").cycles
+    hidden = called(elf, "work", profile=moved(one, {"fp_accumulate_hidden": 2}))
+    assert hidden.cycles < called(elf, "work", profile=one).cycles
+
+
+@pytest.mark.parametrize(("branch", "cycles"), [("beq", 2), ("bne", 1)])
+def test_a_branch_to_the_instruction_behind_it_refills_the_pipeline_if_it_is_taken(
+    build: Build, branch: str, cycles: int
+) -> None:
+    code = f"    cmp r0, r0\n    {branch} 1f\n1:" + TAIL
+    assert called(build(HEAD + code), "main").cycles == 1 + 1 + cycles + 3
 
 
 @pytest.mark.parametrize("jump", ["bx r0", "nop\n    nop\n    bx r0"])
-def test_a_jump_that_faults_behind_it_is_counted(build: Build, block_hook: AccountingFactory, jump: str) -> None:
+def test_a_jump_that_faults_behind_it_is_counted(build: Build, jump: str) -> None:
     elf = build(HEAD + f"    ldr r0, =culprit\n    bic r0, r0, #1\n    {jump}" + TAIL)
-    counted = []
-    for accounting in (block_hook, InstructionAccounting):
-        board = VirtualK64F(elf, accounting=accounting)
-        with pytest.raises(BoardFault, match="even address"):
-            board.call("main")
-        counted.append((board.cycles, board.instructions))
-    assert counted[0] == counted[1]
-    assert counted[0][1] == 4 + jump.count("nop")  # and `main` begins with a nop
+    board, fault = acted(elf, lambda board: board.call("main"))
+    assert isinstance(fault, BoardFault)
+    assert "even address" in str(fault)
+    assert board.instructions == 4 + jump.count("nop")  # and `main` begins with a nop

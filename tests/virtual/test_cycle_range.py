@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hiltest.boards import open_board
@@ -15,17 +15,17 @@ from hiltest.measurement import DOUBT, CycleRange, Measurement, RowEffect, check
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.rig.file import load_rig
-from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
+from hiltest.virtual.calling import CallResult
+from hiltest.virtual.core.library import ffi
 from hiltest.virtual.cycle_range import Move, cycle_range, moves
-from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.profiling import ProfilingAccounting, profile_call
-from hiltest.virtual.timing import TimingProfile
+from hiltest.virtual.profiling import profile_call
+from hiltest.virtual.timing import TimingProfile, moved
 
 from .conftest import SHIPPED, Build
-from .test_cycle_counting import KERNELS, cloud, random_program, run_kernel
-from .test_faults import HEAD, TAIL
+from .oracle import priced, stepped
+from .test_cycle_counting import KERNELS, call_kernel, cloud, random_program, run_kernel
 
 PROFILE = load_profile("cortex-m4-trm/1")
 MOVES = {move.row: move for move in moves(PROFILE)}
@@ -44,12 +44,11 @@ def file_with(folder: Path, values: dict[str, int], base: str = PROFILE.name) ->
     return str(folder / "moved.toml")
 
 
-def band_of_call(board: VirtualK64F, function: str, *arguments: bytes | int) -> tuple[int, CycleRange | None]:
-    accounting = board.processor.accounting
-    before = accounting.snapshot(0)
-    result = board.call(function, *arguments)
-    executed = between(before, accounting.snapshot(0))
-    return result.cycles, cycle_range(board.processor.profile, result.cycles, executed) if executed else None
+def band_of(result: CallResult, profile: TimingProfile) -> CycleRange:
+    assert result.executed
+    band = cycle_range(profile, result.cycles, [result.executed])
+    assert band
+    return band
 
 
 def ends(band: CycleRange) -> dict[tuple[str, str], int]:
@@ -72,88 +71,58 @@ def without_doubt(band: CycleRange) -> tuple[int, int]:
     return band.low + doubt, band.high - doubt
 
 
-@pytest.mark.slow  # a board for each row
 @BOTH
 @pytest.mark.parametrize("seed", [1, 2])
-def test_random_code_counts_under_each_moved_row_what_was_predicted(
-    build: Build, block_hook: AccountingFactory, tmp_path: Path, seed: int, profile: str
-) -> None:
-    # Its functions straddle pages, where the emulator cuts blocks in the middle of what waits for what.
-    elf = build(random_program(seed, length=220))
-    cycles, band = band_of_call(VirtualK64F(elf, accounting=block_hook, profile=profile), "work")
-    assert band is not None
-    priced = load_profile(profile)
-    of = {move.row: move for move in moves(priced)}
+def test_random_code_counts_under_each_moved_row_what_was_predicted(build: Build, seed: int, profile: str) -> None:
+    priced_by = load_profile(profile)
+    result, steps = stepped(build(random_program(seed, length=220)), "work", profile=priced_by)
+    band = band_of(result, priced_by)
+    of = {move.row: move for move in moves(priced_by)}
 
     def counted(values: dict[str, int]) -> int:
-        """Count on a board that was made with these values."""
-        return VirtualK64F(elf, profile=file_with(tmp_path, values, profile), accounting=block_hook).call("work").cycles
+        """Count by the model in Python with these values."""
+        return priced(steps, moved(priced_by, values))
 
     predicted = {key: value for key, value in ends(band).items() if key[0] != DOUBT}
-    assert ("fetch_late_fp" in {row for row, _ in predicted}) is (priced is not PROFILE)
+    assert ("fetch_late_fp" in {row for row, _ in predicted}) is (priced_by is not PROFILE)
     assert {"fp_accumulate", "fp_accumulate_hidden", "fp_store", "it", "refill_direct", "load_behind_store"} <= {
         row for row, _ in predicted
     }
-    for (row, end), expected in predicted.items():
-        if expected != cycles:
-            assert counted(getattr(of[row], end)) == expected, (row, end)
+    for row, move in of.items():
+        for end in ("low", "high"):
+            assert counted(getattr(move, end)) == predicted.get((row, end), result.cycles), (row, end)
     low, high = without_doubt(band)
-    assert counted(all_at(band, dear=False, profile=priced)) == low
-    assert counted(all_at(band, dear=True, profile=priced)) == high
+    assert counted(all_at(band, dear=False, profile=priced_by)) == low
+    assert counted(all_at(band, dear=True, profile=priced_by)) == high
     # What is not in the band does not enter: all of it at once.
     unmoved = (move.high for row, move in of.items() if (row, "low") not in predicted)
-    others = {name: value for each in unmoved for name, value in each.items()}
+    others = {name: value for values in unmoved for name, value in values.items()}
     assert "divide" in others
-    assert counted(others) == cycles
+    assert counted(others) == result.cycles
 
 
-def test_what_a_block_leaves_under_a_moved_row_is_met_by_the_block_behind_it(
-    build: Build, block_hook: AccountingFactory, tmp_path: Path
+@BOTH
+def test_a_board_that_was_made_with_a_moved_row_counts_what_was_predicted(
+    build: Build, tmp_path: Path, profile: str
 ) -> None:
-    # The emulator cuts at the end of a page, right behind the multiply-accumulate: under a table that hides its cycles
-    # the FPU is still busy there, and under the table that ran it is not.
-    page_end = ".balign 4096\n .space 4092\n .thumb_func\n .global work\n .type work, %function\nwork:"
-    elf = build(f"""
-        .syntax unified
-        .cpu cortex-m4
-        .fpu fpv4-sp-d16
-        .thumb
-        .text
-        .global main
-        .thumb_func
-    main:
-        bx lr
-        {page_end}
-        vfma.f32 s0, s1, s2
-        adds r0, r0, #1
-        vadd.f32 s3, s4, s5
-        bx lr
-        .size work, . - work
-    """)
-    cycles, band = band_of_call(VirtualK64F(elf, accounting=block_hook), "work")
-    assert band is not None
-    predicted = ends(band)["fp_accumulate_hidden", "high"]
-    board = VirtualK64F(elf, profile=file_with(tmp_path, {"fp_accumulate_hidden": 2}), accounting=block_hook)
-    assert board.call("work").cycles == predicted == cycles - 1
+    elf = build(random_program(3, length=220))
+    band = band_of(VirtualK64F(elf, profile=profile).call("work"), load_profile(profile))
+    of = {move.row: move for move in moves(load_profile(profile))}
+    for (row, end), expected in ends(band).items():
+        if row != DOUBT:
+            board = VirtualK64F(elf, profile=file_with(tmp_path, getattr(of[row], end), profile))
+            assert board.call("work").cycles == expected, (row, end)
 
 
 @BOTH
 @pytest.mark.parametrize("kernel", KERNELS)
-def test_a_kernel_counts_under_moved_rows_what_was_predicted(
-    block_hook: AccountingFactory, tmp_path: Path, kernel: str, profile: str
-) -> None:
-    board = VirtualK64F(SHIPPED, accounting=block_hook, profile=profile)
-    before = board.processor.accounting.snapshot(0)
-    cycles, _, _ = run_kernel(board, kernel, cloud(40, seed=1))
-    executed = between(before, board.processor.accounting.snapshot(0))
-    assert executed is not None
-    priced = load_profile(profile)
-    band = cycle_range(priced, cycles, executed)
-    assert band is not None
+def test_a_kernel_counts_under_moved_rows_what_was_predicted(tmp_path: Path, kernel: str, profile: str) -> None:
+    priced_by = load_profile(profile)
+    result, _ = call_kernel(VirtualK64F(SHIPPED, profile=profile), kernel, cloud(40, seed=1))
+    band = band_of(result, priced_by)
     for dear, bound in zip((False, True), without_doubt(band), strict=True):
-        moved_to = file_with(tmp_path, all_at(band, dear=dear, profile=priced), profile)
-        moved = VirtualK64F(SHIPPED, profile=moved_to, accounting=block_hook)
-        assert run_kernel(moved, kernel, cloud(40, seed=1))[0] == bound
+        moved_to = file_with(tmp_path, all_at(band, dear=dear, profile=priced_by), profile)
+        assert run_kernel(VirtualK64F(SHIPPED, profile=moved_to), kernel, cloud(40, seed=1))[0] == bound
 
 
 def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_band(tmp_path: Path) -> None:
@@ -163,11 +132,9 @@ def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_ba
         """Count both kernels on the same points."""
         made = []
         for kernel in kernels:
-            before = board.processor.accounting.snapshot(0)
-            cycles, _, _ = run_kernel(board, kernel, cloud(100, seed=1))
-            executed = between(before, board.processor.accounting.snapshot(0))
-            band = cycle_range(board.processor.profile, cycles, executed) if executed else None
-            made.append(check(kernel, cycles, unit="cycle", cycle_model="m", band=band))
+            result, _ = call_kernel(board, kernel, cloud(100, seed=1))
+            band = band_of(result, board.processor.profile)
+            made.append(check(kernel, result.cycles, unit="cycle", cycle_model="m", band=band))
         return made
 
     over, under = counts(VirtualK64F(SHIPPED, profile=PROFILE.name))
@@ -224,18 +191,14 @@ def test_rows_whose_sum_was_measured_move_together() -> None:
 
 def test_a_profile_without_doubt_has_a_band_without_width() -> None:
     rows = {name: type(row)(row.value, (row.value, row.value), row.source) for name, row in PROFILE.rows.items()}
-    board = VirtualK64F(SHIPPED, profile=PROFILE.name)
-    before = board.processor.accounting.snapshot(0)
-    cycles = board.call("crc32", b"123456789", 9).cycles
-    executed = between(before, board.processor.accounting.snapshot(0))
-    assert executed is not None
-    assert cycle_range(TimingProfile("sure/1", rows), cycles, executed) == CycleRange(cycles, cycles)
+    result = VirtualK64F(SHIPPED, profile=PROFILE.name).call("crc32", b"123456789", 9)
+    assert band_of(result, TimingProfile("sure/1", rows)) == CycleRange(result.cycles, result.cycles)
 
 
 def test_a_count_of_version_2_has_a_doubt_that_no_row_explains() -> None:
     board = VirtualK64F(SHIPPED, profile="cortex-m4-trm/2")
-    cycles, band = band_of_call(board, "crc32", b"123456789" * 10, 90)
-    assert band is not None
+    result = board.call("crc32", b"123456789" * 10, 90)
+    band, cycles = band_of(result, board.processor.profile), result.cycles
     doubt = -(-15 * cycles // 1000)
     assert RowEffect(DOUBT, cycles - doubt, cycles + doubt) in band.rows
     assert band.low <= cycles - doubt
@@ -253,34 +216,77 @@ def test_what_no_row_explains_is_each_counts_own_in_a_ratio() -> None:
 
 def test_the_row_that_moves_a_count_most_comes_first() -> None:
     board = VirtualK64F(SHIPPED, profile=PROFILE.name)
-    points = np.asarray(cloud(30, seed=3))
-    before = board.processor.accounting.snapshot(0)
-    cycles, _, _ = run_kernel(board, "magnetometer_iterative", points)
-    executed = between(before, board.processor.accounting.snapshot(0))
-    assert executed is not None
-    band = cycle_range(PROFILE, cycles, executed)
-    assert band is not None
-    moved = [max(abs(each.low - cycles), abs(each.high - cycles)) for each in band.rows]
-    assert moved == sorted(moved, reverse=True)
-    assert moved[-1] > 0
+    result, _ = call_kernel(board, "magnetometer_iterative", cloud(30, seed=3))
+    effects = band_of(result, PROFILE).rows
+    by = [max(abs(effect.low - result.cycles), abs(effect.high - result.cycles)) for effect in effects]
+    assert by == sorted(by, reverse=True)
+    assert by[-1] > 0
 
 
-def test_a_count_that_is_more_than_instructions_has_no_band(build: Build, block_hook: AccountingFactory) -> None:
+SLEEP = """
+    ldr r0, =0xE000E010
+    movs r1, #1000
+    str r1, [r0, #4]
+    movs r1, #7
+    str r1, [r0]
+    wfi
+"""
+
+
+def program(code: str) -> str:
+    """Return a program whose function `work` does this and returns."""
+    return f"""
+        .syntax unified
+        .cpu cortex-m4
+        .thumb
+        .global main
+        .thumb_func
+    main:
+        bx lr
+        .global work
+        .thumb_func
+        .type work, %function
+    work:
+        {code}
+        bx lr
+        .size work, . - work
+        .ltorg
+    """
+
+
+def test_a_count_that_is_more_than_instructions_has_no_band(build: Build) -> None:
     # Masked, an interrupt that is pending wakes WFI at once, but somebody slept: no table prices that.
-    elf = build(HEAD + """
-        ldr r0, =0xE000E010
-        movs r1, #1000
-        str r1, [r0, #4]
-        movs r1, #7
-        str r1, [r0]
-        wfi
-    """ + TAIL)
-    assert band_of_call(VirtualK64F(elf, accounting=block_hook), "main")[1] is None
+    result = VirtualK64F(build(program(SLEEP)), profile=PROFILE.name).call("work")
+    assert result.executed
+    assert cycle_range(PROFILE, result.cycles, [result.executed]) is None
 
 
-def test_a_board_that_counts_by_instruction_knows_no_blocks() -> None:
-    board = VirtualK64F(SHIPPED, accounting=InstructionAccounting)
-    assert band_of_call(board, "crc32", b"1234", 4)[1] is None
+POLLS = """
+    ldr r0, =0xE000E018
+    ldr r1, =0x1fff8000
+    movs r3, #{times}
+1:  ldr r2, [r0]
+    tst r2, #8
+    beq 2f
+    str r2, [r1]
+2:  subs r3, #1
+    bne 1b
+"""
+
+
+def test_devices_answer_what_they_have_answered(build: Build) -> None:
+    # The way through the loop depends on SysTick, which counts on.
+    elf = build(program(SLEEP.replace("wfi", "") + POLLS.format(times=20)))
+    result = VirtualK64F(elf, profile=PROFILE.name).call("work")
+    assert result.executed
+    assert band_of(result, PROFILE).high > result.cycles
+    assert len({answer & 8 for answer in result.executed.answers}) == 2
+    other = replace(result.executed, answers=ffi.new("uint32_t[]", 20))
+    assert cycle_range(PROFILE, result.cycles, [other]) is None
+
+
+def test_a_call_that_polls_a_device_for_long_is_not_executed_again(build: Build) -> None:
+    assert VirtualK64F(build(program(POLLS.format(times=250) * 5))).call("work").executed is None
 
 
 RANGE_AND_POINT = struct.pack("<6h", 10, 10, 10, 20, 20, 20), struct.pack("<3h", 5, 15, 25)
@@ -288,7 +294,7 @@ RANGE_AND_POINT = struct.pack("<6h", 10, 10, 10, 20, 20, 20), struct.pack("<3h",
 
 def test_a_profiled_call_has_its_band(tmp_path: Path) -> None:
     arguments = [bytearray(each) for each in RANGE_AND_POINT]
-    board = VirtualK64F(SHIPPED, accounting=ProfilingAccounting, profile=PROFILE.name)
+    board = VirtualK64F(SHIPPED, profile=PROFILE.name)
     called = profile_call(board, "point_range_add", *arguments)
     assert called.cycle_model == f"{PROFILE.name}@sram"
     assert called.band is not None
@@ -298,6 +304,6 @@ def test_a_profiled_call_has_its_band(tmp_path: Path) -> None:
 
 
 def test_a_count_of_code_in_flash_at_no_wait_states_has_no_band(build: Build) -> None:
-    called = profile_call(VirtualK64F(build(random_program(5, length=60)), accounting=ProfilingAccounting), "work")
+    called = profile_call(VirtualK64F(build(random_program(5, length=60))), "work")
     assert called.cycle_model == "cortex-m4-trm/2@flash"
     assert called.band is None

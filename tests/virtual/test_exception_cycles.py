@@ -6,13 +6,11 @@ from collections.abc import Callable
 
 import pytest
 
-from hiltest.virtual.accounting import InstructionAccounting
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.native import by_block
 from hiltest.virtual.profile_file import load_profile
 from hiltest.virtual.timing import TimingProfile, moved
 
 from .conftest import Build
+from .oracle import ran
 from .test_exceptions import word
 
 Count = Callable[..., int]
@@ -48,8 +46,8 @@ int main(void)
 INTEGER, FLOATING = "nop", "vadd.f32 s1, s1, s1"
 
 
-@pytest.fixture(params=[by_block, InstructionAccounting], ids=["by block", "by instruction"])
-def taken(request: pytest.FixtureRequest, build_c: Build) -> Count:
+@pytest.fixture
+def taken(build_c: Build) -> Count:
     """Return a function that counts the cycles from one reading to the other."""
 
     def count(
@@ -59,8 +57,7 @@ def taken(request: pytest.FixtureRequest, build_c: Build) -> Count:
         texts = {"FIRST": first, "SECOND": second, "STATE": state}
         defines = [f'-D{name}="{text}"' for name, text in texts.items()]
         elf = build_c(PROGRAM, f"-DPENDING={pending}u", f"-DSTACKING={stacking}", *defines)
-        board = VirtualK64F(elf, accounting=request.param, profile=profile or load_profile("cortex-m4-trm/2"))
-        board.run_until(0.001)
+        board = ran(elf, 0.001, profile or load_profile("cortex-m4-trm/2"))
         return word(board, "cycles")
 
     return count

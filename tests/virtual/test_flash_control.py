@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.virtual.flash_waits import FlashController
+from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.profile_file import load_profile
 
+from .conftest import SHIPPED
+from .core.memory_model import FlashController
+
+FMC = 0x4001F000
 PFAPR, PFB0CR, PFB1CR = 0x0, 0x4, 0x8
 SEBE, IPE, DPE, ICE, DCE = (1 << bit for bit in range(5))
 EVERYTHING = SEBE | IPE | DPE | ICE | DCE
@@ -146,7 +150,19 @@ def test_a_reset_switches_everything_on() -> None:
     assert [flash.fetch(0x1000), flash.fetch(0x1004), flash.fetch(0x1010)] == [MISS, 0, 0]
 
 
-def test_where_flash_waits_for_nothing_the_registers_are_kept_alike() -> None:
-    registers = FlashControl(None)
-    registers.write(PFB0CR, 4, CINV_WAYS | S_B_INV | SEBE)
-    assert registers.read(PFB0CR, 4) == 0x30040000 | SEBE
+def test_the_registers_switch_what_calls_wait_for() -> None:
+    def crc32_cycles(control: int) -> int:
+        board.bus.write(FMC + PFB0CR, 4, control | S_B_INV | CINV_WAYS)
+        return board.call("crc32", 5 * b"123456789", 45).cycles
+
+    board = VirtualK64F(SHIPPED, profile="cortex-m4-k64f/2")
+    switches = (EVERYTHING, ICE | DCE, SEBE, 0, EVERYTHING)
+    fast, cached, buffered, slow, again = (crc32_cycles(control) for control in switches)
+    assert fast < cached < buffered < slow
+    assert abs(again - fast) < MISS  # a read may begin at another cycle of the flash's clock
+
+
+def test_if_flash_waits_for_nothing_the_registers_are_kept_alike() -> None:
+    board = VirtualK64F(SHIPPED)
+    board.bus.write(FMC + PFB0CR, 4, CINV_WAYS | S_B_INV | SEBE)
+    assert board.bus.read(FMC + PFB0CR, 4) == 0x30040000 | SEBE

@@ -1,4 +1,4 @@
-"""Code that Hypothesis puts together: block by block the same is counted as instruction by instruction."""
+"""Code that Hypothesis puts together takes the cycles that the cycle model in Python gives, by moved rows too."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
-from hiltest.virtual.cycle_range import cycle_range
-from hiltest.virtual.executions import between
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.cycle_range import cycle_range, moves
+from hiltest.virtual.profile_file import load_profile
+from hiltest.virtual.timing import moved
 
 from .conftest import Build
+from .oracle import priced, stepped
 
 PLACES = 700  # halfwords that are written over
 FRAME = f"""
@@ -105,17 +105,13 @@ def frame(build: Build) -> bytes:
 @pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/2"])
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(code=programs())
-def test_generated_code_is_counted_alike(
-    frame: bytes, block_hook: AccountingFactory, profile: str, code: bytes
-) -> None:
-    elf = patched(frame, code)
-    by_block = VirtualK64F(elf, accounting=block_hook, profile=profile)
-    by_instruction = VirtualK64F(elf, accounting=InstructionAccounting, profile=profile)
-    before = by_block.processor.accounting.snapshot(0)
-    counted = by_block.call("work")
-    expected = by_instruction.call("work")
-    assert (counted.cycles, counted.instructions) == (expected.cycles, expected.instructions)
-    executed = between(before, by_block.processor.accounting.snapshot(0))
-    assert executed is not None
-    band = cycle_range(by_block.processor.profile, counted.cycles, executed)
-    assert band is not None  # what ran adds up to what was counted
+def test_generated_code_takes_what_its_instructions_take(frame: bytes, profile: str, code: bytes) -> None:
+    prices = load_profile(profile)
+    result, steps = stepped(patched(frame, code), "work", profile=prices)
+    assert result.executed
+    band = cycle_range(prices, result.cycles, [result.executed])
+    assert band
+    effects = {effect.row: (effect.low, effect.high) for effect in band.rows}
+    for move in moves(prices):
+        counted = tuple(priced(steps, moved(prices, values)) for values in (move.low, move.high))
+        assert effects.get(move.row, (result.cycles, result.cycles)) == counted, move.row

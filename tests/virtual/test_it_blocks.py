@@ -1,18 +1,14 @@
-"""What an IT block skips takes one cycle by version 2, however it is counted."""
+"""What an IT block skips takes one cycle by version 2."""
 
 from __future__ import annotations
 
 import pytest
 
-from hiltest.virtual import accounting as python_accounting
-from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.cycle_range import cycle_range
-from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.native import accounting as native_accounting
-from hiltest.virtual.native.accounting import NativeBlockAccounting
 
 from .conftest import Build
+from .oracle import acted, called
 
 TWO = "cortex-m4-trm/2"
 # Of `work` with r0 = 0 and with another r0: the cycles of each instruction by the manual's table, added up by hand.
@@ -108,16 +104,14 @@ def program(work: str) -> str:
     """
 
 
-@pytest.mark.parametrize(("work", "where_zero", "elsewhere"), COUNTED.values(), ids=COUNTED)
-def test_what_is_skipped_takes_a_cycle_and_leaves_nothing(
-    build: Build, block_hook: AccountingFactory, work: str, where_zero: int, elsewhere: int
+@pytest.mark.parametrize(("work", "if_zero", "if_not"), COUNTED.values(), ids=COUNTED)
+def test_an_instruction_that_is_skipped_takes_a_cycle_and_leaves_nothing(
+    build: Build, work: str, if_zero: int, if_not: int
 ) -> None:
     elf = build(program(work), "-Wl,--section-start=.fast=0x1fff4000")
-    for accounting in (block_hook, InstructionAccounting):
-        board = VirtualK64F(elf, accounting=accounting, profile=TWO)
-        # Each way behind the other: what one has left must not show in the next.
-        counted = [board.call("work", argument).cycles for argument in (0, 1, 1, 0)]
-        assert counted == [where_zero, elsewhere, elsewhere, where_zero]
+    # Each way behind the other: what one has left must not show in the next.
+    _, counted = acted(elf, lambda board: [board.call("work", zero).cycles for zero in (0, 1, 1, 0)], TWO)
+    assert counted == [if_zero, if_not, if_not, if_zero]
 
 
 CLOCK = """
@@ -134,37 +128,26 @@ CLOCK = """
 """
 
 
-def test_a_clock_that_is_read_behind_what_was_skipped_in_the_same_block_knows_it(
-    build: Build, block_hook: AccountingFactory
-) -> None:
+def test_a_clock_that_is_read_behind_skipped_instructions_knows_them(build: Build) -> None:
     elf = build(program(CLOCK), "-Wl,--section-start=.fast=0x1fff4000")
-    found = []
-    for accounting in (block_hook, InstructionAccounting):
-        board = VirtualK64F(elf, accounting=accounting, profile=TWO)
-        for argument in (0, 1):
-            board.call("work", argument)
-        found.append([(each.at, each.instructions) for each in board.cycle_counter.readings])
-    assert found[0] == found[1]
-    first, second, third, *other = (at for at, _ in found[0])
-    # LDR 2, cmp 1, it 0, LDM 3; LDR 2, skipped 1; where it is not zero skipped 1, skipped 1, LDM 3
+    board, _ = acted(elf, lambda board: [board.call("work", argument).cycles for argument in (0, 1)], TWO)
+    first, second, third, *other = (reading.at for reading in board.cycle_counter.readings if reading)
+    # LDR 2, cmp 1, it 0, LDM 3; LDR 2, skipped 1; if it is not zero skipped 1, skipped 1, LDM 3
     assert (second - first, third - second, other[1] - other[0]) == (6, 3, 8)
 
 
-def test_executions_are_priced_again_with_what_was_skipped(build: Build, block_hook: AccountingFactory) -> None:
-    elf = build(program(COUNTED["loads"][0]), "-Wl,--section-start=.fast=0x1fff4000")
-    board = VirtualK64F(elf, accounting=block_hook, profile=TWO)
+def test_a_range_knows_what_was_skipped(build: Build) -> None:
+    board = VirtualK64F(build(program(COUNTED["loads"][0]), "-Wl,--section-start=.fast=0x1fff4000"), profile=TWO)
     ranges = []
     for argument in (0, 1):
-        before = board.processor.accounting.snapshot(0)
-        cycles = board.call("work", argument).cycles
-        executed = between(before, board.processor.accounting.snapshot(0))
-        assert executed is not None
-        band = cycle_range(board.processor.profile, cycles, executed)
+        result = board.call("work", argument)
+        assert result.executed
+        band = cycle_range(board.processor.profile, result.cycles, [result.executed])
         assert band is not None
-        ranges.append({each.row: (each.low, each.high) for each in band.rows})
-    # Only where it is not zero the VLDR runs, whose row is uncertain; what is skipped is not.
+        ranges.append({effect.row: (effect.low, effect.high) for effect in band.rows})
+    # The VLDR, whose row is uncertain, runs only if it is not zero; what is skipped is not uncertain.
     assert "fp_load" not in ranges[0]
-    assert not any("it_skipped" in each for each in ranges)
+    assert not any("it_skipped" in effects for effects in ranges)
     assert ranges[0]["it_folded"] == (10, 11)
 
 
@@ -192,39 +175,20 @@ REWRITTEN = """
 """
 
 
-def test_an_it_block_that_is_written_over_is_counted_as_what_it_becomes(
-    build: Build, block_hook: AccountingFactory
-) -> None:
+@pytest.mark.parametrize("argument", [0, 1])
+def test_an_it_block_that_is_written_over_is_counted_as_what_it_becomes(build: Build, argument: int) -> None:
     elf = build(program(REWRITTEN), "-Wl,--section-start=.fast=0x1fff4000")
     # 8 before the turns, 10 each, 1 less in the last, and for LDR 2, 2 and then as MOV 1, three times skipped 1; pop 5.
-    expected = 8 + 6 * 10 - 1 + (2 + 2 + 1 + 3 * 1) + 5
-    for accounting in (block_hook, InstructionAccounting):
-        for argument in (0, 1):
-            assert VirtualK64F(elf, accounting=accounting, profile=TWO).call("work", argument).cycles == expected
+    assert called(elf, "work", argument, profile=TWO).cycles == 8 + 6 * 10 - 1 + (2 + 2 + 1 + 3 * 1) + 5
 
 
-def test_ways_through_it_blocks_without_number_are_forgotten_and_counted(
-    build: Build, block_hook: AccountingFactory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    module = {BlockAccounting: python_accounting, NativeBlockAccounting: native_accounting}[block_hook]
-    monkeypatch.setattr(module, "BLOCKS_KEPT", 20)
+def test_256_ways_through_it_blocks_take_the_cycles_of_the_model(build: Build) -> None:
     chosen = "".join(f"lsls r2, r0, #{bit}\n itt mi\n ldrmi r3, [r1]\n strmi r0, [r1]\n" for bit in range(24, 32))
-    # 8 bits have 256 ways.
     elf = build(program(f"sub r1, sp, #16\n again: {chosen} subs r0, #1\n bne.w again\n bx lr"))
-    boards = [VirtualK64F(elf, accounting=each, profile=TWO) for each in (block_hook, InstructionAccounting)]
-    known = []
-    for _ in range(2):
-        by_block, by_instruction = (board.call("work", 255) for board in boards)
-        assert (by_block.cycles, by_block.instructions) == (by_instruction.cycles, by_instruction.instructions)
-        snapshot = boards[0].processor.accounting.snapshot(0)
-        assert snapshot is not None
-        known.append(snapshot.entered)
-    assert known[0] is not known[1]
-    assert len(known[1]) < 20
+    assert called(elf, "work", 255, profile=TWO).instructions == 255 * 34 + 2
 
 
-def test_version_1_prices_as_executed_what_is_skipped(build: Build, block_hook: AccountingFactory) -> None:
+def test_version_1_prices_as_executed_what_is_skipped(build: Build) -> None:
     elf = build(program(COUNTED["loads"][0]), "-Wl,--section-start=.fast=0x1fff4000")
-    for accounting in (block_hook, InstructionAccounting):
-        board = VirtualK64F(elf, accounting=accounting, profile="cortex-m4-trm/1")
-        assert [board.call("work", argument).cycles for argument in (0, 1)] == [1 + 1 + 1 + 2 + 1 + 3 + 2 + 3] * 2
+    board = VirtualK64F(elf, profile="cortex-m4-trm/1")
+    assert [board.call("work", argument).cycles for argument in (0, 1)] == [1 + 1 + 1 + 2 + 1 + 3 + 2 + 3] * 2

@@ -1,4 +1,4 @@
-"""Sequences whose clocks others have published, run on the board: each way of counting gives what they measured.
+"""Sequences whose clocks others have published, run on the board: it counts what they measured.
 
 The published code is not here; these are written from its description. Each stands between the same few instructions
 as nothing does, and what those cost is subtracted, as whoever measured it did with the reading of the timer.
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import Build
@@ -75,37 +74,23 @@ ON_FRDM_K64F = {
     "100 loads and stores": (".rept 100\n ldr r0, [r1]\n str r0, [r2]\n .endr", 302),
     "100 LDM and STM of eight words": (f".rept 100\n {LDM_STM}\n .endr", 1804),
 }
-COUNTERS: dict[str, AccountingFactory | None] = {
-    "native": None, "python": BlockAccounting, "by instruction": InstructionAccounting,
-}  # fmt: skip
 
 
-@pytest.fixture(params=COUNTERS)
-def counting(request: pytest.FixtureRequest) -> AccountingFactory:
-    found = COUNTERS[request.param]
-    hook: AccountingFactory = request.getfixturevalue("native_hook") if found is None else found
-    return hook
-
-
-def clocks(build: Build, counting: AccountingFactory, sequence: str) -> int:
+def clocks(build: Build, sequence: str) -> int:
     places = "-Wl,--section-start=.fast=0x1fff4000,--section-start=.far=0x20001000"
     elf: Path = build(FRAME.format(sequence=sequence), places)
-    board = VirtualK64F(elf, accounting=counting)
+    board = VirtualK64F(elf)
     return board.call("work").cycles - board.call("empty").cycles
 
 
 @pytest.mark.parametrize("name", ON_STM32F429)
-def test_a_sequence_takes_the_clocks_that_were_measured_on_an_stm32f429(
-    build: Build, counting: AccountingFactory, name: str
-) -> None:
+def test_a_sequence_takes_the_clocks_that_were_measured_on_an_stm32f429(build: Build, name: str) -> None:
     sequence, measured = ON_STM32F429[name]
-    assert clocks(build, counting, sequence) == measured
+    assert clocks(build, sequence) == measured
 
 
 @pytest.mark.parametrize("name", ON_FRDM_K64F)
-def test_pairs_take_the_clocks_that_were_measured_on_an_frdm_k64f(
-    build: Build, counting: AccountingFactory, name: str
-) -> None:
+def test_pairs_take_the_clocks_that_were_measured_on_an_frdm_k64f(build: Build, name: str) -> None:
     # Read off a timer of the bus clock, which is half the core's, with what reading it costs: to 1 %.
     sequence, measured = ON_FRDM_K64F[name]
-    assert clocks(build, counting, sequence) == pytest.approx(measured, rel=0.01)
+    assert clocks(build, sequence) == pytest.approx(measured, rel=0.01)

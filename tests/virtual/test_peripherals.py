@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from hiltest.virtual.accounting import AccountingFactory
+from hiltest.virtual.core.library import lib
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.i2c_bus import I2cBus
+from hiltest.virtual.i2c_bus import HeldLine, I2cBus
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.nvic import FIRST_INTERRUPT
 from hiltest.virtual.peripherals.pit import PeriodicTimers
-from hiltest.virtual.peripherals.system_control import SysTick
 
 from .conftest import SHIPPED, Build
 from .test_faults import HEAD, TAIL
+
+I2C0 = 0x40066000
+BOOT_HZ = 20_971_520  # core and bus, out of reset
 
 
 class Part:
@@ -118,6 +122,52 @@ def test_i2c_bytes_take_nine_clocks_and_reads_repeat_the_start() -> None:
     assert 10 / 375e3 <= byte - addressed <= 10 / 375e3 + 5e-6
 
 
+def _master(held: HeldLine) -> tuple[VirtualK64F, Part]:
+    """Return a board whose I2C0 is to send START while a line is held; a clock of the wire takes 20 cycles."""
+    part = Part(0x0E)
+    board = VirtualK64F(SHIPPED, i2c0=[part])
+    board.hold_line(0, held)
+    board.bus.write(I2C0 + 2, 1, 0xB0)  # C1: enabled, master, sends
+    return board, part
+
+
+def _completes_after(board: VirtualK64F, cycles: int) -> bool:
+    """Whether the byte under way is complete at a cycle, and not before."""
+    _pass(board, cycles - 1)
+    before = board.bus.read(I2C0 + 3, 1) & 0x80
+    _pass(board, 1)
+    return not before and bool(board.bus.read(I2C0 + 3, 1) & 0x80)
+
+
+@pytest.mark.parametrize(
+    ("value", "clocks", "status"), [(0x80, 1, 0xB2), (0x1C, 4, 0xB2), (0x01, 8, 0xB2), (0, 9, 0xA2)]
+)
+def test_against_a_held_sda_a_master_loses_arbitration_at_the_first_one(value: int, clocks: int, status: int) -> None:
+    board, part = _master(HeldLine("sda", 0.0, math.inf))
+    board.bus.write(I2C0 + 4, 1, value)
+    assert _completes_after(board, 20 * clocks)
+    assert board.bus.read(I2C0 + 3, 1) == status
+    assert bool(board.bus.read(I2C0 + 2, 1) & 0x20) == (value == 0)  # still master
+    assert part.seen == []
+
+
+def test_a_byte_waits_until_a_held_scl_is_let_go() -> None:
+    board, part = _master(HeldLine("scl", 0.0, 999.5 / BOOT_HZ))
+    board.bus.write(I2C0 + 4, 1, 0x1C)
+    assert [kind for kind, _, _ in part.seen] == ["write"]
+    assert _completes_after(board, 1000)
+    board.bus.write(I2C0 + 4, 1, 0x07)
+    assert _completes_after(board, 20 * 9)
+
+
+def test_what_holds_one_line_of_a_bus_leaves_the_other_alone() -> None:
+    board, _ = _master(HeldLine("sda", 1.0, math.inf))
+    board.hold_line(0, HeldLine("scl", 0.0, math.inf))
+    board.bus.write(I2C0 + 4, 1, 0x1C)
+    _pass(board, 100_000)
+    assert not board.bus.read(I2C0 + 3, 1) & 0x80
+
+
 def test_two_parts_of_one_address_are_refused() -> None:
     with pytest.raises(ValueError, match="same address"):
         I2cBus([Part(0x0E), Part(0x0E)])
@@ -143,9 +193,7 @@ def test_the_cycle_counter_is_exact_inside_a_block(build: Build) -> None:
     assert VirtualK64F(build(HEAD + code + TAIL)).call("main").value == 5
 
 
-def test_a_conditional_access_leaves_the_conditions_of_later_blocks_alone(
-    build: Build, block_hook: AccountingFactory
-) -> None:
+def test_a_conditional_access_leaves_the_conditions_of_later_blocks_alone(build: Build) -> None:
     # r4 counts the words that are not zero, r5 those that are; the accesses go to GPIOB's PSOR and PCOR.
     code = """
     ldr r3, =0x400FF040
@@ -170,7 +218,7 @@ def test_a_conditional_access_leaves_the_conditions_of_later_blocks_alone(
     .data
 words: .word 0x40, 0, 0, 0x40, 0, 0, 0, 0x40
 """
-    assert VirtualK64F(build(HEAD + code), accounting=block_hook).call("main").value == 3 << 8 | 5
+    assert VirtualK64F(build(HEAD + code)).call("main").value == 3 << 8 | 5
 
 
 def _idle_processor() -> Processor:
@@ -184,7 +232,7 @@ def test_chained_timers_count_expiries() -> None:
     timers.write(0x110, 4, 0xFFFFFFFF)
     timers.write(0x118, 4, 5)  # TCTRL1: chained, enabled
     timers.write(0x108, 4, 1)
-    board.processor.accounting.cycles += 1234
+    board.processor.core.cycles += 1234
     assert timers.read(0x104, 4) == 99 - 34
     assert timers.read(0x114, 4) == 0xFFFFFFFF - 12
 
@@ -197,8 +245,8 @@ def _timers() -> tuple[VirtualK64F, PeriodicTimers]:
 
 
 def _pass(board: VirtualK64F, cycles: int) -> None:
-    board.processor.accounting.cycles += cycles
-    board.processor.schedule.run_due(board.processor.cycles)
+    board.processor.core.cycles += cycles
+    lib.machine_fire_events(board.processor.machine.handle)
 
 
 def test_a_timer_that_is_polled_flags_each_expiry_until_cleared() -> None:
@@ -231,7 +279,7 @@ def test_an_expiry_that_a_write_to_another_timer_finds_interrupts_too() -> None:
     board, timers = _timers()
     timers.write(0x100, 4, 99)
     timers.write(0x108, 4, 3)
-    board.processor.accounting.cycles += 105  # within a block of the firmware: events come behind it
+    board.processor.core.cycles += 105  # within an instruction of the firmware: events come behind it
     timers.write(0x110, 4, 7)
     _pass(board, 1)
     assert FIRST_INTERRUPT + 48 in board.processor.nvic.pending
@@ -274,20 +322,62 @@ def test_timers_stand_still_while_their_module_is_disabled() -> None:
     assert timers.read(0x10C, 4)
 
 
+def test_a_chain_that_outlasts_any_time_never_interrupts() -> None:
+    board, timers = _timers()
+    for channel in range(4):
+        timers.write(0x100 + 16 * channel, 4, 0xFFFFFFFF)
+        timers.write(0x108 + 16 * channel, 4, 7 if channel else 1)
+    assert board.processor.waiting.next_cycle == math.inf
+    timers.write(0x110, 4, 0)
+    timers.write(0x118, 4, 0)
+    timers.write(0x118, 4, 7)  # it begins anew, and expires with the one before
+    assert board.processor.waiting.next_cycle == board.cycles + (1 << 32)
+
+
+def test_a_program_sees_systick_fall_with_each_cycle(build: Build) -> None:
+    code = """
+    ldr r0, =0xE000E010
+    movs r1, #0
+    str r1, [r0, #8]
+    ldr r1, =0xFFFFFF
+    str r1, [r0, #4]
+    movs r1, #5
+    str r1, [r0]
+    b 1f
+1:  ldr r2, [r0, #8]
+    adds r4, #1
+    adds r4, #1
+    adds r4, #1
+    ldr r3, [r0, #8]
+    subs r0, r2, r3
+    """
+    # LDR 2 cycles and three additions lie between the two readings.
+    assert VirtualK64F(build(HEAD + code + TAIL)).call("main").value == 5
+
+
+def test_bytes_of_systick_and_its_neighbours_are_those_of_their_words() -> None:
+    bus = VirtualK64F(SHIPPED).bus
+    bus.write(0xE000E014, 4, 0x123456)
+    assert [bus.read(0xE000E014 + byte, 1) for byte in range(4)] == [0x56, 0x34, 0x12, 0]
+    assert bus.read(0xE000E01C, 4) == 0xC0000000  # CALIB
+    bus.write(0xE000E400 + 21, 1, 0x7F)  # the priority of interrupt 21
+    assert bus.read(0xE000E414, 4) == 0x7000
+    bus.write(0xE000E102, 1, 0x20)  # enables interrupt 21
+    assert bus.read(0xE000E180, 4) == 1 << 21
+
+
 def test_systick_counts_down_and_flags_its_expiry() -> None:
     board = VirtualK64F(SHIPPED)
-    processor = board.processor
-    timer = SysTick(processor, board.clocks.core)
-    timer.write(0x14, 999)
-    timer.write(0x18, 0)
-    timer.write(0x10, 5)
-    processor.accounting.cycles += 400
-    assert timer.read(0x18) == 1000 - 400 - 1
-    assert not timer.read(0x10) >> 16 & 1
-    processor.accounting.cycles += 700
-    processor.schedule.run_due(processor.cycles)
-    assert timer.read(0x10) >> 16 & 1
-    assert not timer.read(0x10) >> 16 & 1  # reading clears it
+    bus = board.bus
+    bus.write(0xE000E014, 4, 999)
+    bus.write(0xE000E018, 4, 0)
+    bus.write(0xE000E010, 4, 5)
+    _pass(board, 400)
+    assert bus.read(0xE000E018, 4) == 1000 - 400 - 1
+    assert not bus.read(0xE000E010, 4) >> 16 & 1
+    _pass(board, 700)
+    assert bus.read(0xE000E010, 4) >> 16 & 1
+    assert not bus.read(0xE000E010, 4) >> 16 & 1  # reading clears it
 
 
 def test_a_firmware_reset_starts_again_and_time_goes_on(booted: VirtualK64F) -> None:

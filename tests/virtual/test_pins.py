@@ -7,9 +7,11 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.sensors import Fxos8700cq
 from hiltest.virtual.chip import mk64f12
+from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.virtual.peripherals.pins import Gpio, Port
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.world import EarthField, MagneticDistortion, World
 
 from .conftest import PROGRAMS, Build
@@ -21,7 +23,7 @@ GPIO, ISFR, GPCLR, GPCHR = 1 << 8, 0xA0, 0x80, 0x84
 
 @pytest.fixture
 def nvic() -> Nvic:
-    return Nvic()
+    return Nvic(Machine(load_profile(DEFAULT_PROFILE)))
 
 
 @pytest.fixture
@@ -97,7 +99,7 @@ def test_edges_interrupt_as_configured(
     port.drive(4, True)
     assert pending(nvic) == rises
     port.write(ISFR, 4, 1 << 4)
-    nvic.pending.clear()
+    nvic.unpend(FIRST_INTERRUPT + 59)
     port.drive(4, False)
     assert pending(nvic) == falls
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pytest
 
 from hiltest.virtual.instructions import decode
-from hiltest.virtual.pipeline import NEUTRAL, REACHED, PipelineState, Reached
 from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.timing import TimingProfile, moved
+from hiltest.virtual.timing import moved
 
-ONE, TWO = load_profile("cortex-m4-trm/1"), load_profile("cortex-m4-trm/2")
+from .pipeline_model import NEUTRAL, REACHED, PipelineState, Reached
+from .price_model import PriceModel
+
+VERSION_2 = load_profile("cortex-m4-trm/2")
+ONE, TWO = PriceModel(load_profile("cortex-m4-trm/1")), PriceModel(VERSION_2)
 DIGEST = "948bec611d8492ff4802aafb4584de486342b19705e2ddf1bdd7c6f36dd09249"
 
 # Machine code, little-endian, written from the encodings in the ARMv7-M manual. The name says how many bytes it has.
@@ -41,22 +46,26 @@ LDR_PC4 = bytes.fromhex("d4f800f0")  # ldr.w pc, [r4]
 
 
 def cycles(
-    code: bytes, profile: TimingProfile = TWO, *, at: int = 0x1000, state: PipelineState = NEUTRAL
+    code: bytes, model: PriceModel = TWO, *, at: int = 0x1000, state: PipelineState = NEUTRAL
 ) -> int:
     """Sum the cost of straight-line code that begins somewhere [cycles]."""
     total = 0
     for instruction in decode(at, code):
-        cost, state = profile.step(instruction, state)
+        cost, state = model.step(instruction, state)
         total += cost
     return total
 
 
-def without(*rows: str) -> TimingProfile:
-    return moved(TWO, dict.fromkeys(rows, 0))
+def changed(values: Mapping[str, int]) -> PriceModel:
+    return PriceModel(moved(VERSION_2, values))
+
+
+def without(*rows: str) -> PriceModel:
+    return changed(dict.fromkeys(rows, 0))
 
 
 def test_version_2_never_changes_its_numbers() -> None:
-    assert TWO.digest == DIGEST
+    assert VERSION_2.digest == DIGEST
 
 
 def test_version_2_has_the_rows_of_version_1() -> None:
@@ -90,7 +99,7 @@ def test_it_takes_no_cycle_behind_two_bytes_and_one_behind_four() -> None:
 def test_an_instruction_that_is_skipped_takes_a_cycle_and_leaves_nothing(code: bytes) -> None:
     (instruction,) = decode(0x1000, code)
     assert TWO.step(instruction.skipped(), NEUTRAL) == (1, NEUTRAL._replace(narrow=len(code) == 2))
-    assert moved(TWO, {"it_skipped": 3}).step(instruction.skipped(), NEUTRAL)[0] == 3
+    assert changed({"it_skipped": 3}).step(instruction.skipped(), NEUTRAL)[0] == 3
 
 
 def test_a_division_goes_on_under_what_is_skipped() -> None:
@@ -122,7 +131,7 @@ def test_a_branch_to_a_misplaced_instruction_costs_a_cycle_more_and_a_return_to_
     branched, returned = REACHED[Reached.BY_BRANCH], REACHED[Reached.BY_REGISTER]
     assert cycles(target, at=at, state=branched) == 1 + more
     assert cycles(target, at=at, state=returned) == 1
-    assert cycles(target, moved(TWO, {"return_misplaced": 1}), at=at, state=returned) == 1 + more
+    assert cycles(target, changed({"return_misplaced": 1}), at=at, state=returned) == 1 + more
 
 
 def test_only_the_first_instruction_behind_a_branch_pays_for_its_place() -> None:
@@ -144,7 +153,7 @@ def test_48_misplaced_floating_point_additions_lose_one_cycle_in_three() -> None
 
 def test_48_misplaced_integer_instructions_lose_nothing_with_nothing_slow_ahead() -> None:
     assert cycles(NOP2 + EOR4 * 48) == 49
-    assert cycles(NOP2 + EOR4 * 48, moved(TWO, {"fetch_late_integer": 1})) == 65
+    assert cycles(NOP2 + EOR4 * 48, changed({"fetch_late_integer": 1})) == 65
 
 
 def test_the_third_of_three_misplaced_instructions_behind_a_slow_one_is_late() -> None:
@@ -158,7 +167,7 @@ def test_the_third_of_three_misplaced_instructions_behind_a_slow_one_is_late() -
 def test_anything_but_a_misplaced_instruction_between_lets_the_fetch_catch_up() -> None:
     assert cycles(LDR4 + CMP2 + EOR4 * 3) == 6
     assert cycles(LDR2 + EOR4 * 2 + CMP2 + NOP2 + EOR4 * 2) == 8
-    assert cycles(LDR4 + CMP2 + EOR4 * 3, moved(TWO, {"fetch_late_integer": 1})) == 7
+    assert cycles(LDR4 + CMP2 + EOR4 * 3, changed({"fetch_late_integer": 1})) == 7
 
 
 def test_a_pair_of_moves_and_three_long_multiplications_are_late() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call
+from hiltest.virtual.profiling import CallProfile, profile_call
 
 from .conftest import Build
 
@@ -41,7 +41,7 @@ ADDITIONS = "\n".join(f"vadd.f32 s{register}, s30, s31" for register in range(12
 
 def profiled(build: Build, body: str, before: str = "", profile: str = "cortex-m4-trm/2") -> CallProfile:
     elf = build(FRAME.format(before=before, body=body), "-Wl,--section-start=.fast=0x1fff4000")
-    return profile_call(VirtualK64F(elf, accounting=ProfilingAccounting, profile=profile), "work")
+    return profile_call(VirtualK64F(elf, profile=profile), "work")
 
 
 def test_a_loop_that_begins_badly_is_named_with_what_it_loses(build: Build) -> None:

@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.virtual.accounting import BlockAccounting
 from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.cost_classes import WORK_OF_ROW, Stall, Work
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call
+from hiltest.virtual.profiling import CallProfile, profile_call
 
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, random_program
@@ -35,12 +34,12 @@ def function(name: str, body: str) -> str:
 
 
 def profiled(elf: Path, name: str, *arguments: object) -> CallProfile:
-    return profile_call(VirtualK64F(elf, accounting=ProfilingAccounting), name, *arguments)
+    return profile_call(VirtualK64F(elf), name, *arguments)
 
 
 def assert_adds_up(profile: CallProfile, elf: Path, name: str, *arguments: object) -> None:
     """Every table adds up to what counting by block gives for the same call, on a board of its own."""
-    counted = VirtualK64F(elf, accounting=BlockAccounting).call(name, *arguments)
+    counted = VirtualK64F(elf).call(name, *arguments)
     assert (profile.cycles, profile.instructions) == (counted.cycles, counted.instructions)
     sums = {
         "kinds": sum(profile.work.values()) + sum(profile.stalls.values()) + profile.asleep_cycles,
@@ -77,6 +76,7 @@ def test_the_tables_of_every_kernel_add_up_to_what_the_board_counts(kernel: str,
     profile = profiled(SHIPPED, kernel, argument, bytearray(64))
     assert_adds_up(profile, SHIPPED, kernel, argument, bytearray(64))
     assert profile.cycle_model == "cortex-m4-trm/2@sram"
+    assert profile.asleep_cycles == 0
 
 
 def test_the_kernels_are_found() -> None:
@@ -241,6 +241,42 @@ def test_sleep_is_shown_beside_the_work(build: Build) -> None:
     assert_adds_up(profile, elf, "nap")
 
 
+# Twice it writes a function into RAM and calls that: `movs r0, #1; bx lr`, then `movs r0, #2; bx lr`.
+OVERLAY = """
+    push {r4, lr}
+    ldr r4, =buffer
+    ldr r1, =0x47702001
+    bl put
+    ldr r1, =0x47702002
+    bl put
+    pop {r4, pc}
+    .thumb_func
+put:
+    str r1, [r4]
+    orr r0, r4, #1
+    bx r0
+    .ltorg
+"""
+
+
+def test_code_that_is_rewritten_during_the_call_is_counted_as_it_ran(build: Build) -> None:
+    elf = build(HEAD + function("main", "bx lr") + function("work", OVERLAY) + ".bss\n.balign 4\nbuffer: .space 4\n")
+    profile = profiled(elf, "work")
+    assert profile.value == 2
+    assert_adds_up(profile, elf, "work")
+    assert profile.asleep_cycles == 0
+    (address,) = {each.address for each in profile.addresses if each.text == "movs r0, #2"}
+    (cost,) = [each for each in profile.addresses if each.address == address]
+    assert (cost.executions, cost.cycles) == (2, 2)
+
+
+def test_a_branch_to_the_next_instruction_refills_the_pipeline_if_it_is_taken(build: Build) -> None:
+    elf = build(HEAD + function("main", "bx lr") + function("work", "cmp r0, #0\n beq 1f\n1: bx lr"))
+    taken, past = profiled(elf, "work", 0), profiled(elf, "work", 1)
+    assert (taken.stalls[Stall.TAKEN_BRANCH], past.stalls[Stall.TAKEN_BRANCH]) == (3, 2)
+    assert taken.cycles == past.cycles + 1
+
+
 def test_pointers_in_a_structure_lead_to_what_they_point_to(in_c: Callable[..., Path]) -> None:
     elf = in_c("""
         struct list { unsigned char tag; const short *values; unsigned short count; long long sum; };
@@ -265,7 +301,7 @@ def test_every_row_that_prices_instructions_has_a_class() -> None:
 
 
 def test_profiles_can_be_taken_one_after_the_other_on_one_board() -> None:
-    board = VirtualK64F(SHIPPED, accounting=ProfilingAccounting)
+    board = VirtualK64F(SHIPPED)
     first = profile_call(board, "crc32", b"123456789", 9)
     board.call("crc32", bytes(500), 500)
     assert profile_call(board, "crc32", b"123456789", 9) == first

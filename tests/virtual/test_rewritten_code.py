@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import Build
+from .oracle import acted
 from .test_faults import HEAD
 
-# A handler in RAM: it is the first code that the emulator meets after an exception. Three functions of equal
+# A handler in RAM: it is the first code behind an exception. Three functions of equal
 # size take turns in it.
 OVERLAYS = (
     HEAD.replace("culprit:", "")
@@ -93,70 +95,33 @@ words: .word words, 7
 )
 
 
-def counted(elf: object, hook: AccountingFactory) -> tuple[int, int, list[int]]:
-    board = VirtualK64F(elf, accounting=hook)  # type: ignore[arg-type]
-    board.may_rest = False
-    with pytest.raises(BoardFault, match="hang: a loop to itself"):
+def counted(elf: Path) -> list[int]:
+    """Run the overlays, and return r7 to r10."""
+
+    def run(board: VirtualK64F) -> None:
+        board.may_rest = False
         board.run_until(0.01)
+
+    board, fault = acted(elf, run)
+    assert isinstance(fault, BoardFault)
+    assert "hang: a loop to itself" in str(fault)
     registers = board.processor.registers.snapshot()
-    return board.cycles, board.instructions, [registers[f"r{number}"] for number in (7, 8, 9, 10)]
+    return [registers[f"r{number}"] for number in (7, 8, 9, 10)]
 
 
-def test_other_code_of_the_same_size_at_the_same_address_is_counted_as_what_it_is(
-    build: Build, block_hook: AccountingFactory
-) -> None:
-    elf = build(OVERLAYS)
-    found = counted(elf, block_hook)
-    assert found[2] == [0x77, 40 * 7, 40 * 2, 40]
-    assert found == counted(elf, InstructionAccounting)
+def test_other_code_of_the_same_size_at_the_same_address_is_counted_as_what_it_is(build: Build) -> None:
+    assert counted(build(OVERLAYS)) == [0x77, 40 * 7, 40 * 2, 40]
 
 
-def test_what_was_looked_at_is_not_blamed_for_the_code_that_replaced_it(
-    build: Build, block_hook: AccountingFactory
-) -> None:
+def test_what_was_looked_at_is_not_blamed_for_the_code_that_replaced_it(build: Build) -> None:
     # Where LDRD stood stands a plain load now, with an odd address in the register: it may be unaligned.
     elf = build(OVERLAYS.replace("add r9, r2\n    nop", "ldr r0, [r2, #1]\n    add r9, r2"))
-    found = counted(elf, block_hook)
-    assert found[2] == [0x77, 40 * 7, 40 * 2, 40]
-    assert found == counted(elf, InstructionAccounting)
+    assert counted(elf) == [0x77, 40 * 7, 40 * 2, 40]
 
 
-def test_an_instruction_that_replaces_one_that_was_looked_at_is_looked_at(
-    build: Build, block_hook: AccountingFactory
-) -> None:
+def test_an_instruction_that_replaces_one_that_was_looked_at_is_looked_at(build: Build) -> None:
     code = OVERLAYS.replace("add r9, r2\n    nop", "ldrd r0, r1, [r2, #4]")
     code = code.replace("movw r2, #2", "mov r2, sp\n    adds r2, #2")
-    board = VirtualK64F(build(code), accounting=block_hook)
+    board = VirtualK64F(build(code))
     with pytest.raises(BoardFault, match=r"unaligned access: r2 = 0x\w+2 in 'ldrd r0, r1, \[r2, #4\]'"):
         board.run_until(0.01)
-
-
-@pytest.mark.parametrize("code", ["popeq {r4, pc}", "bxeq lr", "beq.w 2f"])
-@pytest.mark.parametrize("equal", [0, 1])
-def test_an_it_block_that_is_cut_by_a_page_costs_what_it_costs_in_one(
-    build: Build, block_hook: AccountingFactory, code: str, equal: int
-) -> None:
-    source = f"""
-    .type work, %function
-    .global work
-    .thumb_func
-work:
-    mov r1, lr
-    push {{r4, lr}}
-    cmp r0, #1
-    b 1f
-    .size work, . - work
-    .balign 1024
-    .space 1020
-1:  itt eq
-    moveq r2, #3
-    {code} // the first on its page
-    mov r2, #4
-2:  pop {{r4, lr}}
-    bx r1
-"""
-    if code == "bxeq lr":
-        source = source.replace("push {r4, lr}", "nop").replace("pop {r4, lr}", "nop")
-    elf = build(HEAD + "    bx lr\n" + source)
-    found = [VirtualK64F(elf, accounting=each).call("work", equal) for each in (block_hook, InstructionAccounting)]
-    assert (found[0].cycles, found[0].instructions) == (found[1].cycles, found[1].instructions)

@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.native import by_block
 
 from .both_ways import assert_same_both_ways
 from .conftest import FLAGS, PROGRAMS
+from .oracle import ran
 from .test_exceptions import word
 from .test_peripherals import Part
 
@@ -60,9 +59,9 @@ def build_rtos(tmp_path: Path, require_tool: Callable[[str], str]) -> BuildRtos:
     return compile_program
 
 
-def run(elf: Path, accounting: AccountingFactory = by_block) -> tuple[VirtualK64F, Seen]:
+def run(elf: Path) -> tuple[VirtualK64F, Seen]:
     """Run for 43 ticks with bytes coming in from the fifth on."""
-    board = VirtualK64F(elf, i2c0=[Part(0x0E)], accounting=accounting, strict=True)
+    board = VirtualK64F(elf, i2c0=[Part(0x0E)], strict=True)
     board.run_until(5 * TICK_S)
     board.uart0.host_write(TEXT)
     board.run_until(43.5 * TICK_S)
@@ -75,7 +74,7 @@ def run(elf: Path, accounting: AccountingFactory = by_block) -> tuple[VirtualK64
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_it_runs_the_same_where_waits_are_passed_over(build_rtos: BuildRtos, level: str) -> None:
+def test_it_runs_the_same_however_often_the_board_stops(build_rtos: BuildRtos, level: str) -> None:
     assert_same_both_ways(build_rtos(level), 0.05, [(5 * TICK_S, TEXT)])
 
 
@@ -110,15 +109,10 @@ def test_the_program_does_the_same_at_every_level_of_optimisation(build_rtos: Bu
     assert word(board, "preempted_timer") > 0
 
 
-@pytest.mark.slow  # two whole runs
-def test_two_runs_are_equal_to_the_last_cycle(build_rtos: BuildRtos, block_hook: AccountingFactory) -> None:
-    elf = build_rtos("-O2")
-    states = []
-    for accounting in (block_hook, by_block):
-        board, seen = run(elf, accounting)
-        ram = bytes(board.processor.memory.sram.view)
-        states.append((board.cycles, board.instructions, board.events, seen, ram, board.processor.registers.snapshot()))
-    assert states[0] == states[1]
+@pytest.mark.slow  # step by step, in Python
+def test_tasks_and_interrupts_take_the_cycles_of_the_model(build_rtos: BuildRtos) -> None:
+    board = ran(build_rtos("-O2"), 6.5 * TICK_S, i2c0=[Part(0x0E)], strict=True)
+    assert word(board, "timer_rounds") > 100
 
 
 def test_a_kernel_that_forgets_the_floating_point_registers_is_caught(build_rtos: BuildRtos) -> None:

@@ -9,15 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.stacks import Stack
+from hiltest.virtual.stacks import Stack, known_stacks
 
 from .conftest import Build
 from .foreign import machine_for, program_named, watch
+from .test_peripherals import Part
+from .test_rtos import BuildRtos, build_rtos  # noqa: F401 (a fixture)
 
 FRAME = 32  # an exception's, without floating-point state
-# The stack is aligned to eight where it is lowest. Behind a move to another place a block ends, as compilers do it.
+# The stack is aligned to eight where it is lowest.
 DEEP = """
     .syntax unified
     .cpu cortex-m4
@@ -67,12 +68,10 @@ alone:
     ldr r0, =other + 400
     mov r4, sp
     mov sp, r0
-    b 1f
-1:  push {r0-r3}
+    push {r0-r3}
     pop {r0-r3}
     mov sp, r4
-    b 2f
-2:  push {r4, lr}
+    push {r4, lr}
     pop {r4, pc}
     .size alone, . - alone
 
@@ -94,17 +93,8 @@ other:
 """
 
 
-@pytest.fixture(params=["python", "native", "instruction"])
-def counting(request: pytest.FixtureRequest) -> AccountingFactory:
-    """Each way of counting."""
-    if request.param == "native":
-        hook: AccountingFactory = request.getfixturevalue("native_hook")
-        return hook
-    return BlockAccounting if request.param == "python" else InstructionAccounting
-
-
-def known(board: VirtualK64F) -> list[Stack]:
-    return board.processor.accounting.stacks.known
+def stacks_of(board: VirtualK64F) -> list[Stack]:
+    return known_stacks(board.processor.machine)
 
 
 @pytest.mark.parametrize(
@@ -113,21 +103,21 @@ def known(board: VirtualK64F) -> list[Stack]:
     ids=["frames that stand in the code", "an amount that does not", "an exception on top"],
 )
 def test_a_stack_is_as_deep_as_its_frames(
-    build: Build, tmp_path: Path, counting: AccountingFactory, function: str, used: int
+    build: Build, tmp_path: Path, function: str, used: int
 ) -> None:
     (tmp_path / "deep.S").write_text(DEEP.replace("{function}", function), encoding="utf-8")
-    board = VirtualK64F(build(tmp_path / "deep.S"), accounting=counting)
+    board = VirtualK64F(build(tmp_path / "deep.S"))
     board.run_until(0.001)
-    (stack,) = known(board)
+    (stack,) = stacks_of(board)
     assert stack.used == used
     assert board.memory_use()["stack_most"] == used
 
 
-def test_a_stack_elsewhere_is_one_of_its_own(build: Build, tmp_path: Path, counting: AccountingFactory) -> None:
+def test_a_stack_elsewhere_is_one_of_its_own(build: Build, tmp_path: Path) -> None:
     (tmp_path / "deep.S").write_text(DEEP.replace("{function}", "alone"), encoding="utf-8")
-    board = VirtualK64F(build(tmp_path / "deep.S"), accounting=counting)
+    board = VirtualK64F(build(tmp_path / "deep.S"))
     board.run_until(0.001)
-    main, other = known(board)
+    main, other = stacks_of(board)
     assert (main.used, other.used) == (8 + 8, 16)
     assert other.top == board.image.symbols["other"].address + 400
     assert board.memory_use()["alone.stack_most"] == 16
@@ -141,10 +131,10 @@ def test_a_stack_elsewhere_is_one_of_its_own(build: Build, tmp_path: Path, count
          "on another stack in between"],
 )  # fmt: skip
 def test_a_call_takes_what_it_and_what_it_calls_put_on_the_stack(
-    build: Build, tmp_path: Path, counting: AccountingFactory, function: str, used: dict[str, int | None]
+    build: Build, tmp_path: Path, function: str, used: dict[str, int | None]
 ) -> None:
     (tmp_path / "deep.S").write_text(DEEP.replace("{function}", function), encoding="utf-8")
-    board = VirtualK64F(build(tmp_path / "deep.S"), accounting=counting)
+    board = VirtualK64F(build(tmp_path / "deep.S"))
     watch = board.watch_calls([*used, "SVC_Handler"])
     board.run_until(0.001)
     assert {name: {each.stack for each in watch.calls(name)} for name in used} == {
@@ -159,8 +149,21 @@ def test_a_reset_begins_at_the_top_again_and_forgets_nothing(build: Build, tmp_p
     board.run_until(0.001)
     board.reset()
     board.run_until(0.002)
-    (stack,) = known(board)
+    (stack,) = stacks_of(board)
     assert stack.used == 8 + 32 + 200
+
+
+def test_registers_that_a_kernel_puts_below_a_tasks_stack_pointer_are_on_its_stack(
+    build_rtos: BuildRtos,  # noqa: F811 (the fixture)
+) -> None:
+    board = VirtualK64F(build_rtos("-O2"), i2c0=[Part(0x0E)])
+    board.run_until(0.03)
+    _, *tasks = stacks_of(board)
+    assert len(tasks) == 2
+    for stack in tasks:
+        lowest, below = (board.processor.memory.read(address, 64) for address in (stack.lowest, stack.lowest - 64))
+        assert any(lowest), stack
+        assert not any(below), stack
 
 
 # What fills the stacks of the kernels before anything runs there; what is not filled is zero.
@@ -172,7 +175,7 @@ def test_below_each_stack_of_others_programs_nothing_was_written(name: str) -> N
     program = program_named(name)
     machine = machine_for(program)
     watch(program, machine, seconds=0.5)
-    stacks = known(machine)
+    stacks = stacks_of(machine)
     assert len(stacks) >= (1 if name == "nxp_shell" else 3)
     for stack in stacks:
         below = machine.processor.memory.read(stack.lowest - 24, 24)

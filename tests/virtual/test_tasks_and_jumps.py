@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import FLAGS, PROGRAMS, Build
@@ -36,18 +35,9 @@ int main(void)
 """
 
 
-@pytest.fixture(params=["python", "native", "instruction"])
-def counting(request: pytest.FixtureRequest) -> AccountingFactory:
-    """Each way of counting."""
-    if request.param == "native":
-        hook: AccountingFactory = request.getfixturevalue("native_hook")
-        return hook
-    return BlockAccounting if request.param == "python" else InstructionAccounting
-
-
-def test_a_call_that_ends_in_a_tail_call_contains_it_and_says_so(build_c: Build, counting: AccountingFactory) -> None:
+def test_a_call_that_ends_in_a_tail_call_contains_it_and_says_so(build_c: Build) -> None:
     elf = build_c(TAILS, "-O2", "-fno-reorder-functions", "-fno-toplevel-reorder")
-    board = VirtualK64F(elf, accounting=counting)
+    board = VirtualK64F(elf)
     watch = board.watch_calls(["tails", "worked", "by_pointer", "loops", "falls", "into"])
     board.run_until(0.0002)
     tails, worked = watch.calls("tails")[0], watch.calls("worked")[0]
@@ -88,7 +78,7 @@ int main(void)
 
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 def test_calls_that_longjmp_leaves_are_abandoned_and_do_not_count(
-    tmp_path: Path, require_tool: Callable[[str], str], counting: AccountingFactory, level: str
+    tmp_path: Path, require_tool: Callable[[str], str], level: str
 ) -> None:
     source, elf = tmp_path / "program.c", tmp_path / "program.elf"
     source.write_text(JUMPS)
@@ -96,7 +86,7 @@ def test_calls_that_longjmp_leaves_are_abandoned_and_do_not_count(
     command = [require_tool("arm-none-eabi-gcc"), *flags, level, "-nostartfiles", str(PROGRAMS / "start.S"),
                str(source), "-o", str(elf)]  # fmt: skip
     subprocess.run(command, check=True, timeout=60)
-    board = VirtualK64F(elf, accounting=counting)
+    board = VirtualK64F(elf)
     watch = board.watch_calls(["leaves", "passes", "simple"])
     board.run_until(0.0004)
     rounds = len(watch.calls("simple"))
@@ -150,10 +140,10 @@ def test_stacks_that_are_switched_without_an_exception_are_refused_by_name(build
 
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 def test_a_call_in_a_task_does_not_count_what_other_tasks_do(
-    build_rtos: BuildRtos, block_hook: AccountingFactory, level: str  # noqa: F811 (the fixture)
+    build_rtos: BuildRtos, level: str  # noqa: F811 (the fixture)
 ) -> None:
     elf = build_rtos(level, "-fno-inline")
-    board = VirtualK64F(elf, i2c0=[Part(0x0E)], accounting=block_hook)
+    board = VirtualK64F(elf, i2c0=[Part(0x0E)])
     watch = board.watch_calls(["series", "kernel_switch", "SysTick_Handler", "PendSV_Handler"])
     board.run_until(5 * TICK_S)
     board.uart0.host_write(TEXT)

@@ -7,7 +7,10 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.virtual.instructions import decode
 from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.timing import NEUTRAL, TimingProfile, moved
+from hiltest.virtual.timing import TimingProfile, moved
+
+from .pipeline_model import NEUTRAL
+from .price_model import PriceModel
 
 PROFILE = load_profile("cortex-m4-trm/1")
 DIGEST = "d18e92c2bf956d09b26e346d3e99f00a08a756378a73045aefdcd5d3a019fab1"
@@ -26,9 +29,9 @@ VFMA_S0_S1_S2 = bytes.fromhex("a0ee810a")  # vfma.f32 s0, s1, s2
 
 def cycles(code: bytes, profile: TimingProfile = PROFILE) -> int:
     """Sum the cost of straight-line code [cycles], from a neutral pipeline on."""
-    total, state = 0, NEUTRAL
+    total, state, model = 0, NEUTRAL, PriceModel(profile)
     for instruction in decode(0x1000, code):
-        cost, state = profile.step(instruction, state)
+        cost, state = model.step(instruction, state)
         total += cost
     return total
 
@@ -124,6 +127,6 @@ def test_a_branch_waits_for_an_unfinished_division() -> None:
 
 def test_the_state_behind_a_transfer_is_neutral() -> None:
     load, branch = decode(0, LDR_R0_R1 + bytes.fromhex("fee7"))
-    _, state = PROFILE.step(load, NEUTRAL)
+    _, state = PriceModel(PROFILE).step(load, NEUTRAL)
     assert state is not NEUTRAL
-    assert PROFILE.step(branch, state)[1] is NEUTRAL
+    assert PriceModel(PROFILE).step(branch, state)[1] is NEUTRAL

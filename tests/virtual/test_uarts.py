@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from hiltest.errors import BenchError
+from hiltest.virtual.core.library import lib
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.peripherals.uart import Uart
 
-from .conftest import Build
+from .conftest import SHIPPED, Build
 from .test_exceptions import word
 
 # Out of reset the core and UART0 and UART1 run at 20.97 MHz; the bus, and with it the others, at half of that.
@@ -84,3 +91,79 @@ def test_the_first_two_hold_eight_bytes_and_the_others_one(build_c: Build) -> No
     board.run_until(0.003)
     assert words(board, "levels") == (8, 8, 1, 1, 1, 1)
     assert word(board, "overruns") == 0b111100
+
+
+C2, S1, D, PFIFO, CFIFO, SFIFO = 3, 4, 7, 0x10, 0x11, 0x12
+IDLE, OVERRUN = 0x10, 0x08
+
+
+def quiet_board() -> tuple[VirtualK64F, Uart]:
+    """A board that stands still at its reset, and its UART1 at 115 200 baud with both directions on."""
+    board = VirtualK64F(SHIPPED)
+    board.processor.core.cycles += 1000
+    uart = board.uarts[1]
+    uart.clocked = True
+    for offset, value in ((0, 0), (1, 11), (10, 12), (C2, 0x0C)):
+        uart.write(offset, 1, value)
+    return board, uart
+
+
+def pass_bytes(board: VirtualK64F, count: float) -> None:
+    board.processor.core.cycles += round(count * 10 * board.clocks.core_hz / 115_200)
+    lib.machine_fire_events(board.processor.machine.handle)
+
+
+def test_reading_status_and_then_data_clears_the_flags_that_it_showed() -> None:
+    board, uart = quiet_board()
+    uart.host_write(b"abc")
+    pass_bytes(board, 2.1)
+    assert uart.read(S1, 1) & (IDLE | OVERRUN) == OVERRUN
+    pass_bytes(board, 2)
+    assert uart.read(D, 1) == ord("a")
+    assert uart.read(S1, 1) & (IDLE | OVERRUN) == IDLE  # it came after the reading of S1
+    assert uart.read(SFIFO, 1) == 0xC4  # both are empty; of three bytes two had no room
+    assert (uart.read(D, 1), uart.read(S1, 1) & IDLE) == (0, 0)
+    assert uart.read(SFIFO, 1) == 0xC5  # nothing was there to read
+    uart.write(SFIFO, 1, 0x01)
+    assert uart.read(SFIFO, 1) == 0xC4
+
+
+def test_a_byte_on_the_line_is_sent_whatever_is_flushed_and_lost_at_a_reset() -> None:
+    board, uart = quiet_board()
+    uart.write(PFIFO, 1, 0x88)
+    for byte in b"0123456789":
+        uart.write(D, 1, byte)
+    assert uart.read(SFIFO, 1) == 0x42  # one is on the line and eight wait
+    pass_bytes(board, 2.5)
+    uart.write(CFIFO, 1, 0x80)
+    pass_bytes(board, 5)
+    assert uart.host_read(100) == b"012"
+    uart.write(D, 1, ord("x"))
+    uart.reset()
+    pass_bytes(board, 5)
+    assert uart.host_waiting == 0
+
+
+RATES = st.tuples(st.sampled_from([640, 732, 2197, 2929]), st.integers(1, 16))
+
+
+@given(st.lists(st.tuples(RATES, st.integers(1, 10**12)), min_size=1, max_size=3), st.integers(300, 3_000_000))
+def test_a_byte_arrives_at_its_picosecond_after_days_at_any_clocks(
+    spells: list[tuple[tuple[int, int], int]], baud: int
+) -> None:
+    board, uart = quiet_board()
+    processor, time = board.processor, board.clocks.time
+    for (factor, divider), cycles in spells:
+        time.run_at(time.hz, Fraction(factor * 32_768, divider), processor.cycles)
+        processor.core.cycles += cycles
+    uart.line_baud = baud
+    uart.host_write(b"a")
+    arrival = time.cycle_of(time.now() + round(10**13 / baud))
+    assert lib.machine_next_event(processor.machine.handle) == arrival
+
+
+def test_the_line_to_the_board_takes_16_mib_at_most() -> None:
+    _, uart = quiet_board()
+    uart.host_write(bytes(1 << 24))
+    with pytest.raises(BenchError, match="UART1 of the virtual board cannot take 1 more bytes"):
+        uart.host_write(b"a")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import Build
@@ -40,30 +39,21 @@ int main(void)
 """
 
 
-@pytest.fixture(params=["python", "native", "instruction"])
-def counting(request: pytest.FixtureRequest) -> AccountingFactory:
-    """Each way of counting."""
-    if request.param == "native":
-        hook: AccountingFactory = request.getfixturevalue("native_hook")
-        return hook
-    return BlockAccounting if request.param == "python" else InstructionAccounting
-
-
 @pytest.mark.parametrize("wait", ["wfe", "wfe.w"])
-def test_it_sleeps_from_interrupt_to_interrupt(build_c: Build, counting: AccountingFactory, wait: str) -> None:
+def test_it_sleeps_from_interrupt_to_interrupt(build_c: Build, wait: str) -> None:
     elf = build_c(PROGRAM % f'tick_every(2097); for (;;) {{ __asm volatile("{wait}"); rounds++; }}')
-    board = VirtualK64F(elf, accounting=counting)
+    board = VirtualK64F(elf)
     board.run_until(0.01)
     assert word(board, "ticks") == 99  # every 100 us at 20.97 MHz; the first comes after some start-up code
     assert 99 <= word(board, "rounds") <= 2 * 99  # a handler's entry is an event, and so is its return
     assert board.processor.idle_cycles > 0.97 * board.cycles  # a tick takes 45 of its 2 097 cycles
 
 
-def test_an_event_that_was_sent_is_taken_once(build_c: Build, counting: AccountingFactory) -> None:
+def test_an_event_that_was_sent_is_taken_once(build_c: Build) -> None:
     elf = build_c(
         PROGRAM % '__asm volatile("sev"); __asm volatile("wfe"); rounds = 1; __asm volatile("wfe"); rounds = 2;'
     )
-    board = VirtualK64F(elf, accounting=counting)
+    board = VirtualK64F(elf)
     with pytest.raises(BoardFault, match="hang: WFE with nothing that could wake the processor"):
         board.run_until(float("inf"))
     assert word(board, "rounds") == 1
@@ -72,19 +62,19 @@ def test_an_event_that_was_sent_is_taken_once(build_c: Build, counting: Accounti
 MASKED = 'SCR = %du << 4; __asm volatile("cpsid i"); tick_every(12000); __asm volatile("wfe"); rounds = 1;'
 
 
-def test_a_masked_interrupt_is_an_event_where_firmware_says_so(build_c: Build, counting: AccountingFactory) -> None:
-    board = VirtualK64F(build_c(PROGRAM % (MASKED % 1)), accounting=counting)
+def test_a_masked_interrupt_is_an_event_where_firmware_says_so(build_c: Build) -> None:
+    board = VirtualK64F(build_c(PROGRAM % (MASKED % 1)))
     board.run_until(0.001)
     assert (word(board, "ticks"), word(board, "rounds")) == (0, 1)
 
 
-def test_a_masked_interrupt_does_not_wake_it_otherwise(build_c: Build, counting: AccountingFactory) -> None:
-    board = VirtualK64F(build_c(PROGRAM % (MASKED % 0)), accounting=counting)
+def test_a_masked_interrupt_does_not_wake_it_otherwise(build_c: Build) -> None:
+    board = VirtualK64F(build_c(PROGRAM % (MASKED % 0)))
     with pytest.raises(BoardFault, match="hang: WFE with nothing that could wake the processor"):
         board.run_until(0.001)
 
 
-def test_an_undefined_instruction_behind_it_is_still_one(build_c: Build, counting: AccountingFactory) -> None:
+def test_an_undefined_instruction_behind_it_is_still_one(build_c: Build) -> None:
     elf = build_c(PROGRAM % '__asm volatile("sev\\n\\twfe\\n\\tudf #5");')
     with pytest.raises(BoardFault, match="undefined instruction de05"):
-        VirtualK64F(elf, accounting=counting).run_until(0.001)
+        VirtualK64F(elf).run_until(0.001)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.native import by_block, every_turn
 
 from .conftest import Build
 from .test_exceptions import word
@@ -124,14 +123,15 @@ def test_a_reset_by_firmware_is_told_apart(build_c: Build) -> None:
 
 
 @pytest.mark.parametrize("count", [20, 70_000], ids=["the lower half alone", "both halves"])
-def test_waiting_for_its_count_is_passed_over_exactly(build_c: Build, count: int) -> None:
+def test_waiting_for_its_count_ends_at_the_same_cycle_if_it_is_asked_each_time(build_c: Build, count: int) -> None:
     body = (
         "unlock(); TOVALH = 0x10; TOVALL = 0; PRESC = 0; STCTRLH = 0x01D3u;"
         f"while (((unsigned)HALF(0x40052010) << 16 | HALF(0x40052012)) < {count}u) {{}} sources = 1;"
     )
     ends = []
-    for accounting in (by_block, every_turn):
-        board = VirtualK64F(build_c(program(f"(void)refresh; {body}")), accounting=accounting)
+    for asks_devices in (False, True):
+        board = VirtualK64F(build_c(program(f"(void)refresh; {body}")))
+        board.processor.core.asks_devices = asks_devices
         board.run_until(0.006)
         ends.append((board.cycles, board.instructions, board.processor.registers.general.read()))
         assert word(board, "sources") == 1

@@ -80,7 +80,7 @@ class Costs(Protocol):
         """
 
     def from_flash(self) -> FlashCost:
-        """Compute that one once more with the waits of memories; takes the host some 3 s a million cycles."""
+        """Compute that one once more with the waits of memories."""
 
 
 class FunctionCosts:
@@ -143,8 +143,7 @@ class FunctionCosts:
         _, kept = self._latest()
         if self._buffer is None or kept is None:
             return None
-        memory, base = kept.memory, self._machine.processor.memory.sram.base
-        return self._buffer.counts(lambda address, size: memory[address - base :][:size])
+        return self._buffer.counts(kept.slices[0].begin.read)
 
     def from_flash(self) -> FlashCost:
         """As `Costs.from_flash`."""

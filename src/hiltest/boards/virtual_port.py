@@ -14,6 +14,7 @@ from serial.serialutil import SerialBase
 
 # A read without a timeout looks in this often whether anything came.
 _ENDLESS_SLICE_S = 1.0
+_MOST_BYTES = 1 << 30  # more than anybody reads at once
 
 
 class UartPort(Protocol):
@@ -28,6 +29,9 @@ class UartPort(Protocol):
 
     def host_read(self, size: int) -> bytes:
         """Take bytes that have arrived from the board."""
+
+    def host_expect(self, count: int, byte: int) -> None:
+        """Say what a run for bytes stops at: so many that are not taken, or one with a value."""
 
 
 class Machine(Protocol):
@@ -44,8 +48,8 @@ class Machine(Protocol):
     def position(self) -> str:
         """Say what the firmware is doing."""
 
-    def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None) -> None:
-        """Let the board run until a time, or until `wake` says so after bytes arrived."""
+    def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
+        """Let the board run until a time, or until `wake` says so after bytes arrived that were expected."""
 
 
 class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no types
@@ -94,12 +98,13 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
 
     def read(self, size: int = 1) -> bytes:
         """Return up to `size` bytes, fewer when the timeout (virtual) is over."""
-        self._run(lambda: len(self._arrived) >= size)
+        self._run(lambda: len(self._arrived) >= size, size)
         return self._give(size)
 
     def read_until(self, expected: bytes = b"\n", size: int | None = None) -> bytes:
         """Return bytes up to and with `expected`, fewer at `size` or when the timeout is over."""
-        self._run(lambda: expected in self._arrived or (size is not None and len(self._arrived) >= size))
+        most = _MOST_BYTES if size is None else size
+        self._run(lambda: expected in self._arrived or len(self._arrived) >= most, most, *expected[-1:])
         at = self._arrived.find(expected)
         end = len(self._arrived) if at < 0 else at + len(expected)
         return self._give(end if size is None else min(end, size))
@@ -151,26 +156,22 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         del self._arrived[:count]
         return data
 
-    def _run(self, enough: Callable[[], bool]) -> None:
+    def _run(self, enough: Callable[[], bool], size: int, last: int = -1) -> None:
+        """Run until there is enough: at the earliest with so many bytes, or with a byte that may be the last."""
         machine = self.machine
 
-        uart = machine.uart0
-
         def arrived() -> bool:
-            # Asked after every event of the board, most of which are not on this line.
-            if not uart.host_waiting:
-                return False
             self._take()
+            machine.uart0.host_expect(min(size - len(self._arrived), _MOST_BYTES), last)
             return enough()
 
-        self._take()
-        if enough():
+        if arrived():
             return
         if self.timeout is not None:
-            machine.run_until(machine.time_s + self.timeout, wake=arrived)
+            machine.run_until(machine.time_s + self.timeout, wake=arrived, for_bytes=True)
             return
         while not arrived():
-            machine.run_until(machine.time_s + _ENDLESS_SLICE_S, wake=arrived)
+            machine.run_until(machine.time_s + _ENDLESS_SLICE_S, wake=arrived, for_bytes=True)
 
     # The line's settings exist for programs that set them; a virtual line has no others than the board's.
     def _reconfigure_port(self, *_: Any) -> None:

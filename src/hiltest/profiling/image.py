@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import deepcopy
 from pathlib import Path
 
-from hiltest.errors import ConfigError
 from hiltest.virtual.call_clock import CALL_HZ, checked_clock
-from hiltest.virtual.calling import CallResult
 from hiltest.virtual.chip import MemoryMap
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
-from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call, with_memories
+from hiltest.virtual.profiling import CallProfile, profile_call
 
 
 class ProfiledImage:
@@ -40,10 +37,7 @@ class ProfiledImage:
         self, elf: Path, *, timing: str = DEFAULT_PROFILE, memory: str | None = None, clock_hz: float = CALL_HZ
     ) -> None:
         self._clock_hz = checked_clock(clock_hz)
-        profile = load_profile(timing)
-        self._board = VirtualK64F(elf, profile=profile, accounting=ProfilingAccounting, memory=memory)
-        # Blocks know nothing of what the memories add: the same call is counted once more, with them.
-        self._with_memories = VirtualK64F(elf, profile=profile) if profile.memory else None
+        self._board = VirtualK64F(elf, profile=load_profile(timing), memory=memory)
 
     @property
     def memory(self) -> MemoryMap:
@@ -74,28 +68,8 @@ class ProfiledImage:
         Raises
         ------
         ConfigError
-            No such function, or arguments that do not fit it; or it did something else when memories made it wait, as
-            one does that reads a timer, so that the two counts are not of the same work.
+            No such function, or arguments that do not fit it.
         BoardFault
             The function faulted or hung.
         """
-        again = deepcopy(arguments)
-        profile = profile_call(self._board, function, *arguments, timeout_s=timeout_s, clock_hz=self._clock_hz)
-        if self._with_memories is None:
-            return profile
-        counted = self._with_memories.call(function, *again, timeout_s=timeout_s, clock_hz=self._clock_hz)
-        _check_same(profile, counted)
-        return with_memories(profile, counted.cycles, self._with_memories.processor.profile)
-
-
-def _check_same(profile: CallProfile, counted: CallResult) -> None:
-    """Refuse two counts of different work."""
-    with_and_without = [(repr(each.value), each.instructions) for each in (counted, profile)]  # a NaN is like a NaN
-    if with_and_without[0] == with_and_without[1]:
-        return
-    shown = [f"answers {value} after {count} instructions" for value, count in with_and_without]
-    raise ConfigError(
-        f"{profile.function} {shown[0]} when memories make it wait, and {shown[1]} when nothing does: what it does "
-        f"depends on the clock, so the two counts are not of the same work; count it by {DEFAULT_PROFILE}, which "
-        "knows no memories"
-    )
+        return profile_call(self._board, function, *arguments, timeout_s=timeout_s, clock_hz=self._clock_hz)

@@ -29,7 +29,7 @@ from hiltest.record.run import (
 from hiltest.record.run_json import write_run
 
 # What a number in the record can depend on, besides the firmware.
-_PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", "scipy", "pyserial")
+_PACKAGES = ("hiltest", "pytest", "cffi", "capstone", "pyelftools", "numpy", "scipy", "pyserial")
 
 
 class Recorder:

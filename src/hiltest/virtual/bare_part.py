@@ -14,7 +14,6 @@ from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.reset_control import ResetRequested, ResetSource
 from hiltest.virtual.peripherals.system_control import SystemControlSpace
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
-from hiltest.virtual.waits.turns import LoopProver
 
 
 def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter, SystemControlSpace]:
@@ -30,10 +29,8 @@ def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter
 def connected(
     processor: Processor, peripherals: Sequence[Peripheral], register_name: Callable[[int], str | None] | None
 ) -> PeripheralBus:
-    """Put blocks on the bus of a processor, which passes over loops that wait for them."""
-    bus = PeripheralBus(processor, peripherals, register_name)
-    processor.accounting.pass_over = LoopProver(processor, bus).pass_over
-    return bus
+    """Put blocks on the bus of a processor, which answers the accesses to them."""
+    return PeripheralBus(processor, peripherals, register_name)
 
 
 class BarePart:

@@ -178,4 +178,4 @@ class BoardParts:
 
     def hold_line(self, bus: int, held: HeldLine) -> None:
         """Pull a line of I2C bus 0 or 1 low for a time, as a part that is stuck or a short does."""
-        self._chip.i2c_buses[bus].held = held
+        self._chip.i2c_buses[bus].on_hold(held)

@@ -126,7 +126,10 @@ def summarised(
             "so whose cycles are whose cannot be told; watch functions that do not switch stacks"
         )
     elif lost:
-        refusal = f"{function}: {lost} calls were made with too many under way (256 in a task, 32 tasks); watch fewer"
+        refusal = (
+            f"{function}: {lost} calls were not followed: too many were under way (256 in a task, 32 tasks), came from "
+            "too many places (8192) or had not been read (4 million); watch fewer"
+        )
     cycles = sorted(each.cycles for each in calls) if not refusal else []
     within = sum(each.cycles for each in calls if each.outermost)
     return CallSummary(

@@ -8,25 +8,8 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.call_summary import Call, CallSummary, summarised
 from hiltest.virtual.calling import function_named
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.native.accounting import NativeBlockAccounting
-from hiltest.virtual.native.running_calls import NativeRunningCalls
-from hiltest.virtual.running_calls import RunningCalls
 
 _COLD = ".cold"  # the part of a function that the compiler moves away because it hardly ever runs
-
-
-def _running_calls(processor: Processor) -> RunningCalls | NativeRunningCalls:
-    """Return what sees the calls of a processor; there is one, in C where that counts."""
-    known, accounting = processor.exceptions.follower, processor.accounting
-    if isinstance(known, RunningCalls | NativeRunningCalls):
-        return known
-    seen: RunningCalls | NativeRunningCalls
-    if isinstance(accounting, NativeBlockAccounting):
-        seen = NativeRunningCalls(processor, accounting)
-    else:
-        seen = RunningCalls(processor)
-    processor.exceptions.follower = seen
-    return seen
 
 
 class CallWatch:
@@ -41,8 +24,8 @@ class CallWatch:
 
     Attributes
     ----------
-    running : RunningCalls or NativeRunningCalls
-        What sees the calls.
+    running : RunningCalls
+        Sees the calls of the processor.
     functions : dict of str to WatchedFunction
         By name.
     began : int
@@ -56,7 +39,7 @@ class CallWatch:
 
     def __init__(self, processor: Processor, functions: Iterable[str]) -> None:
         self._image = processor.image
-        self.running = _running_calls(processor)
+        self.running = processor.calls
         symbols = [function_named(self._image, name) for name in functions]
         self.functions = {symbol.name: self.running.watch(symbol.address) for symbol in symbols}
         self.begin()
@@ -66,7 +49,8 @@ class CallWatch:
         self.running.settle()
         self.began = self.running.now()
         self._before = {
-            name: (len(each.calls), each.abandoned, each.came_back) for name, each in self.functions.items()
+            name: (len(function.calls), function.abandoned, function.came_back)
+            for name, function in self.functions.items()
         }
 
     def look_at(self, address: int, size: int) -> None:
@@ -77,10 +61,10 @@ class CallWatch:
         ConfigError
             It says what another place holds already.
         """
-        for name, each in self.functions.items():
-            if each.looks_at not in (None, (address, size)):
+        for name, function in self.functions.items():
+            if function.looks_at not in (None, (address, size)):
                 raise ConfigError(f"{name} is watched for another word already; one word ends its solutions")
-            self.running.look_at(each, address, size)
+            function.look_at(address, size)
 
     @property
     def cycles(self) -> int:

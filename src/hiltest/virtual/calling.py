@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
@@ -14,6 +14,7 @@ from hiltest.virtual.elf import FirmwareImage, LoadSegment, Symbol
 from hiltest.virtual.procedure_call import Argument, assign, result
 from hiltest.virtual.schedule import Event
 from hiltest.virtual.signatures import Signature
+from hiltest.virtual.slices import Slice
 
 _STACK_BYTES = 8192
 
@@ -30,12 +31,15 @@ class CallResult:
         From its first instruction to its return, both included.
     clock_hz : float
         Core clock that it was called at [Hz].
+    executed : Slice or None
+        The call, to be executed again; None if devices answered to too many loads.
     """
 
     value: int | float | None
     cycles: int
     instructions: int
     clock_hz: float
+    executed: Slice | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     @property
     def microseconds(self) -> float:
@@ -116,8 +120,8 @@ def call_function(
 ) -> CallResult:  # fmt: skip
     """Call a function; see `VirtualK64F.call`."""
     function = function_named(processor.image, symbol)
-    registers, accounting = processor.registers, processor.accounting
-    processor.exceptions.floating_point_runs()  # what an interrupted handler has not saved yet is not this function's
+    registers = processor.registers
+    processor.save_floats()  # what an interrupted handler has not saved yet is not this function's
     saved = registers.general.read(), registers.floating_frame.read(), registers.primask.get(), processor.fpu_enabled
     control = registers.control.get()
     was_sleeping, processor.sleeping = processor.sleeping, False
@@ -134,8 +138,9 @@ def call_function(
     general = (core[:4] + [0] * 13)[:13]
     registers.general.write([*general, stack, RETURN_ADDRESS | 1, function.address | 1, 1 << 24])
     registers.floating.write(floating)
-    accounting.flush_pipeline()
-    cycles, instructions = accounting.cycles, accounting.instructions
+    processor.flush_pipeline()
+    machine, cycles, instructions = processor.machine, processor.cycles, processor.instructions
+    begin, loads = machine.snapshot(), processor.core.device_loads
     hang_cycles = round(timeout_s * clock_hz)
     delivered, processor.delivers_faults = processor.delivers_faults, False
     try:
@@ -144,6 +149,8 @@ def call_function(
             cause = f"hang: {symbol} did not return within {allowed}{processor.waits_for()}"
             raise processor.fault(cause, registers.pc.get())
         value = _result(processor, signature)
+        cycles, instructions = processor.cycles - cycles, processor.instructions - instructions
+        answers = machine.answers(loads)
         scratch.fetch()
     finally:
         registers.primask.set(saved[2])
@@ -153,8 +160,9 @@ def call_function(
         registers.general.write([*saved[0][:15], saved[0][15] | 1, saved[0][16]])
         processor.fpu_enabled, processor.sleeping = saved[3], was_sleeping
         processor.delivers_faults = delivered
-        accounting.flush_pipeline()
-    return CallResult(value, accounting.cycles - cycles, accounting.instructions - instructions, clock_hz)
+        processor.flush_pipeline()
+    executed = None if answers is None else Slice(machine, begin, cycles, instructions, answers)
+    return CallResult(value, cycles, instructions, clock_hz, executed=executed)
 
 
 def _result(processor: Processor, signature: Signature | None) -> int | float | None:

@@ -6,9 +6,12 @@ import math
 from collections.abc import Callable
 from fractions import Fraction
 
+from hiltest.errors import ConfigError
+from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.schedule import Event, Schedule
 
 PICOSECONDS = 10**12  # in a second: ticks of the clock that keeps virtual time
+_DENOMINATOR_BITS, _PRODUCT_BITS = 31, 62  # see machine_set_clock
 
 
 class Clock:
@@ -39,6 +42,15 @@ class Clock:
         self._passed = 0
         self._numerator = 0
         self._denominator = 1
+        self._machine: Machine | None = None  # whose peripherals in C count in it
+        self._number = -1
+
+    def number_in(self, machine: Machine) -> int:
+        """Return the number by which peripherals in C know the clock; they are told its rate from now on."""
+        if self._machine is None:
+            self._machine, self._number = machine, machine.add_clock()
+            self._tell()
+        return self._number
 
     def now(self) -> int:
         """Ticks since power-on."""
@@ -71,3 +83,22 @@ class Clock:
         self._denominator = math.lcm(rate.denominator, passed.denominator)
         self._numerator = rate.numerator * (self._denominator // rate.denominator)
         self._passed = passed.numerator * (self._denominator // passed.denominator)
+        self._tell()
+
+    def _tell(self) -> None:
+        """Tell the peripherals in C; they round a fraction of a tick down if 64 bits do not hold it."""
+        if self._machine is None:
+            return
+        numerator, denominator, common = self._numerator, self._denominator, 1
+        if not _fits(numerator, denominator):
+            common = math.gcd(numerator, denominator)
+            numerator, denominator = numerator // common, denominator // common
+        if not _fits(numerator, denominator):
+            raise ConfigError(f"64 bits cannot count a clock of {self.hz} Hz: {numerator}/{denominator} ticks a cycle")
+        ticks, remainder = divmod(self._passed // common, denominator)
+        self._machine.set_clock(self._number, self._since, ticks, remainder, numerator, denominator)
+
+
+def _fits(numerator: int, denominator: int) -> bool:
+    """Whether the core in C counts exactly in a clock with this rate."""
+    return denominator < 1 << _DENOMINATOR_BITS and numerator * denominator < 1 << _PRODUCT_BITS

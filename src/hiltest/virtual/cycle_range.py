@@ -1,19 +1,21 @@
-"""Uncertainty range of a count: the same executions, priced with the rows of the timing profile moved.
+"""Uncertainty range of a count: what ran is executed again, counted with the rows of the timing profile moved.
 
-The blocks that ran are known, and so is what each costs under any table; a count under a moved table is what the board
-would have counted, had it been made with that table. What no row explains is a part of the count, by a row of its own.
+A count under a moved table is what the board would have counted, had it been made with that table. What no row explains
+is a part of the count, by a row of its own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 from hiltest.measurement import DOUBT, CycleRange, RowEffect, in_flash
-from hiltest.virtual.executions import Executions, Pricing, together
+from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
-from hiltest.virtual.timing import TimingProfile, moved
+from hiltest.virtual.slices import PriceTables, Slice
+from hiltest.virtual.timing import TimingProfile
 
 # The result is usable when the FPU is free, or a cycle later: they are uncertain together.
 _TOGETHER = {"fp_divide": "fp_divide_use"}
@@ -45,7 +47,7 @@ def moves(profile: TimingProfile) -> Iterator[Move]:
 
 
 def cycle_range(
-    profile: TimingProfile, cycles: int, whole: Executions, empty: Executions | None = None
+    profile: TimingProfile, cycles: int, whole: Sequence[Slice], empty: Sequence[Slice] = ()
 ) -> CycleRange | None:
     """Return the uncertainty range of a count: every uncertain row takes any value of its own range.
 
@@ -55,42 +57,64 @@ def cycle_range(
         Profile that it was counted by.
     cycles : int
         The count.
-    whole : Executions
+    whole : sequence of Slice
         What was counted.
-    empty : Executions or None
+    empty : sequence of Slice
         What was counted and subtracted.
 
     Returns
     -------
     CycleRange or None
-        None when these executions do not make up the count: an exception came between, or the processor slept.
+        None if these slices do not make up the count: an exception came between, or the processor slept.
     """
-    if empty is not None and empty.entered is not whole.entered:
+    if not whole:
         return None
-    nominal = Pricing(profile, whole.entered)
-
-    def count(pricing: Pricing) -> int:
-        """Return the count by other prices."""
-        return pricing.total(whole) - (pricing.total(empty) if empty else 0)
-
-    if count(nominal) != cycles:
+    uncertain = list(moves(profile))
+    alone = _count(profile, [values for move in uncertain for values in (move.low, move.high)], whole, empty)
+    if alone is None or alone[0] != cycles:
         return None
-    used = nominal.rows_used()
-    uncertain = [move for move in moves(profile) if used.intersection(move.low)]
     effects: list[RowEffect] = []
     least: dict[str, int] = {}
     most: dict[str, int] = {}
-    for move in uncertain:
-        low, high = (_count_moved(count, nominal, profile, values) for values in (move.low, move.high))
+    for move, low, high in zip(uncertain, alone[1::2], alone[2::2], strict=True):
         least |= move.low if low <= high else move.high
         most |= move.high if low <= high else move.low
         if low != cycles or high != cycles:
             effects.append(RowEffect(move.row, low, high))
-    low, high = (_count_moved(count, nominal, profile, values) for values in (least, most))
+    ends = _count(profile, [least, most], whole, empty)
+    if ends is None:
+        return None
     if doubt := _doubt(profile, cycles):
         effects.append(RowEffect(DOUBT, cycles - doubt, cycles + doubt))
-    effects.sort(key=lambda each: -max(abs(each.low - cycles), abs(each.high - cycles)))
-    return CycleRange(low - doubt, high + doubt, tuple(effects))
+    effects.sort(key=lambda effect: -max(abs(effect.low - cycles), abs(effect.high - cycles)))
+    return CycleRange(ends[1] - doubt, ends[2] + doubt, tuple(effects))
+
+
+def _count(
+    profile: TimingProfile, tables: Sequence[Mapping[str, int]], whole: Sequence[Slice], empty: Sequence[Slice]
+) -> list[int] | None:
+    """Return the count by the profile, and by each table that differs from it in some rows; None if it is unknown."""
+    prices = _price_tables(whole[0].machine, profile, tables)
+    counts, subtracted = prices.count(whole), prices.count(empty)
+    if counts is None or subtracted is None:
+        return None
+    return [count - less for count, less in zip(counts, subtracted, strict=True)]
+
+
+_Key = tuple[str, str]
+_made: WeakKeyDictionary[Machine, dict[_Key, PriceTables]] = WeakKeyDictionary()
+_MOST_MADE = 4  # of a machine: for the moves of one row and for those of all, by two profiles
+
+
+def _price_tables(machine: Machine, profile: TimingProfile, tables: Sequence[Mapping[str, int]]) -> PriceTables:
+    """Return price tables, those that were made before if there are such: they have priced much of the code."""
+    made = _made.setdefault(machine, {})
+    key = profile.digest, repr(tables)
+    prices = made.pop(key, None) or PriceTables(machine, profile, tables)
+    made[key] = prices  # the one that was used longest ago stands first
+    if len(made) > _MOST_MADE:
+        del made[next(iter(made))]
+    return prices
 
 
 def _doubt(profile: TimingProfile, cycles: int) -> int:
@@ -114,7 +138,7 @@ def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:
 
 
 def range_where_it_ran(
-    profile: TimingProfile, cycle_model: str, cycles: int, executed: tuple[Executions, Executions] | None
+    profile: TimingProfile, cycle_model: str, cycles: int, executed: tuple[Sequence[Slice], Sequence[Slice]] | None
 ) -> CycleRange | None:
     """Return the uncertainty range of a timed count, for the memory that the code ran from.
 
@@ -128,20 +152,12 @@ def range_where_it_ran(
         Its placement says where it ran.
     cycles : int
         The count.
-    executed : tuple of Executions, or None
-        What was counted, and what was subtracted; None where that is unknown.
+    executed : tuple of sequences of Slice, or None
+        What was counted, and what was subtracted; None if that is unknown.
     """
     if in_flash(cycle_model):
         return flash_range(profile, cycles)
     return cycle_range(profile, cycles, *executed) if executed else None
-
-
-def _count_moved(
-    count: Callable[[Pricing], int], nominal: Pricing, profile: TimingProfile, values: dict[str, int]
-) -> int:
-    if all(profile.rows[name].value == value for name, value in values.items()):
-        return count(nominal)
-    return count(nominal.moved(moved(profile, values), frozenset(values)))
 
 
 class TimedSteps:
@@ -160,8 +176,8 @@ class TimedSteps:
     def __init__(self, counter: CycleCounter, profile: TimingProfile, cycle_model: str) -> None:
         self._counter, self._profile, self._cycle_model = counter, profile, cycle_model
         self._cycles = 0
-        self._whole: list[Executions] = []
-        self._empty: list[Executions] = []
+        self._whole: list[Slice] = []
+        self._empty: list[Slice] = []
         self._known = True
 
     def add(self, cycles: Sequence[int], overhead_cycles: int) -> None:
@@ -170,13 +186,12 @@ class TimedSteps:
         self._known = self._known and executed is not None
         self._cycles += sum(cycles)
         if executed:
-            self._whole.append(executed[0])
-            self._empty.append(executed[1])
+            self._whole += executed[0]
+            self._empty += executed[1]
 
     def band(self) -> CycleRange | None:
         """Return the uncertainty range of all steps together; None where it is unknown."""
         if not self._cycles:
             return None
-        whole, empty = together(self._whole), together(self._empty)
-        executed = (whole, empty) if self._known and whole and empty else None
+        executed = (self._whole, self._empty) if self._known else None
         return range_where_it_ran(self._profile, self._cycle_model, self._cycles, executed)

@@ -33,10 +33,10 @@ class DebugAccess:
 
     def __init__(self, machine: VirtualK64F) -> None:
         self._machine, self._processor = machine, machine.processor
-        engine = self._processor.engine
-        self._groups = [RegisterGroup(engine, [name]) for name in (*CORE_NAMES, *SYSTEM_NAMES)]
-        self._groups += [RegisterGroup(engine, [f"S{2 * n}", f"S{2 * n + 1}"]) for n in range(DOUBLES)]
-        self._groups.append(RegisterGroup(engine, ["FPSCR"]))
+        core_machine = self._processor.machine
+        self._groups = [RegisterGroup(core_machine, [name.upper()]) for name in (*CORE_NAMES, *SYSTEM_NAMES)]
+        self._groups += [RegisterGroup(core_machine, [f"S{2 * n}", f"S{2 * n + 1}"]) for n in range(DOUBLES)]
+        self._groups.append(RegisterGroup(core_machine, ["FPSCR"]))
 
     def register(self, number: int) -> bytes:
         """Read a register, little-endian: 4 bytes, or 8 of a double."""
@@ -114,8 +114,6 @@ class DebugAccess:
         """
         if not self._is_device(address):
             self._processor.memory.write(address, data)
-            self._processor.accounting.forget_code()
-            self._processor.engine.ctl_flush_tb()
             return
         while data:
             width = self._access(address, len(data))

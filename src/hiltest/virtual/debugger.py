@@ -1,42 +1,35 @@
 """Halting the processor for a debugger: breakpoints, watchpoints, steps, and who may touch it meanwhile.
 
 Nothing of this is in the way of a board that is not being debugged: `Debugger.run` stands in for `Processor.run`, and
-the emulator is told of an address only while there is a breakpoint on it. Virtual time stands still in a halt, because
-the thread that runs the board waits in `run`.
+the core looks for breakpoints and watchpoints only where there are any. Virtual time stands still in a halt, because
+the thread that runs the board waits in `run`. A halt changes no count.
 """
 
 from __future__ import annotations
 
-import ctypes
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
 
-import unicorn
-
-from hiltest.errors import BoardFault
-from hiltest.virtual.code_hook import CODE_CALLBACK
-from hiltest.virtual.engine import add_hook, remove_hook
+from hiltest.errors import BoardFault, ConfigError
+from hiltest.virtual.core.library import lib
+from hiltest.virtual.core.machine import NEVER
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.schedule import Event
 
-_DATA_CALLBACK = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64, ctypes.c_int, ctypes.c_int64, ctypes.c_void_p
-)
-_LOOK_AGAIN_S = 0.02  # a request to halt that came while the emulator was being entered is made again
+_LOOK_AGAIN_S = 0.02  # a request to halt that came while the core was being entered is made again
 _BKPT = 0xBE  # high byte of the instruction
 
 
 class WatchKind(Enum):
     """What a watchpoint looks for."""
 
-    WRITE = unicorn.UC_HOOK_MEM_WRITE
-    READ = unicorn.UC_HOOK_MEM_READ
-    ACCESS = unicorn.UC_HOOK_MEM_WRITE | unicorn.UC_HOOK_MEM_READ
+    WRITE = lib.WATCH_WRITE
+    READ = lib.WATCH_READ
+    ACCESS = lib.WATCH_ACCESS
 
 
 class StopReason(Enum):
@@ -70,11 +63,11 @@ class Stop:
 
 
 class _Stopped(Exception):
-    """The emulator was stopped before an instruction, at a time [cycles] and behind so many instructions."""
+    """The core has stopped between two instructions."""
 
-    def __init__(self, stop: Stop, cycles: int, instructions: int) -> None:
+    def __init__(self, stop: Stop) -> None:
         super().__init__(stop.reason.name)
-        self.stop, self.cycles, self.instructions = stop, cycles, instructions
+        self.stop = stop
 
 
 class Debugger:
@@ -102,20 +95,18 @@ class Debugger:
         self._on_stop = on_stop
         self._turn = threading.Condition()  # guards what follows, and the processor while nobody is inside
         self._halt = False  # whether it is to stand still
-        self._inside = False  # whether the emulator is entered
-        self._passing: int | None = None  # a breakpoint here is not hit by going on from it
+        self._inside = False  # whether the processor is entered
         self._within = range(0)  # a step goes on while it stays in there
-        self._steps = False
-        self._hit: Stop | None = None  # by the instruction that runs
-        self._breakpoints: dict[int, tuple[int, object]] = {}  # hook of the emulator, and its callback
-        self._watchpoints: dict[tuple[WatchKind, int, int], tuple[int, object]] = {}
-        self._looks: tuple[int, object] | None = None  # the hook of every instruction
+        self._active: int | None = None  # exceptions that were active before a step, until it begins
+        self._breakpoints: set[int] = set()
+        self._watchpoints: list[tuple[WatchKind, int, int]] = []
         machine.run_processor = self.run
-        self._processor.traps.at_breakpoint = self._at_instruction
+        self._processor.at_stop = self._at_stop
+        self._processor.at_breakpoint = self._at_instruction
 
     # -- the thread that runs the board -------------------------------------------------------
 
-    def run(self, until: Event, *, wake: Callable[[], bool] | None = None) -> bool:
+    def run(self, until: Event, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> bool:
         """Run the processor as `Processor.run` does, and wait whenever it is halted."""
 
         def look() -> bool:
@@ -125,9 +116,9 @@ class Debugger:
             self._enter()
             stop: Stop | None = None
             try:
-                returned = self._processor.run(until, wake=look)
+                returned = self._processor.run(until, wake=look, for_bytes=for_bytes)
             except _Stopped as stopped:
-                stop = self._mend(stopped)
+                stop = stopped.stop
             except BoardFault as fault:
                 if not self._attended:
                     raise
@@ -155,7 +146,7 @@ class Debugger:
             self._inside = True
 
     def _leave(self, stop: Stop | None) -> bool:
-        """Note that the emulator is left; True when somebody waits for that."""
+        """Note that the processor is left; True when somebody waits for that."""
         with self._turn:
             asked = self._halt
             self._inside = False
@@ -165,54 +156,33 @@ class Debugger:
             self._turn.notify_all()
             return asked
 
-    def _mend(self, stopped: _Stopped) -> Stop:
-        """Count what ran before the instruction, and not the rest of its block."""
-        accounting = self._processor.accounting
-        accounting.cycles, accounting.instructions = stopped.cycles, stopped.instructions
-        accounting.flush_pipeline()
-        return stopped.stop
+    # -- called by the processor --------------------------------------------------------------
 
-    # -- called by the emulator ---------------------------------------------------------------
+    def _at_stop(self, reason: int) -> None:
+        core = self._processor.core
+        if reason == lib.STOP_WATCHPOINT:
+            watch, core.watch_kinds = WatchKind(core.watch_kinds), 0
+            raise _Stopped(Stop(StopReason.WATCHPOINT, watch, core.watch_address))
+        if reason == lib.STOP_STEP and self._steps_on():
+            core.instruction_limit = core.instructions + 1
+            return
+        core.instruction_limit = NEVER
+        raise _Stopped(Stop(StopReason.BREAKPOINT if core.r[15] in self._breakpoints else StopReason.STEPPED))
 
-    def _stop_before(self, address: int, stop: Stop) -> None:
-        accounting = self._processor.accounting
-        self._processor.abort(_Stopped(stop, accounting.now(address), accounting.instructions_now(address)))
+    def _steps_on(self) -> bool:
+        """Whether a step is not over: nothing has run yet, or an instruction comes that is passed over."""
+        core, before = self._processor.core, self._active
+        self._active = None
+        if before is not None:
+            return bool(core.active_count == before)  # else an exception's handler begins, which is a step as well
+        if lib.machine_skips(self._processor.machine.handle):
+            return True
+        return core.r[15] in self._within and core.r[15] not in self._breakpoints
 
-    def _on_breakpoint(self, _engine: int, address: int, _size: int, _data: int) -> None:
-        try:
-            if self._looks is None:  # else that hook looks for it
-                passed, self._passing = self._passing == address, None
-                if not passed:
-                    self._stop_before(address, Stop(StopReason.BREAKPOINT))
-        except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
-            self._processor.abort(error)
-
-    def _on_instruction(self, _engine: int, address: int, _size: int, _data: int) -> None:
-        try:
-            hit, passed = self._hit, self._passing == address
-            self._hit = self._passing = None
-            if hit is not None:
-                self._stop_before(address, hit)
-            elif passed:
-                pass
-            elif address in self._breakpoints:
-                self._stop_before(address, Stop(StopReason.BREAKPOINT))
-            elif self._steps and address not in self._within:
-                self._stop_before(address, Stop(StopReason.STEPPED))
-        except BaseException as error:  # as above
-            self._processor.abort(error)
-
-    def _on_data(
-        self, watch: WatchKind, _engine: int, _access: int, address: int, _size: int, _value: int, _data: int
-    ) -> None:
-        self._hit = Stop(StopReason.WATCHPOINT, watch, address)
-        self._processor.registers.forget_condition()
-
-    def _at_instruction(self, address: int) -> bool:
+    def _at_instruction(self, _address: int) -> None:
         """Halt at a BKPT instruction, if a debugger is there."""
         if self._attended:
-            self._stop_before(address & ~1, Stop(StopReason.BREAKPOINT))
-        return self._attended
+            raise _Stopped(Stop(StopReason.BREAKPOINT))
 
     # -- from the other thread ----------------------------------------------------------------
 
@@ -235,12 +205,13 @@ class Debugger:
     def go_on(self, *, step: bool = False, within: range = range(0)) -> None:
         """Let a processor that is halted go on: for one instruction, or until it leaves the addresses `within`."""
         with self.halted():
-            pc = self._processor.registers.pc.get() & ~1
-            if not step and self._is_instruction(pc):
-                pc += 2
-                self._processor.registers.pc.set(pc | 1)
-            self._passing, self._steps, self._within, self._hit = pc, step, within, None
-            self._look_at_all()
+            core = self._processor.core
+            if not step and self._is_instruction(core.r[15]):
+                core.r[15] += 2
+            core.passes_breakpoint, core.watch_kinds = True, 0
+            # A step has the core take what is pending first: no instruction is due until then.
+            core.instruction_limit = core.instructions if step else NEVER
+            self._active, self._within = core.active_count, within
             self._halt = False
             self._turn.notify_all()
 
@@ -252,39 +223,47 @@ class Debugger:
             return False
 
     def set_breakpoint(self, address: int) -> None:
-        """Halt before the instruction at an address."""
+        """Halt before the instruction at an address.
+
+        Raises
+        ------
+        ConfigError
+            If there are too many.
+        """
         with self.halted():
-            if address not in self._breakpoints:
-                callback = CODE_CALLBACK(self._on_breakpoint)
-                hook = add_hook(self._processor.engine, unicorn.UC_HOOK_CODE, callback, within=(address, address))
-                self._breakpoints[address] = hook, callback
-                self._forget(address)
+            if not lib.machine_set_breakpoint(self._processor.machine.handle, address, True):
+                raise ConfigError("too many breakpoints")
+            self._breakpoints.add(address)
 
     def clear_breakpoint(self, address: int) -> None:
         """Forget a breakpoint, if it is there."""
         with self.halted():
-            hook, _callback = self._breakpoints.pop(address, (None, None))
-            if hook is not None:
-                remove_hook(self._processor.engine, hook)
-                self._forget(address)
+            if address in self._breakpoints:
+                lib.machine_set_breakpoint(self._processor.machine.handle, address, False)
+                self._breakpoints.remove(address)
 
     def set_watchpoint(self, watch: WatchKind, address: int, size: int) -> None:
-        """Halt behind an instruction that accesses one of `size` bytes."""
+        """Halt behind an instruction that accesses one of `size` bytes.
+
+        Raises
+        ------
+        ConfigError
+            If there are too many.
+        """
         with self.halted():
             if (watch, address, size) not in self._watchpoints:
-                callback = _DATA_CALLBACK(partial(self._on_data, watch))
-                within = address, address + size - 1
-                hook = add_hook(self._processor.engine, watch.value, callback, within=within)
-                self._watchpoints[watch, address, size] = hook, callback
-                self._processor.engine.ctl_flush_tb()
+                if not lib.machine_add_watchpoint(self._processor.machine.handle, address, size, watch.value):
+                    raise ConfigError("too many watchpoints")
+                self._watchpoints.append((watch, address, size))
 
     def clear_watchpoint(self, watch: WatchKind, address: int, size: int) -> None:
         """Forget a watchpoint, if it is there."""
         with self.halted():
-            hook, _callback = self._watchpoints.pop((watch, address, size), (None, None))
-            if hook is not None:
-                remove_hook(self._processor.engine, hook)
-                self._processor.engine.ctl_flush_tb()
+            if (watch, address, size) in self._watchpoints:
+                self._watchpoints.remove((watch, address, size))
+                lib.machine_clear_watchpoints(self._processor.machine.handle)
+                for kind, begin, length in self._watchpoints:
+                    lib.machine_add_watchpoint(self._processor.machine.handle, begin, length, kind.value)
 
     def clear(self) -> None:
         """Forget all breakpoints and watchpoints."""
@@ -292,20 +271,3 @@ class Debugger:
             self.clear_breakpoint(address)
         for watched in list(self._watchpoints):
             self.clear_watchpoint(*watched)
-
-    def _forget(self, address: int) -> None:
-        """Have code translated anew, which goes on as it was otherwise."""
-        self._processor.engine.ctl_remove_cache(address, address + 2)
-
-    def _look_at_all(self) -> None:
-        """Have every instruction looked at while steps or watchpoints need it, and else none."""
-        wanted = self._steps or bool(self._watchpoints)
-        if wanted == (self._looks is not None):
-            return
-        if self._looks is None:
-            callback = CODE_CALLBACK(self._on_instruction)
-            self._looks = add_hook(self._processor.engine, unicorn.UC_HOOK_CODE, callback), callback
-        else:
-            remove_hook(self._processor.engine, self._looks[0])
-            self._looks = None
-        self._processor.engine.ctl_flush_tb()

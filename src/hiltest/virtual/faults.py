@@ -1,87 +1,80 @@
-"""Faults of the processor: their kinds, status registers and delivery."""
+"""Faults of the processor: their descriptions, and those that its handlers have got."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from typing import Any
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.nvic import BUS_FAULT, HARD_FAULT, MEM_MANAGE, USAGE_FAULT, exception_name
+from hiltest.virtual.core.library import lib
+from hiltest.virtual.core.machine import Machine
+from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
+from hiltest.virtual.nvic import exception_name
+from hiltest.virtual.peripherals.bit_band import ALIASES
 
-_BFAR_VALID = 1 << 15
-_HFSR_FORCED = 1 << 30
 _KEPT = 1000  # firmware that lives from its faults must not fill the host's memory; the first ones explain the most
+_NO_CODE = (PERIPHERALS, PRIVATE_PERIPHERALS, *ALIASES)
 
 
-class FaultKind(Enum):
-    """A kind of fault: the exception that takes it, its bit in CFSR and its bit in HFSR."""
+def describe_fault(machine: Machine, instruction: str) -> str:
+    """Say what the core has noted in `core.fault`.
 
-    EXECUTE_NEVER = (MEM_MANAGE, 1 << 0, 0)
-    INSTRUCTION_BUS = (BUS_FAULT, 1 << 8, 0)
-    DATA_BUS = (BUS_FAULT, 1 << 9, 0)
-    UNSTACKING = (BUS_FAULT, 1 << 11, 0)
-    STACKING = (BUS_FAULT, 1 << 12, 0)
-    UNDEFINED_INSTRUCTION = (USAGE_FAULT, 1 << 16, 0)
-    INVALID_STATE = (USAGE_FAULT, 1 << 17, 0)
-    INVALID_RETURN = (USAGE_FAULT, 1 << 18, 0)
-    NO_COPROCESSOR = (USAGE_FAULT, 1 << 19, 0)
-    UNALIGNED = (USAGE_FAULT, 1 << 24, 0)
-    DIVIDE_BY_ZERO = (USAGE_FAULT, 1 << 25, 0)
-    SUPERVISOR_CALL = (HARD_FAULT, 0, _HFSR_FORCED)  # SVC where its handler may not run
-    VECTOR_TABLE = (HARD_FAULT, 0, 1 << 1)
-    BREAKPOINT = (HARD_FAULT, 0, 1 << 31)
-
-    def __init__(self, exception: int, cfsr: int, hfsr: int) -> None:
-        self.exception = exception
-        self.cfsr = cfsr
-        self.hfsr = hfsr
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """One fault, as it was found.
-
-    Attributes
+    Parameters
     ----------
-    kind : FaultKind
-    cause : str
-        What happened, for people.
-    place : int
-        Address of the instruction to name: for a jump into nothing, the jump.
-    address : int or None
-        The data address of a bus error.
+    machine : Machine
+    instruction : str
+        Text of the instruction at its place.
     """
+    fault = machine.core.fault
+    if fault.kind == lib.FAULT_DATA_BUS:
+        return _data_access(machine, fault)
+    if fault.cause in (lib.CAUSE_FETCH_UNMAPPED, lib.CAUSE_NO_THUMB_BIT):
+        return _jump(fault)
+    sentence: str = _SENTENCES[fault.cause].format(
+        address=fault.address, value=fault.value, number=fault.size, instruction=instruction
+    )
+    return sentence
 
-    kind: FaultKind
-    cause: str
-    place: int
-    address: int | None = None
+
+_SENTENCES = {
+    lib.CAUSE_OPCODE: "undefined instruction {value:04x}",
+    lib.CAUSE_FPU_DISABLED: "FPU used while CPACR disables it (NOCP)",
+    lib.CAUSE_COPROCESSOR: "instruction for a coprocessor that is not there (NOCP)",
+    lib.CAUSE_MISALIGNED: "unaligned access: r{number} = 0x{value:08x} in '{instruction}'",
+    lib.CAUSE_EXCLUSIVE: "unaligned exclusive access",
+    lib.CAUSE_DIVISOR: "division by zero: r{number}",
+    lib.CAUSE_SVC: "SVC where the SVCall handler may not run",
+    lib.CAUSE_BKPT: "breakpoint (BKPT) without a debugger",
+    lib.CAUSE_STACK_FRAME: "no RAM for a stack frame at 0x{address:08x}",
+    lib.CAUSE_VECTOR_READ: "no memory at VTOR 0x{address:08x}",
+    lib.CAUSE_VECTOR_THUMB: "vector 0x{value:08x} of exception {number} has no Thumb bit",
+    lib.CAUSE_RETURN_THREAD: "EXC_RETURN 0x{value:08x} where no exception is active",
+    lib.CAUSE_RETURN_VALUE: "EXC_RETURN 0x{value:08x} fits no active exception",
+    lib.CAUSE_RETURN_MODE: "stacked xPSR 0x{value:08x} is of another mode",
+    lib.CAUSE_RETURN_THUMB: "stacked xPSR 0x{value:08x} has no Thumb bit",
+}
 
 
-class Lockup(Exception):
-    """A fault where no handler may run: the processor stops."""
+def _data_access(machine: Machine, fault: Any) -> str:
+    begin = {
+        lib.CAUSE_READ_UNMAPPED: "read of unmapped address", lib.CAUSE_WRITE_UNMAPPED: "write to unmapped address",
+        lib.CAUSE_WRITE_FLASH: "write to flash at address", lib.CAUSE_READ_REFUSED: "read of",
+        lib.CAUSE_WRITE_REFUSED: "write to",
+    }[fault.cause]  # fmt: skip
+    is_refused = fault.cause in (lib.CAUSE_READ_REFUSED, lib.CAUSE_WRITE_REFUSED)
+    target = machine.refusal if is_refused else f"0x{fault.value or fault.address:08x}"
+    if fault.value:
+        return f"{begin} {target} through its bit-band alias 0x{fault.address:08x}"
+    return f"{begin} {target}" if is_refused else f"{begin} {target} ({fault.size} bytes)"
 
 
-class FaultStatus:
-    """CFSR, HFSR, BFAR and which fault handlers are enabled."""
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """State after a processor reset; BFAR is unknown then, and kept here."""
-        self.cfsr = 0
-        self.hfsr = 0
-        self.bfar = 0
-        self.enabled: set[int] = set()
-
-    def record(self, fault: Fault, *, forced: bool) -> None:
-        """Set what the handler will read."""
-        self.cfsr |= fault.kind.cfsr
-        self.hfsr |= fault.kind.hfsr | (_HFSR_FORCED if forced else 0)
-        if fault.kind is FaultKind.DATA_BUS and fault.address is not None:
-            self.bfar = fault.address
-            self.cfsr |= _BFAR_VALID
+def _jump(fault: Any) -> str:
+    if fault.cause == lib.CAUSE_NO_THUMB_BIT and fault.place == fault.address:
+        return f"jump to the even address 0x{fault.address:08x}: no Thumb bit"
+    is_data = any(base <= fault.address < base + size for base, size in _NO_CODE)
+    begin = "execution of data at address" if is_data else "jump to unmapped address"
+    without = ", without Thumb bit" if fault.cause == lib.CAUSE_NO_THUMB_BIT else ""
+    return f"{begin} 0x{fault.address:08x}{without}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,6 @@ class FlashArray:
 
     def __init__(self, processor: Processor, file: str | Path | None = None) -> None:
         self.once = bytearray(ERASED * (PHRASE * RECORDS))
-        self._processor = processor
         self._memory = processor.memory
         self._file = None if file is None else Path(file)
 
@@ -63,9 +62,6 @@ class FlashArray:
 
     def _change(self, address: int, data: bytes) -> None:
         self._memory.write(address, data)
-        # Code may have run from there.
-        self._processor.engine.ctl_remove_cache(address, address + len(data))
-        self._processor.accounting.forget_code()
         self._save(address, data)
 
     # -- from run to run ----------------------------------------------------------------------

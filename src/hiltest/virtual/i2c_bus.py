@@ -51,25 +51,21 @@ class I2cBus:
 
     Attributes
     ----------
-    held : HeldLine or None
+    on_hold : callable
+        Told what pulls a line low for a time, instead of what was to pull it before.
     """
 
     def __init__(self, devices: Sequence[I2cDevice]) -> None:
         self._devices = {device.address: device for device in devices}
         if len(self._devices) != len(devices):
             raise ValueError("two parts on one bus have the same address")
-        self.held: HeldLine | None = None
+        self.on_hold: Callable[[HeldLine], None] = lambda _held: None
         self._addressed: I2cDevice | None = None
         self._after_stop: dict[int, Callable[[], None]] = {}
 
     def after_stop(self, device: I2cDevice, action: Callable[[], None]) -> None:
         """Call `action` after each STOP that ends an access to a part."""
         self._after_stop[device.address] = action
-
-    def holding(self, line: Literal["scl", "sda"], time_s: float) -> HeldLine | None:
-        """Return what pulls a line low now; None where nothing does."""
-        held = self.held
-        return held if held and held.line == line and held.begin_s <= time_s < held.end_s else None
 
     def address(self, byte: int, time_s: float) -> bool:
         """Send the address byte that follows a START."""

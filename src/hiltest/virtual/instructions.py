@@ -17,13 +17,6 @@ _PC_BIT = 1 << 15
 _LINK_BIT = 1 << 14
 _STACK_BIT = 1 << 13
 
-# Stores, and what masks interrupts: such a loop may only wait all the same, see `hiltest.virtual.waits`.
-_PROVABLE_ROWS = {"store", "store_register_offset"}
-_PROVABLE_SYSTEM = ("nop", "cps", "mrs", "msr")
-# Rows of instructions that may stand in a loop that only waits, unless they begin so.
-_WAITING_ROWS = {"data", "load", "multiple_base", "divide", "branch", "table_branch", "barrier", "it"}
-_NOT_WAITING = ("st", "push", "udf", ".", "mcr", "mrc", "cdp", "ldc")
-
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
@@ -119,19 +112,6 @@ class Instruction:
     def may_return(self) -> bool:
         """Whether it may be a return, if it transfers control."""
         return self.transfer == "indirect" and self.row != "table_branch" and not self.calls
-
-    @property
-    def may_wait(self) -> bool:
-        """Whether it changes nothing but core registers and flags: it stores nothing, and is no system instruction."""
-        mnemonic = self.text.partition(" ")[0]
-        return self.row in _WAITING_ROWS and not self.uses_fpu and not mnemonic.startswith(_NOT_WAITING)
-
-    @property
-    def may_be_proved(self) -> bool:
-        """Whether it may stand in a loop of which many turns are proved to go alike."""
-        if self.row in ("system", "multiple_base"):
-            return not self.uses_fpu and self.text.startswith((*_PROVABLE_SYSTEM, "push", "st", "pop", "ld"))
-        return self.may_wait or self.row in _PROVABLE_ROWS
 
 
 _SINGLE_LOADS = {

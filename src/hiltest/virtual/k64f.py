@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
-from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.bare_part import BarePart
 from hiltest.virtual.board_parts import BoardParts
 from hiltest.virtual.call_clock import CALL_HZ, checked_clock
@@ -27,24 +26,19 @@ from hiltest.virtual.loading import load_running, load_segments, vectors
 from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.memory_map import memory_map
 from hiltest.virtual.memory_use import memory_use
-from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.microcontroller import Microcontroller
-from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.reset_control import ResetRequested, ResetSource
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.schedule import Event
 from hiltest.virtual.solution_watch import SolutionEnd, SolutionWatch
 from hiltest.virtual.stack_bounds import NoBound, StackBounds, bound_with_exceptions
+from hiltest.virtual.stacks import known_stacks
 from hiltest.virtual.timing import TimingProfile
 
 #: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
 #: the slowest way to count, with a profile, takes the host about a minute for it.
 HANG_S = 1.0
-
-def _accounting_for(profile: TimingProfile) -> AccountingFactory:
-    return MemoryAccounting if profile.memory else by_block
-
 
 class VirtualK64F(BoardParts):
     """A board that runs an ELF, instruction by instruction, with a cycle count.
@@ -61,10 +55,6 @@ class VirtualK64F(BoardParts):
         Parts on the two buses.
     profile : str or TimingProfile
         Name of a profile, or of a user's own file (``.toml``), see `hiltest.virtual.profile_file`.
-    accounting : AccountingFactory, optional
-        What counts; by default by block, in C where that is there, and with a profile that has memory rows by
-        instruction, with them. `InstructionAccounting` is slow, and the reference. `every_turn` passes over no turn
-        of a loop that only waits, as the default does where it counts in C; nothing but the host's time depends on it.
     strict : bool
         Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
         registers keep what is written, and `unmodelled` lists what was touched.
@@ -96,7 +86,6 @@ class VirtualK64F(BoardParts):
         i2c0: Sequence[I2cDevice] = (),
         i2c1: Sequence[I2cDevice] = (),
         profile: str | TimingProfile = DEFAULT_PROFILE,
-        accounting: AccountingFactory | None = None,
         strict: bool = False,
         memory: str | MemoryMap | None = None,
         flash_file: str | Path | None = None,
@@ -107,9 +96,7 @@ class VirtualK64F(BoardParts):
         self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
         if priced.memory and self._is_foreign:
             raise ConfigError(f"{priced.name} counts the K64F's memories, not {self.memory}; take {DEFAULT_PROFILE}")
-        self.processor = Processor(
-            self.image, priced, accounting=accounting or _accounting_for(priced), memories=self.memory,
-        )
+        self.processor = Processor(self.image, priced, memories=self.memory)
         if self._is_foreign and (i2c0 or i2c1 or flash_file):
             raise ConfigError(f"{self.image.name} is on {self.memory}: i2c0, i2c1 and flash_file are of the MK64FN1M0")
         super().__init__(
@@ -164,21 +151,11 @@ class VirtualK64F(BoardParts):
 
     def _reset(self, source: ResetSource) -> None:
         processor = self.processor
-        processor.nvic.reset()
-        processor.exceptions.reset()
-        processor.fault_log.forget_open()
+        processor.reset()
         self._chip.reset(source)
-        processor.sleeping = False
-        processor.accounting.forget_code()
-        processor.accounting.flush_pipeline()
         stack, entry = vectors(processor.memory, self.image)
-        processor.exceptions.vector_table = self.image.vectors
-        registers = processor.registers
-        registers.xpsr.set(1 << 24)
-        for register in (registers.control, registers.primask, registers.basepri, registers.faultmask):
-            register.set(0)
-        registers.general.write([0] * 13 + [stack, 0xFFFFFFFF, entry | 1, 1 << 24])
-        processor.accounting.stack_begins(stack & ~3)
+        processor.core.vector_table = self.image.vectors
+        processor.core.r[13], processor.core.r[15] = stack & ~3, entry & ~1
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -194,7 +171,7 @@ class VirtualK64F(BoardParts):
 
     def memory_use(self) -> dict[str, int]:
         """Return the bytes that the firmware takes, see `hiltest.virtual.memory_use`."""
-        return memory_use(self.image, self.memory, self.processor.accounting.stacks.known)
+        return memory_use(self.image, self.memory, known_stacks(self.processor.machine))
 
     def stack_bounds(self, functions: Iterable[str]) -> dict[str, int | str]:
         """Return the bytes of stack that functions can take at most, by name, or why that is not known.
@@ -202,7 +179,7 @@ class VirtualK64F(BoardParts):
         The empty name is that of the whole firmware, with the exceptions that were taken or are enabled.
         """
         bounds, found = StackBounds(self.image), dict[str, int | str]()
-        nvic, table = self.processor.nvic, self.processor.exceptions.vector_table
+        nvic, table = self.processor.nvic, self.processor.core.vector_table
         with contextlib.suppress(ConfigError):  # it did not start from here
             _, entry = vectors(self.processor.memory, self.image)
             read = self.processor.memory.read_words
@@ -256,7 +233,7 @@ class VirtualK64F(BoardParts):
                 return decode(address, self.processor.memory.read(address, size))[0].jumps_to(address)
         return False
 
-    def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None) -> None:
+    def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
         """Run the firmware until virtual time `time_s`, or until `wake` answers true.
 
         Parameters
@@ -265,6 +242,8 @@ class VirtualK64F(BoardParts):
             Virtual time since power-on [s].
         wake : callable, optional
             Asked after every event of a peripheral.
+        for_bytes : bool
+            Whether it need not be asked before bytes come that the host of a UART expects, see `Uart.host_expect`.
 
         Raises
         ------
@@ -279,7 +258,7 @@ class VirtualK64F(BoardParts):
         try:
             while True:
                 try:
-                    self.run_processor(until, wake=wake)
+                    self.run_processor(until, wake=wake, for_bytes=for_bytes)
                     return
                 except ResetRequested as request:
                     fault = self.processor.fault_log.first_cause
@@ -356,7 +335,7 @@ class VirtualK64F(BoardParts):
         if not self._booted:
             load_running(self.processor.memory, self.image)
         try:
-            with self.processor.exceptions.unfollowed():
+            with self.processor.calls.paused():
                 return call_function(
                     self.processor, symbol, arguments, booted=self._booted, clock_hz=clock_hz, timeout_s=timeout_s
                 )

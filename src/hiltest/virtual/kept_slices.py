@@ -1,19 +1,16 @@
-"""What the slices of a solution began with, so that they can be called once more on another board."""
+"""Snapshots of where the slices of a solution began, so that they can be executed once more."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import unicorn
-
 from hiltest.virtual.call_summary import Call
 from hiltest.virtual.call_watch import CallWatch
-from hiltest.virtual.code_hook import CODE_CALLBACK
+from hiltest.virtual.core.machine import Snapshot
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.engine import add_hook
 
-_ARGUMENTS_AND_STACK = (0, 1, 2, 3, 13)
+_MOST_SLICES = 4000  # of a solution, so that their snapshots have room
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,17 +20,14 @@ class Slice:
     Attributes
     ----------
     function : str
-    arguments : tuple of int
-        r0 to r3 at its entry.
-    stack : int
-        Stack pointer there.
+    begin : Snapshot
+        State before its first instruction.
     cycles : int
         What it took, without exceptions and other tasks.
     """
 
     function: str
-    arguments: tuple[int, ...]
-    stack: int
+    begin: Snapshot
     cycles: int
 
 
@@ -43,14 +37,11 @@ class KeptSolution:
 
     Attributes
     ----------
-    memory : bytes
-        RAM when its first slice began.
     slices : tuple of Slice
     ended : int
         Cycle at which its last slice returned.
     """
 
-    memory: bytes
     slices: tuple[Slice, ...]
     ended: int
 
@@ -60,16 +51,8 @@ class KeptSolution:
         return sum(each.cycles for each in self.slices)
 
 
-class _Begun:
-    """A solution under way: RAM as it began, and the registers of each entry by the cycle of that."""
-
-    def __init__(self, memory: bytes) -> None:
-        self.memory = memory
-        self.entries: dict[int, list[int]] = {}
-
-
 class KeptSlices:
-    """Keeps RAM and arguments of the latest solution.
+    """Keeps where the slices of the latest solution began.
 
     Parameters
     ----------
@@ -82,20 +65,19 @@ class KeptSlices:
     """
 
     def __init__(self, processor: Processor, watch: CallWatch, ends: Callable[[Call, int], bool]) -> None:
-        self._processor, self._functions, self._running, self._ends = processor, watch.functions, watch.running, ends
-        self._registers = processor.registers.cores(_ARGUMENTS_AND_STACK)
-        self._callback = CODE_CALLBACK(self._on_code)  # the emulator keeps only the pointer
-        for address in (each.address for each in self._functions.values()):
-            add_hook(processor.engine, unicorn.UC_HOOK_CODE, self._callback, within=(address, address))
-            processor.engine.ctl_remove_cache(address, address + 2)
+        self._machine, self._ends = processor.machine, ends
+        self._functions, self._running = watch.functions, watch.running
+        for function in self._functions.values():
+            self._running.listen(function, self._enters)
 
     def begin(self, before: int, *, is_whole: bool) -> None:
         """Leave out what began before now; see `solved` for the parameters."""
         self._running.settle()
         self._seen = {name: len(each.calls) for name, each in self._functions.items()}
         self._before, self._has_ended = before, is_whole
-        self._begun: _Begun | None = None
-        self._ended: _Begun | None = None
+        # Solutions under way and completed: a snapshot of each entry, by its cycle.
+        self._begun: dict[int, Snapshot] | None = None
+        self._ended: dict[int, Snapshot] | None = None
 
     def latest(self) -> KeptSolution | None:
         """Return the solution that was completed last; None where none was."""
@@ -105,13 +87,10 @@ class KeptSlices:
             return None
         calls = sorted(
             (call, name) for name, each in self._functions.items() for call in each.calls
-            if call.entered in ended.entries
+            if call.entered in ended
         )  # fmt: skip
-        slices = [(name, ended.entries[call.entered], call.cycles) for call, name in calls]
-        return KeptSolution(
-            ended.memory, tuple(Slice(name, tuple(words[:-1]), words[-1], cycles) for name, words, cycles in slices),
-            ended=max(call.returned for call, _ in calls),
-        )  # fmt: skip
+        slices = tuple(Slice(name, ended[call.entered], call.cycles) for call, name in calls)
+        return KeptSolution(slices, ended=max(call.returned for call, _ in calls))
 
     def _catch_up(self) -> None:
         """Look at the slices that have returned meanwhile."""
@@ -124,21 +103,13 @@ class KeptSlices:
             self._before = call.left
         self._seen = {name: len(each.calls) for name, each in self._functions.items()}
 
-    def _on_code(self, _engine: int, address: int, _size: int, _data: int) -> None:
-        """Take note of an entry; what goes wrong ends the run, for the emulator takes no exception."""
-        try:
-            self._enters(address)
-        except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
-            self._processor.abort(error)
-
-    def _enters(self, address: int) -> None:
-        if self._running.is_paused:
-            return
+    def _enters(self, cycle: int) -> None:
         self._catch_up()
         if self._has_ended:
             self._ended, self._has_ended = self._begun, False
-            self._begun = _Begun(bytes(self._processor.memory.sram.view))
-        if self._begun is not None:
-            accounting = self._processor.accounting
-            entered = self._running.now() + accounting.now(address) - accounting.cycles
-            self._begun.entries[entered] = self._registers.read()
+            self._begun = {}
+        if self._begun is None:
+            return
+        self._begun[cycle] = self._machine.snapshot()
+        if len(self._begun) > _MOST_SLICES:
+            self._begun = None

@@ -1,21 +1,13 @@
-"""The board's memories, shared between the emulator and Python.
-
-The emulator works on buffers that Python owns, so a stack frame or a register
-of a peripheral is a slice of a `memoryview`, not a call.
-"""
+"""The board's memories, which the core and Python share."""
 
 from __future__ import annotations
 
-import ctypes
 import struct
 from functools import lru_cache
-from typing import Any
-
-from unicorn import UC_PROT_EXEC, UC_PROT_READ, UC_PROT_WRITE
 
 from hiltest.virtual.chip import MemoryMap, Region, memories
-
-_PAGE = 4096
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import Machine
 
 MK64FN1M0 = memories()
 (FLASH,), (SRAM,) = MK64FN1M0.flash, MK64FN1M0.ram  # SRAM_L ends, and SRAM_U begins, at 0x20000000
@@ -32,24 +24,17 @@ def _words(count: int) -> struct.Struct:
 
 
 class SharedMemory:
-    """A range of target addresses backed by a buffer of ours.
+    """One memory of the machine.
 
-    Parameters
+    Attributes
     ----------
-    engine : Uc
-        The emulator.
-    region : Region
-    permissions : int
-        The emulator's ``UC_PROT_*`` bits.
+    view : memoryview
+        Its bytes, to be read only: `BoardMemory.write` writes them.
     """
 
-    def __init__(self, engine: Any, region: Region, permissions: int) -> None:
+    def __init__(self, machine: Machine, region: Region, *, writable: bool) -> None:
         self.base, self.size = region
-        self._buffer = ctypes.create_string_buffer(self.size + _PAGE)
-        start = (ctypes.addressof(self._buffer) + _PAGE - 1) & ~(_PAGE - 1)
-        offset = start - ctypes.addressof(self._buffer)
-        self.view = memoryview(self._buffer).cast("B")[offset : offset + self.size]
-        engine.mem_map_ptr(self.base, self.size, permissions, start)
+        self.view = machine.add_memory(self.base, self.size, writable=writable)
 
     def __contains__(self, address: int) -> bool:
         return self.base <= address < self.base + self.size
@@ -60,8 +45,7 @@ class BoardMemory:
 
     Parameters
     ----------
-    engine : Uc
-        The emulator.
+    machine : Machine
     regions : MemoryMap
         Where they are.
 
@@ -71,11 +55,12 @@ class BoardMemory:
         The RAM for stack and arguments of a called function: the largest.
     """
 
-    def __init__(self, engine: Any, regions: MemoryMap = MK64FN1M0) -> None:
+    def __init__(self, machine: Machine, regions: MemoryMap = MK64FN1M0) -> None:
         self.map = regions
-        self._flash = [SharedMemory(engine, each, UC_PROT_READ | UC_PROT_EXEC) for each in regions.flash]
-        self._ram = [SharedMemory(engine, each, UC_PROT_READ | UC_PROT_WRITE | UC_PROT_EXEC) for each in regions.ram]
-        self.sram = max(self._ram, key=lambda each: each.size)
+        self._handle = machine.handle
+        self._flash = [SharedMemory(machine, region, writable=False) for region in regions.flash]
+        self._ram = [SharedMemory(machine, region, writable=True) for region in regions.ram]
+        self.sram = max(self._ram, key=lambda memory: memory.size)
         self._plain = (*self._flash, *self._ram)
 
     def read(self, address: int, size: int) -> bytes:
@@ -91,8 +76,8 @@ class BoardMemory:
 
     def write(self, address: int, data: bytes) -> None:
         """Write flash or SRAM, as a programmer or a debugger does."""
-        memory = self._holding(address, len(data))
-        memory.view[address - memory.base : address - memory.base + len(data)] = data
+        self._holding(address, len(data))
+        lib.machine_write(self._handle, address, len(data), ffi.from_buffer(data))
 
     def _holding(self, address: int, size: int) -> SharedMemory:
         for memory in self._plain:
@@ -102,10 +87,7 @@ class BoardMemory:
 
     def holds_stack(self, address: int, size: int) -> bool:
         """Whether a range is RAM, where a stack may be."""
-        for each in self._ram:  # noqa: SIM110 - twice an exception, and a generator costs more than what it asks
-            if each.base <= address and address + size <= each.base + each.size:
-                return True
-        return False
+        return any(memory.base <= address and address + size <= memory.base + memory.size for memory in self._ram)
 
     def read_words(self, address: int, count: int) -> tuple[int, ...]:
         """Read little-endian words."""
@@ -118,7 +100,7 @@ class BoardMemory:
 
     def clear(self) -> None:
         """Power-on content: flash erased, SRAM zero."""
-        for each in self._flash:
-            each.view[:] = b"\xff" * each.size
-        for each in self._ram:
-            each.view[:] = bytes(each.size)
+        for memory in self._flash:
+            self.write(memory.base, b"\xff" * memory.size)
+        for memory in self._ram:
+            self.write(memory.base, bytes(memory.size))

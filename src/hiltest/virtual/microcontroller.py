@@ -9,10 +9,8 @@ from hiltest.virtual.bare_part import connected, private_peripherals
 from hiltest.virtual.chip import ChipPeripheral, mk64f12, pin_place
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.flash_array import FlashArray
-from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.memory import SRAM
-from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import ClockGenerator
 from hiltest.virtual.peripherals.clocks import ClockGates
@@ -126,18 +124,13 @@ class Microcontroller:
         self.reset_control = ResetControl()
         self.ports = {letter: self._port(modules[f"PORT{letter}"]) for letter in "ABCDE"}
         self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
-        masters = [
-            I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)
-        ]
+        masters = [I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)]
         self._multiplexer = multiplexer = DmaMultiplexer(modules["DMAMUX"], self.timers)
         self._dma = DmaController(processor, modules["DMA"], multiplexer)
-        for uart in self.uarts:
-            uart.on_request = multiplexer.set_request
-        for master in masters:
-            master.on_request = multiplexer.set_request
+        processor.machine.on_request = multiplexer.set_request
         return [
             *self.uarts, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
-            Gpio(list(self.ports.values())), *masters, FlashControl(self._flash_controller()),
+            Gpio(list(self.ports.values())), *masters, FlashControl(self._processor.machine),
             CheckValue(modules["CRC"]), self.random_numbers,
             FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
             multiplexer, self._dma, self._dma.descriptors,
@@ -207,10 +200,6 @@ class Microcontroller:
 
     def _port(self, module: ChipPeripheral) -> Port:
         return Port(module, self._processor.nvic, self._chip.reset_bytes(module.base))
-
-    def _flash_controller(self) -> FlashController | None:
-        accounting = self._processor.accounting
-        return accounting.flash if isinstance(accounting, MemoryAccounting) else None
 
     def _store_the_rest(self) -> None:
         """Give every page that is left registers which keep what is written, and are reported."""

@@ -91,7 +91,7 @@ AT_LEAST = {
     "cache_ways": 1, "cache_sets": 1,
 }  # fmt: skip
 _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
-_AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100}
+_AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100, "cache_ways": 16, "cache_sets": 64}  # as core/waits.h
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
 _LARGEST_FILE = 64 * 1024
 _TABLES = ("name", "base", "memory_base", "cost", "memory", "board", "measured")  # the last two price nothing

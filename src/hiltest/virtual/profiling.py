@@ -1,75 +1,33 @@
 """Profile of the cycles of one call: by function, source line, instruction, and kind of work or stall.
 
-`ProfilingAccounting` counts as `BlockAccounting` does, and notes how often each block ran in which function.
-Every cycle is given to one instruction afterwards, by the same timing profile, so the tables add up to the
-total that was counted.
+The core counts each instruction on each path of calls, and splits its cost by the timing profile, so the tables add up
+to the total that was counted. What memories made instructions wait stands beside them.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
-from hiltest.errors import ConfigError
-from hiltest.measurement import CycleRange, in_flash
-from hiltest.virtual.accounting import BlockAccounting
-from hiltest.virtual.blocks import CodeBlock
-from hiltest.virtual.call_tree import CallNode, CallTree
+from hiltest.measurement import CycleRange
 from hiltest.virtual.calling import CallResult
-from hiltest.virtual.chip import MemoryMap
-from hiltest.virtual.cost_classes import InstructionCost, Stall, Work, instruction_costs
-from hiltest.virtual.cycle_range import cycle_range, flash_range
-from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.executions import between
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import Machine
+from hiltest.virtual.cost_classes import STALL_NUMBERS, WORK_OF_ROW, Stall, Work
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.cycle_range import range_where_it_ran
+from hiltest.virtual.elf import FirmwareImage, Symbol
+from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
 from hiltest.virtual.placement import LEAST_SHARE, FetchTally, Loop, LoopPlacement, placements
 from hiltest.virtual.procedure_call import Argument
-from hiltest.virtual.timing import TimingProfile
+from hiltest.virtual.slices import Slice
 
 _SRAM_U = 0x20000000
-
-
-class ProfilingAccounting(BlockAccounting):
-    """Counts by block, and keeps which blocks ran along which path of calls.
-
-    Attributes
-    ----------
-    tree : CallTree or None
-        What is filled; nothing is kept without one.
-    """
-
-    tree: CallTree | None = None
-    _noted_cycles = 0
-
-    def follow(self, tree: CallTree) -> None:
-        """Keep what runs from now on in `tree`."""
-        self.tree = tree
-        self._noted_cycles = self.cycles
-
-    def begins(self, address: int, size: int) -> None:
-        """Take note that the emulator is about to run a block (its block hook)."""
-        self._note(address)
-        super().begins(address, size)
-
-    def settle(self, pc: int) -> None:
-        """Add the block that just ended; `pc` is where execution goes on."""
-        self._note(pc & ~1)
-        super().settle(pc)
-
-    def _note(self, address: int) -> None:
-        """Keep the block that ends, before its cycles are added; `address` is where execution goes on."""
-        if self.tree is None:
-            return
-        # What was added besides blocks: sleep, or the entry of an exception.
-        self.tree.current.asleep_cycles += self.cycles - self._noted_cycles
-        self._noted_cycles = self.cycles
-        block = self._running
-        if block is not None:
-            went_on = address == block.end
-            self._noted_cycles += block.through if went_on else block.taken
-            self.tree.current.ran(block, went_on=went_on)
-            self.tree.follow(block.instructions[-1], block.end, address)
+_COLD = ".cold"  # the part of a function that the compiler moves away because it hardly ever runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +134,6 @@ def profile_call(
     Parameters
     ----------
     board : VirtualK64F
-        Made with ``accounting=ProfilingAccounting``.
     function : str
         Its name.
     *arguments, timeout_s, clock_hz
@@ -190,42 +147,50 @@ def profile_call(
         The function faulted or hung.
     """
     processor = board.processor
-    accounting = processor.accounting
-    if not isinstance(accounting, ProfilingAccounting):
-        raise ConfigError("this board does not keep what runs; make it with accounting=ProfilingAccounting")
+    machine, core = processor.machine.handle, processor.core
     symbol = board.image.symbols.get(function)
-    stack_pointer = processor.registers.cores((13,)).get
-    tree = CallTree(board.image, function, symbol.address if symbol else 0, stack_pointer)
-    accounting.follow(tree)
-    before = accounting.snapshot(0)
+    owners = _Owners(board.image, symbol)
+    ranges = ffi.new("struct machine_code_range[]", owners.ranges)
+    begin = symbol.address if symbol else 0
+    if not lib.machine_begin_profile(machine, begin, ranges, len(ranges)):
+        raise MemoryError
+    waited = core.memory_cycles
+    is_whole = False
     try:
         result = board.call(function, *arguments, timeout_s=timeout_s, clock_hz=clock_hz)
     finally:
-        accounting.tree = None
-    executed = between(before, accounting.snapshot(0))
-    sums = _Sums(processor.profile, tree, processor.memory.map)
-    counted = executed if not in_flash(sums.cycle_model) else None  # what flash waits for is of no row, and greater
-    band = cycle_range(processor.profile, result.cycles, counted) if counted else None
-    return sums.profile(board.image, function, result, band)
+        is_whole = lib.machine_end_profile(machine)
+    if not is_whole:
+        raise MemoryError
+    return _Sums(processor, owners).profile(function, result, core.memory_cycles - waited)
 
 
-def with_memories(profile: CallProfile, cycles: int, timing: TimingProfile) -> CallProfile:
-    """Return a profile with what the memories add.
+class _Owners:
+    """Which function an address belongs to, and what it is called.
 
-    Parameters
+    Attributes
     ----------
-    profile : CallProfile
-        Profile of the instructions alone.
-    cycles : int
-        Cycles of the same call, memories included.
-    timing : TimingProfile
-        Its memory rows give the uncertainty range where code is in flash.
+    ranges : list of (int, int, int)
+        First address of some code, the address behind it, and where the function begins that it is part of; in order.
     """
-    waited = cycles - profile.cycles
-    band = profile.band if not waited else None
-    if in_flash(profile.cycle_model):
-        band = flash_range(timing, cycles)
-    return replace(profile, cycles=cycles, band=band, memory_cycles=waited)
+
+    def __init__(self, image: FirmwareImage, called: Symbol | None) -> None:
+        self.ranges: list[tuple[int, int, int]] = []
+        self._names = {called.address: called.name} if called else {}
+        starts = sorted({symbol.address for symbol in image.functions})
+        for start, following in itertools.pairwise([*starts, 1 << 32]):
+            symbol = image.function_at(start)
+            if symbol is None:
+                continue
+            owner = symbol
+            if _COLD in symbol.name:
+                owner = image.symbols.get(symbol.name.partition(_COLD)[0], symbol)
+            self.ranges.append((start, min(start + max(symbol.size, 2), following), owner.address))
+            self._names.setdefault(owner.address, owner.name)
+
+    def name(self, function: int) -> str:
+        """Return the name of the function that begins at an address; code without a symbol is named by that."""
+        return self._names.get(function, f"{function:#x}")
 
 
 class _Tally:
@@ -233,8 +198,8 @@ class _Tally:
 
     __slots__ = ("cycles", "executions", "stall_cycles")
 
-    def __init__(self) -> None:
-        self.executions = self.cycles = self.stall_cycles = 0
+    def __init__(self, cycles: int = 0) -> None:
+        self.executions, self.cycles, self.stall_cycles = 0, cycles, 0
 
     def add(self, executions: int, cycles: int, stall_cycles: int) -> None:
         """Add `executions` of something."""
@@ -243,90 +208,102 @@ class _Tally:
         self.stall_cycles += stall_cycles
 
 
-class _Sums:
-    """Adds up what ran in every node of a call tree."""
+class _Path:
+    """A function as it was reached along one path of calls; `functions` has where each on the path begins."""
 
-    def __init__(self, profile: TimingProfile, tree: CallTree, memories: MemoryMap) -> None:
-        self._timing = profile
-        self._memories = memories
-        self._root = tree.root
-        self._costs: dict[tuple[int, bool], tuple[InstructionCost, ...]] = {}
-        self.work: Counter[Work] = Counter(dict.fromkeys(Work, 0))
-        self.stalls: Counter[Stall] = Counter(dict.fromkeys(Stall, 0))
-        self.nodes: dict[CallNode, _Tally] = {}
+    def __init__(self, described: Any, caller: tuple[int, ...]) -> None:
+        self.function: int = described.function
+        self.functions = (*caller, self.function)
+        self.entries: int = described.entries
+        self.asleep_cycles: int = described.idle_cycles
+        self.own = _Tally(self.asleep_cycles)
+
+
+class _Sums:
+    """Adds up what ran on all paths."""
+
+    def __init__(self, processor: Processor, owners: _Owners) -> None:
+        self._image, self._timing, self._memory = processor.image, processor.profile, processor.memory
+        self._owners = owners
+        self._paths = list(_read_paths(processor.machine))
+        self._work: Counter[Work] = Counter(dict.fromkeys(Work, 0))
+        self._stalls: Counter[Stall] = Counter(dict.fromkeys(Stall, 0))
         self._loops: dict[int, Counter[Loop]] = {}
         self._fetched: dict[int, dict[int, FetchTally]] = {}
-        self.addresses: dict[tuple[int, int], tuple[CallNode, InstructionCost, _Tally]] = {}
-        for node in tree.root.walk():
-            self._add_node(node)
+        self._addresses: dict[tuple[int, int], tuple[Instruction, _Tally]] = {}
+        for cost in _read_costs(processor.machine):
+            self._add(self._paths[cost.path - 1], cost)
 
-    def _add_node(self, node: CallNode) -> None:
-        own = self.nodes[node] = _Tally()
-        own.cycles = node.asleep_cycles
-        loops = self._loops.setdefault(node.address, Counter())
-        for block, went_on, count in node.runs.values():
-            last = block.instructions[-1]
-            if not went_on and last.target is not None and last.jumps_back(last.address):
-                loops[last.target, last.address] += count
-            for cost in self._of(block, went_on=went_on):
-                self._note_fetch(node.address, cost, count)
-                waited = 0
-                for cause, cycles in cost.stalls:
-                    waited += cycles
-                    self.stalls[cause] += count * cycles
-                self.work[cost.work] += count * cost.work_cycles
-                key = node.address, cost.instruction.address
-                _, _, at_address = self.addresses.setdefault(key, (node, cost, _Tally()))
-                for tally in (own, at_address):
-                    tally.add(count, count * (cost.work_cycles + waited), count * waited)
+    def _add(self, path: _Path, cost: Any) -> None:
+        waits = {cause: cost.stall_cycles[number] for cause, number in STALL_NUMBERS.items()}
+        self._stalls.update(waits)
+        self._work[WORK_OF_ROW[ffi.string(lib.machine_row_name(cost.row)).decode()]] += cost.work_cycles
+        instruction, at_address = self._addresses.setdefault(
+            (path.function, cost.address), (self._decode(cost.address), _Tally())
+        )
+        stall_cycles = sum(waits.values())
+        for tally in (path.own, at_address):
+            tally.add(cost.executions, cost.work_cycles + stall_cycles, stall_cycles)
+        fetched = self._fetched.setdefault(path.function, {}).setdefault(cost.address, FetchTally(instruction))
+        fetched.executions += cost.executions
+        fetched.late += waits[Stall.FETCH]
+        if cost.jumps and instruction.target is not None and instruction.jumps_back(cost.address):
+            self._loops.setdefault(path.function, Counter())[instruction.target, cost.address] += cost.jumps
 
-    def _note_fetch(self, function: int, cost: InstructionCost, count: int) -> None:
-        instruction = cost.instruction
-        tally = self._fetched.setdefault(function, {}).setdefault(instruction.address, FetchTally(instruction))
-        tally.executions += count
-        tally.late += count * sum(cycles for cause, cycles in cost.stalls if cause is Stall.FETCH)
+    def _decode(self, address: int) -> Instruction:
+        try:
+            code = self._memory.read(address, 4)
+        except ValueError:  # a memory ends there
+            code = self._memory.read(address, 2)
+        return decode(address, code)[0]
 
-    def _of(self, block: CodeBlock, *, went_on: bool) -> tuple[InstructionCost, ...]:
-        key = id(block), went_on
-        if key not in self._costs:
-            self._costs[key] = tuple(instruction_costs(self._timing, block, went_on=went_on))
-        return self._costs[key]
-
-    def profile(
-        self, image: FirmwareImage, function: str, result: CallResult, band: CycleRange | None
-    ) -> CallProfile:
+    def profile(self, function: str, result: CallResult, memory_cycles: int) -> CallProfile:
         """Make the tables."""
-        addresses = tuple(sorted(self._address_costs(image), key=lambda each: (-each.cycles, each.address)))
+        root = self._paths[0]
+        beside = result.cycles - memory_cycles - sum(path.own.cycles for path in self._paths)  # on the way to a handler
+        root.asleep_cycles += beside
+        root.own.cycles += beside
+        nothing: list[Slice] = []
+        executed = ([result.executed], nothing) if result.executed else None
+        addresses = tuple(sorted(self._address_costs(), key=lambda cost: (-cost.cycles, cost.address)))
         return CallProfile(
-            result.value, result.cycles, result.instructions, result.clock_hz, function, self.cycle_model,
-            self.work, self.stalls, sum(node.asleep_cycles for node in self.nodes),
-            functions=tuple(sorted(self._function_costs(), key=lambda each: (-each.self_cycles, each.name))),
-            lines=tuple(sorted(_line_costs(addresses), key=lambda each: (-each.cycles, each.location))),
-            addresses=addresses, stacks=tuple(sorted(self._stacks(), key=lambda each: (-each.cycles, each.functions))),
-            band=band, loops=tuple(self._placements(image, LEAST_SHARE * result.cycles)),
+            result.value, result.cycles, result.instructions, result.clock_hz, function, self._cycle_model,
+            self._work, self._stalls, sum(path.asleep_cycles for path in self._paths),
+            functions=tuple(sorted(self._function_costs(), key=lambda cost: (-cost.self_cycles, cost.name))),
+            lines=tuple(sorted(_line_costs(addresses), key=lambda cost: (-cost.cycles, cost.location))),
+            addresses=addresses, stacks=tuple(sorted(self._stacks(), key=lambda cost: (-cost.cycles, cost.functions))),
+            band=range_where_it_ran(self._timing, self._cycle_model, result.cycles, executed),
+            memory_cycles=memory_cycles if self._timing.memory else None,
+            loops=tuple(self._placements(LEAST_SHARE * result.cycles)),
         )  # fmt: skip
 
-    def _placements(self, image: FirmwareImage, least: float) -> list[LoopPlacement]:
-        names = _distinct_names({node.address: node.name for node in self.nodes})
-        found = [
-            each for address, loops in self._loops.items()
-            for each in placements(names[address], loops, self._fetched.get(address, {}), image)
+    def _placements(self, least: float) -> list[LoopPlacement]:
+        loops = [
+            loop for function, turns in self._loops.items()
+            for loop in placements(self._names[function], turns, self._fetched[function], self._image)
         ]
-        return sorted((each for each in found if each.cycles >= least), key=lambda each: (-each.cycles, each.address))
+        return sorted((loop for loop in loops if loop.cycles >= least), key=lambda loop: (-loop.cycles, loop.address))
 
     @property
-    def cycle_model(self) -> str:
+    def _names(self) -> dict[int, str]:
+        """Names of functions; static ones of the same name are told apart by their addresses."""
+        names = {path.function: self._owners.name(path.function) for path in self._paths}
+        often = Counter(names.values())
+        return {function: name if often[name] == 1 else f"{name}@{function:#x}" for function, name in names.items()}
+
+    @property
+    def _cycle_model(self) -> str:
         """Timing profile and the memories that the code ran from, the one with the most cycles first."""
         cycles: Counter[str] = Counter()
-        for (_, address), (_, _, tally) in self.addresses.items():
-            in_flash = self._memories.in_flash(address)
+        for (_, address), (_, tally) in self._addresses.items():
+            in_flash = self._memory.map.in_flash(address)
             cycles["flash" if in_flash else "sram" if address < _SRAM_U else "sram_u"] += tally.cycles
         return f"{self._timing.name}@{'+'.join(name for name, _ in cycles.most_common())}"
 
-    def _address_costs(self, image: FirmwareImage) -> Iterator[AddressCost]:
-        for (_, address), (node, cost, tally) in self.addresses.items():
+    def _address_costs(self) -> Iterator[AddressCost]:
+        for (function, address), (instruction, tally) in self._addresses.items():
             yield AddressCost(
-                address, cost.instruction.text, node.name, image.location_at(address),
+                address, instruction.text, self._owners.name(function), self._image.location_at(address),
                 tally.executions, tally.cycles, tally.stall_cycles,
             )  # fmt: skip
 
@@ -334,35 +311,50 @@ class _Sums:
         own: dict[int, _Tally] = {}
         inclusive: Counter[int] = Counter()
         calls: Counter[int] = Counter()
-        for node, tally in self.nodes.items():
-            calls[node.address] += node.entries
-            own.setdefault(node.address, _Tally()).add(tally.executions, tally.cycles, tally.stall_cycles)
+        for path in self._paths:
+            calls[path.function] += path.entries
+            tally = path.own
+            own.setdefault(path.function, _Tally()).add(tally.executions, tally.cycles, tally.stall_cycles)
             # A recursive function is on the path more than once, and its cycles count once.
-            for address in {each.address for each in node.path()}:
-                inclusive[address] += tally.cycles
-        names = _distinct_names({node.address: node.name for node in self.nodes})
-        for address, tally in own.items():
+            for function in set(path.functions):
+                inclusive[function] += tally.cycles
+        names = self._names
+        for function, tally in own.items():
             yield FunctionCost(
-                names[address], calls[address], inclusive[address], tally.cycles, tally.executions, tally.stall_cycles
-            )
+                names[function], calls[function], inclusive[function], tally.cycles, tally.executions,
+                tally.stall_cycles,
+            )  # fmt: skip
 
     def _stacks(self) -> Iterator[StackCost]:
-        for node, tally in self.nodes.items():
-            if tally.cycles:
-                yield StackCost(tuple(each.name for each in node.path()), tally.cycles)
+        for path in self._paths:
+            if path.own.cycles:
+                yield StackCost(tuple(map(self._owners.name, path.functions)), path.own.cycles)
 
 
-def _distinct_names(names: Mapping[int, str]) -> dict[int, str]:
-    """Tell static functions of the same name apart by their addresses."""
-    often = Counter(names.values())
-    return {address: name if often[name] == 1 else f"{name}@{address:#x}" for address, name in names.items()}
+def _read_paths(machine: Machine) -> Iterator[_Path]:
+    callers: list[tuple[int, ...]] = [()]
+    for number in itertools.count(1):
+        described = lib.machine_path(machine.handle, number)
+        if described == ffi.NULL:
+            return
+        path = _Path(described, callers[described.caller])
+        callers.append(path.functions)
+        yield path
+
+
+def _read_costs(machine: Machine) -> Iterator[Any]:
+    for number in itertools.count():
+        cost = lib.machine_cost(machine.handle, number)
+        if cost == ffi.NULL:
+            return
+        yield cost
 
 
 def _line_costs(addresses: tuple[AddressCost, ...]) -> Iterator[LineCost]:
-    """Sum by source line; nothing when no line is known."""
+    """Sum by source line; nothing if no line is known."""
     lines: dict[str, _Tally] = {}
-    for each in addresses:
-        lines.setdefault(each.location, _Tally()).add(each.executions, each.cycles, each.stall_cycles)
+    for cost in addresses:
+        lines.setdefault(cost.location, _Tally()).add(cost.executions, cost.cycles, cost.stall_cycles)
     if any(lines):
         for location, tally in lines.items():
             yield LineCost(location or "no line known", tally.cycles, tally.executions, tally.stall_cycles)

@@ -1,22 +1,20 @@
-"""A solution computed once more from what its slices began with, on a board that counts the waits of memories too."""
+"""A solution computed once more from where its slices began, with the waits of memories counted too."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.core.library import lib
+from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.kept_slices import KeptSolution, Slice
-from hiltest.virtual.memory_waits import MemoryAccounting
+from hiltest.virtual.kept_slices import KeptSolution
+from hiltest.virtual.memory import BoardMemory
+from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.timing import TimingProfile
 
-#: PFAPR, PFB0CR and PFB1CR: what of the flash controller firmware has switched.
-_FLASH_SWITCHES = (0x4001F000, 0x4001F004, 0x4001F008)
-_REGISTERS = 4  # of arguments
-_INTEGERS = ("pointer", "signed", "unsigned")
-#: Every instruction is looked at in Python, so this takes the host some ten seconds.
-_MOST_CYCLES = 4_000_000
+_FLASH_SWITCHES = range(0, 12, 4)  # PFAPR, PFB0CR and PFB1CR, which firmware may have written
+_LARGEST_FACTOR = 100  # more than waits make of a count, unless something else is executed
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +32,13 @@ class Recount:
     waits: int
 
 
-def counted_with_waits(machine: VirtualK64F, kept: KeptSolution, profile: TimingProfile) -> Recount:
-    """Call the slices of a solution once more, each from where the last one left the memory.
+def counted_with_waits(board: VirtualK64F, kept: KeptSolution, profile: TimingProfile) -> Recount:
+    """Execute the slices of a solution once more, each from the state in which it began.
 
     Parameters
     ----------
-    machine : VirtualK64F
-        That it ran on; it stands still, and stays as it is.
+    board : VirtualK64F
+        The board that executed them; it stands still, and stays as it is.
     kept : KeptSolution
     profile : TimingProfile
         One with memory rows.
@@ -48,46 +46,25 @@ def counted_with_waits(machine: VirtualK64F, kept: KeptSolution, profile: Timing
     Raises
     ------
     ConfigError
-        When a slice cannot be called so, or does not take what it took: then something else than the slices has
-        changed what they work on, and this would be the count of another computation.
+        If a slice does not take the cycles that it took, apart from waits: then something from outside enters, such as
+        a device, and this would be the count of another computation.
     """
-    if kept.cycles > _MOST_CYCLES:
-        raise ConfigError(f"its {kept.cycles} cycles are more than the {_MOST_CYCLES} that are counted with waits")
-    board = VirtualK64F(machine.image, profile=profile)
-    board.boot()
-    board.processor.memory.sram.view[:] = kept.memory
-    with machine.unnoticed():
-        for address in _FLASH_SWITCHES:
-            board.bus.write(address, 4, machine.bus.read(address, 4))
-    accounting = board.processor.accounting
-    assert isinstance(accounting, MemoryAccounting)
-    cycles = 0
-    for number, each in enumerate(kept.slices, start=1):
-        waited = accounting.memory_cycles
-        taken = _call(board, each)
-        without = taken - (accounting.memory_cycles - waited)
-        if without != each.cycles:
+    machine = Machine(profile)
+    BoardMemory(machine, board.processor.memory.map)
+    control = FlashControl(machine)
+    with board.unnoticed():
+        for offset in _FLASH_SWITCHES:
+            control.write(offset, 4, board.bus.read(control.base + offset, 4))
+    total = 0
+    for number, part in enumerate(kept.slices, start=1):
+        begin = part.begin.core
+        returns = lib.machine_call_again(machine.handle, part.begin.handle, _LARGEST_FACTOR * part.cycles)
+        cycles = machine.core.cycles - begin.cycles
+        without = cycles - (machine.core.memory_cycles - begin.memory_cycles)
+        if not returns or without != part.cycles:
             raise ConfigError(
-                f"{each.function}: slice {number} of {len(kept.slices)} takes {without} cycles when it is called once "
-                f"more, not {each.cycles}: something else changes what it works on"
+                f"{part.function}: slice {number} of {len(kept.slices)} takes {without} cycles when it is executed "
+                f"once more, not {part.cycles}: something from outside changes what it does"
             )
-        cycles += taken
-    return Recount(cycles, cycles - kept.cycles)
-
-
-def _call(board: VirtualK64F, each: Slice) -> int:
-    general = board.processor.registers.general
-    words = general.read()
-    words[13], words[15] = each.stack, words[15] | 1
-    general.write(words)
-    return board.call(each.function, *each.arguments[: _arguments(board.image, each.function)]).cycles
-
-
-def _arguments(image: FirmwareImage, function: str) -> int:
-    """Return how many registers hold arguments; all where that is unknown."""
-    signature = image.signature(function)
-    if signature is None:
-        return _REGISTERS
-    if len(signature.parameters) > _REGISTERS or not set(signature.parameters) <= set(_INTEGERS):
-        raise ConfigError(f"{function} takes more than {_REGISTERS} integers and pointers")
-    return len(signature.parameters)
+        total += cycles
+    return Recount(total, total - kept.cycles)

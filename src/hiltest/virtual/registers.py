@@ -1,123 +1,120 @@
-"""Core registers of the emulated processor, read and written in groups.
-
-The emulator's Python binding spends ten microseconds on a group; an interrupt
-needs several. These call its C interface with arrays made once.
-"""
+"""The core's registers, by name and in groups."""
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Sequence
-from functools import partial
-from typing import Any
+import re
+from collections.abc import Callable, Sequence
 
-from unicorn import arm_const as arm
-from unicorn.unicorn_py3.unicorn import uclib
+from hiltest.virtual.core.library import lib
+from hiltest.virtual.core.machine import Machine
 
-# Addresses as integers, and the interpreter not let go for so little: a third of the time of the binding's prototypes.
-_BATCH = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)
-_READ_BATCH = _BATCH(("uc_reg_read_batch", uclib))
-_WRITE_BATCH = _BATCH(("uc_reg_write_batch", uclib))
-
-_IT_STATE = 0x0600FC00  # in XPSR
 _FRAME = ("R0", "R1", "R2", "R3", "R12", "LR", "PC", "XPSR")
+_ALIASES = {"SP": "R13", "LR": "R14", "PC": "R15"}
+# Fields of the structure, and the bits that the register has.
+_FIELDS = {
+    "PRIMASK": ("primask", 1), "FAULTMASK": ("faultmask", 1), "BASEPRI": ("basepri", 0xFF),
+    "FPSCR": ("fpscr", 0xF7C0009F),
+}  # fmt: skip
+
+_Access = tuple[Callable[[], int], Callable[[int], None]]
 
 
-def register_number(name: str) -> int:
-    """Translate a register's name (``R0``, ``XPSR``, ``S15``) to the emulator's number."""
-    number: int = getattr(arm, f"UC_ARM_REG_{name.upper()}")
-    return number
+def _access(machine: Machine, name: str) -> _Access:
+    """Return what reads and what writes a register."""
+    core, handle = machine.core, machine.handle
+    name = _ALIASES.get(name, name)
+    if match := re.fullmatch("([RS])([0-9]+)", name):
+        words, number = (core.r if match[1] == "R" else core.s), int(match[2])
+        bits = 0xFFFF_FFFF & ~{"R13": 3, "R15": 1}.get(name, 0)
+
+        def read_word() -> int:
+            value: int = words[number]
+            return value
+
+        def write_word(value: int) -> None:
+            words[number] = value & bits
+
+        return read_word, write_word
+    if name in _FIELDS:
+        field, bits = _FIELDS[name]
+        return lambda: getattr(core, field), lambda value: setattr(core, field, value & bits)
+    if name in ("MSP", "PSP"):
+        process = name == "PSP"
+        return (
+            lambda: lib.machine_stack_pointer(handle, process),
+            lambda value: lib.machine_set_stack_pointer(handle, process, value),
+        )
+    if name == "XPSR":
+        return lambda: lib.machine_xpsr(handle), lambda value: lib.machine_set_xpsr(handle, value)
+    if name == "CONTROL":
+        return lambda: core.control, lambda value: lib.machine_set_control(handle, value)
+    raise KeyError(name)
 
 
 class RegisterGroup:
-    """A fixed set of registers, transferred in one call.
+    """A fixed set of registers.
 
     Parameters
     ----------
-    engine : Uc
-        The emulator.
+    machine : Machine
     names : sequence of str
-        Which registers, in which order.
+        Which registers, in which order: ``R0`` to ``R15``, ``SP``, ``S0`` to ``S31``, ``XPSR``, ``PRIMASK`` and so on.
     """
 
-    def __init__(self, engine: Any, names: Sequence[str]) -> None:
-        count = len(names)
-        self._numbers = (ctypes.c_int * count)(*(register_number(name) for name in names))
-        self._values = (ctypes.c_uint32 * count)()
-        address = ctypes.addressof(self._values)
-        self._pointers = (ctypes.c_void_p * count)(*(address + 4 * index for index in range(count)))
-        batch = (engine._uch.value, ctypes.addressof(self._numbers), ctypes.addressof(self._pointers), count)
-        self._fetch = partial(_READ_BATCH, *batch)
-        self._store = partial(_WRITE_BATCH, *batch)
+    def __init__(self, machine: Machine, names: Sequence[str]) -> None:
+        accesses = [_access(machine, name) for name in names]
+        self._reads = [read for read, _ in accesses]
+        self._writes = [write for _, write in accesses]
 
     def read(self) -> list[int]:
         """Read all of them."""
-        self._fetch()
-        return self._values[:]
+        return [read() for read in self._reads]
 
     def get(self) -> int:
         """Read the first of them."""
-        self._fetch()
-        return self._values[0]
+        return self._reads[0]()
 
     def write(self, values: Sequence[int]) -> None:
-        """Write all of them."""
-        self._values[:] = list(values)
-        self._store()
+        """Write all of them, in order."""
+        for write, value in zip(self._writes, values, strict=True):
+            write(value)
 
 
 class Register(RegisterGroup):
     """One register."""
 
-    def __init__(self, engine: Any, name: str) -> None:
-        super().__init__(engine, [name])
+    def __init__(self, machine: Machine, name: str) -> None:
+        super().__init__(machine, [name])
 
     def set(self, value: int) -> None:
         """Write it."""
-        self.write([value])
+        self._writes[0](value)
 
 
 class CoreRegisters:
-    """The registers that exceptions and calls move about."""
+    """The registers that calls and debuggers move about."""
 
-    def __init__(self, engine: Any) -> None:
-        # In the order in which they must be written: XPSR decides which stack pointer SP is, and only in
-        # thread mode can CONTROL.SPSEL be cleared.
-        self.entry = RegisterGroup(engine, ["SP", "CONTROL", "XPSR", "CONTROL", "LR", "PC"])
-        self.interrupted = RegisterGroup(engine, [*_FRAME, "SP", "CONTROL"])
-        # CONTROL first without nPRIV: unprivileged thread mode could not change it.
-        self.resumed = RegisterGroup(engine, ["CONTROL", "XPSR", "CONTROL", "SP", *_FRAME])
-        self.returning = RegisterGroup(engine, ["MSP", "PSP", "CONTROL", "FAULTMASK"])
-        self.masks = RegisterGroup(engine, ["PRIMASK", "FAULTMASK", "BASEPRI"])
-        self.floating_frame = RegisterGroup(engine, [f"S{n}" for n in range(16)] + ["FPSCR"])
-        self.general = RegisterGroup(engine, [f"R{n}" for n in range(13)] + ["SP", "LR", "PC", "XPSR"])
-        self.arguments = RegisterGroup(engine, [f"R{n}" for n in range(4)])
-        self.floating = RegisterGroup(engine, [f"S{n}" for n in range(16)])
-        self._engine = engine
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self.floating_frame = RegisterGroup(machine, [f"S{n}" for n in range(16)] + ["FPSCR"])
+        self.general = RegisterGroup(machine, [f"R{n}" for n in range(16)] + ["XPSR"])
+        self.arguments = RegisterGroup(machine, [f"R{n}" for n in range(4)])
+        self.floating = RegisterGroup(machine, [f"S{n}" for n in range(16)])
         self._cores: dict[tuple[int, ...], RegisterGroup] = {}
-        self.pc = Register(engine, "PC")
-        self.msp = Register(engine, "MSP")
-        self.psp = Register(engine, "PSP")
-        self.xpsr = Register(engine, "XPSR")
-        self.control = Register(engine, "CONTROL")
-        self.primask = Register(engine, "PRIMASK")
-        self.basepri = Register(engine, "BASEPRI")
-        self.faultmask = Register(engine, "FAULTMASK")
-
-    def forget_condition(self) -> None:
-        """Clear the IT state that the emulator kept from an access that was inspected.
-
-        The emulator writes it down and forgets it there: the next block would begin with this one's condition.
-        """
-        xpsr = self.xpsr.get()
-        if xpsr & _IT_STATE:
-            self.xpsr.set(xpsr & ~_IT_STATE)
+        self.pc = Register(machine, "PC")
+        self.msp = Register(machine, "MSP")
+        self.psp = Register(machine, "PSP")
+        self.xpsr = Register(machine, "XPSR")
+        self.control = Register(machine, "CONTROL")
+        self.primask = Register(machine, "PRIMASK")
+        self.basepri = Register(machine, "BASEPRI")
+        self.faultmask = Register(machine, "FAULTMASK")
 
     def cores(self, numbers: tuple[int, ...]) -> RegisterGroup:
         """Return the group of some of r0 to r14, made once."""
         group = self._cores.get(numbers)
         if group is None:
-            group = self._cores[numbers] = RegisterGroup(self._engine, [f"R{number}" for number in numbers])
+            group = self._cores[numbers] = RegisterGroup(self._machine, [f"R{number}" for number in numbers])
         return group
 
     def snapshot(self) -> dict[str, int]:

@@ -1,6 +1,6 @@
 """Rules of fetching and of addresses: how a core may behave, and which of it a board's clocks agree with.
 
-A candidate is a profile: rows with other values, or a rule of fetching that no row can say. What it predicts is counted
+A candidate is a profile: rows with other values, some of which no profile file can have. What it predicts is counted
 on a virtual board that is made with it, as the firmware counts: a run of the whole less one of the second half.
 """
 
@@ -10,69 +10,39 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.pipeline import PipelineState, Rules
-from hiltest.virtual.timing import TimingProfile, moved
+from hiltest.virtual.timing import CostRow, TimingProfile, moved
 
 _BUFFER_BYTES = 128  # what sequences load from and store to
 
 
-class EverySecond(Rules):
-    """The second of two misplaced instructions is fetched late already: those here count one that there was not."""
-
-    def waits(self, instruction: Instruction, state: PipelineState) -> tuple[int, int]:
-        """Return the cycles that an instruction waits."""
-        return super().waits(instruction, state._replace(misplaced=state.misplaced + 1))
-
-    def leave(
-        self, instruction: Instruction, state: PipelineState, cycles: int, left: PipelineState
-    ) -> PipelineState:
-        """Return what an instruction leaves."""
-        behind = super().leave(instruction, state._replace(misplaced=state.misplaced + 1), cycles, left)
-        return behind._replace(misplaced=max(behind.misplaced - 1, 0))
-
-
-class NarrowBetween(Rules):
-    """An instruction of two bytes ends nothing: what makes the fetch late makes it late behind that, too."""
-
-    def leave(
-        self, instruction: Instruction, state: PipelineState, cycles: int, left: PipelineState
-    ) -> PipelineState:
-        """Return what an instruction leaves."""
-        behind = super().leave(instruction, state, cycles, left)
-        if instruction.size == 4 or instruction.transfer or behind.late or not state.late:
-            return behind
-        return behind._replace(late=state.late, misplaced=state.misplaced)
-
-
-class _CandidateProfile(TimingProfile):
-    """A profile of which a candidate replaces rows, and the rules where it has some."""
-
-    def __init__(self, profile: TimingProfile, rows: Mapping[str, int], rules: type[Rules] | None) -> None:
-        changed = moved(profile, rows)
-        super().__init__(profile.name, changed.rows, profile.memory, shipped=False)
-        inherited: type[Rules] = profile.rules if isinstance(profile, _CandidateProfile) else Rules
-        self.rules: type[Rules] = rules or inherited
-        self._rules = self.rules({name: row.value for name, row in changed.rows.items()})
+# Rows that a profile file has no names for: other rules of fetching.
+_EVERY_THIRD, _EVERY_SECOND = {"misplaced_on_end": 3}, {"misplaced_on_end": 2}
+_PAST_NARROW = {"late_past_narrow": 1}
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One way in which a core may behave: values of rows, and rules where it is about them."""
+    """One way in which a core may behave.
+
+    Attributes
+    ----------
+    rows : mapping of str to int
+        Values of rows.
+    in_rows : bool
+        Whether a profile file can say it.
+    """
 
     says: str
     rows: Mapping[str, int] = field(default_factory=dict)
-    rules: type[Rules] | None = None
-
-    @property
-    def in_rows(self) -> bool:
-        """Whether rows of a profile can say it."""
-        return self.rules in (None, Rules)
+    in_rows: bool = True
 
     def of(self, profile: TimingProfile) -> TimingProfile:
         """Return a profile that behaves so, and else as this one."""
-        return _CandidateProfile(profile, self.rows, self.rules)
+        known = {name: value for name, value in self.rows.items() if name in profile.rows}
+        new = {name: CostRow(value, (value, value), "") for name, value in self.rows.items() if name not in known}
+        changed = moved(profile, known)
+        return TimingProfile(profile.name, changed.rows | new, profile.memory, shipped=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +82,8 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
 
     def fetched(row: str) -> tuple[Candidate, ...]:
         """Return what a long run may wait by a row."""
-        return (Candidate("none waits", {row: 0}), Candidate("one in three waits", {row: 1}, Rules),
-                Candidate("one in two waits", {row: 1}, EverySecond))  # fmt: skip
+        return (Candidate("none waits", {row: 0}), Candidate("one in three waits", {row: 1} | _EVERY_THIRD),
+                Candidate("one in two waits", {row: 1} | _EVERY_SECOND, in_rows=False))  # fmt: skip
 
     third = of_row("fetch_late", "none waits", "one of the three waits")
     folded = (Candidate("IT takes what it takes elsewhere", {"it_folded": value["it"]}),
@@ -129,7 +99,7 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
         Question("load_and_three", "4 times LDR, 3 EOR.W at half a word, NOP", "fetch_late", third),
         Question("pair_and_three", "4 times VMOV of a pair, 3 UMAAL at half a word, 5 NOP", "fetch_late", third),
         Question("load_and_two", "4 times LDR, 2 EOR.W at half a word, 2 NOP", "fetch_late", (
-            Candidate("none waits"), Candidate("the second waits", {"fetch_late": 1}, EverySecond),
+            Candidate("none waits"), Candidate("the second waits", {"fetch_late": 1} | _EVERY_SECOND, in_rows=False),
         )),
         Question("integers_misplaced", "5 NOP around 48 EOR.W at half a word", "fetch_late_integer",
                  fetched("fetch_late_integer")),
@@ -137,7 +107,7 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
                  fetched("fetch_late_fp")),
         Question("load_compare_and_three", "4 times LDR.W, CMP, 3 EOR.W at half a word, 4 NOP", "fetch_late", (
             Candidate("none waits behind the CMP"),
-            Candidate("one of the three waits", {"fetch_late": 1}, NarrowBetween),
+            Candidate("one of the three waits", {"fetch_late": 1} | _PAST_NARROW, in_rows=False),
         )),
         Question("loop_misplaced", "MOVS, 16 turns of SUBS.W at half a word and BNE, 2 NOP", "target_misplaced",
                  of_row("target_misplaced", "the branch to it waits for nothing", "the branch to it takes one more")),

@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable
+from functools import cache
 from typing import Any, Protocol, runtime_checkable
 
-import unicorn
-from unicorn.unicorn_py3.unicorn import uclib
-
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import RefusedAccess
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.engine import add_hook
-from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
-from hiltest.virtual.native import PAGE_BYTES, Offsets, declared_registers, native_permission
-from hiltest.virtual.peripherals.bit_band import PERIPHERAL_ALIAS, SRAM_ALIAS, AliasedSram, BitBandAlias
-from hiltest.virtual.turn import Counting
 
-_READ_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_void_p)
-_WRITE_CALLBACK = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_uint64, ctypes.c_void_p
-)
-_PAGE = PAGE_BYTES
+_PAGE = 4096
+Offsets = Collection[int]
 ALL_STEADY: Offsets = range(_PAGE)
 NONE_STEADY: Offsets = range(0)
-_PERMISSION_CALLBACK = ctypes.CFUNCTYPE(
-    ctypes.c_bool, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64, ctypes.c_int, ctypes.c_int64, ctypes.c_void_p
-)
 
 
 class Peripheral(Protocol):
@@ -43,12 +31,12 @@ class Peripheral(Protocol):
 
     Notes
     -----
-    A block may declare `steady`: offsets of the bytes that only an event of the schedule changes, or the firmware by
-    a write, and whose reading changes nothing. A loop that reads nothing else, and changes nothing, is passed over up
-    to the next event. Where it depends on more than the offset, `read` tells the processor's accounting: `end_watch`,
-    where this reading changed something, and `steady_until`, where what was read changes without an event.
-    Nothing is steady of a block that does not say so. One that declares `counters`, bytes of registers that count with
-    time, has `counting(offset)`, which returns a `Counting`. One that has `passed` is told of reads passed over.
+    A block may declare `steady`: offsets of the bytes that change only at events of the schedule and at writes to any
+    block, and whose reading changes nothing. The core asks for them once and answers again by itself until then. If
+    that depends on more than the offset, `read` tells the processor: `read_changed` if this reading changed something,
+    `counts` if the answer changes with every cycle. A block may also declare `counters`: bytes that change with time,
+    and whose reading changes nothing. The reading of all other bytes may change any block. A block that is a
+    `CountsReads` is told of the readings that the core has answered.
     """
 
     name: str
@@ -125,11 +113,20 @@ class StoredRegisters:
 
 @runtime_checkable
 class CountsReads(Protocol):
-    """A block that wants to know of reads that were passed over."""
+    """A block that wants to know of readings that the core has answered by itself."""
 
-    def passed(self, addresses: Sequence[int], turns: int) -> None:
-        """Take note of turns of a loop that were passed over, in each of which these addresses of it are read."""
+    def repeated(self, address: int, place: int, reads: int) -> None:
+        """Take note that the instruction at `place` has read an address so many times more."""
         ...
+
+
+@cache
+def _declared(steady: frozenset[int], counters: frozenset[int], *, counts_reads: bool) -> Any:
+    """Return what a page declares, byte by byte; pages that declare the same share it."""
+    tells = lib.DEVICE_TELLS if counts_reads else 0
+    kinds = dict.fromkeys(counters, lib.DEVICE_KEEPS | tells)
+    kinds |= dict.fromkeys(steady, lib.DEVICE_KEEPS | lib.DEVICE_STEADY | tells)
+    return ffi.new("uint8_t[]", [kinds.get(offset, 0) for offset in range(_PAGE)])
 
 
 class PeripheralBus:
@@ -149,134 +146,48 @@ class PeripheralBus:
         self, processor: Processor, peripherals: Iterable[Peripheral],
         register_name: Callable[[int], str | None] | None,
     ) -> None:  # fmt: skip
-        self._processor = processor
         self._register_name = register_name
-        self._pages: dict[int, Peripheral] = {}
-        for peripheral in peripherals:
-            self._pages[peripheral.base >> 12] = peripheral
-        self._open: dict[int, ctypes.Array[ctypes.c_uint8]] = {}  # by window: pages that need no look
-        self._callbacks: list[object] = []
-        for region in (PRIVATE_PERIPHERALS, PERIPHERALS):
-            self._map(region, *self._registers_from(region[0]), self.reason_against)
-        sram = BitBandAlias(SRAM_ALIAS, AliasedSram(processor.memory))
-        for alias in (sram, BitBandAlias(PERIPHERAL_ALIAS, self)):
-            self._map(alias.region, *self._bits_of(alias), alias.reason_against)
+        self._pages = {peripheral.base >> 12: peripheral for peripheral in peripherals}
+        self._open: dict[int, Peripheral] = {}  # by page: those that need no look
+        processor.machine.connect(self._checked_read, self._checked_write, processor.abort)
+        self._declare(processor)
 
-    def _registers_from(self, base: int) -> tuple[Any, Any]:
-        """Make the functions that the emulator calls for the registers from an address on."""
-        processor, pages, nvic = self._processor, self._pages, self._processor.nvic
+    def _declare(self, processor: Processor) -> None:
+        """Tell the core which bytes are steady, and have it tell of repeated readings."""
+        machine = processor.machine
+        for page, peripheral in self._pages.items():
+            steady = frozenset(getattr(peripheral, "steady", NONE_STEADY))
+            counters = frozenset(getattr(peripheral, "counters", NONE_STEADY))
+            if steady or counters:
+                declared = _declared(steady, counters, counts_reads=isinstance(peripheral, CountsReads))
+                lib.machine_declare_page(machine.handle, page << 12, declared)
+        machine.tell_repeated(self._tell_repeated, processor.abort)
 
-        def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
-            """Return what the registers of a page have there; after a fault anything will do, the run ends."""
-            try:
-                address = base + offset
-                value = pages[address >> 12].read(address & 0xFFF, size)
-                if nvic.changed:
-                    self._notice()
-                return value & ((1 << (8 * size)) - 1)
-            except BaseException as error:  # re-raised by Processor.run; ctypes would print and drop it
-                processor.abort(error)
-                return 0
+    def _tell_repeated(self, address: int, place: int, reads: int) -> None:
+        peripheral = self._pages[address >> 12]
+        if isinstance(peripheral, CountsReads):
+            peripheral.repeated(address, place, reads)
 
-        def on_write(_engine: int, offset: int, size: int, value: int, _data: int) -> None:
-            """Give a value to the registers of a page."""
-            try:
-                address = base + offset
-                pages[address >> 12].write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
-                if nvic.changed:
-                    self._notice()
-            except BaseException as error:  # as above
-                processor.abort(error)
+    def _checked_read(self, address: int, size: int) -> int:
+        """Answer a load, if it is no bus error."""
+        peripheral = self._open.get(address >> 12)
+        if peripheral is None or address % _PAGE + size > _PAGE:  # an access may straddle two pages
+            peripheral = self._opened(address, size)
+        return peripheral.read(address % _PAGE, size)
 
-        return _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write)
+    def _checked_write(self, address: int, size: int, value: int) -> None:
+        """Take a store, if it is no bus error."""
+        peripheral = self._open.get(address >> 12)
+        if peripheral is None or address % _PAGE + size > _PAGE:
+            peripheral = self._opened(address, size)
+        peripheral.write(address % _PAGE, size, value)
 
-    def _bits_of(self, alias: BitBandAlias) -> tuple[Any, Any]:
-        """Make the functions that the emulator calls for a bit-band alias."""
-        processor, base = self._processor, alias.region[0]
-
-        def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
-            """Return one bit of the aliased word."""
-            try:
-                return alias.read(base + offset, size)
-            except BaseException as error:  # as above
-                processor.abort(error)
-                return 0
-
-        def on_write(_engine: int, offset: int, size: int, value: int, _data: int) -> None:
-            """Set or clear one bit of the aliased word."""
-            try:
-                alias.write(base + offset, size, value)
-            except BaseException as error:  # as above
-                processor.abort(error)
-
-        return _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write)
-
-    def _map(
-        self, region: tuple[int, int], read: Any, write: Any, reason_against: Callable[[int, int], str | None]
-    ) -> None:
-        """Map a window of addresses to this bus.
-
-        The emulator gives a mapped device only the start of the block. It looks up the exact
-        instruction when an access is not permitted; so none is, and each is let pass here, or is a fault.
-        A hook on all loads and stores would give it too, and cost each load of RAM its fast path.
-        """
-        processor, (base, size) = self._processor, region
-        opened = self._open[base] = (ctypes.c_uint8 * (size // _PAGE))()
-
-        def on_access(_engine: int, access: int, address: int, size: int, _value: int, _data: int) -> bool:
-            """Say whether the access may go on to the page, which is opened for good by the first that may."""
-            try:
-                page = (address - base) // _PAGE
-                if not opened[page] or address % _PAGE + size > _PAGE:  # an access may straddle two pages
-                    reason = reason_against(address, size)
-                    if reason is not None:
-                        processor.traps.refuse(access, address, reason)
-                        return False
-                    opened[page] = 1
-                processor.registers.forget_condition()
-                return True
-            except BaseException as error:  # as above
-                processor.abort(error)
-                return False
-
-        ask = _PERMISSION_CALLBACK(on_access)
-        steady = self._steady_pages(base, size)
-        permit, data = native_permission(
-            base, opened, ask, steady, processor.accounting, self._tell_passed
-        ) or (ask, None)
-        self._callbacks.append((read, write, ask, permit, data, steady))  # the emulator keeps only the pointers
-        engine = processor.engine._uch
-        first, length = ctypes.c_uint64(base), ctypes.c_size_t(size)
-        uclib.uc_mmio_map(engine, first, length, read, None, write, None)
-        uclib.uc_mem_protect(engine, first, length, ctypes.c_uint32(unicorn.UC_PROT_NONE))
-        protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
-        add_hook(processor.engine, protected, permit, data, within=(base, base + size - 1))
-
-    def _steady_pages(self, base: int, size: int) -> Any:
-        """Make the table of what the blocks of a window declare, page by page; nothing of an alias is steady."""
-        pages = (ctypes.c_void_p * (size // _PAGE))()
-        for page in range(len(pages)):
-            peripheral = self._pages.get((base >> 12) + page)
-            steady: Offsets = getattr(peripheral, "steady", NONE_STEADY)
-            counters: Offsets = getattr(peripheral, "counters", NONE_STEADY)
-            if len(steady) + len(counters) > 0:
-                declared = declared_registers(steady, counters, counted=isinstance(peripheral, CountsReads))
-                pages[page] = ctypes.addressof(declared)
-        return pages
-
-    def _tell_passed(self, addresses: Sequence[int], turns: int) -> None:
-        """Tell blocks that count reads which addresses a turn of a loop read, and how many turns were passed over."""
-        read: dict[int, list[int]] = {}
-        for address in addresses:
-            read.setdefault(address >> 12, []).append(address)
-        for page, those in read.items():
-            peripheral = self._pages[page]
-            if isinstance(peripheral, CountsReads):
-                peripheral.passed(those, turns)
-
-    def _notice(self) -> None:
-        self._processor.nvic.changed = False
-        self._processor.look_soon()
+    def _opened(self, address: int, size: int) -> Peripheral:
+        reason = self.reason_against(address, size)
+        if reason is not None:
+            raise RefusedAccess(reason)
+        peripheral = self._open[address >> 12] = self._pages[address >> 12]
+        return peripheral
 
     def read(self, address: int, size: int) -> int:
         """Read a register, as an access to its address would."""
@@ -285,16 +196,6 @@ class PeripheralBus:
     def write(self, address: int, size: int, value: int) -> None:
         """Write a register, as an access to its address would."""
         self._pages[address >> 12].write(address & 0xFFF, size, value)
-        if self._processor.nvic.changed:
-            self._notice()
-
-    def counting(self, address: int) -> Counting | None:
-        """Return how the register at an address counts; None for one that is steady."""
-        peripheral = self._pages[address >> 12]
-        if address & 0xFFF not in getattr(peripheral, "counters", ()):
-            return None
-        counting: Counting = peripheral.counting(address & 0xFFF)  # type: ignore[attr-defined]
-        return counting
 
     def reason_against(self, address: int, size: int) -> str | None:
         """Say why an access is a bus error, if it is: every byte of it needs a peripheral with a clock."""
@@ -313,5 +214,4 @@ class PeripheralBus:
 
     def look_again(self) -> None:
         """Check the next access to each page: clock gates have changed."""
-        for opened in self._open.values():
-            ctypes.memset(opened, 0, len(opened))
+        self._open.clear()

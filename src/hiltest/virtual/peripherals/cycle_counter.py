@@ -1,32 +1,45 @@
-"""DWT: the cycle counter, and the executions between its readings."""
+"""DWT: the cycle counter, and the slices between its readings."""
 
 from __future__ import annotations
 
-import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from hiltest.virtual.core.machine import NEVER, Machine, Snapshot
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.executions import Executions, Snapshot, between, in_all
 from hiltest.virtual.peripherals.bus import ALL_STEADY
-from hiltest.virtual.turn import Counting
+from hiltest.virtual.slices import Slice
 
+_CYCCNT, _WORD = 4, 4
+_POLLS, _SOON_CYCLES = 16, 40  # as many readings so soon after each other time nothing
 _READINGS = 400
 """Number of readings kept: four for each of the steps that one command times, 80 at most, and some."""
 
 
 @dataclass(frozen=True, slots=True)
 class CounterReading:
-    """One reading of CYCCNT, with the instructions and blocks that had been executed by then.
+    """One reading of CYCCNT, with the instructions that had been executed by then.
 
-    `at` counts cycles since power-on, whatever the firmware does to the counter.
+    Attributes
+    ----------
+    cycles : int
+        The answer.
+    at : int
+        Cycles since power-on, whatever the firmware does to the counter.
+    instructions : int
+    snapshot : Snapshot
+        State before the instruction that read it.
+    answers : array of uint32_t or None
+        What devices answered to loads since the reading before; None if they were too many.
     """
 
     cycles: int
     at: int
     instructions: int
-    executed: Snapshot | None
+    snapshot: Snapshot
+    answers: Any
 
     def cycles_since(self, earlier: CounterReading) -> int:
         """Return the cycles from an earlier reading to this one."""
@@ -41,8 +54,9 @@ class CycleCounter:
     present : bool
         Set to False for a part without the counter (NOCYCCNT).
     readings : deque of CounterReading or None
-        The last few times that the firmware read it, oldest first; `forget` begins anew. None is a reading in a turn of
-        a loop that was passed over: nothing is successive across it, and it takes the place of others as any does.
+        The last few times that the firmware read it, oldest first; `forget` begins anew. None is a reading that the
+        core has answered, in a loop that polls the counter: nothing is successive across it, and it takes the place of
+        others as any does.
     """
 
     name = "DWT"
@@ -55,6 +69,8 @@ class CycleCounter:
         self._processor = processor
         self.present = True
         self.readings: deque[CounterReading | None] = deque(maxlen=_READINGS)
+        self._loads = 0
+        self._place, self._read_at, self._polls = 0, 0, 0  # of the latest reading; how many like it came before
         self.reset()
 
     def reset(self) -> None:
@@ -84,32 +100,41 @@ class CycleCounter:
         """Answer CTRL or CYCCNT; the other counters read as zero."""
         if offset == 0:
             return 0x40000000 | self._control | (0 if self.present else 1 << 25)
-        if offset == 4:
+        if offset == _CYCCNT:
             self._hold()
             count = self._count & 0xFFFFFFFF
-            processor = self._processor
-            self.readings.append(
-                CounterReading(count, processor.now(), processor.instructions_now(), processor.executed())
-            )
+            self.readings.append(self._reading(count))
+            if size == _WORD and self._running and self._is_polled():
+                self._processor.counts(1, NEVER)
             return count
         return 0
 
-    def passed(self, addresses: Sequence[int], turns: int) -> None:
-        """Take note of turns of a loop that were passed over, in each of which CYCCNT was read."""
-        readings = turns * sum(address == self.base + 4 for address in addresses)
-        self.readings.extend([None] * min(readings, _READINGS))
+    def _is_polled(self) -> bool:
+        """Whether one instruction reads the counter over and over, each time soon after the last."""
+        core = self._processor.core
+        place, last_place = core.r[15], self._place
+        is_soon = core.cycles - self._read_at <= _SOON_CYCLES
+        self._place, self._read_at = place, core.cycles
+        self._polls = self._polls + 1 if place == last_place and is_soon else 0
+        return self._polls >= _POLLS
 
-    def counting(self, _offset: int) -> Counting:
-        """Return how CYCCNT counts."""
-        count, since, runs = self._count, self._counted_from, self._running
-        return Counting(lambda cycle: count + (cycle - since) * runs & 0xFFFFFFFF, rises=True, until=math.inf)
+    def repeated(self, address: int, place: int, reads: int) -> None:
+        """Take note that the core has answered so many readings by the instruction at `place`."""
+        if address == self.base + _CYCCNT:
+            self.readings.extend([None] * min(reads, _READINGS))
+            self._place, self._read_at, self._polls = place, self._processor.core.cycles, _POLLS
+
+    def _reading(self, count: int) -> CounterReading:
+        machine, core = self._processor.machine, self._processor.core
+        answers, self._loads = machine.answers(self._loads), core.device_loads
+        return CounterReading(count, core.cycles, core.instructions, machine.snapshot(), answers)
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take CTRL or CYCCNT."""
         self._hold()
         if offset == 0:
             self._control = value & 1
-        elif offset == 4:
+        elif offset == _CYCCNT:
             self._count = value
         self._counted_from = self._processor.now()
 
@@ -131,8 +156,8 @@ class CycleCounter:
 
     def executed_in(
         self, cycles: int, overhead_cycles: int, call: tuple[int, int] | None = None
-    ) -> tuple[Executions, Executions] | None:
-        """Return what ran while something was timed, and in the empty call before it.
+    ) -> tuple[list[Slice], list[Slice]] | None:
+        """Return what ran while something was timed, and in the empty call before it; None if that is unknown.
 
         Firmware reads the counter before and behind an empty call, then before and behind what it times: the latest
         four successive readings since `forget` that lie so far apart.
@@ -153,11 +178,10 @@ class CycleCounter:
                 continue
             spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])
             if spans == (overhead_cycles, cycles + overhead_cycles):
-                empty, whole = between(four[0].executed, four[1].executed), between(four[2].executed, four[3].executed)
-                return (whole, empty) if whole and empty else None
+                return self._slices([four])
         return None
 
-    def executed_in_steps(self, cycles: Sequence[int], overhead_cycles: int) -> tuple[Executions, Executions] | None:
+    def executed_in_steps(self, cycles: Sequence[int], overhead_cycles: int) -> tuple[list[Slice], list[Slice]] | None:
         """Return what ran in all the steps that were timed last, and in the empty calls before them.
 
         None when the latest readings are not theirs: four to a step, as `executed_in` has them. A step that was
@@ -168,10 +192,24 @@ class CycleCounter:
             begin = end - 4 * len(cycles)
             steps = [_known(readings[at : at + 4]) for at in range(begin, end, 4)] if begin >= 0 else []
             if steps and all(_are_of(four, each, overhead_cycles) for four, each in zip(steps, cycles, strict=True)):
-                whole = in_all([(four[2].executed, four[3].executed) for four in steps])
-                empty = in_all([(four[0].executed, four[1].executed) for four in steps])
-                return (whole, empty) if whole and empty else None
+                return self._slices(steps)
         return None
+
+    def _slices(self, steps: Iterable[Sequence[CounterReading]]) -> tuple[list[Slice], list[Slice]] | None:
+        whole: list[Slice] = []
+        empty: list[Slice] = []
+        for four in steps:
+            for slices, first, last in ((empty, four[0], four[1]), (whole, four[2], four[3])):
+                if last.answers is None:
+                    return None
+                slices.append(_slice(self._processor.machine, first, last))
+        return whole, empty
+
+
+def _slice(machine: Machine, first: CounterReading, last: CounterReading) -> Slice:
+    """Return what ran between two successive readings."""
+    instructions = last.instructions - first.instructions
+    return Slice(machine, first.snapshot, last.at - first.at, instructions, last.answers)
 
 
 def _known(readings: Sequence[CounterReading | None]) -> list[CounterReading]:

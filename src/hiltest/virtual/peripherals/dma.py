@@ -232,21 +232,14 @@ class DmaController:
     def _move_piece(self, descriptor: Descriptor, size: int) -> None:
         source, destination = descriptor.source_bytes, descriptor.destination_bytes
         together = max(source, destination)
-        lowest = highest = descriptor.daddr
-        try:
-            for _ in range(size // together):
-                data = b""
-                for _ in range(together // source):
-                    data += self._load(descriptor.saddr, source)
-                    descriptor.step_source()
-                for first in range(0, together, destination):
-                    lowest, highest = min(lowest, descriptor.daddr), max(highest, descriptor.daddr)
-                    self._store(descriptor.daddr, data[first : first + destination])
-                    descriptor.step_destination()
-        finally:
-            if self._processor.memory.holds_stack(lowest, highest + destination - lowest):
-                # The emulator may have code from there, of which it must not go on with a copy.
-                self._processor.engine.ctl_remove_cache(lowest, highest + destination)
+        for _ in range(size // together):
+            data = b""
+            for _ in range(together // source):
+                data += self._load(descriptor.saddr, source)
+                descriptor.step_source()
+            for first in range(0, together, destination):
+                self._store(descriptor.daddr, data[first : first + destination])
+                descriptor.step_destination()
 
     def _load(self, address: int, size: int) -> bytes:
         if _is_peripheral(address):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.flash_waits import BANKS, BankSwitches, FlashController
+from hiltest.virtual.core.machine import BankSwitches
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
 _PFAPR, _PFB0CR, _PFB1CR = 0x0, 0x4, 0x8
@@ -11,7 +13,24 @@ _M0PFD = 1 << 16  # the core's bus for code and constants never has anything rea
 _SEBE, _IPE, _DPE, _ICE, _DCE = (1 << bit for bit in range(5))
 _S_B_INV, _CINV_WAY, _WAYS = 1 << 19, 20, 4
 # What can be written. CRC and CLCK_WAY are kept, and not heeded; memory width and wait states are the chip's.
+_BANKS = 2
 _WRITABLE = {_PFAPR: 0x00FFFFFF, _PFB0CR: 0x0F0000FF, _PFB1CR: 0x0000001F}
+
+
+class FlashController(Protocol):
+    """The part that the registers switch: a machine."""
+
+    def switch_flash_bank(self, bank: int, switches: BankSwitches) -> None:
+        """Set what is done for half 0 or 1 of the flash."""
+        ...
+
+    def forget_flash_lines(self) -> None:
+        """Forget the line that was read last, and the one that was read ahead."""
+        ...
+
+    def forget_flash_way(self, way: int) -> None:
+        """Empty one way of the cache."""
+        ...
 
 
 class FlashControl(StoredRegisters):
@@ -19,11 +38,10 @@ class FlashControl(StoredRegisters):
 
     Parameters
     ----------
-    controller : FlashController or None
-        What they switch; None where accesses to flash wait for nothing.
+    controller : FlashController
     """
 
-    def __init__(self, controller: FlashController | None) -> None:
+    def __init__(self, controller: FlashController) -> None:
         self._controller = controller
         base = 0x4001F000
         super().__init__("FMC", base, mk64f12().reset_bytes(base))
@@ -48,23 +66,19 @@ class FlashControl(StoredRegisters):
 
     def _forget(self, written: int) -> None:
         """Carry out S_B_INV and CINV_WAY, which are for both banks and read as zero."""
-        if self._controller is None:
-            return
         if written & _S_B_INV:
-            self._controller.forget_lines()
+            self._controller.forget_flash_lines()
         for way in range(_WAYS):
             if written >> _CINV_WAY + way & 1:
-                self._controller.forget_way(way)
+                self._controller.forget_flash_way(way)
 
     def _switch(self) -> None:
-        if self._controller is None:
-            return
         ahead = not self.word(_PFAPR) & _M0PFD
-        for bank in range(BANKS):
+        for bank in range(_BANKS):
             control = self.word(_PFB0CR + 4 * bank)
             switches = BankSwitches(
                 keeps_line=bool(control & _SEBE),
                 reads_ahead_code=ahead and bool(control & _IPE), reads_ahead_data=ahead and bool(control & _DPE),
                 caches_code=bool(control & _ICE), caches_data=bool(control & _DCE),
             )  # fmt: skip
-            self._controller.switch(bank, switches)
+            self._controller.switch_flash_bank(bank, switches)

@@ -123,7 +123,7 @@ class WakeUpUnit:
         """Watch from now on; what a module tells already wakes at once."""
         self.asleep = True
         for interrupt in _MODULES:
-            if self._nvic.lines[interrupt]:
+            if self._nvic.is_driven(interrupt):
                 self._line(interrupt)
 
     def _line(self, interrupt: int) -> None:
@@ -156,7 +156,7 @@ class WakeUpUnit:
         elif offset <= _LAST and offset != _F3:
             self._registers[offset] = value
         for interrupt, module in _MODULES.items():
-            if not self._nvic.lines[interrupt]:
+            if not self._nvic.is_driven(interrupt):
                 self._registers[_F3] &= ~(1 << module)
         self._drive()
 
@@ -263,6 +263,5 @@ class SystemModes(StoredRegisters):
         mode = self.asleep_in
         if mode in (None, SleepMode.WAIT, SleepMode.VLPW):
             return ""
-        enabled = self._processor.nvic.enabled
-        wakes = self._unit.has_source if mode.gated else any(enabled[number] for number in _ASYNCHRONOUS)
+        wakes = self._unit.has_source if mode.gated else any(map(self._processor.nvic.is_enabled, _ASYNCHRONOUS))
         return f" ({mode.value[0]}{'' if wakes else ', without anything enabled that could wake it'})"

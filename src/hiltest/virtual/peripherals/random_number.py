@@ -46,7 +46,7 @@ class RandomNumbers:
         self.base = module.base
         self.clocked = True
         self._nvic = processor.nvic
-        self._accounting = processor.accounting
+        self._processor = processor
         self._clock = clock
         (self._interrupt,) = module.interrupts
         self.seed = 0
@@ -82,7 +82,7 @@ class RandomNumbers:
             status = self._flags | _ONE_WORD | (self._ready is not None) << _LEVEL
             if self._flags & _ORU:
                 self._flags &= ~_ORU
-                self._accounting.end_watch()
+                self._processor.read_changed()
             return status | (_STATUS_SLP if self._control & _SLP else 0)
         if offset == _OR:
             return self._take()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from hiltest.virtual.chip import Chip, ChipPeripheral
@@ -100,12 +100,11 @@ class UnmodelledLog:
         address = self._last[0]
         return f", polling {self._chip.register_name(address)} at 0x{address:08x}, which is not modelled"
 
-    def passed(self, addresses: Sequence[int], turns: int) -> None:
-        """Take note of turns of a loop that were passed over, in each of which these addresses are read."""
-        for address in addresses:
-            self._count[self._chip.register_name(address) or f"0x{address:08x}"] += turns
-        if self._last[0] in addresses:
-            self._add_reads(turns)
+    def repeated(self, address: int, place: int, reads: int) -> None:
+        """Take note that the instruction at `place` has read an address so many times more."""
+        self._last = address, place
+        self._count[self._chip.register_name(address) or f"0x{address:08x}"] += reads
+        self._add_reads(reads)
 
     def note(self, address: int, size: int, written: int | None) -> None:
         """Take note of an access."""
@@ -161,9 +160,9 @@ class UnmodelledPage(StoredRegisters):
         self._log = log
         super().__init__(", ".join(entry.name for entry in peripherals), base, chip.reset_bytes(base))
 
-    def passed(self, addresses: Sequence[int], turns: int) -> None:
-        """Take note of turns of a loop that were passed over, in each of which these addresses are read."""
-        self._log.passed(addresses, turns)
+    def repeated(self, address: int, place: int, reads: int) -> None:
+        """Take note that the instruction at `place` has read an address so many times more."""
+        self._log.repeated(address, place, reads)
 
     def read(self, offset: int, size: int) -> int:
         """Answer what was written last, or the value after reset."""

@@ -10,7 +10,6 @@ from hiltest.virtual.clock import Clock
 from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
-from hiltest.virtual.turn import Counting
 
 _BASE = 0x40052000
 _STCTRLH, _TOVALH, _TOVALL, _WINH, _WINL, _REFRESH, _UNLOCK = 0x00, 0x04, 0x06, 0x08, 0x0A, 0x0C, 0x0E
@@ -82,18 +81,6 @@ class Watchdog(StoredRegisters):
             count = self._count if self.enabled else 0
             return count >> 16 if offset == _TMROUTH else count & 0xFFFF
         return self._resets if offset == _RSTCNT else super().read(offset, size)
-
-    def counting(self, offset: int) -> Counting:
-        """Return how a half of the count counts, until the lower one begins anew."""
-        if not self.enabled:
-            return Counting(lambda _cycle: 0, rises=True, until=math.inf, size=2)
-        clock, since, divider, half = self._clock, self._since, self._divider, self._count & ~0xFFFF
-        until = clock.cycle_of(since + (half + 0x10000) * divider)
-        if offset == _TMROUTH:
-            return Counting(lambda _cycle: half >> 16, rises=True, until=until, size=2)
-        return Counting(
-            lambda cycle: max(clock.ticks_at(cycle) - since, 0) // divider - half, rises=True, until=until, size=2
-        )
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a write; STCTRLH only after the unlock sequence."""

@@ -1,7 +1,7 @@
 """What one instruction leaves for the next: the state of the pipeline, and the rules of fetching and of addresses.
 
 The rules are priced by rows that a profile may have or not (`RULES` of `hiltest.virtual.profile_file`); without them
-only what `hiltest.virtual.timing` says is remembered. They are:
+only what `price_model` says is remembered. They are:
 
 * an address that the data-processing instruction right before made is late;
 * IT behind a 16-bit instruction is folded onto it;
@@ -9,6 +9,9 @@ only what `hiltest.virtual.timing` says is remembered. They are:
 * behind an instruction that occupies the core for two cycles or more, or a floating-point one, the third of three
   instructions on end of four bytes each, none at a multiple of four, finds its second half not fetched. Whether an
   integer instruction of one cycle begins that, too, is a row of its own.
+
+Two rows are candidates of `hiltest.virtual.rule_candidates` alone: ``misplaced_on_end`` says that it is another one of
+such instructions on end, and ``late_past_narrow`` that an instruction of two bytes does not end the run of them.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from typing import NamedTuple
 
 from hiltest.virtual.instructions import Instruction
 
-_IN_A_ROW = 3  # instructions until the fetch is late
+_ON_END = 3  # misplaced instructions until the fetch is late
 _MAKES_RESULTS = ("data", "divide")
 
 
@@ -90,13 +93,15 @@ class Rules:
         self._folds = "it_folded" in value
         self._late = tuple(value.get(row, 0) for row in ("", "fetch_late", "fetch_late_fp", "fetch_late_integer"))
         self._reached = (0, value.get("target_misplaced", 0), value.get("return_misplaced", 0), 0)
+        self._on_end = value.get("misplaced_on_end", _ON_END)
+        self._past_narrow = bool(value.get("late_past_narrow", 0))
 
     def waits(self, instruction: Instruction, state: PipelineState) -> tuple[int, int]:
         """Return the cycles that an instruction waits for its address and for being fetched."""
         address = self._address_use if state.computed & instruction.address_registers else 0
         if not instruction.misplaced:
             return address, 0
-        late = self._late[state.late] if state.misplaced == _IN_A_ROW - 1 else 0
+        late = self._late[state.late] if state.misplaced == self._on_end - 1 else 0
         return address, self._reached[state.reached] + late
 
     def folds(self, instruction: Instruction, state: PipelineState) -> bool:
@@ -128,10 +133,12 @@ class Rules:
 
     def _fetch_behind(self, instruction: Instruction, state: PipelineState, cycles: int) -> tuple[Late, int]:
         late, misplaced = state.late, state.misplaced + 1
-        if not instruction.misplaced or misplaced == _IN_A_ROW:
+        if not instruction.misplaced or misplaced >= self._on_end:
             late = Late.NOTHING
         if cycles >= 2:
             return Late.SLOW, 0
         if not late and (instruction.uses_fpu or self._late[Late.INTEGER]):
             return Late.FLOATING_POINT if instruction.uses_fpu else Late.INTEGER, 0
+        if not late and self._past_narrow and instruction.size == 2:
+            return state.late, state.misplaced
         return (late, misplaced) if late else (Late.NOTHING, 0)
