@@ -25,6 +25,7 @@ from hiltest.fixtures import (
     rig,
     turntable,
 )
+from hiltest.plain_imports import import_plainly
 from hiltest.record.outcomes import TestOutcome
 from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.session import SESSION, HilSession
@@ -55,7 +56,8 @@ _LETTERS = {TestOutcome.CONNECTION_LOST: "L", TestOutcome.WRONG_FIRMWARE: "W"}
 
 
 def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
-    """Let conftest files implement the ``pytest_hil_`` hooks."""
+    """Let conftest files implement the ``pytest_hil_`` hooks. It is the first hook that is called."""
+    import_plainly()
     pluginmanager.add_hookspecs(hookspecs)
 
 

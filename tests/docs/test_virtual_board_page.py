@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from hiltest.errors import ConfigError
 from hiltest.rig.file import load_rig
-from hiltest.virtual.native import counts_natively
 
 PAGE = (Path(__file__).parents[2] / "docs" / "virtual-board.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
@@ -49,19 +45,3 @@ def test_the_functions_that_the_page_counts_are_a_table_of_a_rig(tmp_path: Path)
     counted = load_rig(tmp_path / "counted.toml").cycles
     assert counted["fusion"].functions == ("fRun_9DOF_GBY_KALMAN",)
     assert counted["fit"].ends == "sfg+0xa80"
-
-
-def test_the_command_of_the_page_says_which_hook_runs() -> None:
-    (command,) = re.findall(r"^```sh\n(python -m hiltest.virtual.native)\n```", PAGE, re.M)
-    words = command.split()
-    result = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True, timeout=60, check=True)
-    assert re.match(r"(native|python): .", result.stdout)
-
-
-def test_the_choices_of_the_page_are_those_of_the_hook(monkeypatch: pytest.MonkeyPatch) -> None:
-    (variable,) = re.findall(r"`(\w+)=python` in the environment", PAGE)
-    monkeypatch.setenv(variable, "python")
-    assert not counts_natively()
-    monkeypatch.setenv(variable, "neither")
-    with pytest.raises(ConfigError, match="auto, native or python"):
-        counts_natively()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.heavy_imports import HEAVY
 
 from hiltest.settings import OPTIONS
 
@@ -92,9 +93,6 @@ def test_a_project_with_its_own_board_fixture_is_left_alone(pytester: pytest.Pyt
     assert not (pytester.path / "hil-out").exists()
 
 
-HEAVY = ("numpy", "scipy", "pydantic", "unicorn", "capstone", "serial", "jinja2", "rich", "click")
-
-
 def test_an_unused_plugin_imports_nothing_heavy(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("def test_it():\n    pass\n")
     pytester.makeconftest(f"""
@@ -132,3 +130,16 @@ def test_a_name_that_no_folder_can_have_is_a_usage_error(pytester: pytest.Pytest
         return
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["*--hil-out: a name of 300 bytes is too long: a file's has at most 255"])
+
+
+def test_modules_of_the_package_are_imported_as_they_are_and_tests_with_rewritten_assertions(
+    pytester: pytest.Pytester,
+) -> None:
+    pytester.makepyfile("""
+        from hiltest import measurement
+
+        def test_it():
+            assert type(measurement.__spec__.loader).__name__ == "SourceFileLoader"
+            assert type(__spec__.loader).__name__ == "AssertionRewritingHook"
+    """)
+    pytester.runpytest_subprocess("-p", "hiltest").assert_outcomes(passed=1)

@@ -13,7 +13,7 @@ import pytest
 from tests.finished_run import without_volatile
 
 from hiltest.bench_files import shipped
-from hiltest.commands.run import RunCommand
+from hiltest.runs.one_run import RunCommand
 
 SUITE = """
 from hiltest.angles import Pose

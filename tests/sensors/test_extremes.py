@@ -73,3 +73,18 @@ def test_they_can_be_switched_off():
     write(part, end_s, 0x2A, 0x0D)  # the board stands still from here on: only noise is between the extremes
     largest, smallest = words(part, end_s + 1.0, 0x45, 6).reshape(2, 3)
     assert (largest - smallest < 2 * 5 * 7).all()  # 200 readings of 0.67 uT, at oversampling 8: within 5 sigma
+
+
+def test_they_are_of_all_runs_each_with_the_set_up_that_it_had():
+    (part, _), (polled, _) = tumbling(), tumbling()
+    samples = []
+    for run in range(150):
+        begin_s = 0.1 + 0.025 * run
+        for each in (part, polled):
+            write(each, begin_s, 0x3F, run % 8)
+            write(each, begin_s, 0x2A, (0x05, 0x0D)[run % 2])
+        samples += [words(polled, begin_s + 0.001 * millisecond, 0x33, 3) for millisecond in range(1, 25)]
+        for each in (part, polled):
+            write(each, begin_s + 0.0245, 0x2A, 0x04)
+    found = words(part, 4.0, 0x45, 6).reshape(2, 3)
+    assert (found == [np.max(samples, axis=0), np.min(samples, axis=0)]).all()

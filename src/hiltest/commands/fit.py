@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from hiltest.calibration.acceptance import Acceptance
 from hiltest.commands.options import ErrorOutput, checked, json_option
 from hiltest.settings import file_name
 
@@ -106,6 +105,8 @@ def fit(
 
 
 def _worse(fitted: SampleFit, at_least: str) -> bool:
+    from hiltest.calibration.acceptance import Acceptance
+
     order = list(Acceptance)
     return order.index(fitted.best.verdict) > order.index(Acceptance(at_least))
 
@@ -185,6 +186,7 @@ def _show(fitted: SampleFit, *, as_json: bool) -> None:
 def _export(fitted: SampleFit, as_json: Path | None, as_header: Path | None, *, force: bool) -> None:
     if as_json is None and as_header is None:
         return
+    from hiltest.calibration.acceptance import Acceptance
     from hiltest.logs.sample_fit_exports import export_header, export_json
 
     if fitted.best.verdict is Acceptance.REFUSED:

@@ -6,14 +6,11 @@ import os
 import re
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
-import pytest
 
-from hiltest.bench_files import suites
 from hiltest.commands.options import (
     ERROR_SCHEMA,
     EXIT_CODES,
@@ -25,85 +22,7 @@ from hiltest.commands.options import (
     seed_range,
 )
 from hiltest.errors import ConfigError
-from hiltest.record.exit_codes import ExitCode
-from hiltest.record.files import BOARDS_FILE, OLDER_FOLDER, RUN_FILE, SEEDS_FILE
-from hiltest.record.run import Run
-from hiltest.runs.folders import folder_beside_complete, said_of_folder
-from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
-from hiltest.session import SESSION
-from hiltest.session.selection import RUN_COMMAND, Choice, only_looks
 from hiltest.settings import DEFAULT_OUT, address, check_environment, file_name, label, seed
-
-_JUNIT_FILE = "junit.xml"
-
-
-class RunCommand:
-    """A pytest plugin that opens the bench at once, and takes the finished record.
-
-    Parameters
-    ----------
-    older : OlderFirmware, optional
-        Older firmware, which runs first on the same bench as the base.
-    flashes : bool
-        Whether the firmware is put onto the board first.
-    """
-
-    __name__ = RUN_COMMAND
-
-    def __init__(self, older: OlderFirmware | None = None, *, flashes: bool = False) -> None:
-        self.run: Run | None = None
-        self.folder = Path()
-        self._older = older
-        self._flashes = flashes
-        self._remarks: list[str] = []
-
-    # First: before any plugin reads where it is to write.
-    @pytest.hookimpl(tryfirst=True)
-    def pytest_cmdline_main(self, config: pytest.Config) -> None:
-        """Record chosen tests beside a complete run, and not in its place."""
-        if not config.pluginmanager.has_plugin("hiltest"):
-            raise pytest.UsageError("hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest")
-        out = Path(config.option.hil_out)
-        folder = folder_beside_complete(out) if Choice(config).of_any_tests and not only_looks(config) else out
-        if folder == out:
-            return
-        config.option.hil_out = str(folder)
-        if config.option.xmlpath == str(out / _JUNIT_FILE):
-            config.option.xmlpath = str(folder / _JUNIT_FILE)
-        if self._older is not None:
-            self._older = replace(self._older, folder=folder / OLDER_FOLDER)
-        self._remarks = [said_of_folder(out, folder)]
-
-    def pytest_report_collectionfinish(self) -> list[str]:
-        """Say where chosen tests are recorded, and what was flashed."""
-        return self._remarks
-
-    # Last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
-    # command before pytest has collected or written anything.
-    @pytest.hookimpl(trylast=True)
-    def pytest_configure(self, config: pytest.Config) -> None:
-        """Open the bench, which this command always needs."""
-        hil = config.stash[SESSION]
-        self.folder = hil.settings.out
-        if self._older is not None:
-            try:
-                _check_against(hil.gate.asked_for, hil.settings.port)
-                self._older.check(hil.rig)
-            except ConfigError as error:
-                raise pytest.UsageError(str(error)) from error
-            hil.gate.compare_with(self._older)
-        if only_looks(config):
-            return
-        if self._flashes:
-            from hiltest.session.flashed_board import open_flashed
-
-            self._remarks += open_flashed(hil)
-        else:
-            hil.open(with_board=True)
-
-    def pytest_hil_finished(self, run: Run) -> None:
-        """Keep the finished record."""
-        self.run = run
 
 
 class _Run(click.Command):
@@ -164,6 +83,8 @@ def run(*, as_json: bool, **given: Any) -> int:
     """
     if not as_json:
         return _run(**given)[0]
+    from hiltest.record.exit_codes import ExitCode
+
     said = Said()
     with redirect_stdout(said), redirect_stderr(said):
         code, record = _run(**given)
@@ -180,7 +101,10 @@ def _run(
     against: str | None, flash: bool, verbose: bool, pytest_args: Sequence[str], **given: str | None,
 ) -> tuple[int, Path | None]:
     """Run them, and return the exit code and the file with the record; None where there is none."""
+    from hiltest.record.files import BOARDS_FILE, OLDER_FOLDER, SEEDS_FILE
     from hiltest.runs.folders import sole_command
+    from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
+    from hiltest.runs.one_run import check_against, run_suites
 
     check_environment()
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "base": "--hil-base", "hil_port": "--hil-port",
@@ -201,7 +125,7 @@ def _run(
     if flash and (seeds is not None or against is not None):
         raise ConfigError("--flash is for a real board, --seeds and --against are for the virtual one: leave one out")
     if against is not None:
-        _check_against(base and f"the baseline {base}", given["hil_port"])
+        check_against(base and f"the baseline {base}", given["hil_port"])
     taped = next((name for name in ("record", "replay") if of_this_run[f"--hil-{name}"]), None)
     if taped and (seeds is not None or against is not None):
         raise ConfigError(f"--{taped} is of one run: it goes neither with --seeds nor with --against")
@@ -240,13 +164,6 @@ def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:
     return [] if any(re.fullmatch(r"-[vq]+|--verbose|--quiet", each) for each in pytest_args) else ["-q"]
 
 
-def _check_against(base: str | None, port: str | None) -> None:
-    if base:
-        raise ConfigError(f"--against, and {base}: a run is compared with one base; leave one of them out")
-    if port:
-        raise ConfigError("--against runs two ELF files on the virtual board: it does not go with --hil-port")
-
-
 def _try_out(older: str, newer: str | None, rig: str | None, base: str | None) -> None:
     """Check both firmwares before the older one runs on every seed.
 
@@ -263,40 +180,3 @@ def _try_out(older: str, newer: str | None, rig: str | None, base: str | None) -
     VirtualBench(bench, firmware=Path(older))
     at = None if base is None else address(base)
     open_board(bench, firmware=None if newer is None else Path(newer), base=at).close()
-
-
-def run_suites(
-    options: Sequence[str], out: Path, *, older: OlderFirmware | None = None, flashes: bool = False
-) -> tuple[int, Path | None]:
-    """Run pytest on the suites.
-
-    Parameters
-    ----------
-    options : sequence of str
-        For pytest.
-    out : Path
-        Folder of the record.
-    older : OlderFirmware, optional
-        Older firmware, the base of the run.
-    flashes : bool
-        Whether the firmware is put onto the board first.
-
-    Returns
-    -------
-    int, Path or None
-        Exit code, and the file with the record; None where none was finished.
-    """
-    command = RunCommand(older, flashes=flashes)
-    here = Path.cwd()
-    # pytest would warn that it came too late to rewrite the assertions of the package that started it.
-    no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
-    # The packaged suites may lie inside another project's tree; the folder of the command is the root all the same.
-    code = pytest.main(
-        [
-            str(suites(here)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
-            f"--rootdir={here}", "--tb=short", "--no-header", "-rN", "-W", no_warning,
-            f"--junit-xml={out / _JUNIT_FILE}", f"--hil-out={out}", *options,
-        ],
-        plugins=[command],
-    )
-    return int(code), None if command.run is None else command.folder / RUN_FILE

@@ -9,22 +9,19 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.boards.bench import START_UP_S, VirtualBench
-from hiltest.boards.gdb_server import GdbServer
-from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine, port_link
-from hiltest.boards.paced import PacedBench, SerialPortOfBoard
-from hiltest.boards.simulated_grbl import GrblTable
-from hiltest.boards.table_axes import TableAxes
-from hiltest.boards.uart_ports import opened_ports, uart_ports
 from hiltest.commands.options import NumberRange, checked, json_option
 from hiltest.errors import BenchError, ConfigError
-from hiltest.rig.file import load_rig
 from hiltest.settings import address, file_name, seed
+
+if TYPE_CHECKING:
+    from hiltest.boards.bench import VirtualBench
+    from hiltest.boards.lines import PortLine
+    from hiltest.boards.paced import PacedBench
 
 _EXIT_CODES = """
 \b
@@ -95,6 +92,12 @@ def serve(
         if turntable_tcp is not None or uarts or no_wait or gdb is not None or any(described.values()):
             raise ConfigError("--replay serves a recorded line: it goes with --pty, --tcp, --host, --link and --until")
         return _serve_recording(replay, tcp, host, link, until, as_json=as_json)
+    from hiltest.boards.gdb_server import GdbServer
+    from hiltest.boards.paced import PacedBench, SerialPortOfBoard
+    from hiltest.boards.simulated_grbl import GrblTable
+    from hiltest.boards.table_axes import TableAxes
+    from hiltest.boards.uart_ports import opened_ports, uart_ports
+
     asked_for = uart_ports(uarts)
     bench = _bench(**described)
     machine = bench.machine
@@ -147,6 +150,7 @@ def _serve_recording(
     file: Path, tcp: int | None, host: str, link: str | None, until_s: float, *, as_json: bool
 ) -> int:
     """Serve a recorded line, to each program from its beginning, until it has ended."""
+    from hiltest.boards.lines import PseudoTerminal, TcpLine, port_link
     from hiltest.boards.served_recording import ServedRecording, serve_recorded
     from hiltest.replay.recorded_run import read_transcript
 
@@ -186,6 +190,9 @@ def _bench(
     rig: str | None, firmware: str | None, base: str | None, seed: str | None, baud: int | None,
     flash_file: str | None,
 ) -> VirtualBench:  # fmt: skip
+    from hiltest.boards.bench import VirtualBench
+    from hiltest.rig.file import load_rig
+
     described = load_rig(rig_file(Path.cwd(), rig))
     if described.world is None:
         raise ConfigError(
@@ -205,6 +212,8 @@ def _bench(
 def _open_lines(
     stack: contextlib.ExitStack, tcp: int | None, turntable_tcp: int | None, host: str
 ) -> Sequence[PortLine]:
+    from hiltest.boards.lines import PseudoTerminal, TcpLine
+
     opened: list[PortLine] = []
     for port in (tcp, turntable_tcp if turntable_tcp is not None else tcp and tcp + 1):
         opened.append(PseudoTerminal() if tcp is None else TcpLine(host, port or 0))
@@ -215,6 +224,8 @@ def _open_lines(
 def _linked(stack: contextlib.ExitStack, lines: Sequence[PortLine], link: str | None) -> list[str]:
     if link is None:
         return [line.url for line in lines]
+    from hiltest.boards.lines import port_link
+
     paths = [Path(link), Path(f"{link}-turntable")]
     for path, line in zip(paths, lines, strict=True):
         stack.enter_context(port_link(path, line.url))
@@ -237,6 +248,8 @@ def _signals_noted() -> Iterator[list[int]]:
 
 def _listening(paced: PacedBench, ending: list[int]) -> bool:
     """Wait until the firmware has started; False when a signal comes, or the firmware ends, before."""
+    from hiltest.boards.bench import START_UP_S
+
     gives_up_s = time.monotonic() + _START_S
     while paced.running and not ending and paced.time_s < START_UP_S and time.monotonic() < gives_up_s:
         time.sleep(_LOOK_EVERY_S / 10.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +40,7 @@ def golden_points(n: int, *, index: int = 0) -> NDArray[np.int16]:
     Notes
     -----
     Directions are a Fibonacci lattice. Only operations that IEEE 754 rounds correctly are used,
-    (`math.fsum`, not `sum`, which sums differently from Python 3.12 on), and the doubles of
-    Python's Mersenne Twister, which its documentation keeps fixed.
+    and the doubles of Python's Mersenne Twister, which its documentation keeps fixed.
     """
     draw = random.Random(index)
     soft_iron = [[1.0 if row == column else 0.0 for column in range(3)] for row in range(3)]
@@ -49,12 +49,14 @@ def golden_points(n: int, *, index: int = 0) -> NDArray[np.int16]:
             soft_iron[row][column] += _SOFT_IRON * (2.0 * draw.random() - 1.0)
             soft_iron[column][row] = soft_iron[row][column]
     hard_iron = [_HARD_IRON_COUNTS * (2.0 * draw.random() - 1.0) for _ in range(3)]
+    draws = np.array([draw.random() for _ in range(n * 3 * 12)]).reshape(n, 3, 12)
+    # Each is a multiple of 2**-53: as integers they are added without a rounding, and the sum is rounded once.
+    sums = np.ldexp(np.ldexp(draws, 53).astype(np.int64).sum(axis=2).astype(np.float64), -53)
     points = np.empty((n, 3), dtype=np.int16)
-    for k in range(n):
-        x, y, z = _lattice_direction(k, n)
-        for axis, (a, b, c) in enumerate(soft_iron):
-            noise = _SIGMA_COUNTS * (math.fsum(draw.random() for _ in range(12)) - 6.0)
-            points[k, axis] = round(_FIELD_COUNTS * (a * x + b * y + c * z) + hard_iron[axis] + noise)
+    x, y, z = _lattice(n)
+    for axis, (a, b, c) in enumerate(soft_iron):
+        noise = _SIGMA_COUNTS * (sums[:, axis] - 6.0)
+        points[:, axis] = np.rint(_FIELD_COUNTS * (a * x + b * y + c * z) + hard_iron[axis] + noise)
     return points
 
 
@@ -89,6 +91,12 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     """Multiply one rounding at a time, as a linear-algebra library might not."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+@lru_cache(maxsize=4)
+def _lattice(n: int) -> NDArray[np.float64]:
+    """Return the n directions as rows x, y and z."""
+    return np.array([_lattice_direction(k, n) for k in range(n)]).T
 
 
 def _lattice_direction(k: int, n: int) -> tuple[float, float, float]:

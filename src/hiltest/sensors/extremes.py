@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from hiltest.sensors.sampling import Counts, SampledOutput
+from collections.abc import Callable
+
+from hiltest.sensors.sampling import Counts, Measure, SampledOutput
 
 _NO_SAMPLE: Counts = (0, 0, 0)
+_MOST_WAITING = 100  # runs of the output; firmware may begin any number and never read the registers
 
 
 class Extremes:
@@ -14,6 +17,8 @@ class Extremes:
     ----------
     output : SampledOutput
         Output that is compared.
+    conversion : callable
+        Returns the part's conversion with its present set-up, which a later one does not change.
 
     Notes
     -----
@@ -21,14 +26,16 @@ class Extremes:
     seen, nor can firmware learn anything from it.
     """
 
-    def __init__(self, output: SampledOutput) -> None:
+    def __init__(self, output: SampledOutput, conversion: Callable[[], Measure]) -> None:
         self._output = output
+        self._conversion = conversion
         self.restart(0.0)
 
     def restart(self, time_s: float) -> None:
         """Forget all samples until now."""
         self._largest: Counts | None = None
         self._smallest: Counts | None = None
+        self._waiting: list[tuple[SampledOutput, int, int]] = []  # numbers of the first and the last sample
         self.skip(time_s)
 
     def skip(self, time_s: float) -> None:
@@ -36,17 +43,27 @@ class Extremes:
         self._seen = self._output.latest(time_s)
 
     def take_in(self, time_s: float) -> None:
-        """Compare the samples that came since the last time."""
+        """Take in the samples that came since the last time; they are compared when they are read."""
         latest = self._output.latest(time_s)
-        for tick in range(self._seen + 1, latest + 1):
-            self._compare(self._output.counts(tick))
+        if latest > self._seen:
+            self._waiting.append((self._output.with_conversion(self._conversion()), self._seen + 1, latest))
+        if len(self._waiting) > _MOST_WAITING:
+            self.compare()
         self._seen = latest
 
     def read(self, index: int) -> int:
         """Return byte `index` of the six words: maxima of x, y, z, then minima."""
+        self.compare()
         which, low = divmod(index, 2)
         word = (*(self._largest or _NO_SAMPLE), *(self._smallest or _NO_SAMPLE))[which]
         return word >> (0 if low else 8) & 0xFF
+
+    def compare(self) -> None:
+        """Compare the samples that were taken in."""
+        for output, first, last in self._waiting:
+            for tick in range(first, last + 1):
+                self._compare(output.counts(tick))
+        self._waiting.clear()
 
     def _compare(self, counts: Counts) -> None:
         x, y, z = counts

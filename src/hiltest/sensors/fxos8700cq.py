@@ -9,13 +9,15 @@ hard-iron calibration and sleep; push-pull and open-drain pins are alike.
 from __future__ import annotations
 
 import math
+import struct
 from dataclasses import dataclass
+from functools import partial
 
 from hiltest.sensors.drift import Drift
 from hiltest.sensors.extremes import Extremes
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
-from hiltest.sensors.sampling import Counts, SampledOutput, limited
+from hiltest.sensors.sampling import Counts, Measure, SampledOutput, limited
 from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
 from hiltest.world.playback import Sensed
 
@@ -149,7 +151,7 @@ class Fxos8700cq(RegisterDevice):
         )
         self.outputs = (self._accelerometer, self._magnetometer)
         self._fifo = SampleFifo(self._accelerometer, has_trigger=True)
-        self._extremes = Extremes(self._magnetometer)
+        self._extremes = Extremes(self._magnetometer, self._field_conversion)
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._answers_from_s = 0.0
         self._sigma_ut = 0.0  # at the oversampling it was made active with
@@ -243,6 +245,8 @@ class Fxos8700cq(RegisterDevice):
             self._extremes.skip(time_s)
         else:
             self._extremes.take_in(time_s)
+            if self._world.playback is not None:  # it counts the samples that a part has taken
+                self._extremes.compare()
 
     def _read_status(self, time_s: float) -> int:
         if not self._fifo.on:
@@ -339,6 +343,17 @@ class Fxos8700cq(RegisterDevice):
         return max(-8192, min(8191, count)) << 2  # 14 bits, left-justified
 
     def _measure_field(self, instant_s: float, noise: Vector) -> Counts:
+        return self._field_counts(self._sigma_ut, self._hard_iron_counts(), instant_s, noise)
+
+    def _field_conversion(self) -> Measure:
+        return partial(self._field_counts, self._sigma_ut, self._hard_iron_counts())
+
+    def _hard_iron_counts(self) -> Counts:
+        registers = self._registers[M_OFF_X_MSB : M_OFF_Z_LSB + 1]
+        x, y, z = struct.unpack(">3h", registers)
+        return (x >> 1, y >> 1, z >> 1)
+
+    def _field_counts(self, sigma_ut: float, offsets: Counts, instant_s: float, noise: Vector) -> Counts:
         recorded = self._world.recorded(
             Sensed.MAGNETOMETER, instant_s, part=f"{self._name} magnetometer",
             limit=_MAGNETOMETER_LIMIT / _COUNTS_PER_UT,
@@ -346,20 +361,19 @@ class Fxos8700cq(RegisterDevice):
         if recorded is None:
             field_ut = self._world.field_at_part_ut(self._distortion, instant_s)
             x, y, z = self._magnetometer_drift.apply(field_ut, self._world.temperature_degc(instant_s))
-            sigma = self._sigma_ut
+            sigma = sigma_ut
         else:
             (x, y, z), sigma = recorded, 0.0
         # Part axes from body axes: the inverse of body = (-y, -x, -z).
         return (
-            self._field_word(-y + sigma * noise[0], 0),
-            self._field_word(-x + sigma * noise[1], 1),
-            self._field_word(-z + sigma * noise[2], 2),
+            _field_word(-y + sigma * noise[0], offsets[0]),
+            _field_word(-x + sigma * noise[1], offsets[1]),
+            _field_word(-z + sigma * noise[2], offsets[2]),
         )
 
-    def _field_word(self, field_ut: float, axis: int) -> int:
-        at = M_OFF_X_MSB + 2 * axis
-        offset = int.from_bytes(self._registers[at : at + 2], "big", signed=True) >> 1
-        return limited(limited(field_ut * _COUNTS_PER_UT, _MAGNETOMETER_LIMIT) - offset, 32_767)
+
+def _field_word(field_ut: float, offset: int) -> int:
+    return limited(limited(field_ut * _COUNTS_PER_UT, _MAGNETOMETER_LIMIT) - offset, 32_767)
 
 
 def oversampling(rate_hz: float, code: int) -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import copy
 from typing import Protocol, TypeAlias
 
 from hiltest.world import Vector, World
@@ -68,6 +69,12 @@ class SampledOutput:
     def saturate(self, begin_s: float, end_s: float) -> None:
         """Have the first axis at the end of its range from `begin_s` to `end_s`."""
         self._saturated = (begin_s, end_s)
+
+    def with_conversion(self, measure: Measure) -> SampledOutput:
+        """Return the output as it is now, with a conversion of its own: it gives the same samples afterwards."""
+        other = copy(self)
+        other._measure = measure
+        return other
 
     @property
     def rate_hz(self) -> float:

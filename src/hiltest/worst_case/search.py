@@ -16,7 +16,6 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import differential_evolution
 
 Input = TypeVar("Input")
 Progress = Callable[[int, float, int], None]
@@ -162,6 +161,8 @@ class _Search(Generic[Input]):
             call = self.call(given)
             tried.append((given, call))
             return -call.cycles if call.counts else _REFUSED - call.cycles
+
+        from scipy.optimize import differential_evolution  # 0.4 s, which a run that reads kept cases need not wait for
 
         with suppress(_ExploredError):  # it ends by itself when all are alike
             differential_evolution(
