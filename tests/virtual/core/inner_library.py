@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ from tempfile import mkdtemp
 from typing import Any
 
 import cffi
+import pytest
 
 SOURCES = Path(__file__).parents[3] / "src" / "hiltest" / "virtual" / "core"
 _HEADERS = ("instruction.h", "prices.h", "float.h", "waits.h")
@@ -19,7 +21,15 @@ _COMPILER = os.environ.get("CC", "cc")
 
 @cache
 def inner_library() -> tuple[Any, Any]:
-    """Compile the core and return cffi's `ffi` and library."""
+    """Compile the core and return cffi's `ffi` and library.
+
+    If no C compiler is installed, the calling module or test is skipped.
+    """
+    if shutil.which(_COMPILER) is None:
+        reason = f"{_COMPILER} is not installed"
+        if os.environ.get("HILTEST_REQUIRE_TOOLS"):
+            pytest.fail(reason, pytrace=False)
+        pytest.skip(reason, allow_module_level=True)
     folder = Path(mkdtemp(prefix="hiltest-core-"))
     library = folder / "core.so"
     flags = ["-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
