@@ -134,6 +134,20 @@ again:
     b again
 """
 
+DISABLED_BEFORE_ANOTHER = f"""
+    {FPU_ON}
+    movs r2, #9
+again:
+    vadd.f32 s0, s0, s0
+    subs r2, #1
+    bne again
+    movs r1, #0
+    str r1, [r0]
+    b last
+last:
+    vadd.f32 s0, s0, s0
+"""
+
 
 @pytest.mark.parametrize(
     ("code", "cause"),
@@ -141,13 +155,38 @@ again:
         (UNALIGNED, "unaligned access: r0 = 0x20000192 in 'vldr s0"),
         (LOADED, "unaligned access: r0 = 0x20000001 in 'vldr s0"),
         (DISABLED, "FPU used while CPACR disables it"),
+        (DISABLED_BEFORE_ANOTHER, "FPU used while CPACR disables it"),
     ],
-    ids=["unaligned behind aligned ones", "the same load, unaligned", "FPU switched off again"],
+    ids=[
+        "unaligned behind aligned ones", "the same load, unaligned", "FPU switched off again",
+        "FPU switched off before another instruction",
+    ],
 )
 def test_an_instruction_that_was_right_many_times_is_still_looked_at(build: Build, code: str, cause: str) -> None:
     board = VirtualK64F(build(HEAD + code + TAIL))
     with pytest.raises(BoardFault, match=cause):
         board.run_until(0.01)
+
+
+def test_a_base_made_of_the_stack_pointer_or_the_pc_is_aligned(build: Build) -> None:
+    code = f"""
+    {FPU_ON}
+    movs r3, #1
+    movs r4, #1
+    b 1f
+1:  add r3, sp, #-8
+    vldr s0, [r3]
+    adr r4, 2f
+    vldr s1, [r4]
+    b end
+    .balign 4
+2:  .word 0
+end:
+    b .
+"""
+    board = VirtualK64F(build(HEAD + code + TAIL))
+    board.run_until(0.01)
+    assert board.position().startswith("at rest")
 
 
 def test_waiting_in_a_loop_for_interrupts_passes_time_and_is_no_hang(build: Build) -> None:
