@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -38,16 +37,8 @@ class Instruction:
         Whether a transfer may fall through.
     predicated : bool
         Whether it stands in an IT block, as far as that is known.
-    changes_masks : bool
-        Whether interrupts may become deliverable behind it.
-    sends_event : bool
-        Whether it is SEV.
-    aligned_base : int
-        The core register that must hold a multiple of four, or -1.
     core_writes : int
         Core registers written.
-    derived : tuple of (int, int)
-        Pairs (written, source): the written register is the source plus a multiple of four.
     lowers_stack : int
         Bytes by which it lowers the stack pointer; negative where it raises it.
     moves_stack : Moves
@@ -68,11 +59,7 @@ class Instruction:
     transfer: str = ""
     conditional: bool = False
     predicated: bool = False
-    changes_masks: bool = False
-    sends_event: bool = False
-    aligned_base: int = -1
     core_writes: int = 0
-    derived: tuple[tuple[int, int], ...] = ()
     lowers_stack: int = 0
     moves_stack: Moves = Moves.AS_IT_SAYS
 
@@ -80,7 +67,7 @@ class Instruction:
         """Return it as the pipeline sees it where its condition does not hold: it does nothing and passes."""
         return replace(
             self, row="it_skipped", words=0, address_registers=0, loaded_registers=0, fp_reads=0, fp_writes=0,
-            fp_addend=0, uses_fpu=False, aligned_base=-1, core_writes=0, derived=(),
+            fp_addend=0, uses_fpu=False, core_writes=0,
         )  # fmt: skip
 
     @property
@@ -107,11 +94,6 @@ class Instruction:
     def calls(self) -> bool:
         """Whether it is a call, if it transfers control."""
         return bool(self.transfer and self.core_writes & _LINK_BIT)
-
-    @property
-    def may_return(self) -> bool:
-        """Whether it may be a return, if it transfers control."""
-        return self.transfer == "indirect" and self.row != "table_branch" and not self.calls
 
 
 _SINGLE_LOADS = {
@@ -147,7 +129,6 @@ _BRANCHES = {
     arm.ARM_INS_CBZ, arm.ARM_INS_CBNZ,
 }  # fmt: skip
 _TABLES = {arm.ARM_INS_TBB, arm.ARM_INS_TBH}
-_IT = 0xBF  # the upper byte of IT, and of hints, whose lower four bits are zero
 _LONG = (0x1D, 0x1E, 0x1F)  # the upper five bits of the first halfword of four bytes
 _UNCONDITIONAL = {arm.ARM_CC_AL, arm.ARM_CC_INVALID}
 
@@ -214,34 +195,6 @@ def _masks(registers: list[int]) -> tuple[int, int]:
     return core, floating
 
 
-def conditions_left(before: bytes) -> int:
-    """Say how many instructions are still inside an IT block where some code ends.
-
-    Parameters
-    ----------
-    before : bytes
-        The last 14 bytes of the code: an IT instruction and three of the longest.
-
-    Notes
-    -----
-    Data may look like an IT instruction; what follows it is then taken as conditional,
-    which matters to nothing but a jump to the instruction behind it.
-    """
-    if _IT not in before[1::2]:
-        return 0
-    halfwords: tuple[int, ...] = struct.unpack(f"<{len(before) // 2}H", before)
-    for start, halfword in enumerate(halfwords):
-        if halfword >> 8 == _IT and halfword & 0xF:
-            left = 5 - (halfword & -halfword).bit_length()
-            position = start + 1
-            while position < len(halfwords) and left > 0:
-                position += 2 if halfwords[position] >> 11 in _LONG else 1
-                left -= 1
-            if position == len(halfwords) and left > 0:
-                return left
-    return 0
-
-
 def decode(address: int, code: bytes, conditions: int = 0) -> list[Instruction]:
     """Decode straight-line Thumb code.
 
@@ -290,8 +243,9 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
         "fp_reads": fp_reads, "fp_writes": fp_writes, "uses_fpu": _uses_fpu(raw),
     }  # fmt: skip
     memory = next((operand.mem for operand in raw.operands if operand.type == arm.ARM_OP_MEM), None)
-    row, more = _price_class(raw, memory, core_writes)
-    fields |= {"row": row, "core_writes": core_writes, "derived": _derived(raw, row, memory)} | more
+    row = _price_class(raw, memory, core_writes)
+    words = _words(raw) if row == "multiple_base" else 0
+    fields |= {"row": row, "words": words, "core_writes": core_writes}
     fields["address_registers"] = _address_registers(raw, memory) & ~_PC_BIT
     if row == "load":
         # A base that is written back is not loaded: the next load may use it at once.
@@ -302,7 +256,7 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
         fields |= {"fp_reads": others, "fp_addend": addend & ~others}
     fields |= _control(raw, core_writes, in_it_block=in_it_block)
     fields["lowers_stack"], fields["moves_stack"] = stack_moves(
-        raw, fields.get("words", 0), writes_it=bool(core_writes & _STACK_BIT), in_it_block=in_it_block
+        raw, words, writes_it=bool(core_writes & _STACK_BIT), in_it_block=in_it_block
     )
     return Instruction(**fields, predicated=in_it_block)
 
@@ -312,34 +266,33 @@ def _uses_fpu(raw: Any) -> bool:
     return mnemonic.startswith(("v", "fldm", "fstm"))
 
 
-def _price_class(raw: Any, memory: Any, core_writes: int) -> tuple[str, dict[str, Any]]:
-    """Choose the profile row of an instruction, and what else the row needs to know."""
+def _price_class(raw: Any, memory: Any, core_writes: int) -> str:
+    """Choose the row of the timing profile that prices an instruction."""
     kind = raw.id
     if kind in _SINGLE_LOADS:
-        return "load", {}
+        return "load"
     if kind in _SINGLE_STORES:
-        return ("store_register_offset" if memory is not None and memory.index else "store"), {}
+        return "store_register_offset" if memory is not None and memory.index else "store"
     if kind in _MULTIPLES or kind in _DOUBLES:
-        return "multiple_base", _multiple(raw, memory)
+        return "multiple_base"
     if kind in (arm.ARM_INS_VLDR, arm.ARM_INS_VSTR):
-        alignment = _alignment(memory.base)
         if raw.operands[0].reg and _register_masks(raw.operands[0].reg)[1].bit_count() == 2:
-            return "multiple_base", {"words": 2} | alignment
-        return ("fp_load" if kind == arm.ARM_INS_VLDR else "fp_store"), alignment
+            return "multiple_base"
+        return "fp_load" if kind == arm.ARM_INS_VLDR else "fp_store"
     if kind in _TABLES:
-        return "table_branch", {}
+        return "table_branch"
     if kind in _BRANCHES:
-        return "branch", {}
+        return "branch"
     if _uses_fpu(raw):
-        return _fp_class(raw), {}
+        return _fp_class(raw)
     for ids, row in ((_BARRIERS, "barrier"), (_SYSTEM, "system"), (_EXCLUSIVES, "exclusive")):
         if kind in ids:
-            return row, {}
+            return row
     if kind in (arm.ARM_INS_SDIV, arm.ARM_INS_UDIV):
-        return "divide", {}
+        return "divide"
     if kind == arm.ARM_INS_IT:
-        return "it", {}
-    return ("branch" if core_writes & _PC_BIT else "data"), {}
+        return "it"
+    return "branch" if core_writes & _PC_BIT else "data"
 
 
 def _fp_class(raw: Any) -> str:
@@ -367,56 +320,15 @@ def _multiple_registers(raw: Any) -> tuple[int, list[Any]]:
     return raw.operands[0].reg, raw.operands[1:]
 
 
-def _multiple(raw: Any, memory: Any) -> dict[str, Any]:
-    if raw.id in _DOUBLES:
-        return {"words": 2} | _alignment(memory.base)
-    base, registers = _multiple_registers(raw)
-    core, floating = _masks([operand.reg for operand in registers])
-    return {"words": core.bit_count() + floating.bit_count()} | _alignment(base)
-
-
-def _alignment(base: int) -> dict[str, Any]:
-    """Say which register must be word-aligned, unless it always is (sp, pc)."""
-    if base in (arm.ARM_REG_SP, arm.ARM_REG_PC):
-        return {}
-    return {"aligned_base": _core_number(base)}
-
-
-def _core_number(register: int) -> int:
-    return _register_masks(register)[0].bit_length() - 1
-
-
-def _derived(raw: Any, row: str, memory: Any) -> tuple[tuple[int, int], ...]:
-    """Find written registers that stay a multiple of four away from another register."""
-    operands = raw.operands
-    if row == "multiple_base" and raw.id not in _DOUBLES and raw.writeback:
-        base = _core_number(operands[0].reg)
-        return ((base, base),) if base >= 0 else ()
-    if memory is not None and raw.writeback:
-        step = operands[-1].imm if operands[-1].type == arm.ARM_OP_IMM else memory.disp
-        base = _core_number(memory.base)
-        return ((base, base),) if step % 4 == 0 else ()
-    if raw.id == arm.ARM_INS_ADR:  # its operands do not name the pc
-        return ((_core_number(operands[0].reg), 15),) if operands[1].imm % 4 == 0 else ()
-    if raw.id in (arm.ARM_INS_ADD, arm.ARM_INS_SUB) and operands[0].type == arm.ARM_OP_REG:
-        source, last = operands[len(operands) - 2], operands[-1]
-        by_words = (last.type == arm.ARM_OP_IMM and last.imm % 4 == 0) or (
-            last.type == arm.ARM_OP_REG and last.shift.type == arm.ARM_SFT_LSL and last.shift.value >= 2
-        )
-        if by_words and source.type == arm.ARM_OP_REG:
-            return ((_core_number(operands[0].reg), _core_number(source.reg)),)
-    is_copy = raw.id == arm.ARM_INS_MOV and len(operands) == 2 and operands[1].type == arm.ARM_OP_REG
-    if is_copy and not operands[1].shift.type:
-        return ((_core_number(operands[0].reg), _core_number(operands[1].reg)),)
-    return ()
+def _words(raw: Any) -> int:
+    if raw.id not in _MULTIPLES:
+        return 2
+    core, floating = _masks([operand.reg for operand in _multiple_registers(raw)[1]])
+    return core.bit_count() + floating.bit_count()
 
 
 def _control(raw: Any, core_writes: int, *, in_it_block: bool) -> dict[str, Any]:
     kind = raw.id
-    if kind in (arm.ARM_INS_CPS, arm.ARM_INS_MSR):
-        return {"changes_masks": True}
-    if kind == arm.ARM_INS_SEV or (kind == arm.ARM_INS_HINT and raw.mnemonic.startswith("sev")):
-        return {"sends_event": True}
     if kind in _TABLES or (kind not in _BRANCHES and core_writes & _PC_BIT):
         return {"transfer": "indirect", "conditional": in_it_block}
     if kind not in _BRANCHES:
