@@ -41,14 +41,15 @@ def stack_moves(raw: Any, words: int, *, writes_it: bool, in_it_block: bool) -> 
     moves : Moves
     """
     operands = raw.operands
+    bases = [operand.mem.base for operand in operands if operand.type == arm.ARM_OP_MEM]  # none in a multiple transfer
     if raw.id in _PUSHES or raw.id in _POPS:
         lowers = _WORD_BYTES * words if raw.id in _PUSHES else -_WORD_BYTES * words
     elif raw.id == arm.ARM_INS_MSR:
         return 0, Moves.ELSEWHERE if raw.op_str.startswith(_POINTERS) else Moves.AS_IT_SAYS
-    elif raw.writeback and any(each.type == arm.ARM_OP_MEM and each.mem.base == arm.ARM_REG_SP for each in operands):
+    elif raw.writeback and arm.ARM_REG_SP in bases:
         last = operands[-1]
         lowers = -last.imm if last.type == arm.ARM_OP_IMM else -last.mem.disp
-    elif raw.writeback and operands[0].type == arm.ARM_OP_REG and operands[0].reg == arm.ARM_REG_SP:
+    elif raw.writeback and not bases and operands[0].type == arm.ARM_OP_REG and operands[0].reg == arm.ARM_REG_SP:
         lowers = _WORD_BYTES * words if "db" in raw.mnemonic else -_WORD_BYTES * words  # VSTMDB, VLDMIA and the like
     elif operands and operands[0].type == arm.ARM_OP_REG and operands[0].reg == arm.ARM_REG_SP and writes_it:
         sign = {arm.ARM_INS_SUB: 1, arm.ARM_INS_SUBW: 1, arm.ARM_INS_ADD: -1, arm.ARM_INS_ADDW: -1}.get(raw.id)
