@@ -7,9 +7,9 @@ import struct
 import numpy as np
 
 from hiltest.boards import default_firmware
-from hiltest.virtual.cpu import RETURN_ADDRESS
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.schedule import Event
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.processor.cpu import RETURN_ADDRESS
+from hiltest.virtual.processor.schedule import Event
 
 _POINTS, _ARGUMENT, _FIT, _CODE, _STACK = 0x20020000, 0x20028000, 0x20028100, 0x20029000, 0x20030000
 _N = 100

@@ -10,7 +10,7 @@ import time
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hiltest.virtual.call_clock import CALL_HZ
+from hiltest.virtual.calls.call_clock import CALL_HZ
 
 from .conftest import Report
 from .kernel_loop import KernelLoop

@@ -21,7 +21,7 @@ from hiltest.procedures import (
     run_calibrators,
 )
 from hiltest.rig import Rig
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Report
 
@@ -31,7 +31,7 @@ import time
 from hiltest.bench_files import shipped
 from hiltest.boards import default_firmware, open_board
 from hiltest.rig.file import load_rig
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
 marks = [time.perf_counter()]
 open_board(rig)

@@ -93,6 +93,11 @@ def unit(module: str) -> str:
     return module.partition(".")[2].partition(".")[0]
 
 
+def room(module: str) -> str:
+    """Return the room a module of a divided package belongs to: the two parts after the package's name."""
+    return ".".join(module.split(".")[1:3])
+
+
 def complaints(folder: Path) -> list[str]:
     """Return every import in a package folder that the table does not allow, and every cycle."""
     modules = modules_under(folder)
@@ -102,6 +107,9 @@ def complaints(folder: Path) -> list[str]:
         f"package {each} has no row in the table: say what it may import"
         for each in sorted(packages - rows.keys() - APPLICATION - {""})
     ]
+    divided = {name.partition(".")[0] for name in rows if "." in name}
+    rooms = {room(name) for name in modules if unit(name) in divided and name.count(".") > 1}
+    found += [f"room {name} has no row in the table: say what it may import" for name in sorted(rooms - rows.keys())]
     runtime: dict[str, set[str]] = {name: set() for name in modules}
     for each in imports_of(modules):
         source = unit(each.source)
@@ -112,6 +120,9 @@ def complaints(folder: Path) -> list[str]:
             target = unit(each.target)
             if source in rows and target not in rows[source] | {source, ""}:
                 found.append(f"{each}: {source} may import {' '.join(sorted(rows[source])) or 'nothing'}")
+            inner, inner_target = room(each.source), room(each.target)
+            if "." in inner and inner in rows and source == target and inner_target not in rows[inner] | {inner}:
+                found.append(f"{each}: {inner} may import {' '.join(sorted(rows[inner])) or 'nothing'}")
         elif source in PURE and top not in NUMERICAL | sys.stdlib_module_names:
             found.append(f"{each}: {source} is pure, with {' and '.join(sorted(NUMERICAL))} at most")
     try:
@@ -129,10 +140,11 @@ def test_the_walk_sees_the_package():
     modules = modules_under(Path(hiltest.__file__).parent)
     arrows = {(each.source, each.target) for each in imports_of(modules)}
     # At the top of a file, in a function, and for types only.
-    assert ("hiltest.boards.bench", "hiltest.virtual.k64f") in arrows
+    assert ("hiltest.boards.bench", "hiltest.virtual.board.k64f") in arrows
     assert ("hiltest.rig.rig", "hiltest.world") in arrows
     assert ("hiltest.fixtures", "hiltest.boards") in arrows
-    assert {unit(source) for source, _ in arrows} >= table().keys() - {"errors", "profiling"}
+    rows = {name(source) for source, _ in arrows for name in (unit, room)}
+    assert rows >= table().keys() - {"errors", "virtual.model"}
 
 
 def test_the_table_itself_points_one_way():
@@ -190,6 +202,8 @@ def test_a_tree_whose_arrows_are_right_has_no_complaint(tmp_path):
         ("calibration/fit.py", "from serial.tools import list_ports", "calibration.fit:1 imports serial.tools"),
         ("angles.py", "def f():\n    import serial", "angles:2 imports serial: angles is pure"),
         ("study/__init__.py", "", "package study has no row"),
+        ("virtual/study/__init__.py", "", "room virtual.study has no row"),
+        ("virtual/calls/watch.py", "import hiltest.virtual.board", "virtual.calls.watch:1 imports hiltest.virtual"),
     ],
 )
 def test_a_turned_arrow_is_named_with_module_and_line(tmp_path, module, text, complaint):

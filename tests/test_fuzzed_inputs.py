@@ -56,8 +56,8 @@ from hiltest.rig.playback import PlaybackFile
 from hiltest.settings import file_name, label, seed
 from hiltest.strict_json import parse_json
 from hiltest.verdict.evidence_reader import read_evidence
-from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.profile_file import load_profile, shipped_profiles
+from hiltest.virtual.model.profile_file import load_profile, shipped_profiles
+from hiltest.virtual.program.elf import FirmwareImage
 
 INPUTS = int(os.environ.get("HILTEST_FUZZED", "50000"))
 BASELINES = Path(__file__).parents[1] / "hil" / "baselines"

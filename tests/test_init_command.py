@@ -24,7 +24,7 @@ from hiltest.device.variables import Variables
 from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
 from hiltest.units import unit_words
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.program.elf import load_image
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "src" / "hiltest" / "firmware"

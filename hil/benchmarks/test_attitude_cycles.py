@@ -20,8 +20,8 @@ from hiltest.link.poses import MAX_TRANSFER, ClearPoses, UploadPoses
 from hiltest.orientation.quaternions import from_pose, normalised, pose_of
 from hiltest.procedures import spread_poses
 from hiltest.profiling.image import ProfiledImage
-from hiltest.virtual.procedure_call import Argument
-from hiltest.virtual.profiling import CallProfile
+from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.counts.profiling import CallProfile
 
 COUNTS_PER_G = 8192.0
 FIELD_UT, DIP_DEG = 48.5, 62.0

@@ -35,9 +35,9 @@ from hiltest.procedures import (
 )
 from hiltest.procedures.calibrate import fit_of
 from hiltest.profiling.image import ProfiledImage
-from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.procedure_call import Argument
-from hiltest.virtual.profiling import CallProfile
+from hiltest.virtual.calls.buffers import Address, Structure
+from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.counts.profiling import CallProfile
 
 pytestmark = pytest.mark.hil
 

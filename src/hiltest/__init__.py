@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hiltest.procedures import Turntable
     from hiltest.profiling.image import ProfiledImage
     from hiltest.rig import Rig
-    from hiltest.virtual.k64f import VirtualK64F
+    from hiltest.virtual.board.k64f import VirtualK64F
 
 __version__ = "0.1.0"
 
@@ -26,7 +26,7 @@ __all__ = ["Board", "Limit", "Measure", "Rig", "Turntable", "VirtualK64F", "cycl
 
 __getattr__ = when_used(__name__, {
     "Board": "boards", "Limit": "measurement", "Measure": "fixtures", "Rig": "rig", "Turntable": "procedures",
-    "VirtualK64F": "virtual.k64f", "hookspecs": "hookspecs",
+    "VirtualK64F": "virtual.board.k64f", "hookspecs": "hookspecs",
 })  # fmt: skip
 
 
@@ -60,8 +60,8 @@ def cycles(
     """
     from hiltest.boards import default_firmware
     from hiltest.profiling.image import ProfiledImage
-    from hiltest.virtual.call_clock import CALL_HZ
-    from hiltest.virtual.profile_file import DEFAULT_PROFILE
+    from hiltest.virtual.calls.call_clock import CALL_HZ
+    from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
 
     path = default_firmware() if elf is None else Path(elf)
     at_hz = CALL_HZ if clock_hz is None else clock_hz

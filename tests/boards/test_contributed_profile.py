@@ -12,10 +12,10 @@ from tests.test_json_documents import checked
 
 from hiltest.boards.bench import default_firmware
 from hiltest.link.sequences import SEQUENCES
-from hiltest.virtual.contributed_profile import check
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.profile_file import shipped_profiles
-from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.virtual.model.profile_file import shipped_profiles
+from hiltest.virtual.part.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.virtual.program.elf import load_image
+from hiltest.virtual.silicon.contributed_profile import check
 
 PAGE = (Path(__file__).parents[2] / "docs" / "silicon.md").read_text(encoding="utf-8")
 CHIP = "0123456789abcdef0123456789abcdef"

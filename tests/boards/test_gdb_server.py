@@ -23,8 +23,8 @@ from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.errors import BoardFault
 from hiltest.rig.file import load_rig
-from hiltest.virtual.debugger import Debugger
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.debugger import Debugger
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from ..virtual.conftest import FLAGS, PROGRAMS
 from .gdb_client import WALL_LIMIT_S, GdbClient

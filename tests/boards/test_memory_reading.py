@@ -18,8 +18,8 @@ from hiltest.errors import ConfigError, DebugServerError, VersionMismatchError
 from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
 from hiltest.rig.memory_device import MemoryDevice, MemoryValue
-from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import FirmwareImage, load_image
 
 from ..device.compiled import compile_c
 from ..device.test_gdb_client import SOURCE, WALL_LIMIT_S, own_server, qemu_server

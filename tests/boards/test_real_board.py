@@ -81,7 +81,7 @@ def test_a_chip_is_known_by_its_unique_id_behind_any_port(
     pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chip = bytes(range(1, 17))
-    monkeypatch.setattr("hiltest.virtual.peripherals.clocks.VIRTUAL_UNIQUE_ID", chip)
+    monkeypatch.setattr("hiltest.virtual.peripherals.sim.VIRTUAL_UNIQUE_ID", chip)
     port = pty_board(rig).path
     with open_board(real_rig, port=port) as board:
         assert (board.identity.unique_id, board.cycle_model) == (chip, "silicon-dwt@sram")
@@ -94,7 +94,7 @@ def test_a_chip_is_known_by_its_unique_id_behind_any_port(
 def test_a_register_that_an_emulator_leaves_blank_is_no_chip(
     pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, monkeypatch: pytest.MonkeyPatch, nobodys: bytes
 ) -> None:
-    monkeypatch.setattr("hiltest.virtual.peripherals.clocks.VIRTUAL_UNIQUE_ID", nobodys)
+    monkeypatch.setattr("hiltest.virtual.peripherals.sim.VIRTUAL_UNIQUE_ID", nobodys)
     with open_board(real_rig, port=pty_board(rig).path) as board:
         assert board.cycle_model == "undeclared@sram"
 

@@ -24,17 +24,17 @@ from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.procedures.sequences import measure_sequences
 from hiltest.profiling.timing_table import print_judgements, print_places
 from hiltest.rig import Rig
-from hiltest.virtual import k64f
+from hiltest.virtual.board import k64f
+from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.library import lib
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.instructions import Instruction, decode
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.measured_profile import CHECKS, EQUATIONS, PLAIN, WITH_RULES, MeasuredProfile, profile_text
-from hiltest.virtual.measured_profile import solve as solve_with
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
-from hiltest.virtual.rule_candidates import Candidate, questions
-from hiltest.virtual.timing import TimingProfile
-from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, ROWS, load_profile
+from hiltest.virtual.model.timing import TimingProfile
+from hiltest.virtual.part.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.virtual.program.elf import load_image
+from hiltest.virtual.program.instructions import Instruction, decode
+from hiltest.virtual.silicon.measured_profile import CHECKS, EQUATIONS, PLAIN, WITH_RULES, MeasuredProfile, profile_text
+from hiltest.virtual.silicon.measured_profile import solve as solve_with
+from hiltest.virtual.silicon.rule_candidates import Candidate, questions
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.program.elf import FirmwareImage
 
 from ..virtual.conftest import FLAGS, PROGRAMS
 

@@ -14,7 +14,7 @@ from elftools.elf.elffile import ELFFile
 
 from hiltest.device.variables import Variables
 from hiltest.errors import ConfigError
-from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.program.elf import FirmwareImage
 
 from .compiled import compile_c
 from .test_variables import SOURCE

@@ -21,8 +21,8 @@ from hiltest.device.gdb_client import GdbClient, MemoryRefusedError
 from hiltest.device.gdb_wire import TcpWire
 from hiltest.errors import ConfigError, DebugServerError
 from hiltest.link.gdb_packets import LONGEST, PacketReader, packet
-from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import FirmwareImage, load_image
 
 from .compiled import InitialMemory, compile_c
 

@@ -22,8 +22,8 @@ from hiltest.device.variables import Variables
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.rig.file import load_rig
 from hiltest.rig.memory_device import MemoryValue
-from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import FirmwareImage, load_image
 
 from ..foreign_elf import foreign_elf
 from .compiled import compile_c

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.device.variables import Variables
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.program.elf import load_image
 
 from .compiled import InitialMemory, compile_c
 from .random_structs import Program

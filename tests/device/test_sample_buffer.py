@@ -10,7 +10,7 @@ import pytest
 from hiltest.device.sample_buffer import SampleBuffer
 from hiltest.device.variables import Variables
 from hiltest.errors import ConfigError
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.program.elf import load_image
 
 from .compiled import InitialMemory, compile_c
 

@@ -10,7 +10,7 @@ import pytest
 from hiltest.device.places import NullPointer
 from hiltest.device.variables import Variables, function_address
 from hiltest.errors import ConfigError
-from hiltest.virtual.elf import FirmwareImage, load_image
+from hiltest.virtual.program.elf import FirmwareImage, load_image
 
 from ..foreign_elf import foreign_elf
 from .compiled import InitialMemory, compile_c

@@ -13,7 +13,7 @@ import pytest
 
 from hiltest.commands.profile import profile
 from hiltest.profiling.tables import _NAMES
-from hiltest.virtual.cost_classes import Stall
+from hiltest.virtual.counts.cost_classes import Stall
 
 PAGE = (Path(__file__).parents[2] / "docs" / "profile.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^```sh\n(hiltest .*?)\n```", PAGE, re.M | re.S)

@@ -22,9 +22,9 @@ from hiltest.procedures.golden_points import golden_points
 from hiltest.profiling.timing_table import print_judgements
 from hiltest.rig.file import load_rig
 from hiltest.text import readable
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, RULES, load_profile
-from hiltest.virtual.rule_candidates import judge, predicted_clocks, questions
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, ROWS, RULES, load_profile
+from hiltest.virtual.program.elf import load_image
+from hiltest.virtual.silicon.rule_candidates import judge, predicted_clocks, questions
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^```sh\nhiltest (.*?)\n```", PAGE, re.M | re.S)

@@ -14,7 +14,7 @@ from hiltest.device.quantities import Quantity
 from hiltest.device.variables import Variables, function_address
 from hiltest.rig.file import load_rig
 from hiltest.units import conversion
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.program.elf import load_image
 
 from ..foreign_elf import foreign_elf
 

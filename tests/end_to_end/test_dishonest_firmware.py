@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from hiltest.boards import default_firmware
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.program.elf import load_image
 
 from .firmware_edits import Edit, FirmwareCopy
 

@@ -17,7 +17,7 @@ from hiltest.errors import DeviceTimeoutError, SyncError
 from hiltest.link.request import Request
 from hiltest.link.session import ATTEMPTS
 from hiltest.rig.file import load_rig
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.program.elf import load_image
 
 pytestmark = pytest.mark.slow
 

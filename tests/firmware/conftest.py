@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 import hiltest
 from hiltest.calibration import FitStatus, MagnetometerFit
-from hiltest.virtual.calling import CallResult
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
 
 from .bench import COSTS_BY
 from .streams import BoardStream, HostStream, Stream

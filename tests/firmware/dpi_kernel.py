@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration import FitStatus, MagnetometerFit
-from hiltest.virtual.calling import CallResult
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
 
 # dpi_known_t, still_pose_t and dpi_fit_t, the same on both.
 KNOWN = struct.Struct("<9f3ffB3x")

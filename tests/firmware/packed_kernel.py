@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.virtual.calling import CallResult
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
 
 from .bench import COSTS_BY
 

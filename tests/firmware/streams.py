@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hiltest.calibration import FitStatus, MagnetometerFit
-from hiltest.virtual.calling import CallResult
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
 
 from .references.direct_stream import MONOMIALS
 

@@ -25,7 +25,7 @@ from hiltest.calibration.accelerometer import (
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.link.replies import Status
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .bench import CLEAR_POSES, FIT_ACCELEROMETER, UPLOAD_POSES, Bench
 from .conftest import SHIPPED_ELF

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from ..instances import instance
 from .conftest import SHIPPED_ELF

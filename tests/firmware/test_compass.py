@@ -23,7 +23,7 @@ from hiltest.device.text_table import text_interface
 from hiltest.orientation.quaternions import from_pose
 from hiltest.rig.file import load_rig
 from hiltest.rig.text_device import TextDevice
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 P = TypeVar("P", bound=Packet)
 

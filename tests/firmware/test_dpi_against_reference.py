@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from hiltest.calibration import FitStatus
 from hiltest.calibration.dpi import DpiFit, fit_dpi
 from hiltest.calibration.quality import direction_difference_rms_deg
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from ..dpi_instances import DpiInstance, dpi_instance
 from .conftest import SHIPPED_ELF

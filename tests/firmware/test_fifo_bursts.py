@@ -8,7 +8,7 @@ from pathlib import Path
 from hiltest.angles import Pose
 from hiltest.sensors.fxas21002c import Fxas21002c
 from hiltest.sensors.fxos8700cq import Fxos8700cq
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
 from hiltest.world.world import World

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import FirmwareImage, load_image
 
 from ..dpi_instances import dpi_instance
 

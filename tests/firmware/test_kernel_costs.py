@@ -21,10 +21,10 @@ from hiltest.link.replies import CalibrateReply, RunCost
 from hiltest.link.request import Request, decode_reply
 from hiltest.procedures.golden_points import golden_points
 from hiltest.profiling.image import ProfiledImage
-from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profiling import CallProfile
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.buffers import Address, Structure
+from hiltest.virtual.counts.profiling import CallProfile
+from hiltest.virtual.program.elf import load_image
 
 from ..dpi_instances import dpi_instance
 from .bench import COSTS_BY, Bench

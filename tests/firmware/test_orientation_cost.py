@@ -17,7 +17,7 @@ from hiltest.angles import heading_error_deg
 from hiltest.orientation import tilt_heading
 from hiltest.orientation.fusion import FusionNoise
 from hiltest.orientation.quaternions import normalised, rotation_ned_from_body
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from ..orientation.filters import floats, noise_floats
 from ..orientation.fusion_matrices import FusionStatus

@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 import hiltest
-from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.instructions import decode
+from hiltest.virtual.program.elf import FirmwareImage, load_image
+from hiltest.virtual.program.instructions import decode
 
 from ..instances import instance
 from .packed_kernel import MOMENTS, BoardPacked, HostPacked, PackedKernel

@@ -12,11 +12,11 @@ import pytest
 import hiltest
 from hiltest.orientation.fusion import FusionNoise
 from hiltest.procedures.golden_points import golden_points
-from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.calling import CallResult
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.procedure_call import Argument
-from hiltest.virtual.profiling import profile_call
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.buffers import Address, Structure
+from hiltest.virtual.calls.calling import CallResult
+from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.counts.profiling import profile_call
 
 from ..orientation.filters import floats, noise_floats
 from .dpi_kernel import BoardDpi

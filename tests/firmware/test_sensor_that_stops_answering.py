@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from hiltest.link.replies import Status
-from hiltest.virtual.i2c_bus import I2cDevice
+from hiltest.virtual.peripherals.i2c_bus import I2cDevice
 
 from .bench import READ, Bench, sensors
 

@@ -9,7 +9,7 @@ from hiltest.link.messages import ClearPoints, TimeRange, Upload
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Request, decode_reply
 from hiltest.procedures import golden_points
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .bench import COSTS_BY, ELF, Bench
 

@@ -11,9 +11,9 @@ from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.replies import Status
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.virtual.core.library import lib
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.nvic import INTERRUPTS
 from hiltest.virtual.peripherals.bus import StoredRegisters
+from hiltest.virtual.processor.nvic import INTERRUPTS
+from hiltest.virtual.program.elf import load_image
 
 from ..virtual.oracle import Step, watched
 from .bench import CLEAR_POINTS, ELF, ROOT, Bench

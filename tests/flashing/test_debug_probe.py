@@ -15,7 +15,7 @@ from tests.test_json_documents import checked
 from tests.usb_tree import K64F, UsbTree
 
 from hiltest.boards import default_firmware
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 FLASH_BYTES = 1 << 20
 

@@ -20,7 +20,7 @@ from tests.usb_tree import K64F, SECOND_K64F, UsbTree
 from hiltest.bench_files import shipped
 from hiltest.boards import default_firmware
 from hiltest.flashing import flashing
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.program.elf import load_image
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "recordings" / "board-silent.jsonl.gz"
 LINES = default_firmware().with_name("compass-lines.elf")

@@ -16,8 +16,8 @@ from tests.flashing.drive import memory_of
 from hiltest.boards import default_firmware
 from hiltest.errors import ConfigError
 from hiltest.flashing.flash_image import FlashImage, load_flash_image
-from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.image_formats import as_elf
+from hiltest.virtual.program.elf import FirmwareImage, load_image
+from hiltest.virtual.program.image_formats import as_elf
 
 PROGRAMS = Path(__file__).parents[1] / "virtual" / "programs"
 CODE, STACK, FSEC = 0x410, 0x20030000, 0x40C

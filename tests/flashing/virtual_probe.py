@@ -15,8 +15,8 @@ from pyocd.probe.debug_probe import DebugProbe
 from tests.usb_tree import K64F
 
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.virtual.debug_access import DebugAccess
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.debug_access import DebugAccess
+from hiltest.virtual.board.k64f import VirtualK64F
 
 _DHCSR, _DCRSR, _DCRDR, _DEMCR, _AIRCR = 0xE000EDF0, 0xE000EDF4, 0xE000EDF8, 0xE000EDFC, 0xE000ED0C
 _HALT, _HALTED, _READY, _WAS_RESET = 1 << 1, 1 << 17, 1 << 16, 1 << 25

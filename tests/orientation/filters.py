@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hiltest.orientation.fusion import FusionNoise
 from hiltest.orientation.quaternions import rotation_ned_from_body
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from . import fusion_matrices
 from .fusion_matrices import IDENTITY, FusionStatus, from_rotation_vector, product

@@ -14,7 +14,7 @@ import pytest
 from hiltest.boards import default_firmware
 from hiltest.orientation.fusion import FusionNoise
 from hiltest.orientation.quaternions import from_ned_axes
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .filters import FilterMaker, Firmware, OnBoard, Reference
 from .fusion_matrices import FusionStatus, angle_between_deg, triad

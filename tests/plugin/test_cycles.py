@@ -14,7 +14,7 @@ import pytest
 import hiltest.profiling.image  # noqa: F401
 from hiltest.boards import default_firmware
 from hiltest.text import readable
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 PROGRAMS = Path(__file__).parents[1] / "virtual" / "programs"
 SUM = "int sum(int n) {{ int s = 0; for (int i = 0; i < n; i++) s += i * i {more}; return s; }}\n" \

@@ -9,7 +9,7 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.profiling.arguments import parse_argument
-from hiltest.virtual.buffers import Address, Structure
+from hiltest.virtual.calls.buffers import Address, Structure
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from hiltest.boards import default_firmware
 from hiltest.cli import main
 from hiltest.profiling.document import SCHEMA_FILE, ProfileDocument, schema_text
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 CRC = ("shipped", "crc32", "text:123456789", "9")
 

@@ -24,7 +24,7 @@ from hiltest.verdict.baseline import baseline_of
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Evidence, evidence_of_seeds
 from hiltest.verdict.evidence_reader import read_evidence
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.program.elf import load_image
 
 from .evidence import CONDITIONS, MODEL, evidence, measurement
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.executed_code import ExecutionWatch
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import DEFAULT_PROFILE
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
+from hiltest.virtual.processor.executed_code import ExecutionWatch
 
 from .test_peripherals import Part
 

@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 from hiltest.errors import BoardFault
-from hiltest.virtual import cpu
-from hiltest.virtual.calling import CallResult
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import NEVER
-from hiltest.virtual.instructions import Instruction, decode  # the model in Python
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import DEFAULT_PROFILE
-from hiltest.virtual.timing import TimingProfile
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
+from hiltest.virtual.model.timing import TimingProfile
+from hiltest.virtual.processor import cpu
+from hiltest.virtual.program.instructions import Instruction, decode  # the model in Python
 
 from .pipeline_model import NEUTRAL, REACHED, PipelineState
 from .price_model import PriceModel

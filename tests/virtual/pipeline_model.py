@@ -1,6 +1,6 @@
 """What one instruction leaves for the next: the state of the pipeline, and the rules of fetching and of addresses.
 
-The rules are priced by rows that a profile may have or not (`RULES` of `hiltest.virtual.profile_file`); without them
+The rules are priced by rows that a profile may have or not (`RULES` of `profile_file`); without them
 only what `price_model` says is remembered. They are:
 
 * an address that the data-processing instruction right before made is late;
@@ -10,7 +10,7 @@ only what `price_model` says is remembered. They are:
   instructions on end of four bytes each, none at a multiple of four, finds its second half not fetched. Whether an
   integer instruction of one cycle begins that, too, is a row of its own.
 
-Two rows are candidates of `hiltest.virtual.rule_candidates` alone: ``misplaced_on_end`` says that it is another one of
+Two rows are candidates of `hiltest.virtual.silicon` alone: ``misplaced_on_end`` says that it is another one of
 such instructions on end, and ``late_past_narrow`` that an instruction of two bytes does not end the run of them.
 """
 
@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
-from hiltest.virtual.instructions import Instruction
+from hiltest.virtual.program.instructions import Instruction
 
 _ON_END = 3  # misplaced instructions until the fetch is late
 _MAKES_RESULTS = ("data", "divide")

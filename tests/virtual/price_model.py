@@ -19,8 +19,8 @@ skipped. A profile may have more rules, of `pipeline_model`.
 
 from __future__ import annotations
 
-from hiltest.virtual.instructions import Instruction
-from hiltest.virtual.timing import TimingProfile
+from hiltest.virtual.model.timing import TimingProfile
+from hiltest.virtual.program.instructions import Instruction
 
 from .pipeline_model import NEUTRAL, Late, PipelineState, Reached, Rules
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.cycle_range import cycle_range
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.procedure_call import Argument
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.counts.cycle_range import cycle_range
 
 from ..foreign_elf import foreign_elf
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Build
 from .test_exceptions import word

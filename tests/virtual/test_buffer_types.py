@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.buffers import Structure
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.buffers import Structure
 
 SOURCE = """
 #include <stdint.h>

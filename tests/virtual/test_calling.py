@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import FLAGS, PROGRAMS, Build
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.virtual.clock import PICOSECONDS, Clock
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.peripherals.clock_generator import ClockGenerator, ClockMode
-from hiltest.virtual.schedule import Schedule
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.peripherals.mcg import ClockGenerator, ClockMode
+from hiltest.virtual.processor.clock import PICOSECONDS, Clock
+from hiltest.virtual.processor.schedule import Schedule
 
 from .conftest import Build
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards import default_firmware
-from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.program.elf import FirmwareImage
 
 FindTool = Callable[[str], str]
 Build = Callable[..., str]

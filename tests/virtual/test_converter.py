@@ -9,7 +9,7 @@ import pytest
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.rig.file import load_rig
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Build
 from .test_exceptions import word

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from hiltest.coverage.lcov import Coverage, FileCoverage, from_lcov, to_lcov
 from hiltest.coverage.source_map import SourceMap
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.executed_code import ExecutionWatch
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.processor.executed_code import ExecutionWatch
+from hiltest.virtual.program.elf import load_image
 
 from .conftest import PROGRAMS, SHIPPED, Build
 

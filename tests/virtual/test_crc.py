@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.crc import CheckValue
 
 from .conftest import Build

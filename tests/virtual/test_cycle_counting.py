@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.calling import CallResult
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.timing import moved
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.model.timing import moved
 
 from .conftest import SHIPPED, Build
 from .oracle import acted, called, watched

@@ -15,13 +15,13 @@ from hiltest.measurement import DOUBT, CycleRange, Measurement, RowEffect, check
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.rig.file import load_rig
-from hiltest.virtual.calling import CallResult
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
 from hiltest.virtual.core.library import ffi
-from hiltest.virtual.cycle_range import Move, cycle_range, moves
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.profiling import profile_call
-from hiltest.virtual.timing import TimingProfile, moved
+from hiltest.virtual.counts.cycle_range import Move, cycle_range, moves
+from hiltest.virtual.counts.profiling import profile_call
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.model.timing import TimingProfile, moved
 
 from .conftest import SHIPPED, Build
 from .oracle import priced, stepped

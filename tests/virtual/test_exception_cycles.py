@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.timing import TimingProfile, moved
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.model.timing import TimingProfile, moved
 
 from .conftest import Build
 from .oracle import ran

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import PROGRAMS, Build
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import FirmwareImage
 
 from .conftest import SHIPPED, Build
 

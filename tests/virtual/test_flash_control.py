@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.peripherals.flash_control import FlashControl
-from hiltest.virtual.profile_file import load_profile
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.peripherals.fmc import FlashControl
 
 from .conftest import SHIPPED
 from .core.memory_model import FlashController

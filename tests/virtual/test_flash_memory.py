@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Build
 from .oracle import ran

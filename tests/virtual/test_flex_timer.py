@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.peripherals.flex_counter import FlexCounter
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.peripherals.ftm_counter import FlexCounter
 
 from .conftest import Build
 from .test_exceptions import word

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hiltest.virtual.cycle_range import cycle_range, moves
-from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.timing import moved
+from hiltest.virtual.counts.cycle_range import cycle_range, moves
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.model.timing import moved
 
 from .conftest import Build
 from .oracle import priced, stepped

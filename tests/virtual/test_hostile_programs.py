@@ -8,8 +8,8 @@ import struct
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.part.chip import mk64f12
 
 PROGRAMS, BATCHES = 1000, 20
 VIRTUAL_S = 0.002  # 42 000 cycles out of reset, more than any of these needs to go wrong

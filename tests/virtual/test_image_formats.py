@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from hiltest.boards import default_firmware
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import load_image
 
 COUNT_AND_WAIT = """
 volatile unsigned steps, *const pit = (volatile unsigned *)0x40037000;

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 
-from hiltest.virtual.clock import PICOSECONDS, Clock
-from hiltest.virtual.interrupt_wires import InterruptWires, Wire
-from hiltest.virtual.schedule import Schedule
+from hiltest.virtual.board.interrupt_wires import InterruptWires, Wire
+from hiltest.virtual.processor.clock import PICOSECONDS, Clock
+from hiltest.virtual.processor.schedule import Schedule
 
 
 class Part:

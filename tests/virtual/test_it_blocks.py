@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.virtual.cycle_range import cycle_range
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.counts.cycle_range import cycle_range
 
 from .conftest import Build
 from .oracle import acted, called

@@ -10,8 +10,8 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.measurement import in_flash
 from hiltest.profiling.image import ProfiledImage
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, MEMORY_RULES, load_profile
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, MEMORY_RULES, load_profile
 
 from .conftest import SHIPPED, Build
 from .core.memory_model import FlashController

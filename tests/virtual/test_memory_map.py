@@ -9,10 +9,10 @@ import pytest
 
 import hiltest
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.memory import MK64FN1M0
-from hiltest.virtual.memory_map import memory_map
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.memory_map import memory_map
+from hiltest.virtual.processor.memory import MK64FN1M0
+from hiltest.virtual.program.elf import load_image
 
 from .conftest import FLAGS, PROGRAMS
 from .test_peripherals import Part

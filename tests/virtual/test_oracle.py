@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.library import lib
-from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import PROGRAMS, Build
 from .oracle import watched

@@ -6,12 +6,12 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.sensors import Fxos8700cq
-from hiltest.virtual.chip import mk64f12
+from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.machine import Machine
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.nvic import FIRST_INTERRUPT, Nvic
-from hiltest.virtual.peripherals.pins import Gpio, Port
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.part.chip import mk64f12
+from hiltest.virtual.peripherals.port import Gpio, Port
+from hiltest.virtual.processor.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.world import EarthField, MagneticDistortion, World
 
 from .conftest import PROGRAMS, Build

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import pytest
 
-from hiltest.virtual.instructions import decode
-from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.timing import moved
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.model.timing import moved
+from hiltest.virtual.program.instructions import decode
 
 from .pipeline_model import NEUTRAL, REACHED, PipelineState, Reached
 from .price_model import PriceModel

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.peripherals.clock_generator import ClockMode
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.peripherals.mcg import ClockMode
 
 from .conftest import Build
 from .test_exceptions import word

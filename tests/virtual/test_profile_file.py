@@ -10,8 +10,8 @@ import pytest
 from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
 from hiltest.rig.file import load_rig
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import ROWS, RULES, load_profile, place_of, shipped_profiles
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.model.profile_file import ROWS, RULES, load_profile, place_of, shipped_profiles
 
 from .conftest import SHIPPED
 

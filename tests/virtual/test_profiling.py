@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.cost_classes import WORK_OF_ROW, Stall, Work
-from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.profiling import CallProfile, profile_call
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.buffers import Address, Structure
+from hiltest.virtual.counts.cost_classes import WORK_OF_ROW, Stall, Work
+from hiltest.virtual.counts.profiling import CallProfile, profile_call
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.program.elf import FirmwareImage
 
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, random_program

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .published import FIGURES, ONE, SHARED_SECRET, TWO, Count, Published, count, mean_and_worst, rows
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from ..firmware.test_instructions_against_qemu import PROGRAMS as OF_FIRMWARE
 from ..firmware.test_instructions_against_qemu import executed_by_qemu

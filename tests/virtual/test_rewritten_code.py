@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Build
 from .oracle import acted

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.call_summary import Call
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.processor.call_summary import Call
 
 from .conftest import PROGRAMS, Build
 

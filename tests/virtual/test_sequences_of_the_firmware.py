@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import SHIPPED
 from .oracle import acted

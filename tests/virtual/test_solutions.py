@@ -7,11 +7,11 @@ import pytest
 from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
 from hiltest.rig.file import load_rig
-from hiltest.virtual.call_summary import Call, solutions_summarised, solved, summarised
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.recount import counted_with_waits
-from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.solution_watch import EndsWhen, SolutionEnd
+from hiltest.virtual.counts.recount import counted_with_waits
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.processor.call_summary import Call, solutions_summarised, solved, summarised
 
 from ..foreign_elf import foreign_elf
 from .conftest import Build

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.stacks import Stack, known_stacks
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.processor.stacks import Stack, known_stacks
 
 from .conftest import Build
 from .foreign import machine_for, program_named, watch

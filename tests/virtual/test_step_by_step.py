@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import PROGRAMS, SHIPPED, Build
 from .oracle import acted, ran

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import FLAGS, PROGRAMS, Build
 from .foreign import machine_for, program_named

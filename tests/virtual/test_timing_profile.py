@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.instructions import decode
-from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.timing import TimingProfile, moved
+from hiltest.virtual.model.profile_file import load_profile
+from hiltest.virtual.model.timing import TimingProfile, moved
+from hiltest.virtual.program.instructions import decode
 
 from .pipeline_model import NEUTRAL
 from .price_model import PriceModel

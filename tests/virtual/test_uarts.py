@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.errors import BenchError
+from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.library import lib
-from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.peripherals.uart import Uart
 
 from .conftest import SHIPPED, Build

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.unmodelled import UnmodelledWarning
 
 from .conftest import SHIPPED, Build

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
 
 from .both_ways import assert_same_both_ways

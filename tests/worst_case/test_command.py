@@ -17,8 +17,8 @@ import pytest
 from tests.command_files import run
 from tests.virtual.conftest import FLAGS, PROGRAMS
 
-from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.buffers import Address, Structure
 from hiltest.worst_case.kept import load_worst_case
 
 SOURCE = """

@@ -11,13 +11,13 @@ from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.executed_code import ExecutionWatch
-from hiltest.virtual.i2c_bus import HeldLine
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.memory import MK64FN1M0
-from hiltest.virtual.peripherals.reset_control import ResetSource
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
+from hiltest.virtual.peripherals.i2c_bus import HeldLine
+from hiltest.virtual.peripherals.rcm import ResetSource
+from hiltest.virtual.processor.executed_code import ExecutionWatch
+from hiltest.virtual.processor.memory import MK64FN1M0
+from hiltest.virtual.program.elf import load_image
 from hiltest.world import Vector
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment

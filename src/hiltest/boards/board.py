@@ -32,7 +32,7 @@ from hiltest.measurement import CycleRange
 from hiltest.replay.tape import Tape
 from hiltest.rig import Rig
 from hiltest.rig.faults import Faults
-from hiltest.virtual.executed_code import ExecutionWatch
+from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.world import EarthField, Vector
 
 _SHIELD_HINT = (

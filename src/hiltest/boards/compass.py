@@ -42,8 +42,8 @@ from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import Rig
 from hiltest.rig.device import Device
 from hiltest.text import is_text, legible, listed
-from hiltest.virtual.elf import load_image
-from hiltest.virtual.executed_code import ExecutionWatch
+from hiltest.virtual.processor.executed_code import ExecutionWatch
+from hiltest.virtual.program.elf import load_image
 
 # How long one read listens: values that are read from outside are read as often.
 _SLICE_S = 0.1

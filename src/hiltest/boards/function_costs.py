@@ -15,14 +15,14 @@ from hiltest.errors import BoardFault, ConfigError
 from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
 from hiltest.rig.cycles import CountedFunctions
-from hiltest.virtual.call_summary import CallSummary, SolutionSummary
-from hiltest.virtual.call_watch import CallWatch
-from hiltest.virtual.cycle_range import flash_range
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.kept_slices import KeptSolution
-from hiltest.virtual.profile_file import MEMORY_PROFILE, load_profile
-from hiltest.virtual.recount import counted_with_waits
-from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd, SolutionWatch
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.call_watch import CallWatch
+from hiltest.virtual.calls.kept_slices import KeptSolution
+from hiltest.virtual.calls.solution_watch import EndsWhen, SolutionEnd, SolutionWatch
+from hiltest.virtual.counts.cycle_range import flash_range
+from hiltest.virtual.counts.recount import counted_with_waits
+from hiltest.virtual.model.profile_file import MEMORY_PROFILE, load_profile
+from hiltest.virtual.processor.call_summary import CallSummary, SolutionSummary
 
 
 @dataclass(frozen=True, slots=True)

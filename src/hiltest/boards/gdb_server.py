@@ -11,8 +11,8 @@ from typing import Self
 
 from hiltest.boards.gdb_session import GdbSession
 from hiltest.boards.lines import listen
-from hiltest.virtual.debugger import Debugger
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.debugger import Debugger
+from hiltest.virtual.board.k64f import VirtualK64F
 
 _AT_A_LOOK = 1 << 16
 # What a GDB that reads nothing may leave unread before it is hung up on [s]: it holds the board meanwhile.

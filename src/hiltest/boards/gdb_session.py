@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from hiltest.boards.gdb_target import memory_description, target_description
 from hiltest.link.gdb_packets import ACKNOWLEDGED, AGAIN, INTERRUPT, LONGEST, PacketReader, packet
-from hiltest.virtual.debug_access import DebugAccess
-from hiltest.virtual.debugger import Debugger, Stop, StopReason, WatchKind
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.debug_access import DebugAccess
+from hiltest.virtual.board.debugger import Debugger, Stop, StopReason, WatchKind
+from hiltest.virtual.board.k64f import VirtualK64F
 
 _OK, _UNKNOWN, _REFUSED = b"OK", b"", b"E01"
 _SIGNALS = {StopReason.ASKED: 2, StopReason.FAULT: 11}  # SIGINT, SIGSEGV; else SIGTRAP

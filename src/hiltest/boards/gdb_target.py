@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hiltest.virtual.chip import MemoryMap
-from hiltest.virtual.debug_access import CORE_NAMES, DOUBLES, SYSTEM_NAMES
-from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
+from hiltest.virtual.board.debug_access import CORE_NAMES, DOUBLES, SYSTEM_NAMES
+from hiltest.virtual.part.chip import MemoryMap
+from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 
 _TYPES = {"sp": "data_ptr", "pc": "code_ptr", "msp": "data_ptr", "psp": "data_ptr"}
 

@@ -13,9 +13,9 @@ from hiltest.device.variables import Variables, function_address
 from hiltest.errors import ConfigError, VersionMismatchError
 from hiltest.rig import Rig
 from hiltest.rig.memory_device import MemoryDevice
-from hiltest.virtual.debugger import Debugger
-from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.debugger import Debugger
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import FirmwareImage
 
 _RAM = range(0x1C00_0000, 0x4000_0000)
 _SECURITY_BYTES = range(0x400, 0x410)  # of the flash, which some programmers do not write

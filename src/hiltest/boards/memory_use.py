@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 
 def seen_memory_use(machine: VirtualK64F, calls: Mapping[str, tuple[str, int | None]]) -> dict[str, int | str]:

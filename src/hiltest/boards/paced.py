@@ -18,7 +18,7 @@ from hiltest.angles import Pose
 from hiltest.boards.bench import START_UP_S, VirtualBench
 from hiltest.boards.lines import PortLine
 from hiltest.errors import BenchError, BoardFault
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.uart import Uart
 
 # How often the board is let run on [s]: late by no more than a reply of 20 bytes takes on the line.

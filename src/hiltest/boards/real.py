@@ -12,7 +12,7 @@ from hiltest.link.ports import SerialPort, open_port
 from hiltest.link.session import ATTEMPTS
 from hiltest.link.transcript import Transcript
 from hiltest.replay.tape import LIVE, Tape
-from hiltest.virtual.unique_id import REPLAYED_UNIQUE_ID, VIRTUAL_UNIQUE_ID
+from hiltest.virtual.part.unique_id import REPLAYED_UNIQUE_ID, VIRTUAL_UNIQUE_ID
 
 #: Cycle model of a processor that exists.
 SILICON = "silicon-dwt"

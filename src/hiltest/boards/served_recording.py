@@ -18,7 +18,7 @@ from hiltest.link.messages import Identify, Sync
 from hiltest.link.request import REPLY_BIT, decode_reply
 from hiltest.link.trace_text import frames_in_words
 from hiltest.link.transcript import Direction, Transcript, TranscriptEntry
-from hiltest.virtual.unique_id import REPLAYED_UNIQUE_ID
+from hiltest.virtual.part.unique_id import REPLAYED_UNIQUE_ID
 
 _DELIMITER = b"\x7e"
 _STEP_S = 0.002

@@ -26,11 +26,11 @@ from hiltest.measurement import CycleRange
 from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.sensors.fxos8700cq import Fxos8700cqNoise
-from hiltest.virtual.call_summary import Call
-from hiltest.virtual.call_watch import CallWatch
-from hiltest.virtual.cycle_range import TimedSteps, range_where_it_ran
-from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.peripherals.cycle_counter import CycleCounter
+from hiltest.virtual.calls.call_watch import CallWatch
+from hiltest.virtual.counts.cycle_range import TimedSteps, range_where_it_ran
+from hiltest.virtual.peripherals.dwt import CycleCounter
+from hiltest.virtual.processor.call_summary import Call
+from hiltest.virtual.program.elf import FirmwareImage, load_image
 from hiltest.world import Vector
 
 _CLOCK_TOLERANCE = 0.005  # a clock is often stated in whole MHz: 20.97 as 21

@@ -143,7 +143,7 @@ def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, 
     from hiltest.boards.memory_reading import memory_kind
     from hiltest.boards.virtual_port import VirtualPort
     from hiltest.link.ports import READ_SLICE_S, open_port
-    from hiltest.virtual.elf import load_image
+    from hiltest.virtual.program.elf import load_image
 
     assert rig.device is not None
     reads_memory = rig.device.memory is not None

@@ -70,7 +70,7 @@ def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     """Return name and text of the rig for a firmware."""
     from hiltest.device.proposed_rig import chosen_kind, look_at, rig_text
-    from hiltest.virtual.elf import load_image
+    from hiltest.virtual.program.elf import load_image
 
     proposals = look_at(load_image(firmware))
     if proposals.speaks_our_protocol:

@@ -97,8 +97,8 @@ def profile(
 
 def _image(path: Path, *, timing: str | None, memory: str | None, clock: str | None) -> ProfiledImage:
     from hiltest.profiling.image import ProfiledImage
-    from hiltest.virtual.call_clock import CALL_HZ, parse_clock
-    from hiltest.virtual.profile_file import DEFAULT_PROFILE
+    from hiltest.virtual.calls.call_clock import CALL_HZ, parse_clock
+    from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
 
     clock_hz = CALL_HZ if clock is None else parse_clock(clock)
     return ProfiledImage(path, timing=timing or DEFAULT_PROFILE, memory=memory, clock_hz=clock_hz)

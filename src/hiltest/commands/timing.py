@@ -17,7 +17,7 @@ from hiltest.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
-    from hiltest.virtual.contributed_profile import MeasuredOn
+    from hiltest.virtual.silicon.contributed_profile import MeasuredOn
 
 _EXIT_CODES = """
 \b
@@ -57,7 +57,7 @@ def timing() -> None:
 def show(named: str | None, as_json: bool) -> int:
     """Print a timing profile: cycles, range and source of each row."""
     from hiltest.profiling.timing_table import json_text, print_table
-    from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile, place_of
+    from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile, place_of
 
     name = named or DEFAULT_PROFILE
     profile = load_profile(name)
@@ -93,9 +93,9 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     from hiltest.record.files import write_asked_for
     from hiltest.report.console import standard_output
     from hiltest.rig.file import load_rig
-    from hiltest.virtual.contributed_profile import about, board_lines
-    from hiltest.virtual.elf import load_image
-    from hiltest.virtual.measured_profile import profile_text, solve
+    from hiltest.virtual.program.elf import load_image
+    from hiltest.virtual.silicon.contributed_profile import about, board_lines
+    from hiltest.virtual.silicon.measured_profile import profile_text, solve
 
     with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:
         name = _name(board)
@@ -123,8 +123,8 @@ def check(file: Path) -> tuple[int, dict[str, Any]]:
     """
     from hiltest.boards.bench import default_firmware
     from hiltest.link.sequences import SEQUENCES
-    from hiltest.virtual.contributed_profile import check
-    from hiltest.virtual.elf import load_image
+    from hiltest.virtual.program.elf import load_image
+    from hiltest.virtual.silicon.contributed_profile import check
 
     found = check(file, load_image(default_firmware()), SEQUENCES)
     for objection in found.objections:
@@ -140,7 +140,7 @@ def check(file: Path) -> tuple[int, dict[str, Any]]:
 
 def _measured_on(board: Board, by_hand: dict[str, str]) -> MeasuredOn:
     """Return what is known of a board that is measured, and of its firmware."""
-    from hiltest.virtual.contributed_profile import MeasuredOn
+    from hiltest.virtual.silicon.contributed_profile import MeasuredOn
 
     identity = board.identity
     return MeasuredOn(
@@ -158,8 +158,8 @@ def _by_hand(file: Path, name: str) -> dict[str, str]:
     ConfigError
         If the file is anything else; a device can be written.
     """
-    from hiltest.virtual.contributed_profile import filled_in
-    from hiltest.virtual.profile_file import measured_file
+    from hiltest.virtual.model.profile_file import measured_file
+    from hiltest.virtual.silicon.contributed_profile import filled_in
 
     if not os.path.isfile(file):
         return {}

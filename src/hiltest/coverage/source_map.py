@@ -16,9 +16,9 @@ from typing import Any
 
 from hiltest.coverage.lcov import Coverage, FileCoverage
 from hiltest.errors import ConfigError
-from hiltest.virtual.elf import LIBRARIES, FirmwareImage
-from hiltest.virtual.executed_code import ExecutedCode
-from hiltest.virtual.instructions import mnemonics
+from hiltest.virtual.processor.executed_code import ExecutedCode
+from hiltest.virtual.program.elf import LIBRARIES, FirmwareImage
+from hiltest.virtual.program.instructions import mnemonics
 
 _WITHOUT_LINES = (
     "no coverage without source lines: {name} has no line table, or it is damaged; give the .elf of a build with -g"

@@ -236,7 +236,7 @@ def _board_of(hil: HilSession) -> BoardRecord | None:
 def _describe(board: BoardRecord | None) -> dict[str, Any]:
     """Say what counted: a board, or the virtual one that ``cycles(elf)`` makes for itself."""
     if board is None:
-        from hiltest.virtual.call_clock import CALL_HZ
+        from hiltest.virtual.calls.call_clock import CALL_HZ
 
         return {"kind": "virtual", "unique_id": None, CORE_CLOCK_HZ: CALL_HZ}
     return {"kind": board.kind, "unique_id": board.unique_id, CORE_CLOCK_HZ: board.core_clock_hz}

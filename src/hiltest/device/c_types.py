@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any, TypeAlias
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.debug_entries import (
+from hiltest.virtual.program.debug_entries import (
     POINTERS,
     STRUCTURES,
     children,

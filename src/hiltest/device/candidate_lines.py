@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from hiltest.device.candidates import Candidate, Meaning, meaning_of, unit_of
 from hiltest.device.quantities import Quantity
-from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.program.elf import FirmwareImage
 
 _MOST_BYTES = 1 << 20  # of all segments: the flash of the chip
 _TEXT = re.compile(rb"[\t\r\n\x20-\x7e]{3,240}(?=\0)")

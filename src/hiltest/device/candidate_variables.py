@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from hiltest.device.c_types import ArrayType, CType, NumberKind, NumberType, RecordType, read_type, size_of
 from hiltest.device.candidates import Candidate, meaning_of
 from hiltest.device.variable_index import VariableIndex
-from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.program.elf import FirmwareImage
 
 _NAME = re.compile(r"(?:[A-Za-z_$][\w$]*)?", re.ASCII)  # of C; a member may have none
 _RAM = range(0x1C00_0000, 0x4000_0000)

@@ -13,7 +13,7 @@ from hiltest.device.candidate_variables import variable_candidates
 from hiltest.device.candidates import ANGLES, Candidate, best_first, words_of
 from hiltest.device.quantities import Quantity
 from hiltest.units import unit_words
-from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.program.elf import FirmwareImage
 
 #: Asks which of several is meant, and returns its number.
 Choose = Callable[[str, Sequence[str]], int]

@@ -12,8 +12,8 @@ from typing import Any
 from hiltest.device.c_types import read_type, size_of
 from hiltest.device.variable_path import VariablePath, read_path
 from hiltest.errors import ConfigError
-from hiltest.virtual.debug_entries import STRUCTURES, children, name_of, next_type, origin_of
-from hiltest.virtual.elf import Symbol
+from hiltest.virtual.program.debug_entries import STRUCTURES, children, name_of, next_type, origin_of
+from hiltest.virtual.program.elf import Symbol
 
 # DWARF operations that a location begins or ends with.
 _ADDRESS, _PLUS_CONSTANT, _REGISTER, _REGISTER_X = 0x03, 0x23, range(0x50, 0x70), 0x90

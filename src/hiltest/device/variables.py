@@ -23,8 +23,8 @@ from hiltest.device.places import Place, Scalar, scalar
 from hiltest.device.variable_index import VariableIndex, nearest_names
 from hiltest.device.variable_path import DereferenceStep, IndexStep, MemberStep, Step, VariablePath, read_path
 from hiltest.errors import ConfigError
-from hiltest.virtual.debug_entries import without_qualifiers
-from hiltest.virtual.elf import FirmwareImage, Symbol
+from hiltest.virtual.program.debug_entries import without_qualifiers
+from hiltest.virtual.program.elf import FirmwareImage, Symbol
 
 _MOST_NUMBERS = 1024  # of one path; a matrix of 9 is the largest that anything here wants
 _DEEPEST = 16  # anonymous members within each other

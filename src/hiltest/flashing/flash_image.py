@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.image_formats import Chunk
-from hiltest.virtual.loading import refuse_wrong_vectors
-from hiltest.virtual.memory import FLASH, SRAM
+from hiltest.virtual.board.loading import refuse_wrong_vectors
+from hiltest.virtual.processor.memory import FLASH, SRAM
+from hiltest.virtual.program.elf import FirmwareImage, load_image
+from hiltest.virtual.program.image_formats import Chunk
 
 # The flash configuration field (MK64F reference manual, 29.3.1): what the chip protects and secures, at reset.
 FIELD = range(0x400, 0x410)

@@ -13,7 +13,7 @@ from hiltest.imu_calibration.contents import ImuCalibration, MadeOn
 from hiltest.imu_calibration.file import CalibrationFile
 from hiltest.link.replies import SensorKind
 from hiltest.rig import Rig
-from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.virtual.part.unique_id import VIRTUAL_UNIQUE_ID
 
 
 def made_on(board: Board, rig: Rig) -> MadeOn:

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.procedure_call import Argument
+from hiltest.virtual.calls.buffers import Address, Structure
+from hiltest.virtual.calls.procedure_call import Argument
 
 _TYPES = {name: np.dtype(name).newbyteorder("<") for name in (
     "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64",

@@ -13,13 +13,13 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from hiltest.measurement import CycleRange
-from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.call_clock import CALL_HZ
-from hiltest.virtual.chip import MemoryMap
-from hiltest.virtual.memory import MK64FN1M0
-from hiltest.virtual.placement import LoopPlacement
-from hiltest.virtual.procedure_call import Argument
-from hiltest.virtual.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
+from hiltest.virtual.calls.buffers import Address, Structure
+from hiltest.virtual.calls.call_clock import CALL_HZ
+from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.counts.placement import LoopPlacement
+from hiltest.virtual.counts.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
+from hiltest.virtual.part.chip import MemoryMap
+from hiltest.virtual.processor.memory import MK64FN1M0
 
 SCHEMA: Literal["hiltest.profile/1"] = "hiltest.profile/1"
 SCHEMA_FILE = Path(__file__).with_name("profile.schema.json")

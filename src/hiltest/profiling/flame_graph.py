@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from hiltest.profiling.document import ProfileDocument
-from hiltest.virtual.profiling import StackCost
+from hiltest.virtual.counts.profiling import StackCost
 
 _WIDTH, _ROW, _MARGIN = 1000.0, 20.0, 30.0
 _LETTER = 6.5

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from hiltest.virtual.call_clock import CALL_HZ, checked_clock
-from hiltest.virtual.chip import MemoryMap
-from hiltest.virtual.k64f import HANG_S, VirtualK64F
-from hiltest.virtual.procedure_call import Argument
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
-from hiltest.virtual.profiling import CallProfile, profile_call
+from hiltest.virtual.board.k64f import HANG_S, VirtualK64F
+from hiltest.virtual.calls.call_clock import CALL_HZ, checked_clock
+from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.counts.profiling import CallProfile, profile_call
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.part.chip import MemoryMap
 
 
 class ProfiledImage:
@@ -23,7 +23,7 @@ class ProfiledImage:
     timing : str
         Timing profile.
     memory : str, optional
-        Memories of another part, see `hiltest.virtual.memory_map`.
+        Memories of another part, see `hiltest.virtual.board.memory_map`.
     clock_hz : float
         Core clock, which makes seconds of cycles [Hz].
 

@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hiltest.virtual.measured_profile import PLACES, MeasuredProfile
-from hiltest.virtual.profile_file import MEMORY_ROWS, ROWS, RULES
-from hiltest.virtual.rule_candidates import Judgement
-from hiltest.virtual.timing import CostRow, TimingProfile
+from hiltest.virtual.model.profile_file import MEMORY_ROWS, ROWS, RULES
+from hiltest.virtual.model.timing import CostRow, TimingProfile
+from hiltest.virtual.silicon.measured_profile import PLACES, MeasuredProfile
+from hiltest.virtual.silicon.rule_candidates import Judgement
 
 SCHEMA = "hiltest.timing/1"
 

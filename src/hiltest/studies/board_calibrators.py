@@ -12,8 +12,8 @@ import numpy as np
 from hiltest.boards.bench import default_firmware
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit
 from hiltest.errors import ConfigError
-from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.buffers import Address, Structure
 
 _FIT = struct.Struct("<BBH13f")  # magnetometer_fit_t
 _ENTRY = struct.Struct("<II")  # calibrator_entry_t: name and function

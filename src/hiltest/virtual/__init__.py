@@ -1,6 +1,6 @@
 """The virtual board: an emulated Cortex-M4F with a cycle model, and the MK64F's peripherals.
 
-`elf` reads firmware, `calling` calls one function of it, and `profile_file` reads what instructions cost.
+`program` reads firmware, `board` runs it, `calls` calls one function of it, and `model` has the costs of instructions.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 from hiltest.exports import when_used
 
 if TYPE_CHECKING:
-    from hiltest.virtual.elf import FirmwareImage
-    from hiltest.virtual.k64f import VirtualK64F
-    from hiltest.virtual.profile_file import load_profile
-    from hiltest.virtual.timing import TimingProfile
+    from hiltest.virtual.board.k64f import VirtualK64F
+    from hiltest.virtual.model.profile_file import load_profile
+    from hiltest.virtual.model.timing import TimingProfile
+    from hiltest.virtual.program.elf import FirmwareImage, load_image
 
-__all__ = ["FirmwareImage", "TimingProfile", "VirtualK64F", "load_profile"]
+__all__ = ["FirmwareImage", "TimingProfile", "VirtualK64F", "load_image", "load_profile"]
 
 __getattr__ = when_used(__name__, {
-    "FirmwareImage": "elf", "TimingProfile": "timing", "VirtualK64F": "k64f", "load_profile": "profile_file",
+    "FirmwareImage": "program.elf", "TimingProfile": "model.timing", "VirtualK64F": "board.k64f",
+    "load_image": "program.elf", "load_profile": "model.profile_file",
 })  # fmt: skip

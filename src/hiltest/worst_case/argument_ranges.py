@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.profiling.arguments import parse_argument
-from hiltest.virtual.calling import function_named
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import function_named
 from hiltest.worst_case.search import Call
 
 _NUMBER = r"[-+]?(?:0[xX][0-9a-fA-F]+|[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?)"

@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hiltest.virtual.core.machine import BankSwitches
-from hiltest.virtual.memory import FLASH, SRAM
-from hiltest.virtual.timing import CostRow
+from hiltest.virtual.model.timing import CostRow
+from hiltest.virtual.processor.memory import FLASH, SRAM
 
 _NOTHING = -1
 _WORD_BYTES = 4  # the core fetches words: the second instruction of one is no access, unless it is jumped to

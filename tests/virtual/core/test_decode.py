@@ -17,8 +17,8 @@ from typing import Any
 
 import pytest
 
-from hiltest.virtual import instructions
-from hiltest.virtual.stack_moves import Moves
+from hiltest.virtual.program import instructions
+from hiltest.virtual.program.stack_moves import Moves
 
 from .decoder import (
     IT_ALWAYS,

@@ -18,8 +18,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hiltest.virtual import instructions, timing
-from hiltest.virtual.profile_file import AT_LEAST, ROWS, RULES, load_profile
+from hiltest.virtual.model import timing
+from hiltest.virtual.model.profile_file import AT_LEAST, ROWS, RULES, load_profile
+from hiltest.virtual.program import instructions
 
 from .. import pipeline_model as pipeline  # the model in Python
 from ..price_model import RULE_ROWS, PriceModel
@@ -27,7 +28,7 @@ from .inner_library import inner_library
 
 PROFILES = ("cortex-m4-trm/1", "cortex-m4-trm/2")
 UNPRICED = "doubt_permille"  # a row that says how far a count may be wrong
-CANDIDATES = ("misplaced_on_end", "late_past_narrow")  # rows of no profile file, see hiltest.virtual.rule_candidates
+CANDIDATES = ("misplaced_on_end", "late_past_narrow")  # rows of no profile file, see rule_candidates.py
 OPTIONAL = sorted(RULE_ROWS | {"refill_table", "refill_load", "tail_chain", "fp_frame", *CANDIDATES})
 DEAREST = 1000
 LONGEST_DIVISION = 1000  # the most that a profile may say

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hiltest.errors import ConfigError
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import NEVER, Machine
-from hiltest.virtual.profile_file import load_profile
+from hiltest.virtual.model.profile_file import load_profile
 
 FLASH, FLASH_BYTES = 0x00000000, 0x40000
 RAM, RAM_BYTES = 0x20000000, 0x21000

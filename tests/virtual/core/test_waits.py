@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from hiltest.virtual import timing
 from hiltest.virtual.core.machine import BankSwitches
-from hiltest.virtual.profile_file import MEMORY_ROWS, MEMORY_RULES, load_profile
+from hiltest.virtual.model import timing
+from hiltest.virtual.model.profile_file import MEMORY_ROWS, MEMORY_RULES, load_profile
 
 from .inner_library import inner_library
 from .memory_model import Memories

@@ -178,7 +178,7 @@ struct machine_function {
     bool tells;          /* see machine_tell_entries */
 };
 
-/* A call that has returned; see Call in hiltest.virtual.call_summary. */
+/* A call that has returned; see Call in hiltest.virtual.processor.call_summary. */
 struct machine_call {
     int64_t entered, returned, interrupts, elsewhere;
     int32_t interrupted;

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.core.library import ffi, lib
-from hiltest.virtual.timing import TimingProfile
+from hiltest.virtual.model.timing import TimingProfile
 
 #: Later than any cycle: `core.deadline` if nothing is due.
 NEVER = 2**63 - 1

@@ -8,7 +8,7 @@
 #include "instruction.h"
 
 /* Rows of a timing profile beside those of the instructions (enum cost_row), in the order of `RULE_ROWS`. The last two
- * are candidates of hiltest.virtual.rule_candidates, which no profile file may have. */
+ * are candidates of hiltest.virtual.silicon.rule_candidates, which no profile file may have. */
 #define RULE_ROWS(X) \
     X(load_behind_load) X(load_behind_store) X(store_behind_load) X(fp_use) X(fp_divide_use) X(fp_accumulate_hidden) \
     X(refill_direct) X(refill_indirect) X(refill_table) X(refill_load) X(exception_entry) X(exception_return) \

@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import RefusedAccess
-from hiltest.virtual.cpu import Processor
+from hiltest.virtual.processor.cpu import Processor
 
 _PAGE = 4096
 Offsets = Collection[int]

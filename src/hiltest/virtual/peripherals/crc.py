@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hiltest.virtual.chip import ChipPeripheral
+from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 
 _DATA, _GPOLY, _CTRL = 0x0, 0x4, 0x8

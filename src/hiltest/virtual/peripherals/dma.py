@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hiltest.virtual.chip import ChipPeripheral
-from hiltest.virtual.cpu import Processor
-from hiltest.virtual.dma_descriptor import SIZE, Control, Descriptor, DescriptorError
-from hiltest.virtual.memory import PERIPHERALS
+from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY, PeripheralBus, read_by_bytes, write_by_bytes
+from hiltest.virtual.peripherals.dma_descriptor import SIZE, Control, Descriptor, DescriptorError
 from hiltest.virtual.peripherals.dma_descriptors import DescriptorRegisters
-from hiltest.virtual.peripherals.dma_multiplexer import CHANNELS, DmaMultiplexer
-from hiltest.virtual.schedule import Event
+from hiltest.virtual.peripherals.dmamux import CHANNELS, DmaMultiplexer
+from hiltest.virtual.processor.cpu import Processor
+from hiltest.virtual.processor.memory import PERIPHERALS
+from hiltest.virtual.processor.schedule import Event
 
 _CR, _ES, _ERQ, _EEI, _INT, _ERR, _HRS, _DCHPRI = 0x0, 0x4, 0xC, 0x14, 0x24, 0x2C, 0x34, 0x100
 _CEEI, _SEEI, _CERQ, _SERQ, _CDNE, _SSRT, _CERR, _CINT = range(0x18, 0x20)

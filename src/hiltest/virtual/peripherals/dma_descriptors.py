@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hiltest.virtual.chip import ChipPeripheral
-from hiltest.virtual.dma_descriptor import SIZE, Control, Descriptor
+from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import StoredRegisters
-from hiltest.virtual.peripherals.dma_multiplexer import CHANNELS
+from hiltest.virtual.peripherals.dma_descriptor import SIZE, Control, Descriptor
+from hiltest.virtual.peripherals.dmamux import CHANNELS
 
 _CSR = 0x1C
 

@@ -6,15 +6,15 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from hiltest.virtual.chip import ChipPeripheral
-from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import NEVER
-from hiltest.virtual.cpu import Processor
-from hiltest.virtual.i2c_bus import HeldLine, I2cBus
+from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
-from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.core_device import CoreDevice
+from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cBus
+from hiltest.virtual.peripherals.sim import ClockGates
+from hiltest.virtual.processor.clock import PICOSECONDS
+from hiltest.virtual.processor.cpu import Processor
 
 _D = 4
 _ADDRESS, _WRITE, _READ, _STOP = lib.I2C_ADDRESS, lib.I2C_WRITE, lib.I2C_READ, lib.I2C_STOP

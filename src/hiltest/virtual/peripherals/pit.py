@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from hiltest.virtual.chip import ChipPeripheral
-from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.core.library import ffi, lib
-from hiltest.virtual.cpu import Processor
+from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
-from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.core_device import CoreDevice
+from hiltest.virtual.peripherals.sim import ClockGates
+from hiltest.virtual.processor.clock import PICOSECONDS
+from hiltest.virtual.processor.cpu import Processor
 
 _FIRST_CHANNEL, _CHANNEL_BYTES, _CHANNELS = 0x100, 0x10, 4
 _CVAL, _WORD = 0x4, 4

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from hiltest.errors import BenchError
-from hiltest.virtual.chip import ChipPeripheral
-from hiltest.virtual.clock import PICOSECONDS, Clock
 from hiltest.virtual.core.library import ffi, lib
-from hiltest.virtual.cpu import Processor
+from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
-from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.core_device import CoreDevice
+from hiltest.virtual.peripherals.sim import ClockGates
+from hiltest.virtual.processor.clock import PICOSECONDS, Clock
+from hiltest.virtual.processor.cpu import Processor
 
 _BITS_A_BYTE = 10
 _D = 7

@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from hiltest.virtual.chip import Chip, ChipPeripheral
-from hiltest.virtual.cpu import Processor
+from hiltest.virtual.part.chip import Chip, ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
+from hiltest.virtual.processor.cpu import Processor
 
 _POLLED_READS = 1000  # reads of one register by one instruction, with no write between: more than any driver needs
 

@@ -1,0 +1,58 @@
+"""A processor with its private peripherals, and what connects blocks to it; of a part that no tables describe, all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+
+from hiltest.virtual.calls.call_clock import CALL_HZ
+from hiltest.virtual.part.chip import Chip
+from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus
+from hiltest.virtual.peripherals.dwt import CycleCounter
+from hiltest.virtual.peripherals.rcm import ResetRequested, ResetSource
+from hiltest.virtual.peripherals.scs import SystemControlSpace
+from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
+from hiltest.virtual.processor.clock import Clock
+from hiltest.virtual.processor.cpu import Processor
+
+
+def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter, SystemControlSpace]:
+    """Make the peripherals that every Cortex-M4 has; SysTick counts the clock `core`."""
+
+    def reset() -> None:
+        processor.abort(ResetRequested(ResetSource.SOFTWARE))
+
+    counter = CycleCounter(processor)
+    return counter, SystemControlSpace(processor, core, counter, reset)
+
+
+def connected(
+    processor: Processor, peripherals: Sequence[Peripheral], register_name: Callable[[int], str | None] | None
+) -> PeripheralBus:
+    """Put blocks on the bus of a processor, which answers the accesses to them."""
+    return PeripheralBus(processor, peripherals, register_name)
+
+
+class BarePart:
+    """A part of which the memories alone are known: the processor, and nothing around it.
+
+    Attributes
+    ----------
+    cycle_counter : CycleCounter
+    unmodelled : UnmodelledLog
+        Empty: an access to a peripheral is an error.
+    bus : PeripheralBus
+    """
+
+    bites = 0
+
+    def __init__(self, processor: Processor) -> None:
+        core = Clock(processor.schedule, processor.now)
+        core.run_at(Fraction(CALL_HZ), Fraction(CALL_HZ), 0)
+        self.unmodelled = UnmodelledLog(processor, Chip((), ()))
+        self.cycle_counter, control = private_peripherals(processor, core)
+        self.bus = connected(processor, [self.cycle_counter, control], None)
+
+    def describe_sleep(self) -> str:
+        """Say in which mode it sleeps: it has none."""
+        return ""

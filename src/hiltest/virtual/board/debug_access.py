@@ -1,0 +1,133 @@
+"""Registers and memory of a halted board, as a debug probe reaches them."""
+
+from __future__ import annotations
+
+import struct
+
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
+from hiltest.virtual.processor.registers import RegisterGroup
+
+CORE_NAMES = (*(f"r{number}" for number in range(13)), "sp", "lr", "pc", "xpsr")
+SYSTEM_NAMES = ("msp", "psp", "primask", "basepri", "faultmask", "control")
+DOUBLES = 16
+_SYSTEM_FIRST = len(CORE_NAMES)
+_DOUBLES_FIRST = _SYSTEM_FIRST + len(SYSTEM_NAMES)
+_FPSCR = _DOUBLES_FIRST + DOUBLES
+COUNT = _FPSCR + 1
+_PC = 15
+_DEVICES = (PERIPHERALS, PRIVATE_PERIPHERALS)
+
+
+class DebugAccess:
+    """Reads and writes what a debugger asks for.
+
+    Registers are numbered r0 to r12, sp, lr, pc, xpsr, msp, psp, primask, basepri, faultmask, control, d0 to d15,
+    fpscr.
+
+    Parameters
+    ----------
+    machine : VirtualK64F
+        Halted whenever this is used.
+    """
+
+    def __init__(self, machine: VirtualK64F) -> None:
+        self._machine, self._processor = machine, machine.processor
+        core_machine = self._processor.machine
+        self._groups = [RegisterGroup(core_machine, [name.upper()]) for name in (*CORE_NAMES, *SYSTEM_NAMES)]
+        self._groups += [RegisterGroup(core_machine, [f"S{2 * n}", f"S{2 * n + 1}"]) for n in range(DOUBLES)]
+        self._groups.append(RegisterGroup(core_machine, ["FPSCR"]))
+
+    def register(self, number: int) -> bytes:
+        """Read a register, little-endian: 4 bytes, or 8 of a double."""
+        words = self._groups[number].read()
+        if number == _PC:
+            words = [words[0] & ~1]
+        return struct.pack(f"<{len(words)}I", *words)
+
+    def registers(self) -> bytes:
+        """Read all of them."""
+        return b"".join(map(self.register, range(COUNT)))
+
+    def width(self, number: int) -> int:
+        """Return the size of a register [bytes].
+
+        Raises
+        ------
+        IndexError
+            If there is none of this number.
+        """
+        if not 0 <= number < COUNT:
+            raise IndexError(number)
+        return 8 if _DOUBLES_FIRST <= number < _FPSCR else 4
+
+    def write_register(self, number: int, value: bytes) -> None:
+        """Write a register; the firmware goes on from a new PC, asleep or not."""
+        words = list(struct.unpack(f"<{self.width(number) // 4}I", value))
+        if number == _PC:
+            changed = words[0] & ~1 != self._groups[_PC].get() & ~1
+            words[0] |= 1
+            if changed:
+                self._processor.sleeping = False
+        self._groups[number].write(words)
+
+    def write_registers(self, values: bytes) -> None:
+        """Write all of them.
+
+        Raises
+        ------
+        ValueError
+            If these are not all.
+        """
+        if len(values) != sum(map(self.width, range(COUNT))):
+            raise ValueError(f"{len(values)} bytes are not all registers")
+        offset = 0
+        for number in range(COUNT):
+            width = self.width(number)
+            self.write_register(number, values[offset : offset + width])
+            offset += width
+
+    def read(self, address: int, size: int) -> bytes:
+        """Read memory; registers of a peripheral word by word, with what a read does there.
+
+        Raises
+        ------
+        ValueError
+            If there is nothing.
+        """
+        if not self._is_device(address):
+            return self._processor.memory.read(address, size)
+        read = b""
+        while len(read) < size:
+            width = self._access(address + len(read), size - len(read))
+            with self._machine.unnoticed():
+                read += self._machine.bus.read(address + len(read), width).to_bytes(4, "little")[:width]
+        return read
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write memory, flash too, or registers of a peripheral.
+
+        Raises
+        ------
+        ValueError
+            If there is nothing.
+        """
+        if not self._is_device(address):
+            self._processor.memory.write(address, data)
+            return
+        while data:
+            width = self._access(address, len(data))
+            with self._machine.unnoticed():
+                self._machine.bus.write(address, width, int.from_bytes(data[:width], "little"))
+            address, data = address + width, data[width:]
+
+    def _is_device(self, address: int) -> bool:
+        return any(base <= address < base + size for base, size in _DEVICES)
+
+    def _access(self, address: int, size: int) -> int:
+        """Return how many bytes of a peripheral are accessed at once."""
+        width = next(width for width in (4, 2, 1) if address % width == 0 and width <= size)
+        reason = self._machine.bus.reason_against(address, width)
+        if reason is not None:
+            raise ValueError(reason)
+        return width

@@ -1,0 +1,104 @@
+"""LEDs and buttons of the FRDM-K64F."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.part.chip import pin_place, table
+from hiltest.virtual.peripherals.port import Port
+
+
+def _pins(kind: str) -> dict[str, tuple[str, int]]:
+    return {row["name"]: pin_place(row["pin"]) for row in table("frdm_k64f.csv") if row["kind"] == kind}
+
+
+LEDS = _pins("led")  # lit when the pin is low
+BUTTONS = _pins("button")  # to ground when pressed; the board pulls them up
+
+
+@dataclass(frozen=True, slots=True)
+class BoardEvent:
+    """A change of an LED or a button.
+
+    Attributes
+    ----------
+    time_s : float
+        Virtual time since power-on.
+    what : str
+        ``LED red``, ``LED green``, ``LED blue``, ``SW2`` or ``SW3``.
+    on : bool
+        Lit, or pressed.
+    """
+
+    time_s: float
+    what: str
+    on: bool
+
+    def __str__(self) -> str:
+        return f"{self.time_s:.6f} s: {self.what} {'on' if self.on else 'off'}"
+
+
+class LedsAndButtons:
+    """The LEDs and buttons, and what happened to them.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        Ports by letter.
+    time_s : callable
+        Answers the virtual time, inside a peripheral's access too.
+
+    Attributes
+    ----------
+    events : list of BoardEvent
+        In order, since power-on.
+    """
+
+    def __init__(self, ports: Mapping[str, Port], time_s: Callable[[], float]) -> None:
+        self.events: list[BoardEvent] = []
+        self._ports = ports
+        self._time_s = time_s
+        self._on = dict.fromkeys([*LEDS, *BUTTONS], False)
+        for letter, pin in BUTTONS.values():
+            ports[letter].drive(pin, True)
+        for port in ports.values():
+            port.on_change = self._look
+
+    def is_on(self, what: str) -> bool:
+        """Whether an LED is lit or a button is pressed.
+
+        Raises
+        ------
+        ConfigError
+            When the board has no such thing.
+        """
+        self._check(what, self._on)
+        return self._on[what]
+
+    def push(self, button: str, pressed: bool) -> None:
+        """Press or release a button.
+
+        Raises
+        ------
+        ConfigError
+            When the board has no such button.
+        """
+        self._check(button, BUTTONS)
+        letter, pin = BUTTONS[button]
+        self._note(button, pressed)
+        self._ports[letter].drive(pin, not pressed)
+
+    def _check(self, what: str, known: Mapping[str, object]) -> None:
+        if what not in known:
+            raise ConfigError(f"the FRDM-K64F has no {what!r}; it has {', '.join(known)}")
+
+    def _look(self, _port: Port) -> None:
+        for led, (letter, pin) in LEDS.items():
+            self._note(led, bool(self._ports[letter].driven_low >> pin & 1))
+
+    def _note(self, what: str, on: bool) -> None:
+        if self._on[what] != on:
+            self._on[what] = on
+            self.events.append(BoardEvent(self._time_s(), what, on))

@@ -1,0 +1,71 @@
+"""The wires from a part's interrupt pins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from hiltest.virtual.peripherals.i2c_bus import I2cDevice
+from hiltest.virtual.processor.clock import PICOSECONDS, Clock
+from hiltest.virtual.processor.schedule import Event
+
+#: Told the new level of a pin, True is high.
+Wire = Callable[[bool], None]
+
+
+class InterruptSource(I2cDevice, Protocol):
+    """A part on the bus with two interrupt pins; times are virtual seconds since power-on."""
+
+    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
+        """Levels of INT1 and INT2, True is high."""
+        ...
+
+    def next_interrupt_s(self, time_s: float) -> float:
+        """Next time at which time alone may change a level; infinity when an access must come first."""
+        ...
+
+
+class InterruptWires:
+    """Keeps two wires at the levels of a part's pins.
+
+    A part says when it may raise a pin by itself, so nothing is looked at while nothing
+    can happen; what an access changes is seen at its end, by `look`.
+
+    Parameters
+    ----------
+    source : InterruptSource
+        The part.
+    wires : (2,)
+        Where INT1 and INT2 lead; None is not connected.
+    time : Clock
+        Virtual time in picoseconds.
+    """
+
+    def __init__(self, source: InterruptSource, wires: tuple[Wire | None, Wire | None], time: Clock) -> None:
+        self._source = source
+        self._wires = wires
+        self._time = time
+        self._levels: tuple[bool | None, bool | None] = (None, None)
+        self._event: Event | None = None
+
+    def look(self) -> None:
+        """Take over the levels as they are now, and come back when they may change."""
+        self._look_at(self._time.now())
+
+    def _look_at(self, ps: int) -> None:
+        time_s = ps / PICOSECONDS
+        levels = self._source.interrupt_levels(time_s)
+        before, self._levels = self._levels, levels
+        for wire, level, old in zip(self._wires, levels, before, strict=True):
+            if wire is not None and level is not old:
+                wire(level)
+        self._come_back(self._source.next_interrupt_s(time_s))
+
+    def _come_back(self, time_s: float) -> None:
+        if self._event is not None:
+            self._event.cancel()
+            self._event = None
+        if math.isfinite(time_s):
+            ps = math.ceil(time_s * PICOSECONDS)
+            self._event = self._time.at(ps, lambda: self._look_at(ps))

@@ -1,0 +1,61 @@
+"""An image in the board's memories, and the vector table that it starts from."""
+
+from __future__ import annotations
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.processor.memory import MK64FN1M0, SRAM, BoardMemory
+from hiltest.virtual.program.elf import FirmwareImage
+
+
+def load_segments(memory: BoardMemory, image: FirmwareImage) -> None:
+    """Put an image where a programmer would, into memories that were just powered on.
+
+    Raises
+    ------
+    ConfigError
+        If it does not fit.
+    """
+    memory.clear()
+    for segment in image.segments:
+        try:
+            memory.write(segment.address, segment.data)
+            memory.read(segment.run_address, segment.run_size)
+        except ValueError as error:
+            link = "link for 1 MiB of flash at 0 and 256 KiB of SRAM at 0x1fff0000"
+            is_k64f = memory.map == MK64FN1M0
+            part, advice = ("MK64FN1M0", link) if is_k64f else (f"memories {memory.map}", "name those of its part")
+            raise ConfigError(f"{image.name}: a segment does not fit the {part} ({error}); {advice}") from error
+
+
+def load_running(memory: BoardMemory, image: FirmwareImage) -> None:
+    """Put an image where start-up code would: initialised data in RAM, and zeros behind them."""
+    for segment in image.segments:
+        zeroed = segment.run_size - len(segment.data)
+        memory.write(segment.run_address, segment.data + bytes(zeroed))
+
+
+def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
+    """Read initial stack pointer and reset vector; the part would lock up on wrong ones.
+
+    Raises
+    ------
+    ConfigError
+        If they are none.
+    """
+    try:
+        stack, entry = memory.read_words(image.vectors, 2)
+    except ValueError:
+        stack = entry = 0
+    refuse_wrong_vectors(image, stack, entry)
+    return stack, entry
+
+
+def refuse_wrong_vectors(image: FirmwareImage, stack: int, entry: int) -> None:
+    """Raise a ConfigError when an initial stack pointer and a reset vector are none."""
+    in_sram = SRAM[0] < stack <= SRAM[0] + SRAM[1] and stack % 4 == 0
+    in_code = any(each.address <= entry & ~1 < each.address + len(each.data) for each in image.segments)
+    if not (in_sram and in_code and entry & 1):
+        raise ConfigError(
+            f"{image.name}: what stands at address 0x{image.vectors:x} is no vector table (stack 0x{stack:08x}, reset "
+            f"0x{entry:08x}); link the vectors to 0, the stack into SRAM, and handlers with the Thumb bit"
+        )

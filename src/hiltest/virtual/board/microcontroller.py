@@ -1,0 +1,264 @@
+"""The MK64FN1M0: its processor's peripherals, connected as the part's tables say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from hiltest.virtual.board.bare_part import connected, private_peripherals
+from hiltest.virtual.part.chip import ChipPeripheral, mk64f12, pin_place
+from hiltest.virtual.peripherals.adc import Converter
+from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
+from hiltest.virtual.peripherals.crc import CheckValue
+from hiltest.virtual.peripherals.dma import DmaController
+from hiltest.virtual.peripherals.dmamux import DmaMultiplexer
+from hiltest.virtual.peripherals.flash_array import FlashArray
+from hiltest.virtual.peripherals.fmc import FlashControl
+from hiltest.virtual.peripherals.ftfe import FlashMemory
+from hiltest.virtual.peripherals.ftm import FlexTimer
+from hiltest.virtual.peripherals.i2c import I2c
+from hiltest.virtual.peripherals.i2c_bus import I2cBus, I2cDevice
+from hiltest.virtual.peripherals.lptmr import LowPowerTimer
+from hiltest.virtual.peripherals.mcg import ClockGenerator
+from hiltest.virtual.peripherals.pin_signals import PinSignal, PulseCounter
+from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.port import Gpio, Port
+from hiltest.virtual.peripherals.rcm import ResetControl, ResetRequested, ResetSource
+from hiltest.virtual.peripherals.rng import RandomNumbers
+from hiltest.virtual.peripherals.rtc import BatteryRegisters, RealTimeClock
+from hiltest.virtual.peripherals.sim import ClockGates
+from hiltest.virtual.peripherals.smc import PowerManagement, SystemModes, WakeUpUnit
+from hiltest.virtual.peripherals.uart import Uart
+from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
+from hiltest.virtual.peripherals.wdog import Watchdog
+from hiltest.virtual.processor.cpu import Processor
+from hiltest.virtual.processor.memory import SRAM
+
+# Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
+_STORED = ("SYSMPU",)
+_WITH_FIFO = 2  # UART0 and UART1 have FIFOs and the core clock
+
+ROOM_DEGC = 25.0
+_VLLS3 = 3  # it keeps RAM; those below it lose all, VLLS2 here too
+
+
+class Microcontroller:
+    """The peripherals of the part, on the bus of a processor.
+
+    Parameters
+    ----------
+    processor : Processor
+    i2c : (2,) sequence of sequence of I2cDevice
+        Parts on I2C0 and I2C1.
+    strict : bool
+        Whether a peripheral that is not modelled is a bus error.
+    flash_file : str or Path, optional
+        Holds the flash from run to run.
+
+    Attributes
+    ----------
+    clocks : ClockGates
+    uarts : tuple of Uart
+        UART0 to UART5.
+    uart0 : Uart
+    timers : PeriodicTimers
+    watchdog : Watchdog
+    random_numbers : RandomNumbers
+    cycle_counter : CycleCounter
+    flash : FlashArray
+    i2c_buses : tuple of I2cBus
+    ports : dict of str to Port
+        By letter.
+    unmodelled : UnmodelledLog
+    bus : PeripheralBus
+    adc_volts : dict of (int, int) to float
+        Voltages of the converters' inputs, by converter and channel; 0 V where there is none.
+    temperature_degc : callable
+        Answers the temperature of the chip.
+    bites : int
+        Resets by the watchdog since power-on.
+    """
+
+    def __init__(
+        self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False,
+        flash_file: str | Path | None = None,
+    ) -> None:  # fmt: skip
+        self._processor = processor
+        self.flash = FlashArray(processor, flash_file)
+        self._chip = mk64f12()
+        self._modules = {module.name: module for module in self._chip.peripherals}
+        self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
+        self.bites = 0
+        self.unmodelled = UnmodelledLog(processor, self._chip)
+        processor.waits_for = lambda: self.unmodelled.polled
+        generator = ClockGenerator()
+        self.clocks = ClockGates(processor, generator)
+        self.cycle_counter, control = private_peripherals(processor, self.clocks.core)
+        self._peripherals: list[Peripheral] = [generator, self.clocks, self.cycle_counter, control]
+        self._peripherals += self._chip_modules()
+        self._peripherals += [*self._slow_modules(), *self._flex_timers(), *self._converters()]
+        self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
+        self._peripherals.append(self.clocks.options)
+        self._lead_pins(self.low_power_timer.signals)
+        if not strict:
+            self._store_the_rest()
+        for peripheral in self._peripherals:
+            gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
+            self.clocks.gate(peripheral, gates)
+        self.bus = self._dma.bus = connected(processor, self._peripherals, self._chip.register_name)
+        self.clocks.on_gates = self.bus.look_again
+
+    def _base(self, name: str) -> int:
+        return self._modules[name].base
+
+    def _initial(self, name: str) -> dict[int, int]:
+        return self._chip.reset_bytes(self._base(name))
+
+    def _chip_modules(self) -> list[Peripheral]:
+        """Make the peripherals that the part has around the processor."""
+        processor, clocks, modules = self._processor, self.clocks, self._modules
+        self.uarts = tuple(self._uart(number) for number in range(6))
+        self.uart0 = self.uarts[0]
+        self.timers = PeriodicTimers(processor, clocks, modules["PIT"])
+        self.watchdog = Watchdog(clocks, bite=self._bitten)
+        self.reset_control = ResetControl()
+        self.ports = {letter: self._port(modules[f"PORT{letter}"]) for letter in "ABCDE"}
+        self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
+        masters = [I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)]
+        self._multiplexer = multiplexer = DmaMultiplexer(modules["DMAMUX"], self.timers)
+        self._dma = DmaController(processor, modules["DMA"], multiplexer)
+        processor.machine.on_request = multiplexer.set_request
+        return [
+            *self.uarts, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
+            Gpio(list(self.ports.values())), *masters, FlashControl(self._processor.machine),
+            CheckValue(modules["CRC"]), self.random_numbers,
+            FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
+            multiplexer, self._dma, self._dma.descriptors,
+        ]  # fmt: skip
+
+    def _uart(self, number: int) -> Uart:
+        clock = self.clocks.core if number < _WITH_FIFO else self.clocks.bus
+        depth = 8 if number < _WITH_FIFO else 1
+        return Uart(self._processor, self.clocks, clock, self._modules[f"UART{number}"], depth=depth)
+
+    def _slow_modules(self) -> list[Peripheral]:
+        """Make what counts while the processor is stopped, and what a battery keeps."""
+        processor, clocks, modules = self._processor, self.clocks, self._modules
+        self.low_power_timer = LowPowerTimer(processor, clocks, modules["LPTMR0"])
+        self.real_time_clock = RealTimeClock(processor, clocks, modules["RTC"])
+        files = [BatteryRegisters(modules[name]) for name in ("RFVBAT", "RFSYS")]
+        self._kept: list[LowPowerTimer | RealTimeClock | BatteryRegisters | Watchdog]
+        self._kept = [self.watchdog, self.low_power_timer, self.real_time_clock, *files]
+        return [*self._kept[1:], *self._power_modules()]
+
+    def _power_modules(self) -> list[Peripheral]:
+        """Make what sleep depends on."""
+        modules = self._modules
+        oscillator = StoredRegisters("OSC", self._base("OSC"), self._initial("OSC"))
+        self._power = PowerManagement("PMC", self._base("PMC"), self._initial("PMC"))
+        self._wake_up_unit = WakeUpUnit(modules["LLWU"], self._processor, self.ports)
+        self.modes = SystemModes(
+            modules["SMC"], self._processor, self.clocks, oscillator, self._wake_up_unit, self._wake_up
+        )
+        return [oscillator, self._power, self._wake_up_unit, self.modes]
+
+    def _flex_timers(self) -> list[FlexTimer]:
+        """Make the timers with channels, and lead those to their pins."""
+        inputs = {f"FTM_CLKIN{number}": PulseCounter() for number in range(2)}
+        self._lead_pins(inputs)
+        timers = [
+            FlexTimer(
+                self._processor, self.clocks, list(inputs.values()), self._modules[f"FTM{number}"],
+                self.unmodelled.note,
+            )
+            for number in range(4)
+        ]  # fmt: skip
+        for timer in timers:
+            self._lead_pins(timer.signals)
+        return timers
+
+    def _converters(self) -> list[Converter]:
+        """Make the converters, and lead to them what they convert."""
+        self.adc_volts: dict[tuple[int, int], float] = {}
+        self.temperature_degc: Callable[[], float] = lambda: ROOM_DEGC
+
+        def make(number: int) -> Converter:
+            module = self._modules[f"ADC{number}"]
+            converter = Converter(self._processor, self.clocks, module, self.unmodelled.note)
+            converter.volts = lambda channel: self.adc_volts.get((number, channel), 0.0)
+            converter.temperature_degc = lambda: self.temperature_degc()
+            converter.on_request = self._multiplexer.set_request
+            return converter
+
+        return [make(0), make(1)]
+
+    def _lead_pins(self, signals: Mapping[str, PinSignal]) -> None:
+        """Connect the modules' signals to the pins that may carry them."""
+        for pin in self._chip.pins:
+            if pin.signal in signals:
+                self.ports[pin.port].lead(pin.number, pin.function, signals[pin.signal])
+
+    def _port(self, module: ChipPeripheral) -> Port:
+        return Port(module, self._processor.nvic, self._chip.reset_bytes(module.base))
+
+    def _store_the_rest(self) -> None:
+        """Give every page that is left registers which keep what is written, and are reported."""
+        modelled = {peripheral.base >> 12 for peripheral in self._peripherals}
+        self._peripherals += [
+            UnmodelledPage(page << 12, modules, self._chip, self.unmodelled)
+            for page, modules in self._chip.pages.items()
+            if page not in modelled
+        ]
+
+    # -- reset --------------------------------------------------------------------------------
+
+    def reset(self, source: ResetSource) -> None:
+        """Bring every peripheral to its state after a reset of the chip."""
+        if source is ResetSource.POWER_ON:
+            for kept in self._kept:
+                kept.power_on()
+        self._wake_up_unit.keeps = source is ResetSource.WAKE_UP
+        for peripheral in self._peripherals:
+            peripheral.reset()
+        if source is ResetSource.WAKE_UP:
+            self._power.isolate()
+        self.reset_control.reset_by(source)
+        self.watchdog.start()
+
+    def _bitten(self) -> None:
+        self.bites += 1
+        raise ResetRequested(ResetSource.WATCHDOG)  # the emulator stands still: nothing to abort
+
+    def _wake_up(self, vlls: int) -> None:
+        """Reset the part at the end of a VLLS mode, as soon as it runs."""
+
+        def wake() -> None:
+            if vlls < _VLLS3:
+                self._processor.memory.write(SRAM[0], bytes(SRAM[1]))
+            raise ResetRequested(ResetSource.WAKE_UP)
+
+        self._processor.schedule.at(self._processor.cycles, wake)
+
+    # -- what is outside the chip -------------------------------------------------------------
+
+    def pin(self, name: str) -> tuple[Port, int]:
+        """Return the port of a pin such as ``PTB9``, and its number there.
+
+        Raises
+        ------
+        ConfigError
+            If the part has no such pin.
+        """
+        letter, number = pin_place(name)
+        return self.ports[letter], number
+
+    def wire_to(self, pin: str | None) -> Callable[[bool], None] | None:
+        """Return what sets the level of a pin such as ``PTB9`` from outside; None for no pin."""
+        if pin is None:
+            return None
+        port, number = self.pin(pin)
+        return lambda high: port.drive(number, high)
+
+    def describe_sleep(self) -> str:
+        """Say in which mode the processor sleeps."""
+        return self.modes.describe()

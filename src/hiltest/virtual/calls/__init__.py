@@ -1,0 +1,1 @@
+"""Calls of functions: those that the host makes, and those that it watches while firmware runs."""

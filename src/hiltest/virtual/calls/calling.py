@@ -1,0 +1,175 @@
+"""Calling one function of an image, and putting the processor back afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.calls.buffers import place
+from hiltest.virtual.calls.procedure_call import Argument, assign, result
+from hiltest.virtual.processor.cpu import RETURN_ADDRESS, Processor
+from hiltest.virtual.processor.schedule import Event
+from hiltest.virtual.processor.slices import Slice
+from hiltest.virtual.program.elf import FirmwareImage, LoadSegment, Symbol
+from hiltest.virtual.program.signatures import Signature
+
+_STACK_BYTES = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class CallResult:
+    """Value and cost of a called function.
+
+    Attributes
+    ----------
+    value : int or float or None
+        Value of the function's type; r0 without debug information, None for void.
+    cycles, instructions : int
+        From its first instruction to its return, both included.
+    clock_hz : float
+        Core clock that it was called at [Hz].
+    executed : Slice or None
+        The call, to be executed again; None if devices answered to too many loads.
+    """
+
+    value: int | float | None
+    cycles: int
+    instructions: int
+    clock_hz: float
+    executed: Slice | None = field(default=None, compare=False, repr=False, kw_only=True)
+
+    @property
+    def microseconds(self) -> float:
+        """Time of the cycles at that clock [us]."""
+        return self.cycles / self.clock_hz * 1e6
+
+
+def _largest_gap(segments: Sequence[LoadSegment], first: int, limit: int) -> tuple[int, int]:
+    """Return where the most RAM in one piece is that no segment uses, from `first` to `limit`.
+
+    Behind the last one there may be none: linker scripts give the heap all that is left.
+    """
+    begin, gaps = first, []
+    for segment in sorted(segments, key=lambda segment: segment.run_address):
+        if first <= segment.run_address < limit:
+            gaps.append((begin, segment.run_address))
+            begin = max(begin, segment.run_address + segment.run_size)
+    gaps.append((begin, limit))
+    return max(gaps, key=lambda gap: gap[1] - gap[0])
+
+
+def function_named(image: FirmwareImage, name: str) -> Symbol:
+    """Return a function of an image.
+
+    Raises
+    ------
+    ConfigError
+        There is none of that name; says which are near.
+    """
+    function = image.symbols.get(name)
+    if function is not None and function.is_function:
+        return function
+    names = [known for known, entry in image.symbols.items() if entry.is_function]
+    plain = name.rpartition("::")[2]
+    made_of_it = [each for each in names if each.startswith(f"{name}.")]  # as fit.constprop.0
+    mangled = [each for each in names if each.startswith("_Z") and f"{len(plain)}{plain}" in each]
+    near = (made_of_it + mangled)[:3] or get_close_matches(name, names, n=3)
+    hint = f"; near: {', '.join(near)}" if near else ""
+    if not names:
+        hint = ", nor any other: its symbols are stripped; give the ELF as it was linked"
+    raise ConfigError(f"{image.name}: no function {name!r}{hint}")
+
+
+class _Scratch:
+    """RAM that the image does not use, handed out from low to high."""
+
+    def __init__(self, processor: Processor, limit: int) -> None:
+        self._memory = processor.memory
+        begin, self._limit = _largest_gap(processor.image.segments, processor.memory.sram.base, limit)
+        self._next = (begin + 7) & ~7
+        self._written_back: list[tuple[int, memoryview]] = []
+
+    def place(self, buffer: Any) -> int:
+        return place(buffer, self._reserve, self._write)
+
+    def _reserve(self, size: int) -> int:
+        address = self._next
+        self._next = (address + size + 7) & ~7
+        if self._next > self._limit:
+            missing = self._next - self._limit
+            raise ConfigError(f"the arguments need {missing} bytes more RAM than the image leaves free")
+        return address
+
+    def _write(self, address: int, buffer: Any) -> None:
+        view = memoryview(buffer)
+        self._memory.write(address, view.tobytes())
+        if not view.readonly and view.nbytes:
+            self._written_back.append((address, view.cast("B")))
+
+    def fetch(self) -> None:
+        for address, view in self._written_back:
+            view[:] = self._memory.read(address, view.nbytes)
+
+
+def call_function(
+    processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool, clock_hz: float,
+    timeout_s: float,
+) -> CallResult:  # fmt: skip
+    """Call a function; see `VirtualK64F.call`."""
+    function = function_named(processor.image, symbol)
+    registers = processor.registers
+    processor.save_floats()  # what an interrupted handler has not saved yet is not this function's
+    saved = registers.general.read(), registers.floating_frame.read(), registers.primask.get(), processor.fpu_enabled
+    control = registers.control.get()
+    was_sleeping, processor.sleeping = processor.sleeping, False
+    stack = saved[0][13] if booted else processor.memory.sram.base + processor.memory.sram.size
+    scratch = _Scratch(processor, stack - _STACK_BYTES)
+    signature = processor.image.signature(symbol)
+    core, floating = assign(symbol, signature, arguments, scratch.place, hard_float=processor.image.hard_float)
+    on_stack = core[4:]
+    stack = (stack - 4 * len(on_stack)) & ~7
+    processor.memory.write_words(stack, on_stack)
+    registers.primask.set(1)
+    processor.fpu_enabled = True
+    registers.xpsr.set(1 << 24)
+    general = (core[:4] + [0] * 13)[:13]
+    registers.general.write([*general, stack, RETURN_ADDRESS | 1, function.address | 1, 1 << 24])
+    registers.floating.write(floating)
+    processor.flush_pipeline()
+    machine, cycles, instructions = processor.machine, processor.cycles, processor.instructions
+    begin, loads = machine.snapshot(), processor.core.device_loads
+    hang_cycles = round(timeout_s * clock_hz)
+    delivered, processor.delivers_faults = processor.delivers_faults, False
+    try:
+        if not processor.run(Event(cycles + hang_cycles)):
+            allowed = f"{hang_cycles} cycles (--timeout, timeout_s= give it more)"
+            cause = f"hang: {symbol} did not return within {allowed}{processor.waits_for()}"
+            raise processor.fault(cause, registers.pc.get())
+        value = _result(processor, signature)
+        cycles, instructions = processor.cycles - cycles, processor.instructions - instructions
+        answers = machine.answers(loads)
+        scratch.fetch()
+    finally:
+        registers.primask.set(saved[2])
+        registers.floating_frame.write(saved[1])
+        registers.control.set(control)
+        registers.xpsr.set(saved[0][16])
+        registers.general.write([*saved[0][:15], saved[0][15] | 1, saved[0][16]])
+        processor.fpu_enabled, processor.sleeping = saved[3], was_sleeping
+        processor.delivers_faults = delivered
+        processor.flush_pipeline()
+    executed = None if answers is None else Slice(machine, begin, cycles, instructions, answers)
+    return CallResult(value, cycles, instructions, clock_hz, executed=executed)
+
+
+def _result(processor: Processor, signature: Signature | None) -> int | float | None:
+    registers = processor.registers
+    return result(
+        signature.returns if signature else "unsigned",
+        registers.arguments.read(),
+        registers.floating.read(),
+        hard_float=processor.image.hard_float,
+    )

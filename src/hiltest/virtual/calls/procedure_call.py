@@ -1,0 +1,182 @@
+"""Places of arguments and results by the procedure call standard (AAPCS), hard float and soft float."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.program.signatures import Element, Pointed, Signature
+
+#: What stands for a value of a C type: a number, or a buffer that is passed by its address.
+Argument = int | float | bytes | bytearray | Any
+
+_FLOAT_REGISTERS = 16
+_WIDE = ("signed64", "unsigned64", "double")
+_UNSUPPORTED = "a struct or another type that cannot be passed by value here"
+_FLOATS = frozenset("efdg")  # as the struct module and numpy have them
+_CODES = _FLOATS | frozenset("?bBhHiIlLqQ")
+_BUFFERS = "bytes, a bytearray, a contiguous numpy array or a Structure"
+
+
+class ArgumentRegisters:
+    """Core words (r0 to r3, then the stack) and float registers (s0 to s15), as they fill up.
+
+    Parameters
+    ----------
+    hard_float : bool
+        Whether floats go to float registers; else they go with the integers.
+
+    Attributes
+    ----------
+    core : list of int
+        Registers first, then the stack from its top.
+    floating : list of int
+        Words of all float registers.
+    """
+
+    def __init__(self, *, hard_float: bool) -> None:
+        self.core: list[int] = []
+        self.floating = [0] * _FLOAT_REGISTERS
+        self._hard_float = hard_float
+        self._free = list(range(_FLOAT_REGISTERS))
+
+    def put(self, kind: str, bits: int) -> bool:
+        """Put one value where its type has it; False when a float register would be needed that is not there."""
+        words = [bits & 0xFFFFFFFF, bits >> 32] if kind in _WIDE else [bits]
+        if not self._hard_float or kind not in ("float", "double"):
+            if kind in _WIDE and len(self.core) % 2:
+                self.core.append(0)  # eight bytes begin at an even register, and on the stack at a multiple of eight
+            self.core += words
+            return True
+        # The lowest that is free: a float fills the gap that a double has left.
+        place = next((each for each in self._free if self._fits(each, len(words))), None)
+        if place is None:
+            return False
+        for offset, word in enumerate(words):
+            self.floating[place + offset] = word
+            self._free.remove(place + offset)
+        return True
+
+    def _fits(self, place: int, words: int) -> bool:
+        return words == 1 or (place % 2 == 0 and place + 1 in self._free)
+
+
+def assign(
+    symbol: str, signature: Signature | None, arguments: Sequence[Argument], place: Callable[[Any], int],
+    *, hard_float: bool,
+) -> tuple[list[int], list[int]]:
+    """Distribute arguments over core words (registers, then stack) and float registers.
+
+    Parameters
+    ----------
+    symbol : str
+        The function, for messages.
+    signature : Signature or None
+        None without debug information: then integers and buffers can be passed.
+    arguments : sequence
+    place : callable
+        Copies a buffer to the board's RAM and returns its address.
+    hard_float : bool
+
+    Raises
+    ------
+    ConfigError
+        When the arguments do not fit the function.
+    """
+    kinds = signature.parameters if signature else ("unsigned",) * len(arguments)
+    if signature and len(kinds) != len(arguments):
+        raise ConfigError(f"{symbol} takes {len(kinds)} arguments, {len(arguments)} were given")
+    if signature and signature.returns == "unsupported":
+        raise ConfigError(f"{symbol} returns {_UNSUPPORTED}; call it through a function that returns none")
+    registers = ArgumentRegisters(hard_float=hard_float)
+    pointed = signature.pointed if signature and signature.pointed else (None,) * len(kinds)
+    for position, (kind, argument) in enumerate(zip(kinds, arguments, strict=True), start=1):
+        where = f"argument {position} of {symbol}"
+        if kind == "unsupported":
+            raise ConfigError(f"{where} is {_UNSUPPORTED}; call it through a function that takes none")
+        _check_buffer(where, pointed[position - 1], argument)
+        bits = _bits(where, kind, argument, place, typed=signature is not None)
+        if not registers.put(kind, bits):
+            raise ConfigError(f"{symbol} takes more floats than there are registers for; pass them in a buffer")
+    return registers.core, registers.floating
+
+
+def _check_buffer(where: str, pointed: Pointed | None, argument: Argument) -> None:
+    """Refuse a buffer of numbers that are not those which the function will take them for; bytes may be anything."""
+    if pointed is None or not pointed.elements or isinstance(argument, int | float | bytes | bytearray | np.generic):
+        return
+    try:
+        view = memoryview(argument)
+    except (TypeError, ValueError):  # a Structure, or what is no buffer at all and refused when it is placed
+        return
+    code = view.format.lstrip("@=<>!Z")  # Z: complex, a pair of what follows
+    if code not in _CODES:
+        return
+    given = Element(code in _FLOATS, view.itemsize // (2 if "Z" in view.format else 1))
+    if given not in pointed.elements:
+        name = f"float{8 * given.size}" if given.is_float else f"{'u' if code.isupper() else ''}int{8 * given.size}"
+        wanted = " or ".join(sorted(map(str, pointed.elements)))
+        raise ConfigError(f"{where} is {pointed.text}, not an array of {name}: give {wanted}, or bytes")
+
+
+def _bits(where: str, kind: str, argument: Argument, place: Callable[[Any], int], *, typed: bool) -> int:
+    """Return an argument as the bits of its type."""
+    if isinstance(argument, np.generic):
+        argument = argument.item()  # a number; as the buffer that it is, too, its address would be passed
+    if kind in ("float", "double"):
+        return _float_bits(where, kind, argument)
+    if isinstance(argument, int):
+        return _integer_bits(where, kind, argument)
+    if isinstance(argument, float):
+        reason = "" if typed else " (the image has no debug information of it, so only integers can be passed)"
+        raise ConfigError(f"{where} is {kind}, not float{reason}")
+    if kind in _WIDE:
+        raise ConfigError(f"{where} is {kind}, not a buffer")
+    try:
+        return place(argument)
+    except TypeError as error:
+        given = type(argument).__name__
+        raise ConfigError(f"{where} cannot be {given}: give a number, {_BUFFERS} ({error})") from error
+
+
+def _integer_bits(where: str, kind: str, value: int) -> int:
+    size = 64 if kind in _WIDE else 32
+    if not -(1 << (size - 1)) <= value < 1 << size:
+        raise ConfigError(f"{where}: {value} does not fit its {size} bits")
+    return value & ((1 << size) - 1)
+
+
+def _float_bits(where: str, kind: str, argument: Argument) -> int:
+    if not isinstance(argument, int | float):
+        raise ConfigError(f"{where} is {kind}, not {type(argument).__name__}: give a number")
+    try:
+        return int.from_bytes(struct.pack("<d" if kind == "double" else "<f", float(argument)), "little")
+    except OverflowError as error:
+        raise ConfigError(f"{where}: {argument} is beyond the largest {kind}") from error
+
+
+def result(kind: str, core: Sequence[int], floating: Sequence[int], *, hard_float: bool) -> int | float | None:
+    """Return what a function returned.
+
+    Parameters
+    ----------
+    kind : str
+        Its type, as `Signature.returns`.
+    core, floating : sequence of int
+        r0 and r1, s0 and s1, after its return.
+    hard_float : bool
+    """
+    if kind == "void":
+        return None
+    if kind in ("float", "double"):
+        low, high = (floating if hard_float else core)[:2]
+        value: float = struct.unpack(*(("<f", struct.pack("<I", low)) if kind == "float"
+                                       else ("<d", struct.pack("<II", low, high))))[0]  # fmt: skip
+        return value
+    bits = 64 if kind in _WIDE else 32
+    word = (core[0] | core[1] << 32) if kind in _WIDE else core[0]
+    return word - (1 << bits) if kind.startswith("signed") and word >> (bits - 1) else word

@@ -1,0 +1,1 @@
+"""Cycles in detail: profiles of calls, uncertainty ranges, and counts with other timing profiles."""

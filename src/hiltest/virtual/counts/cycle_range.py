@@ -1,0 +1,197 @@
+"""Uncertainty range of a count: what ran is executed again, counted with the rows of the timing profile moved.
+
+A count under a moved table is what the board would have counted, had it been made with that table. What no row explains
+is a part of the count, by a row of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+from hiltest.measurement import DOUBT, CycleRange, RowEffect, in_flash
+from hiltest.virtual.core.machine import Machine
+from hiltest.virtual.model.timing import TimingProfile
+from hiltest.virtual.peripherals.dwt import CycleCounter
+from hiltest.virtual.processor.slices import PriceTables, Slice
+
+# The result is usable when the FPU is free, or a cycle later: they are uncertain together.
+_TOGETHER = {"fp_divide": "fp_divide_use"}
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One uncertainty of a profile: the values of its rows at either end."""
+
+    row: str
+    low: dict[str, int]
+    high: dict[str, int]
+
+
+def moves(profile: TimingProfile) -> Iterator[Move]:
+    """Yield what can move in a profile: each uncertain row, or two rows that only move together."""
+    rows = profile.rows
+    second = {row.against for row in rows.values()} | set(_TOGETHER.values())
+    for name, row in rows.items():
+        if name in second:
+            continue
+        low, high = {name: row.band[0]}, {name: row.band[1]}
+        if row.against:
+            low[row.against], high[row.against] = reversed(rows[row.against].band)
+        if other := _TOGETHER.get(name):
+            low[other], high[other] = rows[other].band
+        if low != high:
+            yield Move(name, low, high)
+
+
+def cycle_range(
+    profile: TimingProfile, cycles: int, whole: Sequence[Slice], empty: Sequence[Slice] = ()
+) -> CycleRange | None:
+    """Return the uncertainty range of a count: every uncertain row takes any value of its own range.
+
+    Parameters
+    ----------
+    profile : TimingProfile
+        Profile that it was counted by.
+    cycles : int
+        The count.
+    whole : sequence of Slice
+        What was counted.
+    empty : sequence of Slice
+        What was counted and subtracted.
+
+    Returns
+    -------
+    CycleRange or None
+        None if these slices do not make up the count: an exception came between, or the processor slept.
+    """
+    if not whole:
+        return None
+    uncertain = list(moves(profile))
+    alone = _count(profile, [values for move in uncertain for values in (move.low, move.high)], whole, empty)
+    if alone is None or alone[0] != cycles:
+        return None
+    effects: list[RowEffect] = []
+    least: dict[str, int] = {}
+    most: dict[str, int] = {}
+    for move, low, high in zip(uncertain, alone[1::2], alone[2::2], strict=True):
+        least |= move.low if low <= high else move.high
+        most |= move.high if low <= high else move.low
+        if low != cycles or high != cycles:
+            effects.append(RowEffect(move.row, low, high))
+    ends = _count(profile, [least, most], whole, empty)
+    if ends is None:
+        return None
+    if doubt := _doubt(profile, cycles):
+        effects.append(RowEffect(DOUBT, cycles - doubt, cycles + doubt))
+    effects.sort(key=lambda effect: -max(abs(effect.low - cycles), abs(effect.high - cycles)))
+    return CycleRange(ends[1] - doubt, ends[2] + doubt, tuple(effects))
+
+
+def _count(
+    profile: TimingProfile, tables: Sequence[Mapping[str, int]], whole: Sequence[Slice], empty: Sequence[Slice]
+) -> list[int] | None:
+    """Return the count by the profile, and by each table that differs from it in some rows; None if it is unknown."""
+    prices = _price_tables(whole[0].machine, profile, tables)
+    counts, subtracted = prices.count(whole), prices.count(empty)
+    if counts is None or subtracted is None:
+        return None
+    return [count - less for count, less in zip(counts, subtracted, strict=True)]
+
+
+_Key = tuple[str, str]
+_made: WeakKeyDictionary[Machine, dict[_Key, PriceTables]] = WeakKeyDictionary()
+_MOST_MADE = 4  # of a machine: for the moves of one row and for those of all, by two profiles
+
+
+def _price_tables(machine: Machine, profile: TimingProfile, tables: Sequence[Mapping[str, int]]) -> PriceTables:
+    """Return price tables, those that were made before if there are such: they have priced much of the code."""
+    made = _made.setdefault(machine, {})
+    key = profile.digest, repr(tables)
+    prices = made.pop(key, None) or PriceTables(machine, profile, tables)
+    made[key] = prices  # the one that was used longest ago stands first
+    if len(made) > _MOST_MADE:
+        del made[next(iter(made))]
+    return prices
+
+
+def _doubt(profile: TimingProfile, cycles: int) -> int:
+    """Return by how many cycles a count may be wrong where every row is right."""
+    row = profile.rows.get(DOUBT)
+    return math.ceil(cycles * row.value / 1000) if row else 0
+
+
+def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:
+    """Return the uncertainty range of a count of code in flash, from the memory rows of the profile.
+
+    Returns
+    -------
+    CycleRange or None
+        None for a profile without such rows: zero wait states were assumed, and the truth is no such band above that.
+    """
+    if not profile.memory:
+        return None
+    percent = profile.memory["flash_uncertainty"].value
+    return CycleRange(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
+
+
+def range_where_it_ran(
+    profile: TimingProfile, cycle_model: str, cycles: int, executed: tuple[Sequence[Slice], Sequence[Slice]] | None
+) -> CycleRange | None:
+    """Return the uncertainty range of a timed count, for the memory that the code ran from.
+
+    What code in flash waits for is of no row: its count carries the uncertainty that the profile states, whatever ran.
+
+    Parameters
+    ----------
+    profile : TimingProfile
+        Profile that it was counted by.
+    cycle_model : str
+        Its placement says where it ran.
+    cycles : int
+        The count.
+    executed : tuple of sequences of Slice, or None
+        What was counted, and what was subtracted; None if that is unknown.
+    """
+    if in_flash(cycle_model):
+        return flash_range(profile, cycles)
+    return cycle_range(profile, cycles, *executed) if executed else None
+
+
+class TimedSteps:
+    """Records what ran in steps that the firmware timed one after the other.
+
+    Parameters
+    ----------
+    counter : CycleCounter
+        Counter that firmware reads around each step, and around the empty call in front of each.
+    profile : TimingProfile
+        Profile that it was counted by.
+    cycle_model : str
+        Its placement says where they ran.
+    """
+
+    def __init__(self, counter: CycleCounter, profile: TimingProfile, cycle_model: str) -> None:
+        self._counter, self._profile, self._cycle_model = counter, profile, cycle_model
+        self._cycles = 0
+        self._whole: list[Slice] = []
+        self._empty: list[Slice] = []
+        self._known = True
+
+    def add(self, cycles: Sequence[int], overhead_cycles: int) -> None:
+        """Record the steps that were timed last, in order; after one that cannot be found nothing is known."""
+        executed = self._counter.executed_in_steps(cycles, overhead_cycles)
+        self._known = self._known and executed is not None
+        self._cycles += sum(cycles)
+        if executed:
+            self._whole += executed[0]
+            self._empty += executed[1]
+
+    def band(self) -> CycleRange | None:
+        """Return the uncertainty range of all steps together; None where it is unknown."""
+        if not self._cycles:
+            return None
+        executed = (self._whole, self._empty) if self._known else None
+        return range_where_it_ran(self._profile, self._cycle_model, self._cycles, executed)

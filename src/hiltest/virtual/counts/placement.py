@@ -1,0 +1,107 @@
+"""Loops that lose cycles because of where their instructions lie, and how to place them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.program.instructions import Instruction
+
+LEAST_SHARE = 0.01
+"""A loop that loses less than this part of the whole is not named."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopPlacement:
+    """A loop, and what the place of its instructions costs by the cycle model.
+
+    Attributes
+    ----------
+    function, location : str
+        Where it is; `location` is empty without debug information.
+    address, last : int
+        Its first instruction, and the branch back.
+    turns : int
+        How often the branch back was taken.
+    misplaced, wide : int
+        Instructions of four bytes that it executed, those first that do not begin at a multiple of four.
+    cycles : int
+        Cycles that they waited to be fetched; those of loops within it are theirs.
+    advice : str
+        What moves the instructions that wait most.
+    """
+
+    function: str
+    location: str
+    address: int
+    last: int
+    turns: int
+    misplaced: int
+    wide: int
+    cycles: int
+    advice: str
+
+
+@dataclass(slots=True)
+class FetchTally:
+    """How often an instruction was executed, and for how many cycles it waited to be fetched."""
+
+    instruction: Instruction
+    executions: int = 0
+    late: int = 0
+
+
+Loop = tuple[int, int]
+"""Addresses of its first instruction and of the branch back."""
+
+
+def placements(
+    name: str, loops: Mapping[Loop, int], executed: Mapping[int, FetchTally], image: FirmwareImage
+) -> Iterator[LoopPlacement]:
+    """Yield the loops of a function in which instructions wait to be fetched.
+
+    Parameters
+    ----------
+    name : str
+        The function's.
+    loops : mapping of Loop to int
+        How often each branch back was taken.
+    executed : mapping of int to FetchTally
+        The function's instructions, by address.
+    image : FirmwareImage
+        Tells source lines.
+    """
+    inside: dict[Loop, list[FetchTally]] = {}
+    for address, tally in executed.items():
+        around = [loop for loop in loops if loop[0] <= address <= loop[1]]
+        if around:
+            inside.setdefault(min(around, key=lambda loop: loop[1] - loop[0]), []).append(tally)
+    for loop, tallies in inside.items():
+        wide = [each for each in tallies if each.instruction.size == 4]
+        late = sum(each.late for each in wide)
+        if late:
+            yield LoopPlacement(
+                name, image.location_at(loop[0]), *loop, loops[loop],
+                sum(each.executions for each in wide if each.instruction.misplaced),
+                sum(each.executions for each in wide), late, _advice(loop, tallies),
+            )  # fmt: skip
+
+
+def _advice(loop: Loop, tallies: list[FetchTally]) -> str:
+    """Say what moves the run of misplaced instructions that waits most."""
+    ends = {each.instruction.address + each.instruction.size: each.instruction for each in tallies}
+    late: Counter[int] = Counter()
+    for each in tallies:
+        if each.late:
+            begin = each.instruction.address
+            while begin != loop[0] and begin in ends and ends[begin].misplaced:
+                begin = ends[begin].address
+            late[begin] += each.late
+    (begin, _), *others = late.most_common()
+    more = f"; {len(others)} more such run{'s' if len(others) > 1 else ''}" if others else ""
+    before = None if begin == loop[0] else ends.get(begin)
+    if before is None or before.size == 4:
+        return f"begin {begin:#010x} at a multiple of four (.balign 4, -falign-loops=4){more}"
+    return f"make {before.text!r} at {before.address:#010x} four bytes (.w){more}"

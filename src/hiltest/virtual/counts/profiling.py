@@ -1,0 +1,360 @@
+"""Profile of the cycles of one call: by function, source line, instruction, and kind of work or stall.
+
+The core counts each instruction on each path of calls, and splits its cost by the timing profile, so the tables add up
+to the total that was counted. What memories made instructions wait stands beside them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hiltest.measurement import CycleRange
+from hiltest.virtual.board.k64f import HANG_S, VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
+from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import Machine
+from hiltest.virtual.counts.cost_classes import STALL_NUMBERS, WORK_OF_ROW, Stall, Work
+from hiltest.virtual.counts.cycle_range import range_where_it_ran
+from hiltest.virtual.counts.placement import LEAST_SHARE, FetchTally, Loop, LoopPlacement, placements
+from hiltest.virtual.processor.cpu import Processor
+from hiltest.virtual.processor.slices import Slice
+from hiltest.virtual.program.elf import FirmwareImage, Symbol
+from hiltest.virtual.program.instructions import Instruction, decode
+
+_SRAM_U = 0x20000000
+_COLD = ".cold"  # the part of a function that the compiler moves away because it hardly ever runs
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionCost:
+    """Cost of one function.
+
+    Attributes
+    ----------
+    calls : int
+        How often it was entered.
+    cycles, self_cycles : int
+        Cycles with the functions that it called, and without.
+    instructions, stall_cycles : int
+        Its own.
+    """
+
+    name: str
+    calls: int
+    cycles: int
+    self_cycles: int
+    instructions: int
+    stall_cycles: int
+
+
+@dataclass(frozen=True, slots=True)
+class LineCost:
+    """Cost of one source line; code inlined from elsewhere counts where it was written."""
+
+    location: str
+    cycles: int
+    instructions: int
+    stall_cycles: int
+
+
+@dataclass(frozen=True, slots=True)
+class AddressCost:
+    """Cost of one instruction over all its executions; `cycles` includes `stall_cycles`."""
+
+    address: int
+    text: str
+    function: str
+    location: str
+    executions: int
+    cycles: int
+    stall_cycles: int
+
+
+@dataclass(frozen=True, slots=True)
+class StackCost:
+    """Cycles of the last function of a chain of calls, without those that it called."""
+
+    functions: tuple[str, ...]
+    cycles: int
+
+
+@dataclass(frozen=True, slots=True)
+class CallProfile(CallResult):
+    """Value and cost of a called function, and where its cycles went.
+
+    Attributes
+    ----------
+    function : str
+    cycle_model : str
+        Timing profile and placement of the code that ran: ``cortex-m4-trm/2@sram``.
+    work, stalls : mapping
+        Cycles of each class of instructions and of each cause of waiting; with
+        `asleep_cycles` they add up to `cycles`.
+    asleep_cycles : int
+        Cycles in which no instruction ran: WFI.
+    functions, lines, addresses, stacks : tuple
+        Most expensive first; `lines` is empty without debug information.
+    band : CycleRange or None
+        Uncertainty range of `cycles`; None when more than instructions took time,
+        and for code in flash by a profile that knows no memories.
+    memory_cycles : int or None
+        What accesses waited for, of no instruction in the tables; None when the timing profile knows no memories.
+    loops : tuple of LoopPlacement
+        Those whose instructions lie badly, the one that loses most first; none by a profile without rules of fetching.
+    """
+
+    function: str
+    cycle_model: str
+    work: Mapping[Work, int]
+    stalls: Mapping[Stall, int]
+    asleep_cycles: int
+    functions: tuple[FunctionCost, ...]
+    lines: tuple[LineCost, ...]
+    addresses: tuple[AddressCost, ...]
+    stacks: tuple[StackCost, ...]
+    band: CycleRange | None
+    memory_cycles: int | None = None
+    loops: tuple[LoopPlacement, ...] = ()
+
+    def share(self, cycles: int) -> float:
+        """Return a part of the total [%]."""
+        return 100.0 * cycles / self.cycles
+
+
+def profile_call(
+    board: VirtualK64F, function: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
+) -> CallProfile:
+    """Call one function of an image and find out where its cycles go.
+
+    Parameters
+    ----------
+    board : VirtualK64F
+    function : str
+        Its name.
+    *arguments, timeout_s, clock_hz
+        As `VirtualK64F.call` takes them.
+
+    Raises
+    ------
+    ConfigError
+        No such function, or arguments that do not fit it.
+    BoardFault
+        The function faulted or hung.
+    """
+    processor = board.processor
+    machine, core = processor.machine.handle, processor.core
+    symbol = board.image.symbols.get(function)
+    owners = _Owners(board.image, symbol)
+    ranges = ffi.new("struct machine_code_range[]", owners.ranges)
+    begin = symbol.address if symbol else 0
+    if not lib.machine_begin_profile(machine, begin, ranges, len(ranges)):
+        raise MemoryError
+    waited = core.memory_cycles
+    is_whole = False
+    try:
+        result = board.call(function, *arguments, timeout_s=timeout_s, clock_hz=clock_hz)
+    finally:
+        is_whole = lib.machine_end_profile(machine)
+    if not is_whole:
+        raise MemoryError
+    return _Sums(processor, owners).profile(function, result, core.memory_cycles - waited)
+
+
+class _Owners:
+    """Which function an address belongs to, and what it is called.
+
+    Attributes
+    ----------
+    ranges : list of (int, int, int)
+        First address of some code, the address behind it, and where the function begins that it is part of; in order.
+    """
+
+    def __init__(self, image: FirmwareImage, called: Symbol | None) -> None:
+        self.ranges: list[tuple[int, int, int]] = []
+        self._names = {called.address: called.name} if called else {}
+        starts = sorted({symbol.address for symbol in image.functions})
+        for start, following in itertools.pairwise([*starts, 1 << 32]):
+            symbol = image.function_at(start)
+            if symbol is None:
+                continue
+            owner = symbol
+            if _COLD in symbol.name:
+                owner = image.symbols.get(symbol.name.partition(_COLD)[0], symbol)
+            self.ranges.append((start, min(start + max(symbol.size, 2), following), owner.address))
+            self._names.setdefault(owner.address, owner.name)
+
+    def name(self, function: int) -> str:
+        """Return the name of the function that begins at an address; code without a symbol is named by that."""
+        return self._names.get(function, f"{function:#x}")
+
+
+class _Tally:
+    """A running sum of costs."""
+
+    __slots__ = ("cycles", "executions", "stall_cycles")
+
+    def __init__(self, cycles: int = 0) -> None:
+        self.executions, self.cycles, self.stall_cycles = 0, cycles, 0
+
+    def add(self, executions: int, cycles: int, stall_cycles: int) -> None:
+        """Add `executions` of something."""
+        self.executions += executions
+        self.cycles += cycles
+        self.stall_cycles += stall_cycles
+
+
+class _Path:
+    """A function as it was reached along one path of calls; `functions` has where each on the path begins."""
+
+    def __init__(self, described: Any, caller: tuple[int, ...]) -> None:
+        self.function: int = described.function
+        self.functions = (*caller, self.function)
+        self.entries: int = described.entries
+        self.asleep_cycles: int = described.idle_cycles
+        self.own = _Tally(self.asleep_cycles)
+
+
+class _Sums:
+    """Adds up what ran on all paths."""
+
+    def __init__(self, processor: Processor, owners: _Owners) -> None:
+        self._image, self._timing, self._memory = processor.image, processor.profile, processor.memory
+        self._owners = owners
+        self._paths = list(_read_paths(processor.machine))
+        self._work: Counter[Work] = Counter(dict.fromkeys(Work, 0))
+        self._stalls: Counter[Stall] = Counter(dict.fromkeys(Stall, 0))
+        self._loops: dict[int, Counter[Loop]] = {}
+        self._fetched: dict[int, dict[int, FetchTally]] = {}
+        self._addresses: dict[tuple[int, int], tuple[Instruction, _Tally]] = {}
+        for cost in _read_costs(processor.machine):
+            self._add(self._paths[cost.path - 1], cost)
+
+    def _add(self, path: _Path, cost: Any) -> None:
+        waits = {cause: cost.stall_cycles[number] for cause, number in STALL_NUMBERS.items()}
+        self._stalls.update(waits)
+        self._work[WORK_OF_ROW[ffi.string(lib.machine_row_name(cost.row)).decode()]] += cost.work_cycles
+        instruction, at_address = self._addresses.setdefault(
+            (path.function, cost.address), (self._decode(cost.address), _Tally())
+        )
+        stall_cycles = sum(waits.values())
+        for tally in (path.own, at_address):
+            tally.add(cost.executions, cost.work_cycles + stall_cycles, stall_cycles)
+        fetched = self._fetched.setdefault(path.function, {}).setdefault(cost.address, FetchTally(instruction))
+        fetched.executions += cost.executions
+        fetched.late += waits[Stall.FETCH]
+        if cost.jumps and instruction.target is not None and instruction.jumps_back(cost.address):
+            self._loops.setdefault(path.function, Counter())[instruction.target, cost.address] += cost.jumps
+
+    def _decode(self, address: int) -> Instruction:
+        try:
+            code = self._memory.read(address, 4)
+        except ValueError:  # a memory ends there
+            code = self._memory.read(address, 2)
+        return decode(address, code)[0]
+
+    def profile(self, function: str, result: CallResult, memory_cycles: int) -> CallProfile:
+        """Make the tables."""
+        root = self._paths[0]
+        beside = result.cycles - memory_cycles - sum(path.own.cycles for path in self._paths)  # on the way to a handler
+        root.asleep_cycles += beside
+        root.own.cycles += beside
+        nothing: list[Slice] = []
+        executed = ([result.executed], nothing) if result.executed else None
+        addresses = tuple(sorted(self._address_costs(), key=lambda cost: (-cost.cycles, cost.address)))
+        return CallProfile(
+            result.value, result.cycles, result.instructions, result.clock_hz, function, self._cycle_model,
+            self._work, self._stalls, sum(path.asleep_cycles for path in self._paths),
+            functions=tuple(sorted(self._function_costs(), key=lambda cost: (-cost.self_cycles, cost.name))),
+            lines=tuple(sorted(_line_costs(addresses), key=lambda cost: (-cost.cycles, cost.location))),
+            addresses=addresses, stacks=tuple(sorted(self._stacks(), key=lambda cost: (-cost.cycles, cost.functions))),
+            band=range_where_it_ran(self._timing, self._cycle_model, result.cycles, executed),
+            memory_cycles=memory_cycles if self._timing.memory else None,
+            loops=tuple(self._placements(LEAST_SHARE * result.cycles)),
+        )  # fmt: skip
+
+    def _placements(self, least: float) -> list[LoopPlacement]:
+        loops = [
+            loop for function, turns in self._loops.items()
+            for loop in placements(self._names[function], turns, self._fetched[function], self._image)
+        ]
+        return sorted((loop for loop in loops if loop.cycles >= least), key=lambda loop: (-loop.cycles, loop.address))
+
+    @property
+    def _names(self) -> dict[int, str]:
+        """Names of functions; static ones of the same name are told apart by their addresses."""
+        names = {path.function: self._owners.name(path.function) for path in self._paths}
+        often = Counter(names.values())
+        return {function: name if often[name] == 1 else f"{name}@{function:#x}" for function, name in names.items()}
+
+    @property
+    def _cycle_model(self) -> str:
+        """Timing profile and the memories that the code ran from, the one with the most cycles first."""
+        cycles: Counter[str] = Counter()
+        for (_, address), (_, tally) in self._addresses.items():
+            in_flash = self._memory.map.in_flash(address)
+            cycles["flash" if in_flash else "sram" if address < _SRAM_U else "sram_u"] += tally.cycles
+        return f"{self._timing.name}@{'+'.join(name for name, _ in cycles.most_common())}"
+
+    def _address_costs(self) -> Iterator[AddressCost]:
+        for (function, address), (instruction, tally) in self._addresses.items():
+            yield AddressCost(
+                address, instruction.text, self._owners.name(function), self._image.location_at(address),
+                tally.executions, tally.cycles, tally.stall_cycles,
+            )  # fmt: skip
+
+    def _function_costs(self) -> Iterator[FunctionCost]:
+        own: dict[int, _Tally] = {}
+        inclusive: Counter[int] = Counter()
+        calls: Counter[int] = Counter()
+        for path in self._paths:
+            calls[path.function] += path.entries
+            tally = path.own
+            own.setdefault(path.function, _Tally()).add(tally.executions, tally.cycles, tally.stall_cycles)
+            # A recursive function is on the path more than once, and its cycles count once.
+            for function in set(path.functions):
+                inclusive[function] += tally.cycles
+        names = self._names
+        for function, tally in own.items():
+            yield FunctionCost(
+                names[function], calls[function], inclusive[function], tally.cycles, tally.executions,
+                tally.stall_cycles,
+            )  # fmt: skip
+
+    def _stacks(self) -> Iterator[StackCost]:
+        for path in self._paths:
+            if path.own.cycles:
+                yield StackCost(tuple(map(self._owners.name, path.functions)), path.own.cycles)
+
+
+def _read_paths(machine: Machine) -> Iterator[_Path]:
+    callers: list[tuple[int, ...]] = [()]
+    for number in itertools.count(1):
+        described = lib.machine_path(machine.handle, number)
+        if described == ffi.NULL:
+            return
+        path = _Path(described, callers[described.caller])
+        callers.append(path.functions)
+        yield path
+
+
+def _read_costs(machine: Machine) -> Iterator[Any]:
+    for number in itertools.count():
+        cost = lib.machine_cost(machine.handle, number)
+        if cost == ffi.NULL:
+            return
+        yield cost
+
+
+def _line_costs(addresses: tuple[AddressCost, ...]) -> Iterator[LineCost]:
+    """Sum by source line; nothing if no line is known."""
+    lines: dict[str, _Tally] = {}
+    for cost in addresses:
+        lines.setdefault(cost.location, _Tally()).add(cost.executions, cost.cycles, cost.stall_cycles)
+    if any(lines):
+        for location, tally in lines.items():
+            yield LineCost(location or "no line known", tally.cycles, tally.executions, tally.stall_cycles)

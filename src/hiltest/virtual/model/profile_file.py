@@ -1,0 +1,310 @@
+"""Timing profiles in files: those that ship in the package, and a user's own, checked before use."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from hiltest.errors import ConfigError, UnknownKeyError
+from hiltest.strict_json import read_bounded, shown
+from hiltest.virtual.model.timing import CostRow, TimingProfile
+
+DEFAULT_PROFILE = "cortex-m4-trm/2"
+#: Has the memories of the K64F, and the default profile's instructions.
+MEMORY_PROFILE = "cortex-m4-k64f/2"
+SUFFIX = ".toml"
+
+#: Every row of a profile, and what it prices.
+ROWS = {
+    "data": "moves, arithmetic, logic, shifts, saturation, SIMD, multiplies, long and accumulating ones too",
+    "divide": "SDIV, UDIV",
+    "load": "LDR and narrower",
+    "load_behind_load": "a load right behind a load that does not make its address",
+    "store": "STR and narrower, immediate offset",
+    "store_register_offset": "STR and narrower, register offset",
+    "store_behind_load": "an immediate-offset store right behind a load",
+    "load_behind_store": "added to a load right behind a store",
+    "multiple_base": "LDM, STM, PUSH, POP, LDRD, STRD, VLDM, VSTM: beside 1 a word",
+    "branch": "the branch itself, taken or not",
+    "refill_direct": "added when a branch to a fixed target is taken",
+    "refill_indirect": "added when the target comes from a register or memory",
+    "table_branch": "TBB, TBH, before the refill",
+    "it": "IT",
+    "barrier": "DMB, DSB, ISB",
+    "system": "MRS, MSR, CPS, SVC, WFI, SEV, NOP",
+    "exclusive": "LDREX, STREX and narrower",
+    "fp": "VADD, VSUB, VMUL, VNMUL, VNEG, VABS, VCMP, VCVT, VMOV, VMRS, VMSR",
+    "fp_use": "added when the next instruction uses a floating-point result",
+    "fp_accumulate": "VMLA, VMLS, VFMA, VFMS and their negations",
+    "fp_accumulate_hidden": "how many of those cycles go on under integer instructions",
+    "fp_divide": "how long VDIV and VSQRT keep the FPU busy",
+    "fp_divide_use": "from VDIV or VSQRT until its result can be used",
+    "fp_load": "VLDR",
+    "fp_store": "VSTR",
+    "fp_move_pair": "VMOV between two core registers and two single ones",
+    "exception_entry": "exception entry",
+    "exception_return": "exception return",
+}
+#: Rows that a profile may have or not, and what each prices; without one its rule does not hold.
+RULES = {
+    "address_use": "added when an address is made of what the data-processing instruction right before computed",
+    "it_folded": "IT behind an instruction of two bytes",
+    "it_skipped": "an instruction of an IT block whose condition does not hold; without this row, as if executed",
+    "target_misplaced": "added when a taken branch leads to four bytes that are not at a multiple of four",
+    "return_misplaced": "the same, when the target comes from a register or memory",
+    "refill_table": "instead of refill_indirect: TBB, TBH",
+    "refill_load": "instead of refill_indirect: LDR to the PC",
+    "fetch_late": "the third of three instructions of four bytes, none at a multiple of four, behind one of two cycles",
+    "fetch_late_fp": "the same behind a floating-point instruction of one cycle",
+    "fetch_late_integer": "the same behind an integer instruction of one cycle",
+    "tail_chain": "instead of a return and an entry, where an exception waits when a handler ends",
+    "fp_frame": "added when a frame's floating-point registers are saved, at once or lazily, and restored",
+    "doubt_permille": "thousandths of any count by which it may be wrong where every row is right",
+}
+#: Every row of what the memories add, and what it says.
+MEMORY_ROWS = {
+    "flash_clocks": "core clocks of one clock of the flash",
+    "flash_line_bytes": "what one read of the flash brings",
+    "flash_read_ahead": "whether the next line is read at once",
+    "cache_entry_bytes": "size of an entry of the flash cache",
+    "cache_ways": "entries of a set of it",
+    "cache_sets": "sets of it",
+    "lower_single": "hundredths of a clock: LDR, STR, code and data in SRAM_L",
+    "lower_multiple": "hundredths of a clock: LDM, STM, code and data in SRAM_L",
+    "upper_single": "hundredths of a clock: LDR, STR, code and data in SRAM_U",
+    "upper_multiple": "hundredths of a clock: LDM, STM, code and data in SRAM_U",
+    "flash_lower_single": "hundredths of a clock: LDR, STR, code in flash, data in SRAM_L",
+    "flash_lower_multiple": "hundredths of a clock: LDM, STM, code in flash, data in SRAM_L",
+    "flash_uncertainty": "percent of a total of code in flash",
+}
+#: Rows of memories that a profile may have or not.
+MEMORY_RULES = {"unaligned": "added for each part but the first of an access at no multiple of its size"}
+#: The least that a row can be, where that is more than 0. A branch to itself must take time, or it would never meet the
+#: event that ends it; what a read of the flash brings has whole words in it.
+AT_LEAST = {
+    "branch": 1, "fp_accumulate": 1, "fp_divide": 1, "flash_clocks": 1, "flash_line_bytes": 4, "cache_entry_bytes": 4,
+    "cache_ways": 1, "cache_sets": 1,
+}  # fmt: skip
+_DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
+_AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100, "cache_ways": 16, "cache_sets": 64}  # as core/waits.h
+_POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
+_LARGEST_FILE = 64 * 1024
+_TABLES = ("name", "base", "memory_base", "cost", "memory", "board", "measured")  # the last two price nothing
+_KEYS = ("value", "band", "source", "against")
+_NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
+#: A profile that has each table's rows.
+_WITH_ROWS = {"cost": DEFAULT_PROFILE, "memory": MEMORY_PROFILE}
+
+
+def _otherwise(table: str = "cost") -> str:
+    return (
+        f'write base = "{_WITH_ROWS[table]}" below its name, and only the rows that you know better; or start from '
+        "a copy of a profile that ships: `hiltest timing show` says which file"
+    )
+
+
+@cache
+def shipped_profiles() -> dict[str, Path]:
+    """Return the profiles that ship with the package: name and file."""
+    folder = Path(str(resources.files("hiltest.virtual.model"))) / "profiles"
+    files = sorted([*folder.glob(f"*{SUFFIX}"), *folder.glob(f"silicon/*{SUFFIX}")])
+    return {tomllib.loads(file.read_text(encoding="utf-8"))["name"]: file for file in files}
+
+
+def load_profile(name: str) -> TimingProfile:
+    """Return a timing profile.
+
+    Parameters
+    ----------
+    name : str
+        Name of a packaged profile, or a file of one's own, which ends in ``.toml``.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of that name, or the file is no timing profile; the message says where and what to do.
+    """
+    file = place_of(name)
+    content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
+    return _profile_of(str(file), content, shipped=file in shipped_profiles().values())
+
+
+def measured_file(file: Path) -> tuple[dict[str, Any], str, dict[str, CostRow]]:
+    """Read a profile that may have been measured.
+
+    Returns
+    -------
+    content : dict
+        All that the file has, of which ``board`` and ``measured`` are as anybody may have written them.
+    name : str
+    rows : dict of str to CostRow
+
+    Raises
+    ------
+    ConfigError
+        If it is no timing profile.
+    """
+    content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
+    name, rows, _ = _parsed(str(file), content)
+    return tomllib.loads(content.decode("utf-8")), name, rows
+
+
+def place_of(name: str) -> Path:
+    """Return the file of a profile; it is there when the profile is one that ships.
+
+    Raises
+    ------
+    ConfigError
+        If it is neither a profile that ships nor the name of a file.
+    """
+    if name.endswith(SUFFIX):
+        return Path(name)
+    file = shipped_profiles().get(name)
+    if file is None:
+        known = ", ".join(shipped_profiles())
+        raise ConfigError(f"no timing profile {name!r}; known: {known}; a file of your own ends in {SUFFIX}")
+    return file
+
+
+@cache
+def _profile_of(place: str, content: bytes, *, shipped: bool) -> TimingProfile:
+    # The same content gives the same object: priced blocks are kept by it.
+    return TimingProfile(*_parsed(place, content), shipped=shipped)
+
+
+def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[str, CostRow]]:
+    """Return name, cost rows and memory rows; those that are not given are the base's, where one is named."""
+    try:
+        data = tomllib.loads(content.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_otherwise()}") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(f"{place}: not TOML: {error}; {_otherwise()}") from error
+    for key in sorted(data.keys() - set(_TABLES)):
+        raise UnknownKeyError(key, where=place, known=_TABLES)
+    name = data.get("name")
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise ConfigError(
+            f"{place}: name: small letters, digits, '.', '-' and '/', at most 64, not {shown(name)}; "
+            'write for example name = "my-board/1"'
+        )
+    rows, memory = _base(place, name, data["base"]) if "base" in data else ({}, {})
+    if "memory_base" in data:
+        _, memory = _base(place, name, data["memory_base"], key="memory_base")
+    if "cost" in data or not rows:
+        rows = _table(place, "cost", data.get("cost"), ROWS, rows, RULES)
+    if "memory" in data:
+        memory = _table(place, "memory", data["memory"], MEMORY_ROWS, memory, MEMORY_RULES)
+    _check_division(place, rows)
+    _check_accumulation(place, rows, own="fp_accumulate_hidden" in data.get("cost", {}))
+    _check_cache(place, memory)
+    _check_sums(place, rows)
+    return name, rows, memory
+
+
+def _base(
+    place: str, name: str, base: Any, *, key: str = "base"
+) -> tuple[dict[str, CostRow], dict[str, CostRow]]:
+    if not isinstance(base, str) or base not in shipped_profiles() or base == name:
+        known = ", ".join(each for each in shipped_profiles() if each != name)
+        raise ConfigError(f"{place}: {key}: must be a profile that ships: {known}; not {shown(base)}")
+    profile = load_profile(base)
+    return profile.rows, profile.memory
+
+
+def _table(
+    place: str, table: str, given: Any, known: Mapping[str, str], base: dict[str, CostRow],
+    optional: Mapping[str, str] | None = None,
+) -> dict[str, CostRow]:
+    if not isinstance(given, dict):
+        raise ConfigError(f"{place}: it has no table [{table}.ROW]; {_otherwise(table)}")
+    every = (*known, *(optional or ()))
+    for key in sorted(given.keys() - set(every)):
+        raise UnknownKeyError(key, where=f"{place}: {table}", known=every)
+    if missing := [row for row in known if row not in given and row not in base]:
+        raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_otherwise(table)}")
+    return {
+        row: _row(f"{place}: {table}.{row}", row, given[row]) if row in given else base[row]
+        for row in every if row in given or row in base
+    }
+
+
+def _row(place: str, row: str, given: Any) -> CostRow:
+    if not isinstance(given, dict):
+        raise ConfigError(f"{place}: must be a table of value, band and source, not {shown(given)}")
+    for key in sorted(given.keys() - set(_KEYS)):
+        raise UnknownKeyError(key, where=place, known=_KEYS)
+    band, source = given.get("band"), given.get("source")
+    if not isinstance(band, list) or len(band) != 2:
+        raise ConfigError(f"{place}.band: must be the lowest and the highest cycles, such as [2, 3], not {shown(band)}")
+    value = _cycles(f"{place}.value", row, given.get("value"))
+    low, high = (_cycles(f"{place}.band", row, bound) for bound in band)
+    if not low <= value <= high:
+        raise ConfigError(f"{place}.band: {low} to {high} does not hold the value {value}; correct one of them")
+    if not isinstance(source, str) or not 0 < len(source.strip()) <= 500:
+        raise ConfigError(f"{place}.source: must say in up to 500 characters where the number comes from")
+    if not source.isprintable():  # it is shown at a terminal, which would obey some of the others
+        raise ConfigError(f"{place}.source: must be one line of printable characters, not {shown(source)}")
+    against = given.get("against", "")
+    if against != "" and (against not in ROWS or against == row):
+        raise ConfigError(f"{place}.against: must be another row that it sums up with, not {shown(against)}")
+    return CostRow(value, (low, high), source, against)
+
+
+def _cycles(place: str, row: str, given: Any) -> int:
+    least, most = AT_LEAST.get(row, 0), _AT_MOST.get(row, _DEAREST)
+    if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
+        what = "whole cycles" if row not in MEMORY_ROWS else "a whole number"
+        raise ConfigError(f"{place}: must be {what} from {least} to {most}, not {shown(given)}")
+    if row in _POWERS_OF_TWO and given & (given - 1):
+        raise ConfigError(f"{place}: must be a power of two, not {given}")
+    return given
+
+
+def _check_division(place: str, rows: dict[str, CostRow]) -> None:
+    busy, use = rows["fp_divide"], rows["fp_divide_use"]
+    if not all(0 <= late <= 1 for late in _lateness(busy, use)):
+        raise ConfigError(
+            f"{place}: cost.fp_divide_use must be fp_divide or one cycle more, as must the ends of their bands: "
+            "the result is usable when the FPU is free, or a cycle later"
+        )
+
+
+def _check_accumulation(place: str, rows: dict[str, CostRow], *, own: bool) -> None:
+    """Refuse more hidden cycles than there can be; a base's range may reach further, and is cut."""
+    dearest, hidden = rows["fp_accumulate"].band[1], rows["fp_accumulate_hidden"]
+    if hidden.value >= dearest or (own and hidden.band[1] >= dearest):
+        raise ConfigError(
+            f"{place}: cost.fp_accumulate_hidden and its band must be less than {dearest}, the end of fp_accumulate's "
+            "band: the cycle in which it is issued is never hidden"
+        )
+
+
+def _check_cache(place: str, memory: dict[str, CostRow]) -> None:
+    if memory and memory["cache_entry_bytes"].value > memory["flash_line_bytes"].value:
+        raise ConfigError(
+            f"{place}: memory.cache_entry_bytes must be at most flash_line_bytes: an entry is of one read of the flash"
+        )
+
+
+def _lateness(busy: CostRow, use: CostRow) -> Iterator[int]:
+    for at_busy, at_use in ((busy.value, use.value), *zip(busy.band, use.band, strict=True)):
+        yield at_use - at_busy
+
+
+def _check_sums(place: str, rows: dict[str, CostRow]) -> None:
+    for name, row in rows.items():
+        if not row.against:
+            continue
+        other = rows[row.against]
+        sums = {row.value + other.value, row.band[0] + other.band[1], row.band[1] + other.band[0]}
+        if len(sums) > 1:
+            raise ConfigError(
+                f"{place}: cost.{name}.against: with {row.against} it sums to {min(sums)} to {max(sums)} cycles; "
+                "opposite ends of the two bands must sum to what the values do"
+            )

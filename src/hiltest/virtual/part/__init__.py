@@ -1,0 +1,1 @@
+"""The tables of the chip: memories, peripherals, registers and pins."""

@@ -1,0 +1,107 @@
+"""Flash as its controller works on it: erased by sectors, programmed by phrases, kept in a file from run to run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+from hiltest.strict_json import read_bounded
+from hiltest.virtual.processor.cpu import Processor
+from hiltest.virtual.processor.memory import FLASH
+from hiltest.virtual.program.elf import LoadSegment
+
+SECTOR, BLOCK, SIZE = 0x1000, 0x80000, FLASH[1]
+PHRASE, RECORDS = 8, 8
+ERASED = b"\xff"
+
+
+class FlashArray:
+    """The two blocks of flash, and the field of records that can be programmed once.
+
+    Parameters
+    ----------
+    processor : Processor
+        Runs code from it.
+    file : str or Path, optional
+        Holds the flash from run to run: its 1 MiB, then the records. It is made when it is not there.
+
+    Attributes
+    ----------
+    once : bytearray
+        The records.
+    """
+
+    def __init__(self, processor: Processor, file: str | Path | None = None) -> None:
+        self.once = bytearray(ERASED * (PHRASE * RECORDS))
+        self._memory = processor.memory
+        self._file = None if file is None else Path(file)
+
+    def read(self, address: int, size: int) -> bytes:
+        """Read a part of it."""
+        return self._memory.read(address, size)
+
+    def is_erased(self, address: int, size: int) -> bool:
+        """Whether every bit of a part is one."""
+        return self.read(address, size) == ERASED * size
+
+    def erase(self, address: int, size: int) -> None:
+        """Set every bit of a part."""
+        self._change(address, ERASED * size)
+
+    def program(self, address: int, data: bytes) -> bool:
+        """Clear bits; return whether it holds the data then, as it does where it was erased."""
+        held = bytes(old & new for old, new in zip(self.read(address, len(data)), data, strict=True))
+        self._change(address, held)
+        return held == data
+
+    def program_once(self, record: int, data: bytes) -> None:
+        """Program a record."""
+        self.once[PHRASE * record : PHRASE * (record + 1)] = data
+        self._save(SIZE + PHRASE * record, data)
+
+    def _change(self, address: int, data: bytes) -> None:
+        self._memory.write(address, data)
+        self._save(address, data)
+
+    # -- from run to run ----------------------------------------------------------------------
+
+    def power_on(self, segments: Iterable[LoadSegment]) -> None:
+        """Take what the file holds, but for the sectors that a segment of the image is in: those are as loaded."""
+        if self._file is None:
+            return
+        kept = b""
+        if self._file.exists():
+            whole = SIZE + len(self.once)
+            kept = read_bounded(
+                self._file, largest_bytes=whole, otherwise="name a file that a board's flash was kept in"
+            )
+            if len(kept) != whole:
+                raise ConfigError(f"{self._file} has {len(kept)} bytes; the flash and its records have {whole}")
+        if kept:
+            self._restore(kept, segments)
+        try:
+            self._file.write_bytes(self.read(0, SIZE) + self.once)
+        except OSError as error:
+            raise ConfigError(f"{self._file}: {error.strerror}") from error
+
+    def _restore(self, kept: bytes, segments: Iterable[LoadSegment]) -> None:
+        loaded = {
+            sector
+            for segment in segments
+            if segment.data
+            for sector in range(segment.address // SECTOR, (segment.address + len(segment.data) - 1) // SECTOR + 1)
+        }
+        for sector in set(range(SIZE // SECTOR)) - loaded:
+            self._memory.write(sector * SECTOR, kept[sector * SECTOR : (sector + 1) * SECTOR])
+        self.once[:] = kept[SIZE:]
+
+    def _save(self, position: int, data: bytes) -> None:
+        if self._file is None:
+            return
+        try:
+            with self._file.open("r+b") as file:
+                file.seek(position)
+                file.write(data)
+        except OSError as error:
+            raise ConfigError(f"{self._file}: {error.strerror}") from error

@@ -1,0 +1,67 @@
+"""The processor's own peripherals, NVIC, SCB and SysTick, as Python sees them: the core's library has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.peripherals.bus import ALL_STEADY
+from hiltest.virtual.peripherals.core_device import CoreDevice
+from hiltest.virtual.peripherals.dwt import CycleCounter
+from hiltest.virtual.processor.clock import Clock
+from hiltest.virtual.processor.cpu import Processor
+
+_BASE, _SYSTICK = 0xE000E000, 0xE000E010
+_CVR, _CALIB = 0x18, 0x1C  # of SysTick
+
+
+class SystemControlSpace(CoreDevice):
+    """The page at 0xE000E000: SysTick, NVIC and SCB.
+
+    Parameters
+    ----------
+    processor : Processor
+        Processor that the registers belong to.
+    core : Clock
+        The core clock, which SysTick counts.
+    counter : CycleCounter
+        Is enabled by DEMCR.
+    request_reset : callable
+        Called when AIRCR asks for a system reset.
+    """
+
+    counters = frozenset(range(_CVR, _CALIB))
+    steady = frozenset(ALL_STEADY) - counters
+
+    def __init__(
+        self, processor: Processor, core: Clock, counter: CycleCounter, request_reset: Callable[[], None]
+    ) -> None:
+        @ffi.callback("void(void *)")  # type: ignore[untyped-decorator]
+        def on_request(_context: Any) -> None:
+            try:
+                request_reset()
+            except BaseException as error:  # the library cannot pass it on; `abort` has it raised again
+                processor.abort(error)
+
+        @ffi.callback("void(void *, bool)")  # type: ignore[untyped-decorator]
+        def on_trace(_context: Any, enabled: bool) -> None:
+            try:
+                counter.enable_trace(enabled)
+            except BaseException as error:  # as above
+                processor.abort(error)
+
+        machine = processor.machine
+        self._told = on_request, on_trace  # the library keeps only the pointers
+        connections = ffi.new("struct machine_system_control *", (*self._told, ffi.NULL))
+        if not (
+            lib.machine_add_systick(machine.handle, core.number_in(machine))
+            and lib.machine_add_system_control(machine.handle, connections[0])
+        ):
+            raise MemoryError
+        super().__init__(machine, "SCS", _BASE)
+
+    def reset(self) -> None:
+        """State after a processor reset."""
+        super().reset()
+        lib.machine_reset_device(self._handle, _SYSTICK)

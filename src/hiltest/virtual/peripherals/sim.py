@@ -1,0 +1,164 @@
+"""SIM: which clocks run, how fast, and which peripherals have one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from fractions import Fraction
+
+from hiltest.virtual.part.chip import mk64f12
+from hiltest.virtual.part.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
+from hiltest.virtual.peripherals.mcg import IRC48M_HZ, OSCILLATOR_HZ, RTC_HZ, ClockGenerator
+from hiltest.virtual.processor.clock import PICOSECONDS, Clock
+from hiltest.virtual.processor.cpu import Processor
+
+_SOPT1, _SOPT2, _CLKDIV1 = 0x000, 0x004, 0x044
+_SCGC_FIRST, _SCGC_LAST = 0x028, 0x040  # SCGC1..SCGC7 in the page at 0x40048000
+_LOW_POWER_OSCILLATOR_HZ = 1000
+
+
+class ClockGates(StoredRegisters):
+    """SIM, second page: clock gates, dividers, identification.
+
+    Parameters
+    ----------
+    processor : Processor
+        Time.
+    generator : ClockGenerator
+        Where the core clock comes from.
+
+    Attributes
+    ----------
+    core, bus, flexbus, flash : Clock
+        From MCGOUTCLK by the dividers.
+    pll_fll : Clock
+        MCGPLLCLK, MCGFLLCLK or IRC48M, as SOPT2 selects.
+    internal, fixed : Clock
+        MCGIRCLK and MCGFFCLK.
+    oscillator, rtc, low_power : Clock
+        OSCERCLK, 32.768 kHz, and the 1 kHz that always runs.
+    time : Clock
+        Virtual time in picoseconds since power-on.
+    options : StoredRegisters
+        SIM, first page.
+    on_gates : callable
+        Told that gates may have opened or closed.
+    """
+
+    def __init__(self, processor: Processor, generator: ClockGenerator) -> None:
+        self._processor = processor
+        self._generator = generator
+        self.core, self.bus, self.flexbus, self.flash = self._clocks(4)
+        self.pll_fll, self.internal, self.fixed = self._clocks(3)
+        self.oscillator, self.rtc, self.low_power, self.time = self._clocks(4)
+        self._none = self._clocks(1)[0]
+        self._rates: dict[Clock, Fraction] = {}
+        self._made_core_hz = Fraction(0)
+        self.options = StoredRegisters("SIM (SOPT)", 0x40047000, mk64f12().reset_bytes(0x40047000))
+        self._crystal_runs = False
+        self._stopped: set[Clock] = set()
+        generator.on_change = self._derive
+        self._gated: list[tuple[Peripheral, list[tuple[int, int]]]] = []
+        self.on_gates: Callable[[], None] = lambda: None
+        # UIDH, UIDMH, UIDML, UIDL: words in that order, each with its lowest byte first.
+        unique = {0x054 + (index ^ 3): byte for index, byte in enumerate(VIRTUAL_UNIQUE_ID)}
+        super().__init__("SIM", 0x40048000, mk64f12().reset_bytes(0x40048000) | unique)
+
+    def _clocks(self, count: int) -> list[Clock]:
+        return [Clock(self._processor.schedule, self._processor.now) for _ in range(count)]
+
+    def gate(self, peripheral: Peripheral, gates: Iterable[tuple[int, int]]) -> None:
+        """Clock a peripheral while any of these bits of SCGC registers (1..7) is set; always, if there are none."""
+        bits = [(_SCGC_FIRST + 4 * (register - 1), bit) for register, bit in gates]
+        if bits:
+            self._gated.append((peripheral, bits))
+            self._open_gates()
+
+    def reset(self) -> None:
+        """Close every gate but those that are open out of reset."""
+        self._stopped = set()
+        super().reset()
+        self._derive()
+        self._open_gates()
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Keep the value; open and close gates."""
+        super().write(offset, size, value)
+        if _SCGC_FIRST <= offset <= _SCGC_LAST + 3:
+            self._open_gates()
+        else:
+            self._derive()
+
+    def _open_gates(self) -> None:
+        for peripheral, bits in self._gated:
+            peripheral.clocked = any(self.word(register) >> bit & 1 for register, bit in bits)
+        self.on_gates()
+
+    # -- rates --------------------------------------------------------------------------------
+
+    @property
+    def core_hz(self) -> float:
+        """Core and system clock [Hz]."""
+        return float(self.core.hz)
+
+    @property
+    def bus_hz(self) -> float:
+        """Bus clock [Hz]."""
+        return float(self.bus.hz)
+
+    def time_s(self) -> float:
+        """Virtual time since power-on, inside a peripheral's access too [s]."""
+        return self.time.now() / PICOSECONDS
+
+    @property
+    def crystal_runs(self) -> bool:
+        """Whether the RTC has switched its oscillator on."""
+        return self._crystal_runs
+
+    @crystal_runs.setter
+    def crystal_runs(self, runs: bool) -> None:
+        self._crystal_runs = runs
+        self._derive()
+
+    def stop(self, *, external_runs: bool) -> None:
+        """Let core, bus and all that the generator makes stand still, as in STOP; OSCERCLK as OSC_CR says."""
+        self._stopped = {self.core, self.bus, self.flexbus, self.flash, self.pll_fll, self.fixed}
+        self._stopped |= set() if self._generator.internal_runs_in_stop else {self.internal}
+        self._stopped |= set() if external_runs else {self.oscillator}
+        self._derive()
+
+    def go_on(self, *, from_stop: bool) -> None:
+        """Let all clocks run again; the PLL has lost its lock, unless it was kept in STOP."""
+        self._stopped = set()
+        self._generator.leave_stop(keeps_pll=from_stop)
+        self._derive()
+
+    @property
+    def slow_external(self) -> Clock:
+        """ERCLK32K, as SOPT1 selects; the system oscillator's 50 MHz are not for it."""
+        return {2: self.rtc, 3: self.low_power}.get(self.options.word(_SOPT1) >> 18 & 3, self._none)
+
+    def _derive(self) -> None:
+        """Find every rate; those that have changed hold from now on."""
+        made, dividers, source = self._generator, self.word(_CLKDIV1), self.word(_SOPT2) >> 16 & 3
+        rates = {
+            divided: made.output_hz / ((dividers >> shift & 0xF) + 1)
+            for divided, shift in ((self.core, 28), (self.bus, 24), (self.flexbus, 20), (self.flash, 16))
+        }
+        rates |= {
+            self.pll_fll: {0: made.fll_hz, 1: made.pll_hz}.get(source, Fraction(IRC48M_HZ)),
+            self.internal: made.internal_hz if made.internal_runs else Fraction(0),
+            self.fixed: made.reference_hz, self.oscillator: Fraction(OSCILLATOR_HZ),
+            self.rtc: Fraction(RTC_HZ if self._crystal_runs else 0),
+            self.low_power: Fraction(_LOW_POWER_OSCILLATOR_HZ), self.time: Fraction(PICOSECONDS),
+        }  # fmt: skip
+        made_core_hz = rates[self.core]  # time is counted in its cycles, also while it stands still
+        rates |= dict.fromkeys(self._stopped, Fraction(0))
+        if rates == self._rates and made_core_hz == self._made_core_hz:
+            return
+        self._made_core_hz = made_core_hz
+        self._rates = rates
+        now = self._processor.now()
+        for clock, hz in rates.items():
+            clock.run_at(hz, made_core_hz, now)
+        self._processor.schedule.replan()

@@ -1,0 +1,148 @@
+"""WDOG: resets the part when firmware neither serves it nor switches it off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from hiltest.virtual.part.chip import mk64f12
+from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
+from hiltest.virtual.peripherals.sim import ClockGates
+from hiltest.virtual.processor.clock import Clock
+from hiltest.virtual.processor.schedule import Event
+
+_BASE = 0x40052000
+_STCTRLH, _TOVALH, _TOVALL, _WINH, _WINL, _REFRESH, _UNLOCK = 0x00, 0x04, 0x06, 0x08, 0x0A, 0x0C, 0x0E
+_TMROUTH, _TMROUTL, _RSTCNT, _PRESC = 0x10, 0x12, 0x14, 0x16
+_WDOGEN, _CLKSRC, _WINEN, _TESTWDOG = 1, 2, 8, 0x400
+_UNLOCKING, _REFRESHING = [0xC520, 0xD928], [0xA602, 0xB480]
+_LOW_POWER_OSCILLATOR_HZ = 1000
+_WINDOW_BUS_CLOCKS = 256  # WCT: so long may be set up, register by register; then all of it counts
+
+
+class Watchdog(StoredRegisters):
+    """The watchdog timer.
+
+    It is not as strict as the part: its windows for set-up and for the second word of a sequence are open all
+    the time, a wrong word is no reset, there is no interrupt before the reset (IRQRSTEN), and a test of its
+    bytes takes as long as the quick test.
+
+    Parameters
+    ----------
+    clocks : ClockGates
+        It counts the bus clock, or a low-power oscillator of 1 kHz.
+    bite : callable
+        Called when its time is over; resets the part.
+    """
+
+    counters = frozenset(range(_TMROUTH, _RSTCNT))
+    steady = frozenset(ALL_STEADY) - counters
+
+    def __init__(self, clocks: ClockGates, *, bite: Callable[[], None]) -> None:
+        self._clocks = clocks
+        self._bite = bite
+        self._event: Event | None = None
+        self._resets = 0
+        super().__init__("WDOG", _BASE, mk64f12().reset_bytes(_BASE))
+
+    def power_on(self) -> None:
+        """Forget how often it has reset the part."""
+        self._resets = 0
+
+    def reset(self) -> None:
+        """Return to the state after a chip reset, not counting yet."""
+        super().reset()
+        self._unlock: list[int] = []
+        self._refresh: list[int] = []
+        self._since = 0  # in ticks of the clock that it counts
+        if self._event is not None:
+            self._event.cancel()
+            self._event = None
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it will reset the part if it is not served."""
+        return bool(self._bytes[_STCTRLH] & _WDOGEN)
+
+    def start(self) -> None:
+        """Count from nothing again."""
+        self._since = self._clock.now()
+        # Served more often than it is due, it is not planned anew: `_look` comes too early then, and once again.
+        if self.enabled and self._event is None:
+            self._plan()
+
+    def _plan(self) -> None:
+        # Nothing waits for a watchdog: what sleeps for ever or loops to itself is a hang, reported at once.
+        self._event = self._clock.at(self._due, self._look, wakes=False)
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer registers; TMROUT is the count now, RSTCNT how often it has reset the part."""
+        if offset in (_TMROUTH, _TMROUTL):
+            count = self._count if self.enabled else 0
+            return count >> 16 if offset == _TMROUTH else count & 0xFFFF
+        return self._resets if offset == _RSTCNT else super().read(offset, size)
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take a write; STCTRLH only after the unlock sequence."""
+        if offset == _UNLOCK:
+            self._unlock = [*self._unlock[-1:], value]
+        elif offset == _REFRESH:
+            self._refresh = [*self._refresh[-1:], value]
+            if self._refresh == _REFRESHING:
+                self._serve()
+        elif offset == _RSTCNT:
+            self._resets &= ~value
+        elif offset != _STCTRLH or self._unlock == _UNLOCKING:
+            super().write(offset, size, value)
+            self._set_up()
+
+    def _serve(self) -> None:
+        """Begin again; where there is a window, before it opens that is a reset."""
+        opens_at = self._half(_WINH) << 16 | self._half(_WINL)
+        if self.enabled and self._bytes[_STCTRLH] & _WINEN and self._count < opens_at:
+            self._end()
+        self.start()
+
+    def _end(self) -> None:
+        self._resets += 1
+        self._bite()
+
+    def _set_up(self) -> None:
+        """Count from the end of the window for setting up, by what counts now."""
+        if self._event is not None:
+            self._event.cancel()
+            self._event = None
+        bus = self._clocks.bus
+        opened_until = bus.cycle_of(bus.now() + _WINDOW_BUS_CLOCKS)
+        self._since = self._clock.ticks_at(int(opened_until)) if math.isfinite(opened_until) else self._clock.now()
+        if self.enabled:
+            self._plan()
+
+    def _half(self, offset: int) -> int:
+        return int.from_bytes(self._bytes[offset : offset + 2], "little")
+
+    @property
+    def _clock(self) -> Clock:
+        fast = self._half(_STCTRLH) & (_CLKSRC | _TESTWDOG)  # a test counts the bus clock too
+        return self._clocks.bus if fast else self._clocks.low_power
+
+    @property
+    def _divider(self) -> int:
+        return (self._half(_PRESC) >> 8 & 7) + 1
+
+    @property
+    def _count(self) -> int:
+        """Divided ticks since it was served."""
+        return max(self._clock.now() - self._since, 0) // self._divider
+
+    @property
+    def _due(self) -> int:
+        """End of its time-out, in ticks of the clock that it counts."""
+        return self._since + (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * self._divider
+
+    def _look(self) -> None:
+        self._event = None
+        if self._due > self._clock.now():
+            self._plan()
+        else:
+            self._end()

@@ -1,0 +1,104 @@
+"""Clocks of the part: how many ticks of each have passed, whatever their rates were meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from fractions import Fraction
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.core.machine import Machine
+from hiltest.virtual.processor.schedule import Event, Schedule
+
+PICOSECONDS = 10**12  # in a second: ticks of the clock that keeps virtual time
+_DENOMINATOR_BITS, _PRODUCT_BITS = 31, 62  # see machine_set_clock
+
+
+class Clock:
+    """One clock of the part; its ticks are counted since power-on.
+
+    Virtual time is counted in cycles of the core. Every clock has a rate against them, which changes
+    when firmware sets up its clocks anew; ticks that have passed stay passed.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        Calendar in cycles of the core.
+    now : callable
+        Answers the cycle, inside a peripheral's access too.
+
+    Attributes
+    ----------
+    hz : Fraction
+        Rate now; 0 while it stands still.
+    """
+
+    def __init__(self, schedule: Schedule, now: Callable[[], int]) -> None:
+        self.hz = Fraction(0)
+        self._schedule = schedule
+        self._cycle = now
+        # Ticks at a cycle are (passed + (cycle - since) * numerator) // denominator: exact, in whole numbers.
+        self._since = 0
+        self._passed = 0
+        self._numerator = 0
+        self._denominator = 1
+        self._machine: Machine | None = None  # whose peripherals in C count in it
+        self._number = -1
+
+    def number_in(self, machine: Machine) -> int:
+        """Return the number by which peripherals in C know the clock; they are told its rate from now on."""
+        if self._machine is None:
+            self._machine, self._number = machine, machine.add_clock()
+            self._tell()
+        return self._number
+
+    def now(self) -> int:
+        """Ticks since power-on."""
+        return self.ticks_at(self._cycle())
+
+    def ticks_at(self, cycle: int) -> int:
+        """Ticks that have passed by a cycle of the core."""
+        return (self._passed + (cycle - self._since) * self._numerator) // self._denominator
+
+    def cycle_of(self, tick: int) -> float:
+        """First cycle of the core at which so many ticks have passed; infinity while the clock stands still."""
+        if not self._numerator:
+            return self._since if tick * self._denominator <= self._passed else math.inf
+        return self._since - (self._passed - tick * self._denominator) // self._numerator
+
+    def at(self, tick: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
+        """Call `action` when so many ticks have passed, at whatever rate; `wakes` as in `Schedule.at`."""
+        return self._schedule.at(self.cycle_of(tick), action, wakes=wakes, replan=lambda: self.cycle_of(tick))
+
+    def after(self, ticks: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
+        """Call `action` so many ticks from now."""
+        return self.at(self.now() + ticks, action, wakes=wakes)
+
+    def run_at(self, hz: Fraction, core_hz: Fraction, cycle: int) -> None:
+        """Change the rate from a cycle on; whoever does so has the schedule `replan` afterwards."""
+        passed = Fraction(self._passed + (cycle - self._since) * self._numerator, self._denominator)
+        rate = hz / core_hz
+        self.hz = hz
+        self._since = cycle
+        self._denominator = math.lcm(rate.denominator, passed.denominator)
+        self._numerator = rate.numerator * (self._denominator // rate.denominator)
+        self._passed = passed.numerator * (self._denominator // passed.denominator)
+        self._tell()
+
+    def _tell(self) -> None:
+        """Tell the peripherals in C; they round a fraction of a tick down if 64 bits do not hold it."""
+        if self._machine is None:
+            return
+        numerator, denominator, common = self._numerator, self._denominator, 1
+        if not _fits(numerator, denominator):
+            common = math.gcd(numerator, denominator)
+            numerator, denominator = numerator // common, denominator // common
+        if not _fits(numerator, denominator):
+            raise ConfigError(f"64 bits cannot count a clock of {self.hz} Hz: {numerator}/{denominator} ticks a cycle")
+        ticks, remainder = divmod(self._passed // common, denominator)
+        self._machine.set_clock(self._number, self._since, ticks, remainder, numerator, denominator)
+
+
+def _fits(numerator: int, denominator: int) -> bool:
+    """Whether the core in C counts exactly in a clock with this rate."""
+    return denominator < 1 << _DENOMINATOR_BITS and numerator * denominator < 1 << _PRODUCT_BITS

@@ -1,0 +1,325 @@
+"""The emulated Cortex-M4F: runs code until something is due outside the core, and reports faults.
+
+The library `hiltest.virtual.core` executes instructions, counts their cycles and takes exceptions. Here is what it
+returns to Python for: events of the calendar, sleep, faults and hangs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+
+from hiltest.errors import BoardFault, place_of
+from hiltest.virtual.core.library import lib
+from hiltest.virtual.core.machine import NEVER, Machine
+from hiltest.virtual.model.timing import TimingProfile
+from hiltest.virtual.part.chip import MemoryMap
+from hiltest.virtual.processor.faults import FaultLog, describe_fault
+from hiltest.virtual.processor.interrupt import deferred_interrupt
+from hiltest.virtual.processor.memory import MK64FN1M0, BoardMemory
+from hiltest.virtual.processor.nvic import Nvic
+from hiltest.virtual.processor.registers import CoreRegisters
+from hiltest.virtual.processor.running_calls import RunningCalls
+from hiltest.virtual.processor.schedule import Event, Schedule
+from hiltest.virtual.processor.waiting import Waiting
+from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.program.instructions import decode
+
+RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: the part has nothing there
+
+_STOPS = {lib.STOP_BREAKPOINT, lib.STOP_WATCHPOINT, lib.STOP_STEP}  # what a debugger asks for
+
+_PUSHED_AT_MOST, _LARGEST_FRAME = 64, 4096  # bytes of one PUSH, and of what a function has on its stack
+
+
+class Processor:
+    """An emulated Cortex-M4F with its memories, calendar and cycle count.
+
+    Parameters
+    ----------
+    image : FirmwareImage
+        Names functions and lines in faults.
+    profile : TimingProfile
+        Prices instructions.
+    memories : MemoryMap
+
+    Attributes
+    ----------
+    machine : Machine
+    core : struct core
+        State of the core, see machine.h.
+    calls : RunningCalls
+        Calls of the functions that are watched.
+    fault_log : FaultLog
+        What was delivered to the firmware's fault handlers.
+    waits_for : callable
+        Answers the register that is not modelled and is read over and over, if one is, else nothing.
+    at_breakpoint : callable
+        Called at a BKPT with its address; a debugger that halts there raises an exception, which `run` passes on.
+    at_stop : callable
+        Called with STOP_BREAKPOINT, STOP_WATCHPOINT or STOP_STEP of machine.h; may raise an exception as well.
+    """
+
+    def __init__(self, image: FirmwareImage, profile: TimingProfile, *, memories: MemoryMap = MK64FN1M0) -> None:
+        self.image = image
+        self.profile = profile
+        self.machine = Machine(profile)
+        self.core = self.machine.core
+        self.core.return_address = RETURN_ADDRESS
+        self.memory = BoardMemory(self.machine, memories)
+        self.registers = CoreRegisters(self.machine)
+        self.schedule = Schedule(self._look_at)
+        self.nvic = Nvic(self.machine)
+        self.fault_log = FaultLog()
+        self.waits_for: Callable[[], str] = lambda: ""
+        self.at_breakpoint: Callable[[int], None] = lambda _address: None
+        self.at_stop: Callable[[int], None] = lambda _reason: None
+        self.calls = RunningCalls(self.machine, self.abort)
+        self.waiting = Waiting(self.machine, self.nvic, self.schedule, self.fault_log)
+        self._error: BaseException | None = None
+        self._chores: list[Callable[[], None]] = []
+
+    @property
+    def sleeping(self) -> bool:
+        """Whether it is in WFI or WFE."""
+        return self.waiting.sleeping
+
+    @sleeping.setter
+    def sleeping(self, sleeps: bool) -> None:
+        self.waiting.sleeping = sleeps
+
+    @property
+    def delivers_faults(self) -> bool:
+        """Whether faults enter the firmware's handlers; otherwise each ends the run."""
+        delivers: bool = self.core.delivers_faults
+        return delivers
+
+    @delivers_faults.setter
+    def delivers_faults(self, delivers: bool) -> None:
+        self.core.delivers_faults = delivers
+
+    @property
+    def fpu_enabled(self) -> bool:
+        """Whether CPACR lets code use the FPU."""
+        enabled: bool = self.core.fpu_enabled
+        return enabled
+
+    @fpu_enabled.setter
+    def fpu_enabled(self, enabled: bool) -> None:
+        lib.machine_set_fpu(self.machine.handle, enabled)
+
+    def reset(self) -> None:
+        """State after a processor reset, but for stack pointer and PC."""
+        lib.machine_reset(self.machine.handle)
+        self.fault_log.forget_open()
+        self.sleeping = False
+
+    def flush_pipeline(self) -> None:
+        """Empty the pipeline: nothing overlaps across a call from outside."""
+        lib.machine_flush_pipeline(self.machine.handle)
+
+    def save_floats(self) -> None:
+        """Save floating-point state that an exception has left to be saved, as the FPU's next instruction would."""
+        lib.machine_save_floats(self.machine.handle)
+
+    # -- time ---------------------------------------------------------------------------------
+
+    @property
+    def cycles(self) -> int:
+        """Clock cycles since power-on; inside a peripheral's access at the beginning of the instruction."""
+        cycles: int = self.core.cycles
+        return cycles
+
+    def now(self) -> int:
+        """Clock cycles since power-on, as `cycles`."""
+        cycles: int = self.core.cycles
+        return cycles
+
+    @property
+    def instructions(self) -> int:
+        """Instructions executed since power-on, without the one that runs."""
+        instructions: int = self.core.instructions
+        return instructions
+
+    @property
+    def idle_cycles(self) -> int:
+        """Cycles asleep since power-on."""
+        cycles: int = self.core.idle_cycles
+        return cycles
+
+    # -- called from peripherals --------------------------------------------------------------
+
+    def abort(self, error: BaseException) -> None:
+        """Stop behind the instruction that runs; `run` raises `error`."""
+        if self._error is None:
+            self._error = error
+        self.look_soon()
+
+    def look_soon(self) -> None:
+        """Return from the core behind the instruction that runs: something may be due."""
+        self.core.deadline = -1
+
+    def read_changed(self) -> None:
+        """Take note that the reading of a register that is under way has changed something."""
+        lib.machine_load_changed(self.machine.handle)
+
+    def counts(self, step: int, until_cycle: int) -> None:
+        """Take note that the register that is being read changes by `step` with each cycle until one."""
+        lib.machine_answer_counts(self.machine.handle, step, until_cycle)
+
+    def between_instructions(self, chore: Callable[[], None]) -> None:
+        """Call an action behind the instruction that runs."""
+        self._chores.append(chore)
+        self.look_soon()
+
+    def _look_at(self, cycle: float) -> None:
+        if cycle < self.core.deadline:
+            self.core.deadline = math.ceil(cycle)
+
+    # -- faults -------------------------------------------------------------------------------
+
+    def place(self, pc: int) -> str:
+        """Name the place of an instruction."""
+        function = self.image.function_at(pc)
+        return place_of(pc & ~1, function.name if function else "", self.image.location_at(pc))
+
+    def fault(self, cause: str, pc: int) -> BoardFault:
+        """Describe a fault: function, line and registers included."""
+        function = self.image.function_at(pc)
+        return BoardFault(
+            cause, pc=pc & ~1, function=function.name if function else "",
+            location=self.image.location_at(pc), registers=self.registers.snapshot(),
+        )  # fmt: skip
+
+    def _hang(self, cause: str, pc: int) -> BoardFault:
+        """Describe a hang; in a fault's handler, describe the fault."""
+        first = self.fault_log.first_cause
+        return self.fault(f"hang: {cause}", pc) if first is None else first.ended(f"hang at {self.place(pc)}: {cause}")
+
+    def _text_at(self, address: int) -> str:
+        for size in (4, 2):
+            with suppress(ValueError):
+                return decode(address, self.memory.read(address, size))[0].text
+        return ""
+
+    def _deliver(self) -> None:
+        """Have the firmware's handler take the fault that the core has noted."""
+        core = self.core
+        place: int = core.fault.place
+        cause = describe_fault(self.machine, self._text_at(place))
+        described = self.fault(f"stack overflow: {cause}" if self._overflows() else cause, place)
+        if not self.delivers_faults:
+            raise described
+        exception: int = lib.machine_deliver_fault(self.machine.handle)
+        if not exception:
+            first = self.fault_log.first_cause
+            if first is None:
+                raise described.ended("lockup: no fault handler can run") from None
+            raise first.ended(f"lockup at {self.place(place)}: {cause} where no fault handler can run") from None
+        self.fault_log.delivered(described, exception, core.cycles, core.active_count)
+        core.tells_returns = True
+
+    def _overflows(self) -> bool:
+        """Whether an access was on the stack, and that has left its memory."""
+        fault = self.core.fault
+        if fault.kind != lib.FAULT_DATA_BUS:
+            return False
+        above: int = fault.address - self.core.r[13]
+        has_left = not self.memory.holds_stack(self.core.r[13], 4)
+        return -_PUSHED_AT_MOST <= above < 0 or (has_left and 0 <= above < _LARGEST_FRAME)
+
+    # -- running ------------------------------------------------------------------------------
+
+    def run(self, until: Event, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> bool:
+        """Run until virtual time, until `wake` answers true, or until a called function returns.
+
+        Parameters
+        ----------
+        until : Event
+            Time when to stop, before the first instruction that begins then or later.
+        wake : callable, optional
+            Asked after every event.
+        for_bytes : bool
+            Whether it need not be asked before bytes come that the host of a UART expects.
+
+        Returns
+        -------
+        bool
+            Whether a called function returned.
+
+        Raises
+        ------
+        BoardFault
+            The processor met a fault or hung.
+        """
+        core, schedule, waiting = self.core, self.schedule, self.waiting
+        waiting.has_end = math.isfinite(until.at_cycle)
+        core.leaves_sleep = not waiting.has_end  # nothing may ever end it
+        core.stops_at = lib.HOST_NONE if wake is None else lib.HOST_BYTES if for_bytes else lib.HOST_ANY
+        with deferred_interrupt(self.look_soon) as interrupted:
+            while True:
+                now = core.cycles
+                schedule.run_due(now)
+                if waiting.is_told:
+                    lib.machine_fire_events(self.machine.handle)
+                if (wake is not None and wake()) or now >= until.at_cycle or interrupted():
+                    return False
+                if waiting.is_told:
+                    waiting.wake()
+                    if waiting.sleeping:
+                        self._sleep(until.at_cycle)
+                        continue
+                if self._execute(min(schedule.next_cycle, until.at_cycle)):
+                    return True
+
+    def _sleep(self, until_cycle: float) -> None:
+        """Stay in WFI or WFE: jump to the next event, or to where the run ends."""
+        core = self.core
+        if self.waiting.is_endless(until_cycle):
+            cause = f"{self.waiting.instruction} with nothing that could wake the processor"
+            raise self._hang(cause, core.r[15])
+        jump = math.ceil(min(self.waiting.next_cycle, until_cycle)) - core.cycles
+        if jump > 0:
+            core.idle_cycles += jump
+            core.cycles += jump
+
+    def _execute(self, deadline: float) -> bool:
+        """Enter the core once; True when a called function returned."""
+        while self._chores:
+            self._chores.pop(0)()
+        core = self.core
+        core.deadline = NEVER if math.isinf(deadline) else math.ceil(deadline)
+        self._error = None
+        reason = lib.machine_run(self.machine.handle)
+        if reason == lib.STOP_LOOP and self._error is None:
+            reason = self._pass_loop()
+        if self._error is not None:
+            raise self._error
+        if reason == lib.STOP_FAULT:
+            self._attend_fault()
+        elif reason in _STOPS:
+            self.at_stop(reason)
+        elif reason == lib.STOP_SLEEP:
+            self.sleeping = True
+        elif reason == lib.STOP_UNSTACKED:
+            self.fault_log.returned(core.active_count)
+            core.tells_returns = self.fault_log.first_cause is not None
+        return bool(reason == lib.STOP_RETURNED)
+
+    def _pass_loop(self) -> int:
+        """Stay in a branch to itself until the deadline, if anything ends it."""
+        if not (self.waiting.rests(self.delivers_faults) or self.waiting.can_leave_loop()):
+            raise self._hang("a loop to itself that no interrupt can end", self.core.r[15])
+        self.core.may_loop = True
+        try:
+            reason: int = lib.machine_run(self.machine.handle)
+        finally:
+            self.core.may_loop = False
+        return reason
+
+    def _attend_fault(self) -> None:
+        fault = self.core.fault
+        if fault.kind == lib.FAULT_BREAKPOINT:
+            self.at_breakpoint(fault.place)
+        self._deliver()

@@ -1,0 +1,131 @@
+"""Faults of the processor: their descriptions, and those that its handlers have got."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hiltest.errors import BoardFault
+from hiltest.virtual.core.library import lib
+from hiltest.virtual.core.machine import Machine
+from hiltest.virtual.processor.bit_band import ALIASES
+from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
+from hiltest.virtual.processor.nvic import exception_name
+
+_KEPT = 1000  # firmware that lives from its faults must not fill the host's memory; the first ones explain the most
+_NO_CODE = (PERIPHERALS, PRIVATE_PERIPHERALS, *ALIASES)
+
+
+def describe_fault(machine: Machine, instruction: str) -> str:
+    """Say what the core has noted in `core.fault`.
+
+    Parameters
+    ----------
+    machine : Machine
+    instruction : str
+        Text of the instruction at its place.
+    """
+    fault = machine.core.fault
+    if fault.kind == lib.FAULT_DATA_BUS:
+        return _data_access(machine, fault)
+    if fault.cause in (lib.CAUSE_FETCH_UNMAPPED, lib.CAUSE_NO_THUMB_BIT):
+        return _jump(fault)
+    sentence: str = _SENTENCES[fault.cause].format(
+        address=fault.address, value=fault.value, number=fault.size, instruction=instruction
+    )
+    return sentence
+
+
+_SENTENCES = {
+    lib.CAUSE_OPCODE: "undefined instruction {value:04x}",
+    lib.CAUSE_FPU_DISABLED: "FPU used while CPACR disables it (NOCP)",
+    lib.CAUSE_COPROCESSOR: "instruction for a coprocessor that is not there (NOCP)",
+    lib.CAUSE_MISALIGNED: "unaligned access: r{number} = 0x{value:08x} in '{instruction}'",
+    lib.CAUSE_EXCLUSIVE: "unaligned exclusive access",
+    lib.CAUSE_DIVISOR: "division by zero: r{number}",
+    lib.CAUSE_SVC: "SVC where the SVCall handler may not run",
+    lib.CAUSE_BKPT: "breakpoint (BKPT) without a debugger",
+    lib.CAUSE_STACK_FRAME: "no RAM for a stack frame at 0x{address:08x}",
+    lib.CAUSE_VECTOR_READ: "no memory at VTOR 0x{address:08x}",
+    lib.CAUSE_VECTOR_THUMB: "vector 0x{value:08x} of exception {number} has no Thumb bit",
+    lib.CAUSE_RETURN_THREAD: "EXC_RETURN 0x{value:08x} where no exception is active",
+    lib.CAUSE_RETURN_VALUE: "EXC_RETURN 0x{value:08x} fits no active exception",
+    lib.CAUSE_RETURN_MODE: "stacked xPSR 0x{value:08x} is of another mode",
+    lib.CAUSE_RETURN_THUMB: "stacked xPSR 0x{value:08x} has no Thumb bit",
+}
+
+
+def _data_access(machine: Machine, fault: Any) -> str:
+    begin = {
+        lib.CAUSE_READ_UNMAPPED: "read of unmapped address", lib.CAUSE_WRITE_UNMAPPED: "write to unmapped address",
+        lib.CAUSE_WRITE_FLASH: "write to flash at address", lib.CAUSE_READ_REFUSED: "read of",
+        lib.CAUSE_WRITE_REFUSED: "write to",
+    }[fault.cause]  # fmt: skip
+    is_refused = fault.cause in (lib.CAUSE_READ_REFUSED, lib.CAUSE_WRITE_REFUSED)
+    target = machine.refusal if is_refused else f"0x{fault.value or fault.address:08x}"
+    if fault.value:
+        return f"{begin} {target} through its bit-band alias 0x{fault.address:08x}"
+    return f"{begin} {target}" if is_refused else f"{begin} {target} ({fault.size} bytes)"
+
+
+def _jump(fault: Any) -> str:
+    if fault.cause == lib.CAUSE_NO_THUMB_BIT and fault.place == fault.address:
+        return f"jump to the even address 0x{fault.address:08x}: no Thumb bit"
+    is_data = any(base <= fault.address < base + size for base, size in _NO_CODE)
+    begin = "execution of data at address" if is_data else "jump to unmapped address"
+    without = ", without Thumb bit" if fault.cause == lib.CAUSE_NO_THUMB_BIT else ""
+    return f"{begin} 0x{fault.address:08x}{without}"
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRecord:
+    """A fault that was delivered to the firmware.
+
+    Attributes
+    ----------
+    fault : BoardFault
+        Cause, place and registers, ready to be raised.
+    exception : str
+        Who got it: "HardFault", "BusFault", "UsageFault" or "MemManage".
+    cycle : int
+        When [clock cycles since power-on].
+    """
+
+    fault: BoardFault
+    exception: str
+    cycle: int
+
+
+class FaultLog:
+    """Every fault since power-on, and those whose handlers have not returned.
+
+    Attributes
+    ----------
+    records : list of FaultRecord
+        The first thousand, in order.
+    """
+
+    def __init__(self) -> None:
+        self.records: list[FaultRecord] = []
+        self._open: list[tuple[FaultRecord, int]] = []
+
+    def delivered(self, fault: BoardFault, exception: int, cycle: int, depth: int) -> None:
+        """Note a fault whose handler begins; `depth` exceptions are active with it."""
+        record = FaultRecord(fault, exception_name(exception), cycle)
+        if len(self.records) < _KEPT:
+            self.records.append(record)
+        self._open.append((record, depth))
+
+    def returned(self, depth: int) -> None:
+        """Note that an exception returned and `depth` are still active."""
+        while self._open and self._open[-1][1] > depth:
+            self._open.pop()
+
+    def forget_open(self) -> None:
+        """Close all open faults: the processor was reset."""
+        self._open.clear()
+
+    @property
+    def first_cause(self) -> BoardFault | None:
+        """The fault that everything since follows from, while its handler runs."""
+        return self._open[0][0].fault if self._open else None

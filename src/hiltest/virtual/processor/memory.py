@@ -1,0 +1,106 @@
+"""The board's memories, which the core and Python share."""
+
+from __future__ import annotations
+
+import struct
+from functools import lru_cache
+
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import Machine
+from hiltest.virtual.part.chip import MemoryMap, Region, memories
+
+MK64FN1M0 = memories()
+(FLASH,), (SRAM,) = MK64FN1M0.flash, MK64FN1M0.ram  # SRAM_L ends, and SRAM_U begins, at 0x20000000
+PERIPHERALS = (0x40000000, 0x100000)
+PRIVATE_PERIPHERALS = (0xE0000000, 0x100000)
+#: Where memories may be, first and last address: neither bit-band alias nor devices nor the processor's own registers.
+PLAIN = ((0x00000000, 0x21FFFFFF), (0x24000000, 0x3FFFFFFF), (0x60000000, 0xDFFFFFFF))
+
+
+@lru_cache
+def _words(count: int) -> struct.Struct:
+    """Return the format of little-endian words."""
+    return struct.Struct(f"<{count}I")
+
+
+class SharedMemory:
+    """One memory of the machine.
+
+    Attributes
+    ----------
+    view : memoryview
+        Its bytes, to be read only: `BoardMemory.write` writes them.
+    """
+
+    def __init__(self, machine: Machine, region: Region, *, writable: bool) -> None:
+        self.base, self.size = region
+        self.view = machine.add_memory(self.base, self.size, writable=writable)
+
+    def __contains__(self, address: int) -> bool:
+        return self.base <= address < self.base + self.size
+
+
+class BoardMemory:
+    """Flash and SRAM.
+
+    Parameters
+    ----------
+    machine : Machine
+    regions : MemoryMap
+        Where they are.
+
+    Attributes
+    ----------
+    sram : SharedMemory
+        The RAM for stack and arguments of a called function: the largest.
+    """
+
+    def __init__(self, machine: Machine, regions: MemoryMap = MK64FN1M0) -> None:
+        self.map = regions
+        self._handle = machine.handle
+        self._flash = [SharedMemory(machine, region, writable=False) for region in regions.flash]
+        self._ram = [SharedMemory(machine, region, writable=True) for region in regions.ram]
+        self.sram = max(self._ram, key=lambda memory: memory.size)
+        self._plain = (*self._flash, *self._ram)
+
+    def read(self, address: int, size: int) -> bytes:
+        """Read flash or SRAM.
+
+        Raises
+        ------
+        ValueError
+            If the range is neither.
+        """
+        memory = self._holding(address, size)
+        return bytes(memory.view[address - memory.base : address - memory.base + size])
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write flash or SRAM, as a programmer or a debugger does."""
+        self._holding(address, len(data))
+        lib.machine_write(self._handle, address, len(data), ffi.from_buffer(data))
+
+    def _holding(self, address: int, size: int) -> SharedMemory:
+        for memory in self._plain:
+            if memory.base <= address and address + size <= memory.base + memory.size:
+                return memory
+        raise ValueError(f"0x{address:08x}..+{size} is neither flash nor SRAM")
+
+    def holds_stack(self, address: int, size: int) -> bool:
+        """Whether a range is RAM, where a stack may be."""
+        return any(memory.base <= address and address + size <= memory.base + memory.size for memory in self._ram)
+
+    def read_words(self, address: int, count: int) -> tuple[int, ...]:
+        """Read little-endian words."""
+        memory = self._holding(address, 4 * count)
+        return _words(count).unpack_from(memory.view, address - memory.base)
+
+    def write_words(self, address: int, values: list[int]) -> None:
+        """Write little-endian words."""
+        self.write(address, _words(len(values)).pack(*values))
+
+    def clear(self) -> None:
+        """Power-on content: flash erased, SRAM zero."""
+        for memory in self._flash:
+            self.write(memory.base, b"\xff" * memory.size)
+        for memory in self._ram:
+            self.write(memory.base, bytes(memory.size))

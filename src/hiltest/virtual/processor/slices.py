@@ -1,0 +1,79 @@
+"""Slices of an execution, and their cycles by other price tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import Machine, Snapshot
+from hiltest.virtual.model.timing import TimingProfile
+
+
+@dataclass(frozen=True, slots=True)
+class Slice:
+    """What a machine executed from a snapshot on, until a load from a device or until a function's return.
+
+    Attributes
+    ----------
+    machine : Machine
+    begin : Snapshot
+    cycles, instructions : int
+    answers : array of uint32_t
+        What devices answered to its loads, in order.
+    """
+
+    machine: Machine
+    begin: Snapshot
+    cycles: int
+    instructions: int
+    answers: Any
+
+
+class PriceTables:
+    """Counts slices by several price tables at once: a second machine executes them again.
+
+    Parameters
+    ----------
+    machine : Machine
+        One with the memories of that which executed them.
+    profile : TimingProfile
+        The first table.
+    moves : sequence of mapping
+        Rows and values in which each other table differs from the first one.
+
+    Raises
+    ------
+    ConfigError
+        If the tables are too many.
+    """
+
+    def __init__(self, machine: Machine, profile: TimingProfile, moves: Sequence[Mapping[str, int]]) -> None:
+        self._handle = ffi.gc(lib.machine_like(machine.handle), lib.machine_destroy)
+        if self._handle == ffi.NULL:
+            raise MemoryError
+        for row, cost in profile.rows.items():
+            lib.machine_set_price(self._handle, row.encode(), cost.value)
+        self._count = 1 + len(moves)
+        if not lib.machine_set_tables(self._handle, self._count):
+            raise ConfigError(f"a profile with {len(moves)} moves of uncertain rows has too many of them")
+        for table, values in enumerate(moves, start=1):
+            for row, value in values.items():
+                lib.machine_set_table_price(self._handle, table, row.encode(), value)
+
+    def count(self, slices: Iterable[Slice]) -> list[int] | None:
+        """Return the cycles of all slices together by each table.
+
+        None if the first table does not give a slice's cycles: an exception came between, or the processor slept.
+        """
+        totals = ffi.new("int64_t[]", self._count)
+        for part in slices:
+            answers = part.answers
+            described = ffi.new(
+                "struct slice *", (part.begin.handle, part.cycles, part.instructions, answers, len(answers))
+            )
+            if not lib.machine_count_again(self._handle, described, totals):
+                return None
+        return list(totals)

@@ -1,0 +1,162 @@
+"""Signatures of functions, from DWARF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from hiltest.virtual.program.debug_entries import (
+    POINTERS,
+    STRUCTURES,
+    children,
+    next_type,
+    without_qualifiers,
+    written_type,
+)
+
+_ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
+_COMPLEX, _FLOAT = 0x03, 0x04  # DW_ATE_complex_float, DW_ATE_float
+# Behind it boolean, unsigned, unsigned_char and UTF, signed and signed_char; with their bytes, small ones as a word.
+_BASE_TYPES = {
+    (_FLOAT, 4): "float", (_FLOAT, 8): "double",
+    **{(encoding, 4): "unsigned" for encoding in (0x02, 0x07, 0x08, 0x10)}, (0x07, 8): "unsigned64",
+    **{(encoding, 4): "signed" for encoding in (0x05, 0x06)}, (0x05, 8): "signed64",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """A number as it lies in memory; integers with and without sign lie alike."""
+
+    is_float: bool
+    size: int
+
+    def __str__(self) -> str:
+        return f"float{8 * self.size}" if self.is_float else f"{8 * self.size}-bit integers"
+
+
+@dataclass(frozen=True, slots=True)
+class Pointed:
+    """What a parameter points to.
+
+    Attributes
+    ----------
+    text : str
+        The parameter's type as C has it, ``const int16_t *``.
+    elements : frozenset of Element
+        The numbers that are there, of all members of a struct; empty where there may be anything.
+    """
+
+    text: str
+    elements: frozenset[Element]
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Signature of a function: how it takes and returns values.
+
+    "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
+    or "unsupported".
+
+    Attributes
+    ----------
+    pointed : tuple of Pointed or None
+        For each parameter that is a pointer.
+    """
+
+    parameters: tuple[str, ...]
+    returns: str
+    pointed: tuple[Pointed | None, ...] = ()
+
+
+def read_subprograms(dwarf: Any) -> dict[str, Any]:
+    """Collect the entries of all functions that are defined, by what the linker calls them."""
+    found: dict[str, Any] = {}
+    for unit in dwarf.iter_CUs():
+        language = unit.get_top_DIE().attributes.get("DW_AT_language")
+        if language is not None and language.value == _ASSEMBLER:
+            continue  # it names functions and says nothing of what they take
+        for die in _functions_of(unit.get_top_DIE()):
+            if name := _symbol_name(die):
+                found.setdefault(name, die)
+    return found
+
+
+def read_signature(die: Any) -> Signature:
+    """Read the types of a function's entry."""
+    parameters = [child for child in children(die) if child.tag == "DW_TAG_formal_parameter"]
+    kinds = tuple(_classify(_type_of(each)) for each in parameters)
+    return Signature(kinds, _classify(_type_of(_declared(die))), tuple(_pointed(each) for each in parameters))
+
+
+def _pointed(parameter: Any) -> Pointed | None:
+    pointer = _type_of(parameter)
+    if pointer is None or pointer.tag not in POINTERS:
+        return None
+    elements = _elements(_type_of(pointer))
+    return Pointed(written_type(next_type(parameter)), frozenset(elements or ()))
+
+
+def _elements(die: Any) -> set[Element] | None:
+    """Collect the numbers that lie in a type; None where there may be others."""
+    size = die.attributes["DW_AT_byte_size"].value if die is not None and "DW_AT_byte_size" in die.attributes else 4
+    if die is None:
+        return None
+    if die.tag == "DW_TAG_base_type":
+        encoding = die.attributes["DW_AT_encoding"].value
+        parts = 2 if encoding == _COMPLEX else 1
+        return {Element(encoding in (_FLOAT, _COMPLEX), size // parts)}
+    if die.tag in POINTERS or die.tag == "DW_TAG_enumeration_type":
+        return {Element(False, size)}
+    if die.tag == "DW_TAG_array_type":
+        return _elements(_type_of(die))
+    if die.tag not in STRUCTURES:
+        return None
+    found: set[Element] = set()
+    for member in children(die):
+        inner = _elements(_type_of(member)) if member.tag in ("DW_TAG_member", "DW_TAG_inheritance") else set()
+        if inner is None:
+            return None
+        found |= inner
+    return found
+
+
+def _functions_of(scope: Any) -> Iterator[Any]:
+    """Yield the functions that a unit defines, also in namespaces; those of a class stand beside it."""
+    for die in children(scope):
+        if die.tag == "DW_TAG_subprogram" and "DW_AT_declaration" not in die.attributes:
+            yield die
+        elif die.tag == "DW_TAG_namespace":
+            yield from _functions_of(die)
+
+
+def _declared(die: Any) -> Any:
+    """Return where a function's names and its type stand: what is declared in a class or namespace has them there."""
+    return die.get_DIE_from_attribute("DW_AT_specification") if "DW_AT_specification" in die.attributes else die
+
+
+def _symbol_name(die: Any) -> str:
+    """Return what the linker calls a function: its mangled name, if it has one; empty when it is not told."""
+    attributes = _declared(die).attributes
+    name = attributes.get("DW_AT_linkage_name") or attributes.get("DW_AT_name")
+    return name.value.decode(errors="replace") if name is not None else ""
+
+
+def _type_of(die: Any) -> Any:
+    """Follow typedefs and qualifiers to the type that decides how a value is passed; None for void."""
+    return without_qualifiers(die.get_DIE_from_attribute("DW_AT_type")) if "DW_AT_type" in die.attributes else None
+
+
+def _classify(die: Any) -> str:
+    if die is None:
+        return "void"
+    if die.tag in POINTERS:
+        return "pointer"
+    size = die.attributes["DW_AT_byte_size"].value if "DW_AT_byte_size" in die.attributes else 4
+    if die.tag == "DW_TAG_enumeration_type" and size <= 4:
+        return "unsigned"
+    if die.tag == "DW_TAG_base_type":
+        encoding = die.attributes["DW_AT_encoding"].value
+        return _BASE_TYPES.get((encoding, size if encoding == _FLOAT else max(size, 4)), "unsupported")
+    return "unsupported"

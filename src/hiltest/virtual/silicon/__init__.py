@@ -1,0 +1,1 @@
+"""Timing profiles from measurements on real chips."""

@@ -1,0 +1,191 @@
+"""A measured profile that its owner sends in: of what board it is, who signs for it, whether it fits its clocks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import asdict, dataclass, fields
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from hiltest.errors import ConfigError
+from hiltest.strict_json import shown
+from hiltest.virtual.model.profile_file import measured_file
+from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.silicon.measured_profile import PLACES, MeasuredProfile, solve
+
+_SIGNED = re.compile(r"[^<>]*[^<>\s] <[^<>@\s]+@[^<>@\s]+>")
+_CHIP = re.compile(r"[0-9a-f]{32}")
+_LONGEST = 200
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredOn:
+    """Table ``[board]`` of a measured profile.
+
+    Attributes
+    ----------
+    name, revision : str
+        Of the board, as printed on it; its owner fills them in.
+    unique_id : str
+        Of the chip.
+    core_clock_hz : int
+    firmware, build_id, compiler : str
+        Of the firmware that counted.
+    date : str
+        Of the measurement, as in ISO 8601.
+    signed_off_by : str
+        ``Name <address>`` of who measured it and gives it away under hiltest's licence.
+    """
+
+    name: str
+    revision: str
+    unique_id: str
+    core_clock_hz: int
+    firmware: str
+    build_id: str
+    compiler: str
+    date: str
+    signed_off_by: str
+
+
+#: What its owner fills in.
+BY_HAND = {
+    "name": "the board, as printed on it: FRDM-K64F",
+    "revision": "its revision, as printed on it: E4",
+    "signed_off_by": "Name <address>: I measured this on that board, and give it away under the licence of hiltest",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A file that was checked.
+
+    Attributes
+    ----------
+    name : str
+        Of the profile.
+    board : MeasuredOn or None
+        None where that is not all there.
+    objections : tuple of str
+        Why it cannot be taken as it is; none where it can.
+    remarks : tuple of str
+        What the measurement says of the model's rules; no objection.
+    """
+
+    name: str
+    board: MeasuredOn | None
+    objections: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> Checked:
+    """Check whether a measured profile says of what board it is, is signed off, and has the rows of its clocks.
+
+    Parameters
+    ----------
+    file : Path
+    image : FirmwareImage
+        Of the firmware that ships, which has the sequences.
+    sequences : collection of str
+        Names of all that it can time.
+
+    Raises
+    ------
+    ConfigError
+        If it is no timing profile.
+    """
+    content, name, rows = measured_file(file)
+    board, objections = _board(content.get("board", {}))
+    clocks, missing = _clocks(content.get("measured", {}), sequences)
+    objections += missing
+    if board is not None:
+        objections += _of_board(board, name, image.build_id)
+    remarks: tuple[str, ...] = ()
+    if board is not None and not missing and board.build_id == image.build_id:
+        again = solve(clocks["sram"], about(board), image)
+        remarks = again.remarks
+        objections += _differences(content, {row: rows[row] for row in content.get("cost", {})}, again)
+    return Checked(name, board, tuple(objections), remarks)
+
+
+def about(board: MeasuredOn) -> str:
+    """Return what the source of each measured row ends with."""
+    return f"board {board.unique_id}, firmware build {board.build_id}"
+
+
+def _board(given: Any) -> tuple[MeasuredOn | None, list[str]]:
+    if not isinstance(given, dict) or not given:
+        return None, ["it has no table [board]: measure again, this version writes one"]
+    found, objections = dict[str, Any](), list[str]()
+    for each in fields(MeasuredOn):
+        value = given.get(each.name, "")
+        kind: type = int if each.name == "core_clock_hz" else str
+        if isinstance(value, bool) or not isinstance(value, kind):
+            what = "a number" if kind is int else "a text"
+            objections.append(f"board.{each.name}: must be {what}, not {shown(value)}")
+        elif isinstance(value, str) and (len(value) > _LONGEST or not value.isprintable()):
+            objections.append(f"board.{each.name}: must be one line of at most {_LONGEST} printable characters")
+        elif not value:
+            by_hand = BY_HAND.get(each.name)
+            objections.append(f"board.{each.name} is empty: {by_hand or 'measure again'}")
+        found[each.name] = value
+    return (None if objections else MeasuredOn(**found)), objections
+
+
+def _of_board(board: MeasuredOn, name: str, build_id: str) -> Iterator[str]:
+    if not _CHIP.fullmatch(board.unique_id) or name != f"silicon-{board.unique_id}":
+        yield f"{name} is not the profile of the chip {board.unique_id}: a virtual board's is none of silicon"
+    if board.build_id != build_id:
+        yield f"measured with firmware build {board.build_id}, and {build_id} ships: flash that, and measure again"
+    if not _SIGNED.fullmatch(board.signed_off_by):
+        yield f"board.signed_off_by: must be Name <address>, not {shown(board.signed_off_by)}"
+    try:
+        date.fromisoformat(board.date)
+    except ValueError:
+        yield f"board.date: must be a date such as 2026-11-26, not {shown(board.date)}"
+
+
+def _clocks(given: Any, sequences: Collection[str]) -> tuple[dict[str, dict[str, int]], list[str]]:
+    """Return the clocks of each sequence by place, and what is missing or odd."""
+    given = given if isinstance(given, dict) else {}
+    objections = []
+    for place in PLACES:
+        clocks = given.get(place)
+        if not isinstance(clocks, dict) or set(clocks) != set(sequences):
+            objections.append(f"[measured.{place}] has not the clocks of all {len(sequences)} sequences: measure again")
+        elif any(isinstance(each, bool) or not isinstance(each, int) or each < 0 for each in clocks.values()):
+            objections.append(f"[measured.{place}]: clocks are whole numbers from 0 on")
+    return given, objections
+
+
+def _differences(content: dict[str, Any], rows: dict[str, Any], again: MeasuredProfile) -> Iterator[str]:
+    if content.get("base") != again.base.name:
+        yield f"base is {shown(content.get('base'))}, and of these clocks it is {again.base.name}"
+    for row in sorted(rows.keys() | again.rows.keys()):
+        if rows.get(row) != again.rows.get(row):
+            now = again.rows[row].value if row in again.rows else "nothing"
+            yield f"cost.{row} is not what its clocks give, which is {now}"
+
+
+def board_lines(board: MeasuredOn) -> Iterator[str]:
+    """Return table ``[board]`` as lines of TOML; what its owner fills in says so."""
+    yield "[board]"
+    for key, value in asdict(board).items():
+        line = f"{key} = {value}" if isinstance(value, int) else f"{key} = {quoted(value)}"
+        yield f"{line}  # {BY_HAND[key]}" if key in BY_HAND and not value else line
+
+
+def quoted(text: str) -> str:
+    """Return a text as a basic string of TOML."""
+    if not text.isprintable():
+        raise ConfigError(f"the board says {shown(text)} of itself, which is no printable text")
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def filled_in(content: dict[str, Any]) -> dict[str, str]:
+    """Return name and revision of the board in a measured profile; a signature is of the counts that it was below."""
+    board = content.get("board")
+    given = {key: board[key] for key in ("name", "revision") if key in board} if isinstance(board, dict) else {}
+    return {key: value for key, value in given.items() if isinstance(value, str) and value.isprintable()}
