@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import board_for
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.cycle_range import cycle_range
 
@@ -91,7 +91,7 @@ class Count:
 @cache
 def _key_schedule(elf: str, function: str, words: int) -> bytes:
     schedule = bytearray(words)
-    VirtualK64F(foreign_elf(f"{elf}.elf")).call(function, _KEY, schedule)
+    board_for(foreign_elf(f"{elf}.elf")).call(function, _KEY, schedule)
     return bytes(schedule)
 
 
@@ -135,7 +135,7 @@ FIGURES = (
 
 def count(published: Published, profile: str) -> Count:
     """Count a function by a profile."""
-    board = VirtualK64F(published.path, profile=profile)
+    board = board_for(published.path, profile=profile)
     result = board.call(published.function, *published.arguments())
     assert result.executed
     band = cycle_range(board.processor.profile, result.cycles, [result.executed])

@@ -16,7 +16,6 @@ from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.virtual.peripherals.i2c_bus import HeldLine
 from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.processor.executed_code import ExecutionWatch
-from hiltest.virtual.processor.memory import MK64FN1M0
 from hiltest.virtual.program.elf import load_image
 from hiltest.world import Vector
 from hiltest.world.faces import askew
@@ -132,7 +131,7 @@ class VirtualBench:
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
             load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
-            strict=self.firmware == default_firmware(), memory=MK64FN1M0, flash_file=flash_file,
+            strict=self.firmware == default_firmware(), flash_file=flash_file,
         )  # fmt: skip
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         _put_faults_on(self.machine, rig.faults)

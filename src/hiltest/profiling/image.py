@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from hiltest.virtual.board.k64f import HANG_S, VirtualK64F
+from hiltest.virtual.board.cortex_m4 import HANG_S
+from hiltest.virtual.board.k64f import board_for
 from hiltest.virtual.calls.call_clock import CALL_HZ, checked_clock
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.profiling import CallProfile, profile_call
@@ -37,7 +38,7 @@ class ProfiledImage:
         self, elf: Path, *, timing: str = DEFAULT_PROFILE, memory: str | None = None, clock_hz: float = CALL_HZ
     ) -> None:
         self._clock_hz = checked_clock(clock_hz)
-        self._board = VirtualK64F(elf, profile=load_profile(timing), memory=memory)
+        self._board = board_for(elf, profile=load_profile(timing), memory=memory)
 
     @property
     def memory(self) -> MemoryMap:
@@ -56,7 +57,7 @@ class ProfiledImage:
         function : str
             Its name.
         *arguments : int, float, bytes, bytearray, numpy array or Structure
-            As `VirtualK64F.call` takes them.
+            As `VirtualCortexM4.call` takes them.
         timeout_s : float
             Virtual time after which it is taken to hang [s].
 

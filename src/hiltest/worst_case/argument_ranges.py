@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.profiling.arguments import parse_argument
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import board_for
 from hiltest.virtual.calls.calling import function_named
 from hiltest.worst_case.search import Call
 
@@ -119,7 +119,7 @@ class ArgumentRanges:
     """
 
     def __init__(self, elf: Path, function: str, texts: Sequence[str], returns: Range | None) -> None:
-        self._board = VirtualK64F(elf)
+        self._board = board_for(elf)
         self._function, self._returns = function_named(self._board.image, function).name, returns
         self._pieces: list[list[str | Range]] = [_pieces(text) for text in texts]
         self._open = [each for pieces in self._pieces for each in pieces if isinstance(each, Range)]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from fractions import Fraction
 
 from hiltest.virtual.calls.call_clock import CALL_HZ
 from hiltest.virtual.part.chip import Chip
-from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus
+from hiltest.virtual.peripherals.bus import PeripheralBus
 from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.peripherals.rcm import ResetRequested, ResetSource
 from hiltest.virtual.peripherals.scs import SystemControlSpace
@@ -24,13 +23,6 @@ def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter
 
     counter = CycleCounter(processor)
     return counter, SystemControlSpace(processor, core, counter, reset)
-
-
-def connected(
-    processor: Processor, peripherals: Sequence[Peripheral], register_name: Callable[[int], str | None] | None
-) -> PeripheralBus:
-    """Put blocks on the bus of a processor, which answers the accesses to them."""
-    return PeripheralBus(processor, peripherals, register_name)
 
 
 class BarePart:
@@ -51,7 +43,7 @@ class BarePart:
         core.run_at(Fraction(CALL_HZ), Fraction(CALL_HZ), 0)
         self.unmodelled = UnmodelledLog(processor, Chip((), ()))
         self.cycle_counter, control = private_peripherals(processor, core)
-        self.bus = connected(processor, [self.cycle_counter, control], None)
+        self.bus = PeripheralBus(processor, [self.cycle_counter, control], None)
 
     def describe_sleep(self) -> str:
         """Say in which mode it sleeps: it has none."""

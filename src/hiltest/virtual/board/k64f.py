@@ -2,45 +2,34 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 
-from hiltest.errors import BoardFault, ConfigError, place_of
-from hiltest.virtual.board.bare_part import BarePart
-from hiltest.virtual.board.board_parts import BoardParts
-from hiltest.virtual.board.loading import load_running, load_segments, vectors
+from hiltest.errors import ConfigError
+from hiltest.virtual.board.cortex_m4 import VirtualCortexM4, opened
+from hiltest.virtual.board.frdm_k64f import BoardEvent, LedsAndButtons
+from hiltest.virtual.board.interrupt_wires import InterruptSource, InterruptWires
+from hiltest.virtual.board.loading import load_segments, vectors
 from hiltest.virtual.board.memory_map import memory_map
-from hiltest.virtual.board.memory_use import memory_use
 from hiltest.virtual.board.microcontroller import Microcontroller
-from hiltest.virtual.calls.call_clock import CALL_HZ, checked_clock
-from hiltest.virtual.calls.call_watch import CallWatch
-from hiltest.virtual.calls.calling import CallResult, call_function, function_named
-from hiltest.virtual.calls.procedure_call import Argument
-from hiltest.virtual.calls.solution_watch import SolutionEnd, SolutionWatch
-from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
 from hiltest.virtual.model.timing import TimingProfile
-from hiltest.virtual.part.chip import MemoryMap
-from hiltest.virtual.peripherals.i2c_bus import I2cDevice
+from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cDevice
+from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.rcm import ResetRequested, ResetSource
+from hiltest.virtual.peripherals.sim import ClockGates
+from hiltest.virtual.peripherals.uart import Uart
+from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.clock import PICOSECONDS
 from hiltest.virtual.processor.cpu import Processor
-from hiltest.virtual.processor.faults import FaultRecord
 from hiltest.virtual.processor.memory import MK64FN1M0
 from hiltest.virtual.processor.schedule import Event
-from hiltest.virtual.processor.stacks import known_stacks
-from hiltest.virtual.program.elf import FirmwareImage, load_image
-from hiltest.virtual.program.instructions import decode
-from hiltest.virtual.program.stack_bounds import NoBound, StackBounds, bound_with_exceptions
+from hiltest.virtual.program.elf import FirmwareImage
 
-#: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
-#: the slowest way to count, with a profile, takes the host about a minute for it.
-HANG_S = 1.0
 
-class VirtualK64F(BoardParts):
+class VirtualK64F(VirtualCortexM4):
     """A board that runs an ELF, instruction by instruction, with a cycle count.
 
     Virtual time follows the clocks that the firmware sets up: out of reset the core
@@ -58,9 +47,6 @@ class VirtualK64F(BoardParts):
     strict : bool
         Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
         registers keep what is written, and `unmodelled` lists what was touched.
-    memory : str or MemoryMap, optional
-        Memories of another part, see `memory_map`, by default those that the image needs. With them functions are
-        called, no firmware starts, and of the peripherals there are the processor's own alone.
     flash_file : str or Path, optional
         Holds the flash from run to run. At power-on it gives back the sectors that the image has nothing in.
 
@@ -76,7 +62,7 @@ class VirtualK64F(BoardParts):
     Raises
     ------
     ConfigError
-        If the ELF is not for this processor or does not fit its memories, or what is given is not of such a part.
+        If the ELF is not for this processor or does not fit its memories.
     """
 
     def __init__(
@@ -87,49 +73,21 @@ class VirtualK64F(BoardParts):
         i2c1: Sequence[I2cDevice] = (),
         profile: str | TimingProfile = DEFAULT_PROFILE,
         strict: bool = False,
-        memory: str | MemoryMap | None = None,
         flash_file: str | Path | None = None,
     ) -> None:
-        source = Path(elf) if isinstance(elf, str) else elf
-        self.image = source if isinstance(source, FirmwareImage) else load_image(source)
-        priced = load_profile(profile) if isinstance(profile, str) else profile
-        self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
-        if priced.memory and self._is_foreign:
-            raise ConfigError(f"{priced.name} counts the K64F's memories, not {self.memory}; take {DEFAULT_PROFILE}")
-        self.processor = Processor(self.image, priced, memories=self.memory)
-        if self._is_foreign and (i2c0 or i2c1 or flash_file):
-            raise ConfigError(f"{self.image.name} is on {self.memory}: i2c0, i2c1 and flash_file are of the MK64FN1M0")
-        super().__init__(
-            BarePart(self.processor) if self._is_foreign
-            else Microcontroller(self.processor, (i2c0, i2c1), strict=strict, flash_file=flash_file)
-        )  # fmt: skip
+        def microcontroller(processor: Processor) -> Microcontroller:
+            self._chip = Microcontroller(processor, (i2c0, i2c1), strict=strict, flash_file=flash_file)
+            return self._chip
+
+        super().__init__(elf, profile=profile, memory=MK64FN1M0, part=microcontroller)
+        self._leds_and_buttons = LedsAndButtons(self._chip.ports, self.clocks.time_s)
         self.run_processor = self.processor.run
         self.debugged, self.halted_s = False, 0.0
-        self._booted = False
-        load_segments(self.processor.memory, self.image)
-
-    @property
-    def _is_foreign(self) -> bool:
-        return self.memory != MK64FN1M0
-
-    @property
-    def may_rest(self) -> bool:
-        """Whether firmware that ends in a loop to itself, without a fault, is at rest, and no hang."""
-        return self.processor.waiting.may_rest
-
-    @may_rest.setter
-    def may_rest(self, may: bool) -> None:
-        self.processor.waiting.may_rest = may
 
     # -- reset --------------------------------------------------------------------------------
 
     def boot(self) -> None:
         """Power on: start the firmware from its vector table at the next `run_until`."""
-        if self._is_foreign:
-            raise ConfigError(
-                f"{self.image.name}: firmware starts on the MK64FN1M0 alone, and this is on {self.memory}: "
-                "functions of it can be called"
-            )
         load_segments(self.processor.memory, self.image)
         self._chip.flash.power_on(self.image.segments)
         self._chip.bites = 0
@@ -160,78 +118,9 @@ class VirtualK64F(BoardParts):
     # -- time ---------------------------------------------------------------------------------
 
     @property
-    def cycles(self) -> int:
-        """Clock cycles since power-on."""
-        return self.processor.cycles
-
-    @property
-    def instructions(self) -> int:
-        """Instructions executed since power-on."""
-        return self.processor.instructions
-
-    def memory_use(self) -> dict[str, int]:
-        """Return the bytes that the firmware takes, see `hiltest.virtual.board.memory_use`."""
-        return memory_use(self.image, self.memory, known_stacks(self.processor.machine))
-
-    def stack_bounds(self, functions: Iterable[str]) -> dict[str, int | str]:
-        """Return the bytes of stack that functions can take at most, by name, or why that is not known.
-
-        The empty name is that of the whole firmware, with the exceptions that were taken or are enabled.
-        """
-        bounds, found = StackBounds(self.image), dict[str, int | str]()
-        nvic, table = self.processor.nvic, self.processor.core.vector_table
-        with contextlib.suppress(ConfigError):  # it did not start from here
-            _, entry = vectors(self.processor.memory, self.image)
-            read = self.processor.memory.read_words
-            handlers = [[read(table + 4 * each, 1)[0] for each in alike] for alike in nvic.together()]
-            found[""] = self._bound(lambda: bound_with_exceptions(bounds, entry, handlers))
-        for name in functions:
-            address = function_named(self.image, name).address
-            found[name] = self._bound(partial(bounds.bound, address))
-        return found
-
-    @staticmethod
-    def _bound(bound: Callable[[], int]) -> int | str:
-        try:
-            return bound()
-        except NoBound as error:
-            return str(error)
-
-    @property
     def time_s(self) -> float:
         """Virtual time since power-on [s]."""
         return self.clocks.time_s()
-
-    @property
-    def faults(self) -> Sequence[FaultRecord]:
-        """Faults that the firmware's handlers got since power-on: the first thousand."""
-        return tuple(self.processor.fault_log.records)
-
-    def position(self) -> str:
-        """Say where the firmware is: sleeping, or executing which line, and in which fault's handler."""
-        fault = self.processor.fault_log.first_cause
-        if fault is None:
-            return self._doing()
-        return f"{self._doing()}, after: {fault.cause} at {place_of(fault.pc, fault.function, fault.location)}"
-
-    def _doing(self) -> str:
-        pc = self.processor.registers.pc.get()
-        function = self.image.function_at(pc)
-        place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
-        if self.processor.sleeping:
-            return f"asleep{self._part.describe_sleep()} in {place}"
-        if self._loops_at(pc & ~1):
-            rests = self.may_rest and self.processor.waiting.in_thread
-            return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"
-        bitten = f", reset {self._part.bites} times by its watchdog" if self._part.bites else ""
-        return f"executing {place}{self.processor.waits_for()}{bitten}"
-
-    def _loops_at(self, address: int) -> bool:
-        """Whether a branch to itself stands there; what stands there may be the end of a memory, or nothing."""
-        for size in (4, 2):
-            with contextlib.suppress(ValueError):
-                return decode(address, self.processor.memory.read(address, size))[0].jumps_to(address)
-        return False
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
         """Run the firmware until virtual time `time_s`, or until `wake` answers true.
@@ -278,19 +167,9 @@ class VirtualK64F(BoardParts):
         until = math.ceil(Fraction(time_s) * PICOSECONDS)
         return self.clocks.time.at(until, lambda: None, wakes=False)
 
-    def watch_calls(self, functions: Iterable[str]) -> CallWatch:
-        """Count the calls of functions from now on, while firmware runs."""
-        return CallWatch(self.processor, functions)
-
-    def watch_solutions(self, functions: Iterable[str], end: SolutionEnd) -> SolutionWatch:
-        """Sum up the calls of functions that work in slices, by solution, from now on."""
-        return SolutionWatch(self.processor, functions, end)
-
-    # -- calling functions --------------------------------------------------------------------
-
     def _call_hz(self, asked_hz: float | None) -> float:
         if not self._booted:
-            return CALL_HZ if asked_hz is None else checked_clock(asked_hz)
+            return super()._call_hz(asked_hz)
         if asked_hz is not None:
             raise ConfigError(
                 f"clock_hz={asked_hz} is for functions called without boot; this firmware has set up "
@@ -298,47 +177,116 @@ class VirtualK64F(BoardParts):
             )
         return self.clocks.core_hz
 
-    def call(
-        self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
-    ) -> CallResult:
-        """Call one function of the image and count what it costs.
+    # -- what is on the chip ------------------------------------------------------------------
 
-        Works without booting; on a running board the processor's state is put
-        back afterwards. Interrupts are masked during the call.
+    @property
+    def clocks(self) -> ClockGates:
+        """The clocks that the firmware has set up, and virtual time."""
+        return self._chip.clocks
+
+    @property
+    def uarts(self) -> tuple[Uart, ...]:
+        """UART0 to UART5, each with the far end of its wire: `host_write`, `host_read`, `line_baud`."""
+        return self._chip.uarts
+
+    @property
+    def uart0(self) -> Uart:
+        """The first, which is the board's serial port."""
+        return self._chip.uarts[0]
+
+    @property
+    def timers(self) -> PeriodicTimers:
+        """The PIT."""
+        return self._chip.timers
+
+    @property
+    def watchdog(self) -> Watchdog:
+        """The watchdog."""
+        return self._chip.watchdog
+
+    @property
+    def adc_volts(self) -> dict[tuple[int, int], float]:
+        """Voltages of the converters' inputs by converter and channel, such as ``adc_volts[0, 12] = 1.2``.
+
+        Of a differential channel it is that between its pins. Others have 0 V.
+        """
+        return self._chip.adc_volts
+
+    @property
+    def seed(self) -> int:
+        """Seed of the numbers that the chip's random number generator makes from now on; 0 if none is set."""
+        return self._chip.random_numbers.seed
+
+    @seed.setter
+    def seed(self, seed: int) -> None:
+        self._chip.random_numbers.seed = seed
+
+    def warm_by(self, temperature_degc: Callable[[], float]) -> None:
+        """Say what answers the chip's temperature, which is 25 degC otherwise."""
+        self._chip.temperature_degc = temperature_degc
+
+    # -- pins ---------------------------------------------------------------------------------
+
+    @property
+    def events(self) -> list[BoardEvent]:
+        """What the LEDs and buttons did since power-on."""
+        return self._leds_and_buttons.events
+
+    def press(self, button: str) -> None:
+        """Press ``SW2`` or ``SW3``, and keep it pressed."""
+        self._leds_and_buttons.push(button, True)
+
+    def release(self, button: str) -> None:
+        """Release a button."""
+        self._leds_and_buttons.push(button, False)
+
+    def is_on(self, what: str) -> bool:
+        """Whether an LED (``LED red``, ``LED green``, ``LED blue``) is lit, or a button is pressed."""
+        return self._leds_and_buttons.is_on(what)
+
+    def drive(self, pin: str, high: bool) -> None:
+        """Give a pin such as ``PTC5`` a level from outside."""
+        port, number = self._chip.pin(pin)
+        port.drive(number, high)
+
+    def level(self, pin: str) -> bool:
+        """Level of a pin such as ``PTC5``, whoever gives it; low while it is analog."""
+        port, number = self._chip.pin(pin)
+        return bool(port.levels >> number & 1)
+
+    def lead_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
+        """Connect the interrupt pins of a part.
 
         Parameters
         ----------
-        symbol : str
-            Name of the function.
-        *arguments : int, float, bytes, bytearray, numpy array or Structure
-            By the types in the DWARF; integers only without it. A buffer is
-            copied to free RAM and passed by address; a writable one gets what
-            the function left there.
-        timeout_s : float
-            Virtual time after which it is taken to hang [s].
-        clock_hz : float, optional
-            Core clock without boot [Hz], by default 120 MHz; a running board has the one that its firmware made.
-
-        Returns
-        -------
-        CallResult
-            ``.value``, ``.cycles``, ``.instructions`` and ``.microseconds``.
-
-        Raises
-        ------
-        ConfigError
-            No such function, arguments that do not fit it, or no such clock.
-        BoardFault
-            The function faulted or hung.
+        bus : int
+            Which I2C bus the part is on: 0 or 1.
+        part : InterruptSource
+            One of the parts given for that bus.
+        int1, int2 : str or None
+            Pins of the processor, such as ``PTB9``; None leaves one open.
         """
-        clock_hz = self._call_hz(clock_hz)
-        if not self._booted:
-            load_running(self.processor.memory, self.image)
-        try:
-            with self.processor.calls.paused():
-                return call_function(
-                    self.processor, symbol, arguments, booted=self._booted, clock_hz=clock_hz, timeout_s=timeout_s
-                )
-        except ResetRequested as request:
-            by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
-            raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None
+        pins = self._chip.wire_to(int1), self._chip.wire_to(int2)
+        wires = InterruptWires(part, pins, self.clocks.time)
+        self._chip.i2c_buses[bus].after_stop(part, wires.look)
+        wires.look()
+
+    def hold_line(self, bus: int, held: HeldLine) -> None:
+        """Pull a line of I2C bus 0 or 1 low for a time, as a part that is stuck or a short does."""
+        self._chip.i2c_buses[bus].on_hold(held)
+
+
+def board_for(
+    elf: str | Path | bytes | FirmwareImage, *, profile: str | TimingProfile = DEFAULT_PROFILE,
+    memory: str | None = None,
+) -> VirtualCortexM4:  # fmt: skip
+    """Return a board that calls functions of an image of any part: a `VirtualK64F` if it fits the MK64FN1M0.
+
+    Parameters are those of `VirtualCortexM4`, which the board is otherwise: if memories are named, or needed, that the
+    MK64FN1M0 does not have.
+    """
+    image = opened(elf)
+    memories = memory_map(image, memory)
+    if memories == MK64FN1M0:
+        return VirtualK64F(image, profile=profile)
+    return VirtualCortexM4(image, profile=profile, memory=memories)

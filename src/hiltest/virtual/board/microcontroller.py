@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from hiltest.virtual.board.bare_part import connected, private_peripherals
+from hiltest.virtual.board.bare_part import private_peripherals
 from hiltest.virtual.part.chip import ChipPeripheral, mk64f12, pin_place
 from hiltest.virtual.peripherals.adc import Converter
-from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
+from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.crc import CheckValue
 from hiltest.virtual.peripherals.dma import DmaController
 from hiltest.virtual.peripherals.dmamux import DmaMultiplexer
@@ -105,7 +105,7 @@ class Microcontroller:
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
-        self.bus = self._dma.bus = connected(processor, self._peripherals, self._chip.register_name)
+        self.bus = self._dma.bus = PeripheralBus(processor, self._peripherals, self._chip.register_name)
         self.clocks.on_gates = self.bus.look_again
 
     def _base(self, name: str) -> int:

@@ -13,7 +13,7 @@ _COLD = ".cold"  # the part of a function that the compiler moves away because i
 
 
 class CallWatch:
-    """Counts the calls of some functions; made by `VirtualK64F.watch_calls`.
+    """Counts the calls of some functions; made by `VirtualCortexM4.watch_calls`.
 
     Parameters
     ----------

@@ -118,7 +118,7 @@ def call_function(
     processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool, clock_hz: float,
     timeout_s: float,
 ) -> CallResult:  # fmt: skip
-    """Call a function; see `VirtualK64F.call`."""
+    """Call a function; see `VirtualCortexM4.call`."""
     function = function_named(processor.image, symbol)
     registers = processor.registers
     processor.save_floats()  # what an interrupted handler has not saved yet is not this function's

@@ -71,7 +71,7 @@ class SolutionEnd:
 
 
 class SolutionWatch:
-    """Sums up slices by solution; made by `VirtualK64F.watch_solutions`.
+    """Sums up slices by solution; made by `VirtualCortexM4.watch_solutions`.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hiltest.measurement import CycleRange
-from hiltest.virtual.board.k64f import HANG_S, VirtualK64F
+from hiltest.virtual.board.cortex_m4 import HANG_S, VirtualCortexM4
 from hiltest.virtual.calls.calling import CallResult
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.core.library import ffi, lib
@@ -127,17 +127,18 @@ class CallProfile(CallResult):
 
 
 def profile_call(
-    board: VirtualK64F, function: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
-) -> CallProfile:
+    board: VirtualCortexM4, function: str, *arguments: Argument, timeout_s: float = HANG_S,
+    clock_hz: float | None = None,
+) -> CallProfile:  # fmt: skip
     """Call one function of an image and find out where its cycles go.
 
     Parameters
     ----------
-    board : VirtualK64F
+    board : VirtualCortexM4
     function : str
         Its name.
     *arguments, timeout_s, clock_hz
-        As `VirtualK64F.call` takes them.
+        As `VirtualCortexM4.call` takes them.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 The core watches a function at its first instruction and where its calls return to (calls.c); nothing of the firmware is
 changed, and no cycle count is. A call counts from the function's first instruction to its return, both included, which
-is what `VirtualK64F.call` counts of it.
+is what `VirtualCortexM4.call` counts of it.
 """
 
 from __future__ import annotations

@@ -1,0 +1,255 @@
+"""A virtual Cortex-M4: its processor and memories, whose functions can be called."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from hiltest.errors import BoardFault, ConfigError, place_of
+from hiltest.virtual.board.bare_part import BarePart
+from hiltest.virtual.board.loading import load_running, load_segments, vectors
+from hiltest.virtual.board.memory_map import memory_map
+from hiltest.virtual.board.memory_use import memory_use
+from hiltest.virtual.board.microcontroller import Microcontroller
+from hiltest.virtual.calls.call_clock import CALL_HZ, checked_clock
+from hiltest.virtual.calls.call_watch import CallWatch
+from hiltest.virtual.calls.calling import CallResult, call_function, function_named
+from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.calls.solution_watch import SolutionEnd, SolutionWatch
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.model.timing import TimingProfile
+from hiltest.virtual.part.chip import MemoryMap
+from hiltest.virtual.peripherals.bus import PeripheralBus
+from hiltest.virtual.peripherals.dwt import CycleCounter
+from hiltest.virtual.peripherals.rcm import ResetRequested, ResetSource
+from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess
+from hiltest.virtual.processor.cpu import Processor
+from hiltest.virtual.processor.faults import FaultRecord
+from hiltest.virtual.processor.memory import MK64FN1M0
+from hiltest.virtual.processor.stacks import known_stacks
+from hiltest.virtual.program.elf import FirmwareImage, load_image
+from hiltest.virtual.program.instructions import decode
+from hiltest.virtual.program.stack_bounds import NoBound, StackBounds, bound_with_exceptions
+
+#: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
+#: the slowest way to count, with a profile, takes the host about a minute for it.
+HANG_S = 1.0
+
+
+class VirtualCortexM4:
+    """A processor with memories, which calls functions of an image and counts their cycles.
+
+    Of the peripherals there are the processor's own alone, and no firmware starts: `VirtualK64F` is a whole board.
+
+    Parameters
+    ----------
+    elf : str, Path, bytes or FirmwareImage
+        File, or the content of one.
+    profile : str or TimingProfile
+        Name of a profile, or of a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
+    memory : str or MemoryMap, optional
+        Memories of the part, see `memory_map`, by default those that the image needs.
+    part : callable
+        Connects what is around the processor.
+
+    Raises
+    ------
+    ConfigError
+        If the image is not for this processor or does not fit the memories, or the profile is of other memories.
+    """
+
+    def __init__(
+        self,
+        elf: str | Path | bytes | FirmwareImage,
+        *,
+        profile: str | TimingProfile = DEFAULT_PROFILE,
+        memory: str | MemoryMap | None = None,
+        part: Callable[[Processor], BarePart | Microcontroller] = BarePart,
+    ) -> None:
+        self.image = opened(elf)
+        priced = load_profile(profile) if isinstance(profile, str) else profile
+        self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
+        if priced.memory and self.memory != MK64FN1M0:
+            raise ConfigError(f"{priced.name} counts the K64F's memories, not {self.memory}; take {DEFAULT_PROFILE}")
+        self.processor = Processor(self.image, priced, memories=self.memory)
+        self._part = part(self.processor)
+        self._booted = False
+        load_segments(self.processor.memory, self.image)
+
+    @property
+    def bus(self) -> PeripheralBus:
+        """The bus of the peripherals."""
+        return self._part.bus
+
+    @property
+    def cycle_counter(self) -> CycleCounter:
+        """DWT, with the firmware's readings of it."""
+        return self._part.cycle_counter
+
+    @property
+    def may_rest(self) -> bool:
+        """Whether firmware that ends in a loop to itself, without a fault, is at rest, and no hang."""
+        return self.processor.waiting.may_rest
+
+    @may_rest.setter
+    def may_rest(self, may: bool) -> None:
+        self.processor.waiting.may_rest = may
+
+    @property
+    def cycles(self) -> int:
+        """Clock cycles since power-on."""
+        return self.processor.cycles
+
+    @property
+    def instructions(self) -> int:
+        """Instructions executed since power-on."""
+        return self.processor.instructions
+
+    def memory_use(self) -> dict[str, int]:
+        """Return the bytes that the firmware takes, see `hiltest.virtual.board.memory_use`."""
+        return memory_use(self.image, self.memory, known_stacks(self.processor.machine))
+
+    def stack_bounds(self, functions: Iterable[str]) -> dict[str, int | str]:
+        """Return the bytes of stack that functions can take at most, by name, or why that is not known.
+
+        The empty name is that of the whole firmware, with the exceptions that were taken or are enabled.
+        """
+        bounds, found = StackBounds(self.image), dict[str, int | str]()
+        nvic, table = self.processor.nvic, self.processor.core.vector_table
+        with contextlib.suppress(ConfigError):  # it did not start from here
+            _, entry = vectors(self.processor.memory, self.image)
+            read = self.processor.memory.read_words
+            handlers = [[read(table + 4 * each, 1)[0] for each in alike] for alike in nvic.together()]
+            found[""] = self._bound(lambda: bound_with_exceptions(bounds, entry, handlers))
+        for name in functions:
+            address = function_named(self.image, name).address
+            found[name] = self._bound(partial(bounds.bound, address))
+        return found
+
+    @staticmethod
+    def _bound(bound: Callable[[], int]) -> int | str:
+        try:
+            return bound()
+        except NoBound as error:
+            return str(error)
+
+    @property
+    def faults(self) -> Sequence[FaultRecord]:
+        """Faults that the firmware's handlers got since power-on: the first thousand."""
+        return tuple(self.processor.fault_log.records)
+
+    def position(self) -> str:
+        """Say where the firmware is: sleeping, or executing which line, and in which fault's handler."""
+        fault = self.processor.fault_log.first_cause
+        if fault is None:
+            return self._doing()
+        return f"{self._doing()}, after: {fault.cause} at {place_of(fault.pc, fault.function, fault.location)}"
+
+    def _doing(self) -> str:
+        pc = self.processor.registers.pc.get()
+        function = self.image.function_at(pc)
+        place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
+        if self.processor.sleeping:
+            return f"asleep{self._part.describe_sleep()} in {place}"
+        if self._loops_at(pc & ~1):
+            rests = self.may_rest and self.processor.waiting.in_thread
+            return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"
+        bitten = f", reset {self._part.bites} times by its watchdog" if self._part.bites else ""
+        return f"executing {place}{self.processor.waits_for()}{bitten}"
+
+    def _loops_at(self, address: int) -> bool:
+        """Whether a branch to itself stands there; what stands there may be the end of a memory, or nothing."""
+        for size in (4, 2):
+            with contextlib.suppress(ValueError):
+                return decode(address, self.processor.memory.read(address, size))[0].jumps_to(address)
+        return False
+
+    def watch_calls(self, functions: Iterable[str]) -> CallWatch:
+        """Count the calls of functions from now on, while firmware runs."""
+        return CallWatch(self.processor, functions)
+
+    def watch_solutions(self, functions: Iterable[str], end: SolutionEnd) -> SolutionWatch:
+        """Sum up the calls of functions that work in slices, by solution, from now on."""
+        return SolutionWatch(self.processor, functions, end)
+
+    # -- registers that are not modelled ------------------------------------------------------
+
+    @property
+    def unmodelled(self) -> Sequence[UnmodelledAccess]:
+        """First access to each register that keeps what is written and does nothing; `str` of one is a sentence."""
+        return self._part.unmodelled.accesses
+
+    def tell(self, told: Callable[[str], None]) -> None:
+        """Say who is told, in a line, of a register that firmware waits for and that is not modelled.
+
+        Otherwise that is an `UnmodelledWarning`.
+        """
+        self._part.unmodelled.told = told
+
+    @contextlib.contextmanager
+    def unnoticed(self) -> Iterator[None]:
+        """Leave accesses out of `unmodelled` that are not the firmware's, for the time of the context."""
+        self._part.unmodelled.listens = False
+        try:
+            yield
+        finally:
+            self._part.unmodelled.listens = True
+
+    # -- calling functions --------------------------------------------------------------------
+
+    def _call_hz(self, asked_hz: float | None) -> float:
+        """Return the core clock that makes seconds of a call's cycles [Hz]."""
+        return CALL_HZ if asked_hz is None else checked_clock(asked_hz)
+
+    def call(
+        self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
+    ) -> CallResult:
+        """Call one function of the image and count what it costs.
+
+        Works without booting; on a running board the processor's state is put
+        back afterwards. Interrupts are masked during the call.
+
+        Parameters
+        ----------
+        symbol : str
+            Name of the function.
+        *arguments : int, float, bytes, bytearray, numpy array or Structure
+            By the types in the DWARF; integers only without it. A buffer is
+            copied to free RAM and passed by address; a writable one gets what
+            the function left there.
+        timeout_s : float
+            Virtual time after which it is taken to hang [s].
+        clock_hz : float, optional
+            Core clock without boot [Hz], by default 120 MHz; a running board has the one that its firmware made.
+
+        Returns
+        -------
+        CallResult
+            ``.value``, ``.cycles``, ``.instructions`` and ``.microseconds``.
+
+        Raises
+        ------
+        ConfigError
+            No such function, arguments that do not fit it, or no such clock.
+        BoardFault
+            The function faulted or hung.
+        """
+        clock_hz = self._call_hz(clock_hz)
+        if not self._booted:
+            load_running(self.processor.memory, self.image)
+        try:
+            with self.processor.calls.paused():
+                return call_function(
+                    self.processor, symbol, arguments, booted=self._booted, clock_hz=clock_hz, timeout_s=timeout_s
+                )
+        except ResetRequested as request:
+            by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
+            raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None
+
+
+def opened(elf: str | Path | bytes | FirmwareImage) -> FirmwareImage:
+    """Return an image: of a file, of its content, or as it is."""
+    source = Path(elf) if isinstance(elf, str) else elf
+    return source if isinstance(source, FirmwareImage) else load_image(source)
