@@ -48,9 +48,11 @@ class NativeLibrariesHook(BuildHookInterface):
                 built.append(library)
         build_data["artifacts"].extend(str(path.relative_to(self.root)) for path in built)
         build_data["pure_python"] = False
-        build_data["tag"] = f"py3-none-{_platform()}"
+        build_data["tag"] = f"py3-none-{_platform(build)}"
 
 
-def _platform() -> str:
-    """Name this platform without a promise to older ones (manylinux): the libraries were linked here."""
+def _platform(build: ModuleType) -> str:
+    """Name the platform: that of a release, or this one without a promise to older ones."""
+    if name := build.release_architecture():
+        return f"manylinux_{'_'.join(map(str, build.RELEASE_GLIBC))}_{name}"
     return next(tag.platform for tag in sys_tags() if "manylinux" not in tag.platform)

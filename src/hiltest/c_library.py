@@ -39,6 +39,10 @@ _TIMEOUT_S = 600.0
 ZIG_REQUIREMENT = "ziglang>=0.13,<0.18"
 """Package of PyPI whose compiler is used if no other one works."""
 
+RELEASE_ARCHITECTURES = ("x86_64", "aarch64")
+RELEASE_GLIBC = (2, 17)
+"""Version of glibc that is enough for libraries of a release: that of manylinux2014."""
+
 INSTANCES_KERNEL = _PACKAGE / "studies" / "instances_kernel.so"
 CORE = _PACKAGE / "virtual" / "core" / "core.so"
 CORE_INTERFACE = CORE.with_name("machine.h")
@@ -63,8 +67,24 @@ float probe(const char *text, float value)
 """
 
 
+def release_architecture() -> str:
+    """Return the architecture that HILTEST_WHEEL_ARCH names, or nothing: then libraries are for this machine alone.
+
+    Raises
+    ------
+    ValueError
+        If releases are not built for it.
+    """
+    name = os.environ.get("HILTEST_WHEEL_ARCH", "")
+    if name and name not in RELEASE_ARCHITECTURES:
+        raise ValueError(f"HILTEST_WHEEL_ARCH={name}: wheels are built for {' and '.join(RELEASE_ARCHITECTURES)}")
+    return name
+
+
 def build_requirements() -> list[str]:
     """Return the packages that have to be installed before the libraries can be compiled: zig, or none."""
+    if release_architecture():
+        return [ZIG_REQUIREMENT]
     compiler, _ = _system_compiler(os.environ.get("CC"), os.environ.get("PATH"))
     return [] if compiler else [ZIG_REQUIREMENT]
 
@@ -112,12 +132,18 @@ def _probe(command: Sequence[str]) -> str:
 
 
 def _compiler() -> tuple[tuple[str, ...], str]:
-    """Return the command of the compiler to use, zig's if no other one works, or why there is none."""
+    """Return the command of the compiler to use, zig's if no other one works, or why there is none.
+
+    A release is compiled by zig's: it links against any glibc, for any architecture.
+    """
+    zig = (sys.executable, "-m", "ziglang", "cc", *_ZIG_FLAGS)
+    if name := release_architecture():
+        return (*zig, "-target", f"{name}-linux-gnu.{'.'.join(map(str, RELEASE_GLIBC))}"), ""
     command, reason = _system_compiler(os.environ.get("CC"), os.environ.get("PATH"))
     if command:
         return command, ""
     if find_spec("ziglang") is not None:
-        return (sys.executable, "-m", "ziglang", "cc", *_ZIG_FLAGS), ""
+        return zig, ""
     advice = f"Install one (Debian: gcc and libc6-dev) or the Python package {ZIG_REQUIREMENT!r}"
     return (), f"{reason}. {advice}"
 
