@@ -26,12 +26,13 @@ from hiltest.profiling.timing_table import print_judgements, print_places
 from hiltest.rig import Rig
 from hiltest.virtual.board import k64f
 from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.core.decoder import decode
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, ROWS, load_profile
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.part.unique_id import VIRTUAL_UNIQUE_ID
 from hiltest.virtual.program.elf import load_image
-from hiltest.virtual.program.instructions import Instruction, decode
+from hiltest.virtual.program.instruction_text import instruction_text
 from hiltest.virtual.silicon.measured_profile import CHECKS, EQUATIONS, PLAIN, WITH_RULES, MeasuredProfile, profile_text
 from hiltest.virtual.silicon.measured_profile import solve as solve_with
 from hiltest.virtual.silicon.rule_candidates import Candidate, questions
@@ -189,8 +190,8 @@ def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_sa
     assert not left & measured.rows.keys()
 
 
-def clocks_of_dearer_board(rig: Rig, clocks: Callable[[Instruction], int], profile: str = WITH_RULES) -> dict[str, int]:
-    """Return what sequences take a board on which some of their instructions cost more."""
+def clocks_of_dearer_board(rig: Rig, clocks: Callable[[int, str], int], profile: str = WITH_RULES) -> dict[str, int]:
+    """Return what sequences take a board on which an instruction at an address, of a text, costs more."""
     bench = VirtualBench(made_with(rig, profile))
     processor, more = bench.machine.processor, {}
     for name in SEQUENCES:
@@ -200,7 +201,8 @@ def clocks_of_dearer_board(rig: Rig, clocks: Callable[[Instruction], int], profi
             segment.data[begin - segment.run_address :][: symbol.size] for segment in bench.machine.image.segments
             if segment.run_address <= begin < segment.run_address + segment.run_size
         )  # fmt: skip
-        more |= {each.address: clocks(each) for each in decode(begin, code)}
+        for address in [instruction.address for instruction in decode(begin, code)]:
+            more[address] = clocks(address, instruction_text(address, code[address - begin :]))
 
     def wait(_reason: int) -> None:
         """Let the time pass that the next instruction takes more."""
@@ -221,7 +223,7 @@ def test_a_board_whose_fetch_is_late_behind_two_bytes_too_is_told(
     code = range(body.address & ~1, (body.address & ~1) + body.size)
     # LDR.W at a line, CMP, and of three EOR.W the last, 14 bytes behind it.
     third = [address for address in code if (address - code[0]) % 32 == 14 and address > code[0] + 64]
-    clocks = clocks_of_dearer_board(rig, lambda each: int(each.address in third))
+    clocks = clocks_of_dearer_board(rig, lambda address, _text: int(address in third))
     measured = solved(clocks)
     told = {BEHIND_CMP: "one of the three waits"}
     assert verdicts(measured).items() - verdicts_by_rules.items() == told.items()
@@ -430,8 +432,8 @@ def test_a_rule_that_does_not_hold_is_told(clocks: dict[str, int]) -> None:
 def test_a_class_of_the_kernels_that_costs_more_than_others_of_its_row_is_told(
     rig: Rig, mnemonics: tuple[str, ...], told: set[str]
 ) -> None:
-    def more(instruction: Instruction) -> int:
-        return int(instruction.text.split()[0].removesuffix(".w") in mnemonics)
+    def more(_address: int, text: str) -> int:
+        return int(text.split()[0].removesuffix(".w") in mnemonics)
 
     clocks = clocks_of_dearer_board(rig, more, PLAIN)
     assert {remark.split(":")[0] for remark in solved(clocks).remarks} == told

@@ -18,8 +18,8 @@ import pytest
 from elftools.elf.elffile import ELFFile
 from elftools.elf.sections import SymbolTableSection
 
+from hiltest.virtual.processor.stack_bounds import NoBound, StackBounds
 from hiltest.virtual.program.elf import load_image
-from hiltest.virtual.program.stack_bounds import NoBound, StackBounds
 
 pytestmark = pytest.mark.slow
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 import hiltest
+from hiltest.virtual.core.decoder import decode
 from hiltest.virtual.program.elf import FirmwareImage, load_image
-from hiltest.virtual.program.instructions import decode
 
 from ..instances import instance
 from .packed_kernel import MOMENTS, BoardPacked, HostPacked, PackedKernel
 from .references.packed_moments import BLOCK_POINTS, largest_shift, packed_moments, packed_sums
 
+STACK_POINTER = 13
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 Points = NDArray[np.int64]
@@ -215,6 +215,4 @@ def _frame(image: FirmwareImage, function: str) -> int:
         each.data[start - each.run_address :][: symbol.size]
         for each in image.segments if each.run_address <= start < each.run_address + len(each.data)
     )  # fmt: skip
-    texts = [each.text for each in decode(start, code)]
-    (taken,) = (match[1] for match in map(re.compile(r"subw? sp, (?:sp, )?#(\w+)$").match, texts) if match)
-    return int(taken, 0)
+    return max(-each.number for each in decode(start, code) if each.result == STACK_POINTER and each.is_sum)

@@ -22,8 +22,8 @@ from hiltest.virtual.core.machine import NEVER
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.processor import cpu
-from hiltest.virtual.program.instructions import Instruction, decode  # the model in Python
 
+from .capstone_oracle import Instruction, decode
 from .pipeline_model import NEUTRAL, REACHED, PipelineState
 from .price_model import PriceModel
 

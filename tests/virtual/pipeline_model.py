@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
-from hiltest.virtual.program.instructions import Instruction
+from .capstone_oracle import Instruction
 
 _ON_END = 3  # misplaced instructions until the fetch is late
 _MAKES_RESULTS = ("data", "divide")

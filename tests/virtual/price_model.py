@@ -20,8 +20,8 @@ skipped. A profile may have more rules, of `pipeline_model`.
 from __future__ import annotations
 
 from hiltest.virtual.model.timing import TimingProfile
-from hiltest.virtual.program.instructions import Instruction
 
+from .capstone_oracle import Instruction
 from .pipeline_model import NEUTRAL, Late, PipelineState, Reached, Rules
 
 # Neither leaves a pipeline state nor, behind none, waits: most of all instructions, priced at once.

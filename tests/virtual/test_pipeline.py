@@ -8,8 +8,8 @@ import pytest
 
 from hiltest.virtual.model.profile_file import load_profile
 from hiltest.virtual.model.timing import moved
-from hiltest.virtual.program.instructions import decode
 
+from .capstone_oracle import decode
 from .pipeline_model import NEUTRAL, REACHED, PipelineState, Reached
 from .price_model import PriceModel
 

@@ -7,8 +7,8 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.virtual.model.profile_file import load_profile
 from hiltest.virtual.model.timing import TimingProfile, moved
-from hiltest.virtual.program.instructions import decode
 
+from .capstone_oracle import decode
 from .pipeline_model import NEUTRAL
 from .price_model import PriceModel
 

@@ -7,7 +7,6 @@ here, for the compiler moves them. The instructions themselves say where branche
 from __future__ import annotations
 
 import os
-import re
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,15 +15,13 @@ from typing import Any
 
 from hiltest.coverage.lcov import Coverage, FileCoverage
 from hiltest.errors import ConfigError
+from hiltest.virtual.core.decoder import decode
 from hiltest.virtual.processor.executed_code import ExecutedCode
 from hiltest.virtual.program.elf import LIBRARIES, FirmwareImage
-from hiltest.virtual.program.instructions import mnemonics
 
 _WITHOUT_LINES = (
     "no coverage without source lines: {name} has no line table, or it is damaged; give the .elf of a build with -g"
 )
-_IT = re.compile("it[te]{0,3}")
-_CONDITIONAL = re.compile(r"cbn?z|b(eq|ne|hs|cs|lo|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)(\.w)?")
 _END = -1  # line of no row: the code of a file ends there
 # Parts of a function that the compiler cut off it: entered from within.
 _CUT_OFF = (".part", ".cold")
@@ -112,15 +109,12 @@ class SourceMap:
         """Find instructions and branches in the code that has lines."""
         found = _Code()
         for address, content in self._image.code:
-            left = 0  # instructions of an IT block
-            for at, mnemonic in mnemonics(address, content):
+            for instruction in decode(address, content):
+                at = instruction.address
                 found.instructions.add(at)
-                if _IT.fullmatch(mnemonic):
-                    found.branches.append(Branch(at, guarded=at + 2))
-                    left = len(mnemonic) - 1
-                elif left:
-                    left -= 1
-                elif _CONDITIONAL.fullmatch(mnemonic):
+                if instruction.begins_it_block:
+                    found.branches.append(Branch(at, guarded=at + instruction.size))
+                elif instruction.conditional:
                     found.branches.append(Branch(at))
         return found
 

@@ -20,9 +20,9 @@ from hypothesis import strategies as st
 
 from hiltest.virtual.model import timing
 from hiltest.virtual.model.profile_file import AT_LEAST, ROWS, RULES, load_profile
-from hiltest.virtual.program import instructions
 
 from .. import pipeline_model as pipeline  # the model in Python
+from ..capstone_oracle import Instruction, decode
 from ..price_model import RULE_ROWS, PriceModel
 from .inner_library import inner_library
 
@@ -111,22 +111,18 @@ def balanced(codes: Sequence[bytes]) -> list[bytes]:
 
 def split(binary: Path) -> list[bytes]:
     """Return the bytes of each instruction of some code."""
-    code, parts = binary.read_bytes(), []
-    while code:
-        size = instructions.instruction_size(code)
-        parts.append(code[:size])
-        code = code[size:]
-    return parts
+    code = binary.read_bytes()
+    return [code[each.address :][: each.size] for each in decode(0, code)]
 
 
 @cache
-def decoded(code: bytes, address: int, predicated: bool) -> instructions.Instruction:
-    (instruction,) = instructions.decode(address, code, int(predicated))
+def decoded(code: bytes, address: int, predicated: bool) -> Instruction:
+    (instruction,) = decode(address, code, int(predicated))
     return instruction
 
 
 @cache
-def in_c(instruction: instructions.Instruction) -> Any:
+def in_c(instruction: Instruction) -> Any:
     """Return an instruction as the model in C takes it."""
     ffi, library = inner_library()
     target = instruction.target
@@ -163,7 +159,7 @@ def in_bytes(state: Any) -> bytes:
 
 
 def priced_in_python(
-    profile: timing.TimingProfile, instruction: instructions.Instruction, goes: str, state: pipeline.PipelineState
+    profile: timing.TimingProfile, instruction: Instruction, goes: str, state: pipeline.PipelineState
 ) -> tuple[int, pipeline.PipelineState]:
     model = PriceModel(profile)
     seen = instruction.skipped() if goes == "skipped" and model.prices_skipped else instruction
@@ -173,7 +169,7 @@ def priced_in_python(
     return cycles, left
 
 
-def priced_in_c(prices: Any, instruction: instructions.Instruction, goes: str, state: Any) -> int:
+def priced_in_c(prices: Any, instruction: Instruction, goes: str, state: Any) -> int:
     """Price an instruction; `state` is changed to what it leaves."""
     ffi, library = inner_library()
     function = library.price_skipped if goes == "skipped" else library.price_instruction

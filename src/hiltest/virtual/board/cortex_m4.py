@@ -18,6 +18,8 @@ from hiltest.virtual.calls.call_watch import CallWatch
 from hiltest.virtual.calls.calling import CallResult, call_function, function_named
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.calls.solution_watch import SolutionEnd, SolutionWatch
+from hiltest.virtual.core.decoder import decode_first
+from hiltest.virtual.core.library import lib
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.part.chip import MemoryMap
@@ -28,10 +30,9 @@ from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.faults import FaultRecord
 from hiltest.virtual.processor.memory import MK64FN1M0
+from hiltest.virtual.processor.stack_bounds import NoBound, StackBounds, bound_with_exceptions
 from hiltest.virtual.processor.stacks import known_stacks
 from hiltest.virtual.program.elf import FirmwareImage, load_image
-from hiltest.virtual.program.instructions import decode
-from hiltest.virtual.program.stack_bounds import NoBound, StackBounds, bound_with_exceptions
 
 #: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
 #: the slowest way to count, with a profile, takes the host about a minute for it.
@@ -160,11 +161,9 @@ class VirtualCortexM4:
         return f"executing {place}{self.processor.waits_for()}{bitten}"
 
     def _loops_at(self, address: int) -> bool:
-        """Whether a branch to itself stands there; what stands there may be the end of a memory, or nothing."""
-        for size in (4, 2):
-            with contextlib.suppress(ValueError):
-                return decode(address, self.processor.memory.read(address, size))[0].jumps_to(address)
-        return False
+        """Whether a branch to itself stands there."""
+        found = decode_first(address, self.processor.memory.code_at(address))
+        return bool(found) and found.flow == lib.FLOW_JUMP and found.target == address and not found.conditional
 
     def watch_calls(self, functions: Iterable[str]) -> CallWatch:
         """Count the calls of functions from now on, while firmware runs."""

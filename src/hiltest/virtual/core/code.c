@@ -309,7 +309,7 @@ static struct node *make_node(struct machine *machine, uint32_t address, uint8_t
     decode_instruction(address, first, second, it_state, machine->baseline, &node->instruction);
     if (node->instruction.operation == OP_BKPT)
         node->instruction.condition = CONDITION_ALWAYS; /* also in an IT block, see BKPT */
-    node->moves_stack = node->instruction.core_writes >> 13 & 1 || node->instruction.stack_move == STACK_ELSEWHERE;
+    node->moves_stack = node->instruction.core_writes >> 13 & 1 || node->instruction.sets_stack;
     node->marks = marks_at(machine->code, address);
     node->operation = first_operation(machine, node);
     price_node(machine, node);

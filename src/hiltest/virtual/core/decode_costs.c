@@ -135,16 +135,6 @@ static void describe_singles(struct instruction *i)
     }
 }
 
-/* Bytes by which write-back to the stack pointer lowers it. */
-static int32_t lowered_by_write_back(const struct instruction *i)
-{
-    int32_t bytes = 4 * i->words;
-    switch (i->operation) {
-    case OP_LDM: case OP_STM: case OP_VLDM: case OP_VSTM: return i->mode & MODE_BEFORE ? bytes : -bytes;
-    default: return -(int32_t)i->immediate;
-    }
-}
-
 /* ADD and SUB of a number or a register to the stack pointer itself. */
 static bool steps_stack(const struct instruction *i)
 {
@@ -154,36 +144,13 @@ static bool steps_stack(const struct instruction *i)
 }
 
 /* Special registers 8, 9 and 20: MSP, PSP and CONTROL, which says which of the two is the stack pointer (B5.2, MSR). */
-static bool sets_stack_pointer(uint32_t special) { return special == 8 || special == 9 || special == 20; }
+static bool is_of_stack_pointer(uint32_t special) { return special == 8 || special == 9 || special == 20; }
 
-static void describe_stack_move(struct instruction *i)
+static bool sets_stack(const struct instruction *i)
 {
-    if (i->operation == OP_MSR) {
-        i->stack_move = sets_stack_pointer(i->immediate) ? STACK_ELSEWHERE : STACK_AS_IT_SAYS;
-        return;
-    }
-    if (writes_back(i) && i->n == SP) {
-        i->lowers_stack = lowered_by_write_back(i);
-    } else if (results(i) & core_mask(SP)) {
-        bool by_number = i->operation == OP_ADD_I || i->operation == OP_ADD_IS || i->operation == OP_SUB_I
-                         || i->operation == OP_SUB_IS;
-        if (!steps_stack(i)) {
-            i->stack_move = STACK_ELSEWHERE;
-            return;
-        }
-        if (!by_number) {
-            i->stack_move = STACK_BY_REGISTER;
-            return;
-        }
-        bool lowers = i->operation >= OP_SUB_I;
-        i->lowers_stack = lowers ? (int32_t)i->immediate : -(int32_t)i->immediate;
-    } else {
-        return;
-    }
-    if (i->in_it_block) { /* it may be skipped */
-        i->lowers_stack = 0;
-        i->stack_move = STACK_BY_REGISTER;
-    }
+    if (i->operation == OP_MSR) return is_of_stack_pointer(i->immediate);
+    bool is_moved = (writes_back(i) && i->n == SP) || steps_stack(i);
+    return results(i) & core_mask(SP) && !is_moved;
 }
 
 void describe_costs(struct instruction *decoded)
@@ -195,5 +162,5 @@ void describe_costs(struct instruction *decoded)
     if (decoded->row == ROW_load) decoded->loaded_registers = core_mask(decoded->d);
     if (decoded->uses_fpu) describe_singles(decoded);
     describe_transfer(decoded);
-    describe_stack_move(decoded);
+    decoded->sets_stack = sets_stack(decoded);
 }

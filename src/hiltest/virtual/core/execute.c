@@ -143,7 +143,7 @@ static inline void forget_fetched_word(struct machine *machine)
 static inline void follow_stack(struct machine *machine, const struct node *node, uint32_t next)
 {
     machine->core.r[13] &= ~3u;
-    look_at_stack(machine, node->instruction.stack_move == STACK_ELSEWHERE, next);
+    look_at_stack(machine, node->instruction.sets_stack, next);
 }
 
 /* -- floating point ---------------------------------------------------------------------------------------------- */

@@ -128,13 +128,6 @@ enum transfer {
     TRANSFER_INDIRECT, /* it comes from a register or from memory */
 };
 
-/* How an instruction may move the stack pointer. */
-enum stack_move {
-    STACK_AS_IT_SAYS,    /* by `lowers_stack` bytes, or not at all */
-    STACK_BY_REGISTER,   /* by an amount that stands in a register, or by a skipped instruction */
-    STACK_ELSEWHERE,     /* it is set */
-};
-
 struct instruction {
     uint16_t operation; /* enum operation */
     uint8_t size;       /* bytes: 2 or 4 */
@@ -154,13 +147,12 @@ struct instruction {
     bool conditional;   /* a transfer that may fall through: B with a condition, CBZ, CBNZ, any transfer in an IT block */
     bool in_it_block;
     bool uses_fpu;
-    uint8_t stack_move; /* enum stack_move */
+    bool sets_stack;    /* the stack pointer becomes something else than itself plus or minus a number or a register */
     uint16_t address_registers; /* that an access takes its address from, without the PC */
     uint16_t loaded_registers;  /* that a single load writes, without the base that is written back */
     uint16_t core_writes;       /* core registers written */
     uint32_t fp_reads, fp_writes;
     uint32_t fp_addend;         /* read only as the addend of a multiply-accumulate; not in fp_reads */
-    int32_t lowers_stack;       /* bytes by which it lowers the stack pointer; negative if it raises it */
 };
 
 /* Decode the instruction that begins with `first`.

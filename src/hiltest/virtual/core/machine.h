@@ -413,6 +413,44 @@ const struct machine_cost *machine_cost(struct machine *machine, uint32_t number
 /* Name of the row of a timing profile that priced a cost. */
 const char *machine_row_name(int32_t row);
 
+/* Where execution goes on behind an instruction; faults and exceptions do not count. */
+enum machine_flow {
+    FLOW_ON,      /* at the next instruction */
+    FLOW_JUMP,    /* at `target` */
+    FLOW_CALL,    /* at `target`, and then at the next instruction */
+    FLOW_LITERAL, /* at the address that the word at `target` holds */
+    FLOW_TABLE,   /* at one of several places: in a table of addresses (`entry_size` 4), or of halves of distances from
+                     the next instruction (1 or 2) */
+    FLOW_RETURN,  /* behind the call */
+    FLOW_POINTER, /* where a register or a memory says */
+    FLOW_POINTER_CALL,
+};
+
+enum { NO_REGISTER = 16 };
+
+/* An instruction for those who read code. Of the registers that it writes it describes one, the stack pointer if it
+ * moves that. */
+struct machine_instruction {
+    uint32_t address, target;
+    int32_t flow;         /* enum machine_flow */
+    int32_t number;
+    uint16_t writes;      /* bit n: it writes r[n] */
+    uint8_t size;         /* bytes */
+    uint8_t entry_size;
+    uint8_t result, base; /* r[result] becomes r[base] + `number` if `is_sum`; otherwise it becomes something else, which
+                             depends on r[base] if `base` is a register */
+    bool is_sum;
+    bool conditional;     /* the jump has a condition of its own */
+    bool in_it_block;     /* it may be skipped */
+    bool begins_it_block;
+};
+
+/* Decode at most `most` instructions of some code. Returns how many they are: one that the end cuts off is left out.
+ * `it_state` is ITSTATE before the first one, 0 outside an IT block, and becomes that behind the last one. */
+int32_t machine_decode(
+    uint32_t address, const uint8_t *code, uint32_t size, uint8_t *it_state, struct machine_instruction *decoded,
+    int32_t most);
+
 /* The stacks that have been used, in the order in which they were first seen; valid until the machine runs again. */
 const struct machine_stack *machine_stacks(struct machine *machine, int32_t *count);
 

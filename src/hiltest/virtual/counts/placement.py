@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from hiltest.virtual.program.elf import FirmwareImage
-from hiltest.virtual.program.instructions import Instruction
 
 LEAST_SHARE = 0.01
 """A loop that loses less than this part of the whole is not named."""
@@ -48,9 +47,15 @@ class LoopPlacement:
 class FetchTally:
     """How often an instruction was executed, and for how many cycles it waited to be fetched."""
 
-    instruction: Instruction
+    address: int
+    size: int
     executions: int = 0
     late: int = 0
+
+    @property
+    def misplaced(self) -> bool:
+        """Whether it has four bytes and does not begin at a multiple of four: two words have to be fetched."""
+        return self.size == 4 and self.address % 4 != 0
 
 
 Loop = tuple[int, int]
@@ -58,7 +63,8 @@ Loop = tuple[int, int]
 
 
 def placements(
-    name: str, loops: Mapping[Loop, int], executed: Mapping[int, FetchTally], image: FirmwareImage
+    name: str, loops: Mapping[Loop, int], executed: Mapping[int, FetchTally], image: FirmwareImage,
+    text_at: Callable[[int], str],
 ) -> Iterator[LoopPlacement]:
     """Yield the loops of a function in which instructions wait to be fetched.
 
@@ -72,6 +78,8 @@ def placements(
         The function's instructions, by address.
     image : FirmwareImage
         Tells source lines.
+    text_at : callable
+        Tells the text of the instruction at an address.
     """
     inside: dict[Loop, list[FetchTally]] = {}
     for address, tally in executed.items():
@@ -79,23 +87,23 @@ def placements(
         if around:
             inside.setdefault(min(around, key=lambda loop: loop[1] - loop[0]), []).append(tally)
     for loop, tallies in inside.items():
-        wide = [each for each in tallies if each.instruction.size == 4]
+        wide = [each for each in tallies if each.size == 4]
         late = sum(each.late for each in wide)
         if late:
             yield LoopPlacement(
                 name, image.location_at(loop[0]), *loop, loops[loop],
-                sum(each.executions for each in wide if each.instruction.misplaced),
-                sum(each.executions for each in wide), late, _advice(loop, tallies),
+                sum(each.executions for each in wide if each.misplaced),
+                sum(each.executions for each in wide), late, _advice(loop, tallies, text_at),
             )  # fmt: skip
 
 
-def _advice(loop: Loop, tallies: list[FetchTally]) -> str:
+def _advice(loop: Loop, tallies: list[FetchTally], text_at: Callable[[int], str]) -> str:
     """Say what moves the run of misplaced instructions that waits most."""
-    ends = {each.instruction.address + each.instruction.size: each.instruction for each in tallies}
+    ends = {each.address + each.size: each for each in tallies}
     late: Counter[int] = Counter()
     for each in tallies:
         if each.late:
-            begin = each.instruction.address
+            begin = each.address
             while begin != loop[0] and begin in ends and ends[begin].misplaced:
                 begin = ends[begin].address
             late[begin] += each.late
@@ -104,4 +112,4 @@ def _advice(loop: Loop, tallies: list[FetchTally]) -> str:
     before = None if begin == loop[0] else ends.get(begin)
     if before is None or before.size == 4:
         return f"begin {begin:#010x} at a multiple of four (.balign 4, -falign-loops=4){more}"
-    return f"make {before.text!r} at {before.address:#010x} four bytes (.w){more}"
+    return f"make {text_at(before.address)!r} at {before.address:#010x} four bytes (.w){more}"

@@ -16,6 +16,7 @@ from hiltest.measurement import CycleRange
 from hiltest.virtual.board.cortex_m4 import HANG_S, VirtualCortexM4
 from hiltest.virtual.calls.calling import CallResult
 from hiltest.virtual.calls.procedure_call import Argument
+from hiltest.virtual.core.decoder import decode_first
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.counts.cost_classes import STALL_NUMBERS, WORK_OF_ROW, Stall, Work
@@ -24,7 +25,7 @@ from hiltest.virtual.counts.placement import LEAST_SHARE, FetchTally, Loop, Loop
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.slices import Slice
 from hiltest.virtual.program.elf import FirmwareImage, Symbol
-from hiltest.virtual.program.instructions import Instruction, decode
+from hiltest.virtual.program.instruction_text import instruction_text
 
 _SRAM_U = 0x20000000
 _COLD = ".cold"  # the part of a function that the compiler moves away because it hardly ever runs
@@ -231,7 +232,7 @@ class _Sums:
         self._stalls: Counter[Stall] = Counter(dict.fromkeys(Stall, 0))
         self._loops: dict[int, Counter[Loop]] = {}
         self._fetched: dict[int, dict[int, FetchTally]] = {}
-        self._addresses: dict[tuple[int, int], tuple[Instruction, _Tally]] = {}
+        self._addresses: dict[tuple[int, int], _Tally] = {}
         for cost in _read_costs(processor.machine):
             self._add(self._paths[cost.path - 1], cost)
 
@@ -239,24 +240,20 @@ class _Sums:
         waits = {cause: cost.stall_cycles[number] for cause, number in STALL_NUMBERS.items()}
         self._stalls.update(waits)
         self._work[WORK_OF_ROW[ffi.string(lib.machine_row_name(cost.row)).decode()]] += cost.work_cycles
-        instruction, at_address = self._addresses.setdefault(
-            (path.function, cost.address), (self._decode(cost.address), _Tally())
-        )
+        instruction = decode_first(cost.address, self._memory.code_at(cost.address))
+        at_address = self._addresses.setdefault((path.function, cost.address), _Tally())
         stall_cycles = sum(waits.values())
         for tally in (path.own, at_address):
             tally.add(cost.executions, cost.work_cycles + stall_cycles, stall_cycles)
-        fetched = self._fetched.setdefault(path.function, {}).setdefault(cost.address, FetchTally(instruction))
+        fetches = self._fetched.setdefault(path.function, {})
+        fetched = fetches.setdefault(cost.address, FetchTally(cost.address, instruction.size))
         fetched.executions += cost.executions
         fetched.late += waits[Stall.FETCH]
-        if cost.jumps and instruction.target is not None and instruction.jumps_back(cost.address):
+        if cost.jumps and instruction.flow == lib.FLOW_JUMP and instruction.target <= cost.address:
             self._loops.setdefault(path.function, Counter())[instruction.target, cost.address] += cost.jumps
 
-    def _decode(self, address: int) -> Instruction:
-        try:
-            code = self._memory.read(address, 4)
-        except ValueError:  # a memory ends there
-            code = self._memory.read(address, 2)
-        return decode(address, code)[0]
+    def _text_at(self, address: int) -> str:
+        return instruction_text(address, self._memory.code_at(address))
 
     def profile(self, function: str, result: CallResult, memory_cycles: int) -> CallProfile:
         """Make the tables."""
@@ -281,7 +278,7 @@ class _Sums:
     def _placements(self, least: float) -> list[LoopPlacement]:
         loops = [
             loop for function, turns in self._loops.items()
-            for loop in placements(self._names[function], turns, self._fetched[function], self._image)
+            for loop in placements(self._names[function], turns, self._fetched[function], self._image, self._text_at)
         ]
         return sorted((loop for loop in loops if loop.cycles >= least), key=lambda loop: (-loop.cycles, loop.address))
 
@@ -296,15 +293,15 @@ class _Sums:
     def _cycle_model(self) -> str:
         """Timing profile and the memories that the code ran from, the one with the most cycles first."""
         cycles: Counter[str] = Counter()
-        for (_, address), (_, tally) in self._addresses.items():
+        for (_, address), tally in self._addresses.items():
             in_flash = self._memory.map.in_flash(address)
             cycles["flash" if in_flash else "sram" if address < _SRAM_U else "sram_u"] += tally.cycles
         return f"{self._timing.name}@{'+'.join(name for name, _ in cycles.most_common())}"
 
     def _address_costs(self) -> Iterator[AddressCost]:
-        for (function, address), (instruction, tally) in self._addresses.items():
+        for (function, address), tally in self._addresses.items():
             yield AddressCost(
-                address, instruction.text, self._owners.name(function), self._image.location_at(address),
+                address, self._text_at(address), self._owners.name(function), self._image.location_at(address),
                 tally.executions, tally.cycles, tally.stall_cycles,
             )  # fmt: skip
 

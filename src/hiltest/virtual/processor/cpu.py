@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 
 from hiltest.errors import BoardFault, place_of
 from hiltest.virtual.core.library import lib
@@ -24,7 +23,6 @@ from hiltest.virtual.processor.running_calls import RunningCalls
 from hiltest.virtual.processor.schedule import Event, Schedule
 from hiltest.virtual.processor.waiting import Waiting
 from hiltest.virtual.program.elf import FirmwareImage
-from hiltest.virtual.program.instructions import decode
 
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: the part has nothing there
 
@@ -197,17 +195,11 @@ class Processor:
         first = self.fault_log.first_cause
         return self.fault(f"hang: {cause}", pc) if first is None else first.ended(f"hang at {self.place(pc)}: {cause}")
 
-    def _text_at(self, address: int) -> str:
-        for size in (4, 2):
-            with suppress(ValueError):
-                return decode(address, self.memory.read(address, size))[0].text
-        return ""
-
     def _deliver(self) -> None:
         """Have the firmware's handler take the fault that the core has noted."""
         core = self.core
         place: int = core.fault.place
-        cause = describe_fault(self.machine, self._text_at(place))
+        cause = describe_fault(self.machine, self.memory.code_at(place))
         described = self.fault(f"stack overflow: {cause}" if self._overflows() else cause, place)
         if not self.delivers_faults:
             raise described

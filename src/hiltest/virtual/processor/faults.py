@@ -11,28 +11,30 @@ from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.processor.bit_band import ALIASES
 from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 from hiltest.virtual.processor.nvic import exception_name
+from hiltest.virtual.program.instruction_text import instruction_text
 
 _KEPT = 1000  # firmware that lives from its faults must not fill the host's memory; the first ones explain the most
 _NO_CODE = (PERIPHERALS, PRIVATE_PERIPHERALS, *ALIASES)
 
 
-def describe_fault(machine: Machine, instruction: str) -> str:
+def describe_fault(machine: Machine, code: bytes) -> str:
     """Say what the core has noted in `core.fault`.
 
     Parameters
     ----------
     machine : Machine
-    instruction : str
-        Text of the instruction at its place.
+    code : bytes
+        What stands at its place, if memory is there.
     """
     fault = machine.core.fault
     if fault.kind == lib.FAULT_DATA_BUS:
         return _data_access(machine, fault)
     if fault.cause in (lib.CAUSE_FETCH_UNMAPPED, lib.CAUSE_NO_THUMB_BIT):
         return _jump(fault)
-    sentence: str = _SENTENCES[fault.cause].format(
-        address=fault.address, value=fault.value, number=fault.size, instruction=instruction
-    )
+    if fault.cause == lib.CAUSE_MISALIGNED:
+        text = instruction_text(fault.place, code)
+        return f"unaligned access: r{fault.size} = 0x{fault.value:08x} in '{text}'"
+    sentence: str = _SENTENCES[fault.cause].format(address=fault.address, value=fault.value, number=fault.size)
     return sentence
 
 
@@ -40,7 +42,6 @@ _SENTENCES = {
     lib.CAUSE_OPCODE: "undefined instruction {value:04x}",
     lib.CAUSE_FPU_DISABLED: "FPU used while CPACR disables it (NOCP)",
     lib.CAUSE_COPROCESSOR: "instruction for a coprocessor that is not there (NOCP)",
-    lib.CAUSE_MISALIGNED: "unaligned access: r{number} = 0x{value:08x} in '{instruction}'",
     lib.CAUSE_EXCLUSIVE: "unaligned exclusive access",
     lib.CAUSE_DIVISOR: "division by zero: r{number}",
     lib.CAUSE_SVC: "SVC where the SVCall handler may not run",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from functools import lru_cache
 
 from hiltest.virtual.core.library import ffi, lib
@@ -73,6 +74,13 @@ class BoardMemory:
         """
         memory = self._holding(address, size)
         return bytes(memory.view[address - memory.base : address - memory.base + size])
+
+    def code_at(self, address: int) -> bytes:
+        """Return the four bytes at an address, two at the end of a memory, none if no memory is there."""
+        for size in (4, 2):
+            with suppress(ValueError):
+                return self.read(address, size)
+        return b""
 
     def write(self, address: int, data: bytes) -> None:
         """Write flash or SRAM, as a programmer or a debugger does."""

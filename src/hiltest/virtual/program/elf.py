@@ -227,6 +227,18 @@ class FirmwareImage:
                 return segment.data[offset : offset + size]
         raise ValueError(f"{self.name}: nothing at 0x{address:08x}")
 
+    def code_from(self, address: int, size: int) -> bytes:
+        """Return code as `read` does, at most to where data is, as far as the file says it."""
+        if self.is_data_in_code(address):
+            return b""
+        following = bisect.bisect(self._data_begins, address)
+        end = self._data_begins[following] if following < len(self._data_begins) else address + size
+        return self.read(address, min(size, end - address))
+
+    @cached_property
+    def _data_begins(self) -> list[int]:
+        return [address for address, is_code in self._marks if not is_code]
+
     def is_data_in_code(self, address: int) -> bool:
         """Whether data is at an address, as far as the file says it."""
         index = bisect.bisect_right(self._marks, address, key=lambda mark: mark[0]) - 1

@@ -1,0 +1,35 @@
+"""Code as the core decodes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from hiltest.virtual.core.library import ffi, lib
+
+_AT_ONCE = 32  # instructions: readers often stop at a jump
+
+
+def decode(address: int, code: bytes) -> Iterator[Any]:
+    """Yield the instructions of some code that begins outside an IT block, see struct machine_instruction.
+
+    Parameters
+    ----------
+    address : int
+        Address of the first byte.
+    code : bytes
+        An instruction that its end cuts off is left out.
+    """
+    decoded, it_state = ffi.new("struct machine_instruction[]", _AT_ONCE), ffi.new("uint8_t *")
+    begin, place = ffi.from_buffer(code), 0
+    while count := lib.machine_decode(
+        address + place, begin + place, len(code) - place, it_state, decoded, _AT_ONCE
+    ):
+        for index in range(count):
+            yield ffi.new("struct machine_instruction *", decoded[index])  # which stays when `decoded` is overwritten
+        place = decoded[count - 1].address + decoded[count - 1].size - address
+
+
+def decode_first(address: int, code: bytes) -> Any:
+    """Return the first instruction of some code; None if the code is shorter."""
+    return next(decode(address, code), None)
