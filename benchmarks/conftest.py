@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +28,13 @@ class Figure:
 
 FIGURES = pytest.StashKey[list[Figure]]()
 Report = Callable[[str, float, str, str], None]
+Build = Callable[..., Path]
+
+TEST_PROGRAMS = Path(__file__).parents[1] / "tests" / "virtual" / "programs"
+FLAGS = (
+    "-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-mthumb", "-O2", "-fno-math-errno", "-nostdlib",
+    "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{TEST_PROGRAMS / 'flash.ld'}",
+)  # fmt: skip
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -43,6 +52,22 @@ def report(request: pytest.FixtureRequest) -> Report:
 def rig() -> Rig:
     """The default rig."""
     return load_rig(shipped() / "rigs" / "virtual-k64f.toml")
+
+
+@pytest.fixture
+def build(tmp_path: Path) -> Build:
+    """Return a function that compiles a program for the board: its source, and more flags of the compiler."""
+    compiler = shutil.which("arm-none-eabi-gcc")
+    if compiler is None:
+        pytest.skip("arm-none-eabi-gcc is not installed")
+
+    def compile_program(source: Path, *flags: str) -> Path:
+        elf = tmp_path / f"{source.stem}.elf"
+        sources = [str(TEST_PROGRAMS / "start.S"), str(source)]
+        subprocess.run([compiler, *FLAGS, *flags, *sources, "-lgcc", "-o", str(elf)], check=True, timeout=60)
+        return elf
+
+    return compile_program
 
 
 @pytest.fixture(scope="session")

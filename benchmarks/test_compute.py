@@ -6,14 +6,19 @@ In processor time, which on a quiet machine is the time on the wall: other progr
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.call_clock import CALL_HZ
 
-from .conftest import Report
+from .conftest import Build, Report
 from .kernel_loop import KernelLoop
+
+COMPUTES = Path(__file__).parent / "programs" / "computes.c"
+START_S, RUN_S = 0.01, 0.3  # of the 21 MHz that the core has out of reset
 
 
 @pytest.mark.benchmark(timer=time.process_time)
@@ -26,3 +31,15 @@ def test_counting(benchmark: BenchmarkFixture, report: Report, kernel: str, roun
     fastest_s, instructions = benchmark.stats.stats.min, loop.instructions / 51
     report(f"{kernel}: millions of instructions a second", instructions / fastest_s / 1e6, "MIPS", "at least 200")
     report(f"{kernel} against 120 MHz", cycles / CALL_HZ / fastest_s, "x real time", "at least 1.5")
+
+
+@pytest.mark.benchmark(timer=time.process_time)
+@pytest.mark.parametrize("work", ["integer", "load_store", "floating_point"])
+def test_kinds_of_instructions(benchmark: BenchmarkFixture, report: Report, build: Build, work: str) -> None:
+    board = VirtualK64F(build(COMPUTES, f"-DWORK={work}"))
+    board.run_until(START_S)
+    began = board.instructions
+    benchmark.pedantic(lambda: board.run_until(board.time_s + RUN_S), rounds=50)
+    instructions = (board.instructions - began) / 50
+    fastest_s = benchmark.stats.stats.min
+    report(f"{work}: millions of instructions a second", instructions / fastest_s / 1e6, "MIPS", "at least 200")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,30 +13,9 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.rig import Rig
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Report
+from .conftest import TEST_PROGRAMS, Build, Report
 
-PROGRAMS = Path(__file__).parents[1] / "tests" / "virtual" / "programs"
-FLAGS = (
-    "-mcpu=cortex-m4", "-mthumb", "-O2", "-nostdlib", "-ffreestanding", "-Wl,--build-id=none",
-    f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
-)  # fmt: skip
 START_S = 0.5  # what programs set up first is not counted
-
-
-@pytest.fixture
-def build(tmp_path: Path) -> Callable[[Path], Path]:
-    """Return a function that compiles a program for the board."""
-    compiler = shutil.which("arm-none-eabi-gcc")
-    if compiler is None:
-        pytest.skip("arm-none-eabi-gcc is not installed")
-
-    def compile_program(source: Path) -> Path:
-        elf = tmp_path / f"{source.stem}.elf"
-        sources = [str(PROGRAMS / "start.S"), str(source)]
-        subprocess.run([compiler, *FLAGS, *sources, "-lgcc", "-o", str(elf)], check=True, timeout=60)
-        return elf
-
-    return compile_program
 
 
 def _ratio(benchmark: BenchmarkFixture, board: VirtualK64F, run_s: float) -> float:
@@ -64,9 +41,9 @@ def test_foreign_firmware(
 
 @pytest.mark.benchmark(timer=time.process_time)
 def test_polling_a_sensor_and_printing(
-    benchmark: BenchmarkFixture, report: Report, rig: Rig, build: Callable[[Path], Path]
+    benchmark: BenchmarkFixture, report: Report, rig: Rig, build: Build
 ) -> None:
-    machine = VirtualBench(rig, firmware=build(PROGRAMS / "polls_fxos8700.c")).machine
+    machine = VirtualBench(rig, firmware=build(TEST_PROGRAMS / "polls_fxos8700.c")).machine
     ratio = _ratio(benchmark, machine, 2.0)
     assert machine.uart0.host_waiting > 1000
     report("FXOS8700CQ polled over I2C and printed", ratio, "x real time", "at least 2.0")

@@ -30,6 +30,9 @@ _FLAGS = (
     "-ffp-contract=off",  # clang would contract a product and a sum to one fma if the processor has it
     "-fno-semantic-interposition",  # gcc may inline a function although the library could export it
 )  # fmt: skip
+_CORE_FLAGS = (
+    "-fno-tree-slp-vectorize",  # gcc would keep both counters of the interpreter in one vector: a third slower
+)
 _ZIG_FLAGS = (
     "-mcpu=baseline",  # without it zig compiles for the processor of this very machine
     "-fomit-frame-pointer",
@@ -242,7 +245,7 @@ def build_core() -> str:
     str
         Why they are not there now; empty when they are.
     """
-    return compiled(CORE, SOURCES[CORE], exports="machine_*") or _bind_core()
+    return compiled(CORE, SOURCES[CORE], _CORE_FLAGS, exports="machine_*") or _bind_core()
 
 
 def _bind_core() -> str:

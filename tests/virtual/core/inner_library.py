@@ -48,4 +48,5 @@ def _declarations(folder: Path) -> str:
     command = [_COMPILER, "-E", "-P", str(source)]
     expanded = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     plain = re.sub(r"static inline [^{]*\{[^}]*\}", "", expanded)
+    plain = re.sub(r"inline ([^{]*)\{[^}]*\}", r"\1;", plain)  # these have a symbol too
     return plain + (SOURCES / "machine.h").read_text()

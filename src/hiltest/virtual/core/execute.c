@@ -786,8 +786,32 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         case OP_VMOV_I: FLOAT_IS_READY(); core->s[i->d] = i->immediate; break;
         case OP_VMOV_TO_CORE: FLOAT_IS_READY(); r[i->d] = core->s[i->n]; break;
         case OP_VMOV_FROM_CORE: FLOAT_IS_READY(); core->s[i->n] = r[i->d]; break;
-        case OP_VLDR: FLOAT_IS_READY(); TRANSFER(load_floats(machine, i)); break;
-        case OP_VSTR: FLOAT_IS_READY(); TRANSFER(store_floats(machine, i)); break;
+        case OP_VLDR: {
+            const uint32_t address = (i->n == PC ? 0 : r[i->n]) + i->immediate;
+            const bool is_plain = i->words == 1 && address % 4 == 0;
+            const uint8_t *bytes = is_plain ? plain_bytes(machine, address, 4) : NULL;
+            FLOAT_IS_READY();
+            if (bytes)
+                memcpy(&core->s[i->d], bytes, 4);
+            else
+                ELSEWHERE(load_floats(machine, i));
+            if (WAITS)
+                cycles += transfer_wait(machine, node, address, cycles);
+            break;
+        }
+        case OP_VSTR: {
+            const uint32_t address = r[i->n] + i->immediate;
+            const bool is_plain = i->words == 1 && address % 4 == 0;
+            FLOAT_IS_READY(); /* what it saves may close the page */
+            uint8_t *bytes = is_plain ? writable_bytes(machine, address, 4) : NULL;
+            if (bytes)
+                memcpy(bytes, &core->s[i->d], 4);
+            else
+                ELSEWHERE(store_floats(machine, i));
+            if (WAITS)
+                cycles += transfer_wait(machine, node, address, cycles);
+            break;
+        }
         case OP_VLDM: FLOAT_IS_READY(); TRANSFER(load_float_registers(machine, i)); break;
         case OP_VSTM: FLOAT_IS_READY(); TRANSFER(store_float_registers(machine, i)); break;
         default:

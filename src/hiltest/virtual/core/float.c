@@ -4,12 +4,22 @@
  * fast one lets the host calculate in the case that takes most of the time of real firmware: FPSCR says to round to
  * nearest and not to flush to zero, and the result is neither special nor tiny. Then the host's result is the
  * Cortex-M4's, and no exception flag but IXC can change. IXC is cumulative: until the first inexact result has set it,
- * each result is compared with the exact one.
+ * each result is compared with the exact one. Behind that, the functions in float.h have less to look at.
  */
 #include "float.h"
 
 #include <math.h>
-#include <string.h>
+
+/* The definitions of float.h for callers that do not have them inline. */
+extern inline float to_float(uint32_t bits);
+extern inline uint32_t from_float(float number);
+extern inline bool is_ordinary(uint32_t result);
+extern inline bool is_halfway(double number);
+extern inline bool is_final(uint32_t result, uint32_t fpscr);
+extern inline uint32_t float_add(uint32_t a, uint32_t b, uint32_t *fpscr);
+extern inline uint32_t float_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
+extern inline uint32_t float_multiply(uint32_t a, uint32_t b, uint32_t *fpscr);
+extern inline uint32_t float_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr);
 
 enum {
     TOP_BIT = 62,
@@ -434,6 +444,8 @@ uint32_t float_from_fixed(
     const uint32_t magnitude = (negative ? 0 - value : value) & mask;
     if (magnitude == 0)
         return 0;
+    if (fraction_bits == 0 && magnitude >> (FRACTION_BITS + 1) == 0)
+        return sign_of(negative) | from_float((float)magnitude); /* it is exact */
     uint32_t status = nearest ? *fpscr & ~(uint32_t)FPSCR_ROUNDING : *fpscr;
     const uint32_t result = round_single(negative, TOP_BIT - (int32_t)fraction_bits, magnitude, &status);
     *fpscr |= status;
@@ -495,28 +507,6 @@ static bool may_use_host(uint32_t fpscr)
     return sizeof(float_t) == sizeof(float) && (fpscr & (FPSCR_ROUNDING | FPSCR_FZ)) == 0;
 }
 
-/* Whether a result is a finite number from 2^-64 on. So far from the subnormal numbers a result is the same even if a
- * library that was compiled with -ffast-math has made the host flush them to zero. */
-static bool is_ordinary(uint32_t result)
-{
-    const uint32_t smallest = (uint32_t)(EXPONENT_BIAS - 64) << FRACTION_BITS;
-    return (result & ~sign_bit) - smallest < infinity_bits - smallest;
-}
-
-static float to_float(uint32_t bits)
-{
-    float number;
-    memcpy(&number, &bits, sizeof number);
-    return number;
-}
-
-static uint32_t from_float(float number)
-{
-    uint32_t bits;
-    memcpy(&bits, &number, sizeof bits);
-    return bits;
-}
-
 /* Whether an operand is zero or ordinary, so that the host takes it for what it is. */
 static bool is_plain(uint32_t bits)
 {
@@ -558,7 +548,7 @@ static bool knows_product(uint32_t a, uint32_t b, uint32_t result, uint32_t *fps
     return true;
 }
 
-uint32_t float_add(uint32_t a, uint32_t b, uint32_t *fpscr)
+uint32_t careful_add(uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     if (may_use_host(*fpscr)) {
         const uint32_t sum = from_float(to_float(a) + to_float(b));
@@ -568,7 +558,7 @@ uint32_t float_add(uint32_t a, uint32_t b, uint32_t *fpscr)
     return general_add(a, b, fpscr);
 }
 
-uint32_t float_subtract(uint32_t a, uint32_t b, uint32_t *fpscr)
+uint32_t careful_subtract(uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     if (may_use_host(*fpscr)) {
         const uint32_t difference = from_float(to_float(a) - to_float(b));
@@ -578,7 +568,7 @@ uint32_t float_subtract(uint32_t a, uint32_t b, uint32_t *fpscr)
     return general_subtract(a, b, fpscr);
 }
 
-uint32_t float_multiply(uint32_t a, uint32_t b, uint32_t *fpscr)
+uint32_t careful_multiply(uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     if (may_use_host(*fpscr)) {
         const uint32_t product = from_float(to_float(a) * to_float(b));
@@ -608,24 +598,15 @@ uint32_t float_square_root(uint32_t a, uint32_t *fpscr)
     return general_square_root(a, fpscr);
 }
 
-/* Whether a double lies halfway between two neighbouring floats. */
-static bool is_halfway(double number)
-{
-    uint64_t bits;
-    memcpy(&bits, &number, sizeof bits);
-    return (bits & 0x1FFFFFFF) == 0x10000000;
-}
-
-/* The product of two floats is exact as a double; the sum is rounded to double and then to float. The two roundings
- * differ from a single one only if the double lies halfway between two floats. */
-uint32_t float_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr)
+/* See `float_multiply_add`. */
+uint32_t careful_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     if (may_use_host(*fpscr)) {
         const double product = (double)to_float(a) * (double)to_float(b);
         const double exact_sum = product + (double)to_float(addend);
         const uint32_t sum = from_float((float)exact_sum);
-        /* If a product is zero, the host may have flushed a subnormal factor, see `is_ordinary`. */
-        if (is_ordinary(sum) && !is_halfway(exact_sum) && product != 0) {
+        const bool may_be_flushed = product == 0 && (a & ~sign_bit) != 0 && (b & ~sign_bit) != 0;
+        if (is_ordinary(sum) && !is_halfway(exact_sum) && !may_be_flushed) {
             if (*fpscr & FPSCR_IXC)
                 return sum;
             if (is_plain(addend) && is_plain(a) && is_plain(b)) {

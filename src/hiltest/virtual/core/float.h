@@ -6,8 +6,10 @@
 #ifndef HILTEST_FLOAT_H
 #define HILTEST_FLOAT_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <string.h>
 
 /* Bits of FPSCR. */
 enum {
@@ -19,14 +21,10 @@ enum {
 #define FPSCR_FLAGS 0xF0000000u    /* N, Z, C, V */
 #define FPSCR_WRITABLE 0xF7C0009Fu /* what VMSR changes */
 
-/* Each function takes FPSCR by pointer: it reads its modes and sets its cumulative exception bits. */
-uint32_t float_add(uint32_t a, uint32_t b, uint32_t *fpscr);
-uint32_t float_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
-uint32_t float_multiply(uint32_t a, uint32_t b, uint32_t *fpscr);
+/* Each function takes FPSCR by pointer: it reads its modes and sets its cumulative exception bits. Addition, subtraction,
+ * multiplication and multiplication with addition are at the end of this file. */
 uint32_t float_divide(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t float_square_root(uint32_t a, uint32_t *fpscr);
-/* addend + a * b, rounded once (FPMulAdd). */
-uint32_t float_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr);
 
 /* Flags N, Z, C, V of a comparison in the upper four bits (FPCompare); `signals`: quiet NaNs are invalid too. */
 uint32_t float_compare(uint32_t a, uint32_t b, bool signals, uint32_t *fpscr);
@@ -43,13 +41,87 @@ uint32_t float_from_fixed(
 uint32_t float_to_half(uint32_t a, uint32_t *fpscr);
 uint32_t float_from_half(uint32_t half, uint32_t *fpscr);
 
-/* The same operations without the host's arithmetic, which the functions above use where it gives the same: slower, and
- * declared for the tests. */
+/* The arithmetic without the host's, which the other functions use where it gives the same: slower, and declared for the
+ * tests. */
 uint32_t general_add(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_multiply(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_divide(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_square_root(uint32_t a, uint32_t *fpscr);
 uint32_t general_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr);
+
+/* The arithmetic for every FPSCR and every result; the host calculates if it can. */
+uint32_t careful_add(uint32_t a, uint32_t b, uint32_t *fpscr);
+uint32_t careful_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
+uint32_t careful_multiply(uint32_t a, uint32_t b, uint32_t *fpscr);
+uint32_t careful_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr);
+
+inline float to_float(uint32_t bits)
+{
+    float number;
+    memcpy(&number, &bits, sizeof number);
+    return number;
+}
+
+inline uint32_t from_float(float number)
+{
+    uint32_t bits;
+    memcpy(&bits, &number, sizeof bits);
+    return bits;
+}
+
+/* Whether a result is a finite number from 2^-64 on. So far from the subnormal numbers a result is the same even if a
+ * library that was compiled with -ffast-math has made the host flush them to zero. */
+inline bool is_ordinary(uint32_t result)
+{
+    const uint32_t smallest = (uint32_t)(127 - 64) << 23, infinity = 0x7F800000u;
+    return (result & 0x7FFFFFFFu) - smallest < infinity - smallest;
+}
+
+/* Whether a double lies halfway between two neighbouring floats. */
+inline bool is_halfway(double number)
+{
+    uint64_t bits;
+    memcpy(&bits, &number, sizeof bits);
+    return (bits & 0x1FFFFFFF) == 0x10000000;
+}
+
+/* Whether a result of the host is the FPU's and leaves FPSCR as it is: it is ordinary, rounded to nearest, and IXC is
+ * set already. */
+inline bool is_final(uint32_t result, uint32_t fpscr)
+{
+    return sizeof(float_t) == sizeof(float) && (fpscr & (FPSCR_ROUNDING | FPSCR_FZ | FPSCR_IXC)) == FPSCR_IXC
+        && is_ordinary(result);
+}
+
+inline uint32_t float_add(uint32_t a, uint32_t b, uint32_t *fpscr)
+{
+    const uint32_t sum = from_float(to_float(a) + to_float(b));
+    return is_final(sum, *fpscr) ? sum : careful_add(a, b, fpscr);
+}
+
+inline uint32_t float_subtract(uint32_t a, uint32_t b, uint32_t *fpscr)
+{
+    const uint32_t difference = from_float(to_float(a) - to_float(b));
+    return is_final(difference, *fpscr) ? difference : careful_subtract(a, b, fpscr);
+}
+
+inline uint32_t float_multiply(uint32_t a, uint32_t b, uint32_t *fpscr)
+{
+    const uint32_t product = from_float(to_float(a) * to_float(b));
+    return is_final(product, *fpscr) ? product : careful_multiply(a, b, fpscr);
+}
+
+/* addend + a * b, rounded once (FPMulAdd). The product of two floats is exact as a double; the sum is rounded to double
+ * and then to float. The two roundings differ from a single one only if the double lies halfway between two floats. If
+ * the product is zero, the host may have flushed a subnormal factor, see `is_ordinary`. */
+inline uint32_t float_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr)
+{
+    const double product = (double)to_float(a) * (double)to_float(b), exact_sum = product + (double)to_float(addend);
+    const uint32_t sum = from_float((float)exact_sum);
+    if (is_final(sum, *fpscr) && !is_halfway(exact_sum) && product != 0)
+        return sum;
+    return careful_multiply_add(addend, a, b, fpscr);
+}
 
 #endif

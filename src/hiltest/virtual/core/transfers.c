@@ -183,13 +183,18 @@ bool store_exclusive(struct machine *machine, const struct instruction *instruct
     return true;
 }
 
+/* The decoder defines no transfer past s31. */
 static bool load_words(struct machine *machine, uint32_t address, uint32_t first, uint32_t words, uint32_t base)
 {
     if (!is_aligned(machine, address, 4, base, CAUSE_MISALIGNED))
         return false;
     const uint8_t *bytes = words_at(machine, address, words);
-    for (uint32_t i = 0; i < words && first + i < 32; i++)
-        if (!load_word(machine, &bytes, address + 4 * i, &machine->core.s[first + i]))
+    if (bytes) {
+        memcpy(&machine->core.s[first], bytes, 4 * words);
+        return true;
+    }
+    for (uint32_t i = 0; i < words; i++)
+        if (!load(machine, address + 4 * i, 4, &machine->core.s[first + i]))
             return false;
     return true;
 }
@@ -199,8 +204,12 @@ static bool store_words(struct machine *machine, uint32_t address, uint32_t firs
     if (!is_aligned(machine, address, 4, base, CAUSE_MISALIGNED))
         return false;
     uint8_t *bytes = writable_words_at(machine, address, words);
-    for (uint32_t i = 0; i < words && first + i < 32; i++)
-        if (!store_word(machine, &bytes, address + 4 * i, machine->core.s[first + i]))
+    if (bytes) {
+        memcpy(bytes, &machine->core.s[first], 4 * words);
+        return true;
+    }
+    for (uint32_t i = 0; i < words; i++)
+        if (!store(machine, address + 4 * i, 4, machine->core.s[first + i]))
             return false;
     return true;
 }
