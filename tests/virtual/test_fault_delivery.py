@@ -101,23 +101,33 @@ ENABLE_FAULTS = f"ldr r0, ={SHCSR}\n    ldr r1, =7 << 16\n    str r1, [r0]"
 TRAP_DIVISION = f"ldr r0, ={CCR}\n    ldr r1, [r0]\n    orr r1, r1, #0x10\n    str r1, [r0]"
 
 CASES = {
-    "a read where nothing is": ("ldr r0, =0x30000000\nculprit: ldr r1, [r0]", DATA_BUS),
-    "a write where nothing is": ("ldr r0, =0x30000000\nculprit: str r1, [r0]", DATA_BUS),
-    "a write to flash": ("movs r0, #64\nculprit: str r0, [r0]", DATA_BUS),
-    "a gated peripheral": ("ldr r0, =0x4006A000\nculprit: ldrb r1, [r0]", DATA_BUS),
-    "no peripheral": ("ldr r0, =0x40010000\nculprit: ldr r1, [r0]", DATA_BUS),
-    "an undefined instruction": ("movs r0, #64\nculprit: udf #1", UNDEFINED),
-    "the FPU switched off": ("movs r0, #64\nculprit: vadd.f32 s0, s0, s0", NOCP),
-    "an unaligned LDRD": ("ldr r0, =0x20000002\nculprit: ldrd r2, r3, [r0]", UNALIGNED),
-    "an unaligned LDM of an old base": ("ldr r0, =0x20000002\nb 1f\n1: nop\nculprit: ldm r0, {r2, r3}", UNALIGNED),
-    "a division by zero": (f"{TRAP_DIVISION}\nb 1f\n1: movs r0, #0\nculprit: udiv r1, r1, r0", DIVBYZERO),
-    "a signed division by zero": (f"{TRAP_DIVISION}\nb 1f\n1: movs r3, #0\nculprit: sdiv r1, r1, r3", DIVBYZERO),
+    "a read where nothing is": (
+        "ldr r0, =0x30000000\nculprit: ldr r1, [r0]", DATA_BUS, "read of unmapped address 0x30000000",
+    ),
+    "a write where nothing is": (
+        "ldr r0, =0x30000000\nculprit: str r1, [r0]", DATA_BUS, "write to unmapped address 0x30000000",
+    ),
+    "a write to flash": ("movs r0, #64\nculprit: str r0, [r0]", DATA_BUS, "write to flash at address 0x00000040"),
+    "a gated peripheral": ("ldr r0, =0x4006A000\nculprit: ldrb r1, [r0]", DATA_BUS, "UART0 while its clock gate"),
+    "no peripheral": ("ldr r0, =0x40010000\nculprit: ldr r1, [r0]", DATA_BUS, "no peripheral"),
+    "an undefined instruction": ("movs r0, #64\nculprit: udf #1", UNDEFINED, "undefined"),
+    "the FPU switched off": ("movs r0, #64\nculprit: vadd.f32 s0, s0, s0", NOCP, "CPACR"),
+    "an unaligned LDRD": (
+        "ldr r0, =0x20000002\nculprit: ldrd r2, r3, [r0]", UNALIGNED, "unaligned access: r0 = 0x20000002",
+    ),
+    "an unaligned LDM": ("ldr r0, =0x20000006\nculprit: ldm r0, {r2, r3}", UNALIGNED, "r0 = 0x20000006"),
+    "a division by zero": (
+        f"{TRAP_DIVISION}\nb 1f\n1: movs r0, #0\nculprit: udiv r1, r1, r0", DIVBYZERO, "division by zero",
+    ),
+    "a signed division by zero": (
+        f"{TRAP_DIVISION}\nb 1f\n1: movs r3, #0\nculprit: sdiv r1, r1, r3", DIVBYZERO, "division by zero",
+    ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("what", CASES)
 def test_a_hard_fault_handler_reads_what_happened_and_where(build: Build, what: str) -> None:
-    code, status = CASES[what]
+    code, status, cause = CASES[what]
     board = VirtualK64F(build(program(code)))
     fault = run_to_the_handlers_loop(board)
     found = record(board)
@@ -129,7 +139,10 @@ def test_a_hard_fault_handler_reads_what_happened_and_where(build: Build, what: 
     if status == DATA_BUS:
         assert found["bfar"] == found["r0"]
     assert marks(board)[:2] == (1, 0)  # what stands before the instruction has happened, what stands behind it has not
-    assert fault.pc == culprit
+    assert (fault.pc, fault.function) == (culprit, "main")
+    assert cause in fault.cause
+    assert fault.location.startswith("program.S:")
+    assert set(fault.registers) >= {"r0", "sp", "lr", "pc"}
     assert "after: " in str(fault)
     assert fault.ending.startswith("hang at ")
     assert "HardFault_Handler (program.S:" in fault.ending

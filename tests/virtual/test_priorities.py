@@ -23,7 +23,7 @@ def test_urgent_interrupts_nest_and_the_others_follow_in_order(build: Build) -> 
         "07 21 08"  # FAULTMASK holds 2
     )
     assert word(board, "readback") == 0x80
-    assert word(board, "pending_seen") == 16 + 2
+    assert (word(board, "pending_seen"), word(board, "pending_in_handler")) == (16 + 2, 16 + 3)
     assert word(board, "depth_seen") == 1  # the last time, nothing was beneath it
 
 

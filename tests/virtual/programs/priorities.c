@@ -11,7 +11,7 @@
 #define AIRCR REGISTER(0xE000ED0Cu)
 #define PRIORITY(number) REGISTER8(0xE000E400u + (number))
 
-volatile uint32_t order_length, depth_seen, readback, pending_seen;
+volatile uint32_t order_length, depth_seen, readback, pending_seen, pending_in_handler;
 volatile uint8_t order[32];
 
 static void note(uint8_t what)
@@ -26,6 +26,7 @@ void Interrupt1_Handler(void)
     __asm volatile("dsb\n\tisb");
     note(0x12);
     ISPR = 1u << 3; /* less urgent: afterwards */
+    pending_in_handler = ICSR >> 12 & 0x1FFu;
     __asm volatile("dsb\n\tisb");
     note(0x13);
 }
