@@ -61,7 +61,7 @@ _ONLY_IN_CI = {
         "runs/test_campaign_summary", "serve/test_clients", "serve/test_ending", "serve/test_main_job",
         "serve/test_start", "test_json_documents", "test_read_files", "test_release",
         "test_written_files",
-        "virtual/test_foreign_programs", "virtual/test_sequences_of_the_firmware",
+        "virtual/test_foreign_programs",
     )
 }  # fmt: skip
 _FIXTURES_THAT_RUN = {"default_run", "pytester"}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.virtual.board.k64f import VirtualK64F
-from hiltest.virtual.counts.cycle_range import cycle_range
+from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import Build
 from .oracle import acted, called
@@ -112,74 +111,6 @@ def test_an_instruction_that_is_skipped_takes_a_cycle_and_leaves_nothing(
     # Each way behind the other: what one has left must not show in the next.
     _, counted = acted(elf, lambda board: [board.call("work", zero).cycles for zero in (0, 1, 1, 0)], TWO)
     assert counted == [if_zero, if_not, if_not, if_zero]
-
-
-CLOCK = """
-        ldr r3, =0xE0001004
-        sub r2, sp, #16
-        ldr r1, [r3]
-        cmp r0, #0
-        itte eq
-        ldmeq.w r2, {r1, r12}
-        ldreq r1, [r3]
-        ldmne.w r2, {r1, r12}
-        ldr r1, [r3]
-        bx lr
-"""
-
-
-def test_a_clock_that_is_read_behind_skipped_instructions_knows_them(build: Build) -> None:
-    elf = build(program(CLOCK), "-Wl,--section-start=.fast=0x1fff4000")
-    board, _ = acted(elf, lambda board: [board.call("work", argument).cycles for argument in (0, 1)], TWO)
-    first, second, third, *other = (reading.at for reading in board.cycle_counter.readings if reading)
-    # LDR 2, cmp 1, it 0, LDM 3; LDR 2, skipped 1; if it is not zero skipped 1, skipped 1, LDM 3
-    assert (second - first, third - second, other[1] - other[0]) == (6, 3, 8)
-
-
-def test_a_range_knows_what_was_skipped(build: Build) -> None:
-    board = VirtualK64F(build(program(COUNTED["loads"][0]), "-Wl,--section-start=.fast=0x1fff4000"), profile=TWO)
-    ranges = []
-    for argument in (0, 1):
-        result = board.call("work", argument)
-        assert result.executed
-        band = cycle_range(board.processor.profile, result.cycles, [result.executed])
-        assert band is not None
-        ranges.append({effect.row: (effect.low, effect.high) for effect in band.rows})
-    # The VLDR, whose row is uncertain, runs only if it is not zero; what is skipped is not uncertain.
-    assert "fp_load" not in ranges[0]
-    assert not any("it_skipped" in effects for effects in ranges)
-    assert ranges[0]["it_folded"] == (10, 11)
-
-
-REWRITTEN = """
-        push {r4, lr}
-        movs r4, #6
-        ldr r3, =patched
-        bic r3, #1
-        sub r1, sp, #16
-    again:
-        cmp r0, #0
-        it eq
-    patched:
-        ldreq r1, [r1]
-        sub r1, sp, #16
-        eor r0, #1
-        movw r2, #0x4609
-        cmp r4, #3
-        it eq
-        strheq r2, [r3]
-        isb
-        subs r4, #1
-        bne again
-        pop {r4, pc}
-"""
-
-
-@pytest.mark.parametrize("argument", [0, 1])
-def test_an_it_block_that_is_written_over_is_counted_as_what_it_becomes(build: Build, argument: int) -> None:
-    elf = build(program(REWRITTEN), "-Wl,--section-start=.fast=0x1fff4000")
-    # 8 before the turns, 10 each, 1 less in the last, and for LDR 2, 2 and then as MOV 1, three times skipped 1; pop 5.
-    assert called(elf, "work", argument, profile=TWO).cycles == 8 + 6 * 10 - 1 + (2 + 2 + 1 + 3 * 1) + 5
 
 
 def test_256_ways_through_it_blocks_take_the_cycles_of_the_model(build: Build) -> None:

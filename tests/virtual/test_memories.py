@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,6 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, MEMORY_RULES, load_profile
 
 from .conftest import SHIPPED, Build
-from .core.memory_model import FlashController
 from .test_cycle_counting import cloud, run_kernel
 from .test_faults import HEAD, TAIL
 from .test_measured_sequences import FRAME, LDM_STM
@@ -56,12 +54,6 @@ def test_pairs_in_every_memory_take_the_clocks_that_were_measured(build: Build, 
     assert row in PAGE.splitlines()
 
 
-@pytest.mark.parametrize("pair", [LDR_STR, LDM_STM])
-def test_pairs_where_nothing_waits_are_within_a_hundredth_of_what_was_measured(build: Build, pair: str) -> None:
-    measured = MEASURED["lower", "upper"][(LDR_STR, LDM_STM).index(pair)]
-    assert clocks(build, "lower", "upper", pair) == pytest.approx(measured, rel=0.01)
-
-
 def test_a_call_takes_the_same_clocks_whatever_was_called_before(build: Build) -> None:
     # Each loads one constant from beside its code, which waits half a clock in the mean: nobody pays another's half.
     board = board_with(build, "lower", "upper", LDR_STR)
@@ -92,46 +84,6 @@ def test_an_access_at_no_multiple_of_its_size_takes_a_clock_for_each_part(
     places = f"-Wl,--section-start=.fast={CODE['lower']:#x},--section-start=.far={DATA['upper']:#x}"
     elf = build(FRAME.format(sequence=f"nop\n {access}\n nop"), places)
     assert VirtualK64F(elf, profile=MEMORIES).call("work").cycles - VirtualK64F(elf).call("work").cycles == parts - 1
-
-
-CONDITIONAL = """
-    .syntax unified
-    .thumb
-    .cpu cortex-m4
-    .text
-    .thumb_func
-    .global main
-    .type main, %function
-main:
-    ldr r3, =least
-    ldr r6, =words
-    movs r7, #8
-    movs r0, #0
-1:  ldr r1, [r6], #4
-    ldr r2, [r3]
-    cmp r2, r1
-    it gt
-    strgt r1, [r3]
-    cmp r7, #100
-    b 2f
-2:  adds r0, #1
-    subs r7, #1
-    bne 1b
-    ldr r2, [r3]
-    orr r0, r0, r2, lsl #8
-    bx lr
-    .ltorg
-    .size main, . - main
-    .data
-least: .word 9
-words: .word 8, 9, 9, 5, 7, 6, 3, 4
-"""
-
-
-def test_a_conditional_access_leaves_the_condition_of_the_next_block_alone(build: Build) -> None:
-    # Behind the store nothing is greater any more: what the condition is kept for would be skipped.
-    board = VirtualK64F(build(CONDITIONAL), profile=MEMORIES)
-    assert board.call("main").value == 3 << 8 | 8
 
 
 def test_a_call_is_counted_alike_with_and_without_its_profile_and_the_memories_on_top_of_the_instructions() -> None:
@@ -169,50 +121,6 @@ def test_a_function_that_reads_the_clock_sees_its_waits_when_it_is_profiled_too(
     counted = VirtualK64F(elf, profile=MEMORIES).call("main")
     assert (profiled.value, profiled.cycles) == (counted.value, counted.cycles)
     assert int(profiled.value or 0) > int(plain.value or 0)
-
-
-def controller(**values: int) -> FlashController:
-    return FlashController({name: replace(row, value=values.get(name, row.value)) for name, row in ROWS.items()})
-
-
-def test_a_first_read_waits_for_an_edge_and_a_clock_of_the_flash() -> None:
-    assert [controller().wait(0x1000, 2, cycle) for cycle in range(10)] == [5, 9, 8, 7, 6, 5, 9, 8, 7, 6]
-
-
-def test_what_a_read_has_brought_and_what_was_used_lately_is_there_at_once() -> None:
-    flash = controller()
-    assert flash.wait(0x1000, 2, 0) == 5
-    assert [flash.wait(0x1000 + offset, 2, 10 + offset) for offset in range(2, 16, 2)] == [0] * 7
-    flash.wait(0x8000, 4, 100)  # another line is the last one read
-    assert flash.wait(0x1000, 2, 200) == flash.wait(0x1008, 2, 201) == 0
-
-
-def test_the_next_line_is_read_at_once_and_another_one_waits_for_that() -> None:
-    flash = controller()
-    assert flash.wait(0x1000, 2, 0) == 5  # there at 5; the next line is read until 10
-    assert flash.wait(0x1010, 2, 7) == 3
-    assert flash.wait(0x1020, 2, 40) == 0
-    flash = controller()
-    flash.wait(0x1000, 2, 0)
-    assert flash.wait(0x3000, 2, 6) == 15 - 6
-    without = controller(flash_read_ahead=0)
-    without.wait(0x1000, 2, 0)
-    assert without.wait(0x1010, 2, 40) == 5
-
-
-def test_an_access_that_straddles_two_lines_waits_for_both() -> None:
-    assert controller(flash_read_ahead=0).wait(0x100E, 4, 0) == 10
-    assert controller().wait(0x100E, 4, 0) == 10
-
-
-def test_the_entry_that_was_not_used_for_longest_gives_way() -> None:
-    flash, set_bytes = controller(flash_read_ahead=0), 4 * 8
-    lines = [0x1000 + 2 * set_bytes * number for number in range(5)]  # all in one set of four ways
-    for number, address in enumerate(lines[:4]):
-        flash.wait(address, 2, 100 * number)
-    assert flash.wait(lines[0], 2, 500) == 0
-    flash.wait(lines[4], 2, 600)
-    assert [flash.wait(address, 2, 700 + 100 * number) > 0 for number, address in enumerate(lines[:2])] == [False, True]
 
 
 def test_code_in_flash_waits_and_its_total_carries_its_uncertainty() -> None:

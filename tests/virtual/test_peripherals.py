@@ -8,13 +8,14 @@ import pytest
 
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.library import lib
-from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cBus
+from hiltest.virtual.i2c_bus import HeldLine, I2cBus
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.nvic import FIRST_INTERRUPT
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.nvic import FIRST_INTERRUPT
 
-from .conftest import SHIPPED, Build
-from .test_faults import HEAD, TAIL
+from .conftest import SHIPPED
 
 I2C0 = 0x40066000
 BOOT_HZ = 20_971_520  # core and bus, out of reset
@@ -173,58 +174,6 @@ def test_two_parts_of_one_address_are_refused() -> None:
         I2cBus([Part(0x0E), Part(0x0E)])
 
 
-def test_the_cycle_counter_is_exact_inside_a_block(build: Build) -> None:
-    code = """
-    ldr r0, =0xE000EDFC
-    ldr r1, =1 << 24
-    str r1, [r0]
-    ldr r0, =0xE0001000
-    movs r1, #1
-    str r1, [r0]
-    b 1f
-1:  ldr r2, [r0, #4]
-    adds r4, #1
-    adds r4, #1
-    adds r4, #1
-    ldr r3, [r0, #4]
-    subs r0, r3, r2
-    """
-    # LDR 2 cycles and three additions lie between the two readings.
-    assert VirtualK64F(build(HEAD + code + TAIL)).call("main").value == 5
-
-
-def test_a_conditional_access_leaves_the_conditions_of_later_blocks_alone(build: Build) -> None:
-    # r4 counts the words that are not zero, r5 those that are; the accesses go to GPIOB's PSOR and PCOR.
-    code = """
-    ldr r3, =0x400FF040
-    ldr r6, =words
-    movs r7, #8
-    movs r4, #0
-    movs r5, #0
-1:  ldr r2, [r6], #4
-    tst r2, #0x40
-    itete ne
-    strne r2, [r3, #4]
-    streq r2, [r3, #8]
-    addne r4, #1
-    addeq r5, #1
-    subs r7, #1
-    bne 1b
-    lsl r0, r4, #8
-    orr r0, r0, r5
-    bx lr
-    .size main, . - main
-    .ltorg
-    .data
-words: .word 0x40, 0, 0, 0x40, 0, 0, 0, 0x40
-"""
-    assert VirtualK64F(build(HEAD + code)).call("main").value == 3 << 8 | 5
-
-
-def _idle_processor() -> Processor:
-    return VirtualK64F(SHIPPED).processor
-
-
 def test_chained_timers_count_expiries() -> None:
     board, timers = _timers()
     # Out of reset core and bus run from the same 20.97 MHz: one bus clock a cycle.
@@ -332,27 +281,6 @@ def test_a_chain_that_outlasts_any_time_never_interrupts() -> None:
     timers.write(0x118, 4, 0)
     timers.write(0x118, 4, 7)  # it begins anew, and expires with the one before
     assert board.processor.waiting.next_cycle == board.cycles + (1 << 32)
-
-
-def test_a_program_sees_systick_fall_with_each_cycle(build: Build) -> None:
-    code = """
-    ldr r0, =0xE000E010
-    movs r1, #0
-    str r1, [r0, #8]
-    ldr r1, =0xFFFFFF
-    str r1, [r0, #4]
-    movs r1, #5
-    str r1, [r0]
-    b 1f
-1:  ldr r2, [r0, #8]
-    adds r4, #1
-    adds r4, #1
-    adds r4, #1
-    ldr r3, [r0, #8]
-    subs r0, r2, r3
-    """
-    # LDR 2 cycles and three additions lie between the two readings.
-    assert VirtualK64F(build(HEAD + code + TAIL)).call("main").value == 5
 
 
 def test_bytes_of_systick_and_its_neighbours_are_those_of_their_words() -> None:

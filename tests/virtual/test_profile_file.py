@@ -35,6 +35,19 @@ def test_every_shipped_profile_has_every_row_that_is_known() -> None:
         assert list(load_profile(name).rows) in ([*ROWS], [*ROWS, *RULES])
 
 
+@pytest.mark.parametrize(
+    ("name", "digest"),
+    [("cortex-m4-trm/1", "d18e92c2bf956d09b26e346d3e99f00a08a756378a73045aefdcd5d3a019fab1"),
+     ("cortex-m4-trm/2", "948bec611d8492ff4802aafb4584de486342b19705e2ddf1bdd7c6f36dd09249")],
+)  # fmt: skip
+def test_a_published_version_never_changes_its_numbers(name: str, digest: str) -> None:
+    # A correction is a new profile. Only a row that prices nothing may be added.
+    profile = load_profile(name)
+    assert profile.digest == digest
+    assert profile.rows.items() >= load_profile(ONE).rows.items()
+    assert all(row.source and row.band[0] <= row.value <= row.band[1] for row in profile.rows.values())
+
+
 def test_a_rule_may_be_added_to_a_profile_that_has_none(tmp_path: Path) -> None:
     rule = '[cost.address_use]\nvalue = 2\nband = [1, 3]\nsource = "mine"\n'
     text = f'name = "mine/1"\nbase = "{ONE}"\n{rule}'
