@@ -29,7 +29,6 @@
 enum { TDRE = 0x80, TC = 0x40, RDRF = 0x20, IDLE = 0x10, SW2 = 1u << 6 };
 
 volatile uint32_t ticks, expiries, flag, words[4];
-volatile float sum;
 uint32_t results[64], done;
 volatile uint32_t source[256], moved[256];
 
@@ -53,8 +52,6 @@ static void keep(uint32_t value)
 
 static void prepare(void)
 {
-    WORD(0xE000ED88u) |= 0xFu << 20;
-    __asm volatile("dsb\n isb" ::: "memory");
     WORD(0x40048034u) |= 1u << 10;               /* UART0 */
     WORD(0x40048038u) |= 1u << 11;               /* PORTC */
     WORD(0x4004803Cu) |= 1u << 1 | 1u << 9 | 1u << 18 | 1u << 22 | 1u << 23; /* DMAMUX, RNG, CRC, PDB, PIT */
@@ -83,16 +80,6 @@ static void poll_status(void)
     while (!(S1 & TC)) {
     }
     keep(ticks);
-}
-
-static void count_turns(void)
-{
-    uint32_t turns = 0;
-    D = 'b';
-    while (!(S1 & TC)) {
-        turns++;
-    }
-    keep(turns);
 }
 
 static void store_turns(void)
@@ -177,69 +164,6 @@ static void two_registers(void)
     keep(ticks);
 }
 
-static void wait_flag(void)
-{
-    while (!flag) {
-    }
-    flag = 0;
-    keep(expiries);
-}
-
-static void wait_ticks(void)
-{
-    uint32_t began = ticks;
-    while (ticks - began < 3) {
-    }
-    keep(ticks + expiries);
-}
-
-static void wait_ticks_counting(void)
-{
-    uint32_t began = ticks, turns = 0;
-    while (ticks - began < 2) {
-        turns++;
-    }
-    keep(turns);
-}
-
-static void wait_words(void)
-{
-    uint32_t before = words[0] + words[1] + words[2] + words[3];
-    uint32_t now;
-    do {
-        now = 0;
-        for (uint32_t index = 0; index < 4; index++) {
-            now += words[index];
-        }
-    } while (now == before);
-    keep(now);
-}
-
-static void wait_masked(void)
-{
-    uint32_t seen;
-    do {
-        __asm volatile("cpsid i" ::: "memory");
-        seen = flag;
-        __asm volatile("cpsie i" ::: "memory");
-    } while (!seen);
-    flag = 0;
-    keep(expiries + ticks);
-}
-
-/* What changes from turn to turn is BASEPRI alone. */
-static void toggle_mask(void)
-{
-    uint32_t mask;
-    D = 'm';
-    do {
-        __asm volatile(
-            "mrs %0, basepri\n eor %0, %0, #0x40\n msr basepri, %0\n mov.w %0, #0\n" : "=&r"(mask) : : "memory");
-    } while (!(S1 & TC));
-    __asm volatile("mrs %0, basepri" : "=r"(mask) : : "memory");
-    keep(mask + ticks);
-}
-
 static __attribute__((noinline)) uint32_t ready(uint32_t mask)
 {
     return S1 & mask;
@@ -251,27 +175,6 @@ static void wait_in_calls(void)
     while (!ready(TC)) {
     }
     keep(ticks);
-}
-
-static void wait_floating(void)
-{
-    uint32_t began = expiries;
-    float more = 0.0f;
-    while (expiries - began < 2) {
-        more += 1.0f;
-    }
-    sum += more;
-    keep(ticks);
-}
-
-static void wait_exclusive(void)
-{
-    uint32_t old, failed;
-    do {
-        __asm volatile("ldrex %0, [%2]\n strex %1, %0, [%2]" : "=&r"(old), "=&r"(failed) : "r"(&flag) : "memory");
-    } while (!old || failed);
-    flag = 0;
-    keep(expiries);
 }
 
 /* What a turn counts is in RAM alone when it is over. */
@@ -338,48 +241,6 @@ static void clear_count_flag(void)
     keep(CYCCNT);
 }
 
-/* What is left behind is of the turn before, and of the one before that. */
-static void sliding(void)
-{
-    uint32_t last = 0, now = 0, before;
-    do {
-        before = last;
-        last = now;
-        now = SYST_CVR;
-    } while (now > 1000u);
-    keep(before);
-    keep(last);
-    while (SYST_CVR <= 1000u) {
-    }
-}
-
-/* Where an interrupt comes between the two readings it finds one of this turn and one of the turn before. */
-static void two_counters(void)
-{
-    uint32_t first, second;
-    __asm volatile(
-        "1: ldr %0, [%2, #8]\n cmp %0, #1000\n bls 2f\n"
-        "ldr %1, [%3, #4]\n cmp %1, #0\n bne 1b\n"
-        "2:\n"
-        : "=&r"(first), "=&r"(second) : "r"(0xE000E010u), "r"(0xE0001000u) : "cc");
-    keep(first + second);
-    while (SYST_CVR <= 1000u) {
-    }
-}
-
-/* What the turn before the last has left stays: the last one ends before it writes that. */
-static void sliding_count(void)
-{
-    for (uint32_t limit = 200; limit < 1200; limit += 77) {
-        uint32_t left = limit, kept = 0, status;
-        __asm volatile(
-            "1: subs %0, %0, #1\n beq 2f\n mov %1, %0\n ldrb %2, [%3]\n b 1b\n"
-            "2:\n"
-            : "+r"(left), "+r"(kept), "=&r"(status) : "r"(0x4006A004u) : "cc");
-        keep(kept);
-    }
-}
-
 /* The timer begins anew, without an event, while the loop waits. */
 static void wait_reload(void)
 {
@@ -415,32 +276,6 @@ static void store_and_read_a_part(void)
             "1: adds %0, #1\n strb %0, [%3, #4]\n ldrb %1, [%3, #4]\n ldrb %2, [%4]\n cmp %1, #0x20\n bne 1b\n"
             : "+r"(count), "=&r"(part), "=&r"(status) : "r"(words), "r"(0x4006A004u) : "cc", "memory");
         keep(count);
-    }
-}
-
-static void read_a_part_with_its_sign(void)
-{
-    for (uint32_t begin = 0x1FE00; begin < 0x1FF00; begin += 0x35) {
-        uint32_t count = begin, part, status;
-        __asm volatile(
-            "1: adds %0, #1\n strh %0, [%3]\n ldrsh %1, [%3]\n ldrb %2, [%4]\n cmn %1, #5\n bne 1b\n"
-            : "+r"(count), "=&r"(part), "=&r"(status) : "r"(words), "r"(0x4006A004u) : "cc", "memory");
-        keep(count);
-    }
-}
-
-/* The turn goes on by a jump that a condition skips. */
-static void jump_by_register(void)
-{
-    uint32_t value;
-    __asm volatile(
-        "adr r3, 2f\n orr r3, r3, #1\n"
-        "1: ldr %0, [%1, #8]\n cmp %0, #1000\n it hi\n bxhi r3\n b 3f\n .balign 4\n"
-        "2: b 1b\n"
-        "3:\n"
-        : "=&l"(value) : "l"(0xE000E010u) : "r3", "cc");
-    keep(CYCCNT + value);
-    while (SYST_CVR <= 1000u) {
     }
 }
 
@@ -520,14 +355,6 @@ static void wait_dma(void)
     }
     DMA_CINT = 0u;
     keep(CYCCNT);
-}
-
-static void wait_for_what_dma_moves(void)
-{
-    start_move(1u);
-    while (!moved[255]) {
-    }
-    keep(CYCCNT + moved[255]);
 }
 
 /* The DMA sends: a byte a request of the UART. */
@@ -613,17 +440,6 @@ static void toggle_carry(void)
     keep(carry + ticks);
 }
 
-static void toggling(void)
-{
-    uint32_t state = 0, status;
-    D = 'g';
-    do {
-        __asm volatile("eor %0, %0, #1" : "+r"(state));
-        status = S1 & TC;
-    } while (!(status && state));
-    keep(ticks);
-}
-
 static void conditional(void)
 {
     uint32_t is, was = 0;
@@ -656,17 +472,6 @@ static void superloop(void)
         }
     }
     keep(seen);
-}
-
-static void count_down(void)
-{
-    for (volatile uint32_t left = 1000; left; left--) {
-    }
-    uint32_t left = 30000;
-    do {
-        __asm volatile("" : "+r"(left));
-    } while (--left);
-    keep(ticks);
 }
 
 int main(void)
