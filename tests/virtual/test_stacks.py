@@ -14,8 +14,7 @@ from hiltest.virtual.processor.stacks import Stack, known_stacks
 
 from .conftest import Build
 from .foreign import machine_for, program_named, watch
-from .test_peripherals import Part
-from .test_rtos import BuildRtos, build_rtos  # noqa: F401 (a fixture)
+from .test_rtos import BuildTasks, build_tasks  # noqa: F401 (a fixture)
 
 FRAME = 32  # an exception's, without floating-point state
 # The stack is aligned to eight where it is lowest.
@@ -154,9 +153,9 @@ def test_a_reset_begins_at_the_top_again_and_forgets_nothing(build: Build, tmp_p
 
 
 def test_registers_that_a_kernel_puts_below_a_tasks_stack_pointer_are_on_its_stack(
-    build_rtos: BuildRtos,  # noqa: F811 (the fixture)
+    build_tasks: BuildTasks,  # noqa: F811 (the fixture)
 ) -> None:
-    board = VirtualK64F(build_rtos("-O2"), i2c0=[Part(0x0E)])
+    board = VirtualK64F(build_tasks("-O2"))
     board.run_until(0.03)
     _, *tasks = stacks_of(board)
     assert len(tasks) == 2
