@@ -48,21 +48,6 @@ def test_a_flag_of_one_unit_alone_is_seen(flags_of: Build) -> None:
     assert set(flags_of("-g -O2", "-g -O3").split()) - set(plain.split()) == {"-O3"}
 
 
-def test_the_flags_of_a_library_that_is_linked_in_are_not_the_firmwares(
-    require_tool: FindTool, tmp_path: Path
-) -> None:
-    source, gcc = tmp_path / "unit.c", require_tool("arm-none-eabi-gcc")
-    found = []
-    for body in ("x", "sinf(x)"):
-        source.write_text(f"#include <math.h>\nfloat answer(float x) {{ return {body}; }}\n", encoding="utf-8")
-        command = [gcc, "-mcpu=cortex-m4", "-mthumb", "-g", "-nostartfiles", "-Wl,--entry=answer", str(source), "-lm"]
-        subprocess.run([*command, "-o", str(tmp_path / "unit.elf")], check=True, timeout=60)
-        image = FirmwareImage(tmp_path / "unit.elf")
-        found.append(image.compiler_flags)
-        assert ("sinf" in image.symbols) == (body != "x")
-    assert found[0] == found[1] != ""
-
-
 def test_without_debugging_information_nothing_is_told(flags_of: Build, require_tool: FindTool, tmp_path: Path) -> None:
     assert flags_of("-O2") == ""
     bare = tmp_path / "bare.elf"

@@ -18,7 +18,7 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
 
-from .conftest import PROGRAMS, SHIPPED, Build
+from .conftest import PROGRAMS, Build
 
 LONG_ENOUGH_S = 0.01
 
@@ -147,15 +147,6 @@ def test_what_an_it_block_skips_is_not_executed(build: Build, profile: str) -> N
     assert (board.cycles, board.instructions) == (unwatched.cycles, unwatched.instructions)
 
 
-def test_the_shipped_firmware_counts_the_same_cycles_when_it_is_watched() -> None:
-    board, watch = watched(SHIPPED)
-    other = VirtualK64F(SHIPPED)
-    for each in (board, other):
-        each.run_until(0.03)
-    assert (board.cycles, board.instructions) == (other.cycles, other.instructions)
-    assert sum(watch.code().executed.values()) > 1000
-
-
 def test_library_code_is_left_out(shipped_board: VirtualK64F) -> None:
     found = SourceMap(shipped_board.image).coverage(ExecutionWatch(shipped_board.processor).code())
     assert all(name.startswith("firmware_stub/") for name in found.files)
@@ -186,31 +177,6 @@ def test_what_stands_behind_a_fault_is_not_executed(build_c: Build) -> None:
         board.run_until(LONG_ENOUGH_S)
     file = covered(board, watch, "program.c")
     assert [file.lines[line] for line in (7, 8, 9, 10)] == [1, 1, 0, 0]
-
-
-FIRST_FAULTS = """
-        .syntax unified
-        .cpu cortex-m4
-        .thumb
-        .text
-        .global main
-        .thumb_func
-        .type main, %function
-main:
-        movs r0, #3 << 5
-        lsls r0, r0, #24
-        ldr r1, [r0]
-        movs r2, #1
-        .size main, . - main
-"""
-
-
-def test_an_instruction_that_faults_is_executed(build: Build) -> None:
-    board, watch = watched(build(FIRST_FAULTS))
-    with pytest.raises(BoardFault, match="0x60000000"):
-        board.run_until(LONG_ENOUGH_S)
-    main = board.image.symbols["main"].address
-    assert [watch.code().executed[main + 2 * number] for number in range(4)] == [1, 1, 1, 0]
 
 
 OVERLAYS = """

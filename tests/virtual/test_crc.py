@@ -59,22 +59,6 @@ def test_the_check_value_is_the_reference_whatever_the_width_of_the_writes(
     assert found == reference(data, bits=bits, polynomial=polynomial, seed=seed, reflects=reflects, inverts=inverts)
 
 
-@given(st.integers(0, 2**32 - 1))
-def test_each_transposition_reads_as_the_manual_draws_it(value: int) -> None:
-    module = CheckValue(MODULE)
-    in_bytes = value.to_bytes(4, "little")
-    drawn = {
-        0: value,
-        1: int.from_bytes(bytes(mirrored(byte, 8) for byte in in_bytes), "little"),
-        2: mirrored(value, 32),
-        3: int.from_bytes(in_bytes, "big"),
-    }
-    for how, expected in drawn.items():
-        module.write(CTRL, 4, how << 28 | 1 << 25 | 1 << 24)
-        module.write(DATA, 4, value)
-        assert module.read(DATA, 4) == expected
-
-
 SOURCE = """
 #define WORD(address) (*(volatile unsigned *)(address))
 #define HALF(address) (*(volatile unsigned short *)(address))

@@ -111,37 +111,6 @@ def test_a_kernel_counts_under_moved_rows_what_was_predicted(tmp_path: Path, ker
         assert run_kernel(VirtualK64F(SHIPPED, profile=moved_to), kernel, cloud(40, seed=1))[0] == bound
 
 
-def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_band(tmp_path: Path) -> None:
-    kernels = ("magnetometer_iterative", "magnetometer_direct_fast")
-
-    def counts(board: VirtualK64F) -> list[Measurement]:
-        """Count both kernels on the same points."""
-        made = []
-        for kernel in kernels:
-            result, _ = call_kernel(board, kernel, cloud(100, seed=1))
-            band = band_of(result, board.processor.profile)
-            made.append(check(kernel, result.cycles, unit="cycle", cycle_model="m", band=band))
-        return made
-
-    over, under = counts(VirtualK64F(SHIPPED, profile=PROFILE.name))
-    assert over.band
-    assert under.band
-    band = ratio_range(over, under)
-    assert band
-    # Each row at the end that makes a ratio as low as the lowest still lower: some are low then, and others high.
-    alone = [dict.fromkeys(MOVES, (each.value, each.value)) for each in (over, under)]
-    for counted, each in zip(alone, (over.band, under.band), strict=True):
-        counted |= {effect.row: (effect.low, effect.high) for effect in each.rows}
-    values: dict[str, int] = {}
-    for row, move in MOVES.items():
-        low, high = (of - band[0] * to for of, to in zip(alone[0][row], alone[1][row], strict=True))
-        values |= move.low if low < high else move.high
-    moved_over, moved_under = counts(VirtualK64F(SHIPPED, profile=file_with(tmp_path, values)))
-    assert moved_over.value
-    assert moved_under.value
-    assert band[0] == pytest.approx(moved_over.value / moved_under.value, rel=1e-9)
-
-
 def timed(folder: Path, timing: str) -> tuple[RunCost, CycleRange | None]:
     """Have the firmware time itself, on a board whose rig names a profile."""
     rig = RIG.read_text(encoding="utf-8")
@@ -198,15 +167,6 @@ def test_what_no_row_explains_is_each_counts_own_in_a_ratio() -> None:
         return check("cycles", value, unit="cycle", cycle_model="m", band=band)
 
     assert ratio_range(count(1000), count(1000)) == pytest.approx((0.99 / 1.01, 1.01 / 0.99))
-
-
-def test_the_row_that_moves_a_count_most_comes_first() -> None:
-    board = VirtualK64F(SHIPPED, profile=PROFILE.name)
-    result, _ = call_kernel(board, "magnetometer_iterative", cloud(30, seed=3))
-    effects = band_of(result, PROFILE).rows
-    by = [max(abs(effect.low - result.cycles), abs(effect.high - result.cycles)) for effect in effects]
-    assert by == sorted(by, reverse=True)
-    assert by[-1] > 0
 
 
 SLEEP = """

@@ -48,26 +48,6 @@ def test_out_of_reset_everything_is_on_and_the_width_and_the_wait_states_are_the
     assert [flash.fetch(0x1000 + offset) for offset in (0, 4, 8, 12, 16)] == [MISS, 0, 0, 0, 0]
 
 
-def test_with_everything_off_each_word_fetched_and_each_access_to_data_is_a_read() -> None:
-    flash = Flash(0)
-    assert [flash.fetch(0x1000 + offset) for offset in (0, 4, 0, 4, 8)] == 5 * [MISS]
-    assert [flash.load(0x2000) for _ in range(3)] == 3 * [MISS]
-    # The second instruction of a word has come with the first; one that straddles two words waits for the other.
-    fetches = [(0x3000, 2), (0x3002, 2), (0x3004, 2), (0x3006, 4)]
-    assert [flash.fetch(address, size) for address, size in fetches] == [MISS, 0, MISS, MISS]
-    flash.controller.forget_word()  # a jump
-    assert flash.fetch(0x3008, 2) == MISS
-
-
-def test_the_buffer_keeps_one_line_for_code_and_data_until_it_is_off() -> None:
-    flash = Flash(SEBE)
-    assert [flash.fetch(0x1000), flash.fetch(0x1004), flash.load(0x100C)] == [MISS, 0, 0]
-    assert [flash.load(0x2000), flash.fetch(0x1008)] == [MISS, MISS]
-    flash.write(PFB0CR, 0)
-    flash.write(PFB0CR, SEBE)
-    assert flash.fetch(0x1000) == MISS
-
-
 @pytest.mark.parametrize(("switch", "behind_code", "behind_data"), [(IPE, 0, MISS), (DPE, MISS, 0), (IPE | DPE, 0, 0)])
 def test_the_next_line_is_read_behind_what_the_switch_says(switch: int, behind_code: int, behind_data: int) -> None:
     flash = Flash(switch)
@@ -108,15 +88,6 @@ def test_one_way_is_forgotten_alone_and_filled_next() -> None:
     flash.write(PFB0CR, ICE | 1 << 22)  # the third way, which holds the third
     flash.fetch(lines[4])
     assert [flash.fetch(address) for address in (*lines[:2], lines[3], lines[4], lines[2])] == [0, 0, 0, 0, MISS]
-
-
-def test_the_buffers_are_forgotten_when_they_are_told_to_be() -> None:
-    flash = Flash(SEBE | IPE)
-    flash.fetch(0x1000)
-    flash.write(PFB0CR, SEBE | IPE | S_B_INV)
-    assert flash.fetch(0x1004) == MISS
-    flash.write(PFB0CR, SEBE | IPE | S_B_INV)
-    assert flash.fetch(0x1010) == MISS
 
 
 @pytest.mark.parametrize(("off", "waits"), [(PFB0CR, [MISS, MISS, MISS, 0]), (PFB1CR, [MISS, 0, MISS, MISS])])

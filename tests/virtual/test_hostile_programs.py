@@ -1,4 +1,4 @@
-"""A thousand programs of random code: each runs on or ends with a named fault, and none troubles the host."""
+"""Programs of random accesses to registers run on or end with a named fault, and none troubles the host."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from hiltest.errors import BoardFault
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.part.chip import mk64f12
 
-PROGRAMS, BATCHES = 1000, 20
+PROGRAMS, BATCHES = 300, 2
 VIRTUAL_S = 0.002  # 42 000 cycles out of reset, more than any of these needs to go wrong
 _ENTRY = 0x400
-_CODE_BYTES = 1024
 _STORE = bytes.fromhex("0160")  # str r1, [r0]
 _LOAD = bytes.fromhex("0268")  # ldr r2, [r0]
 
@@ -35,10 +34,6 @@ def _load(register: int, value: int) -> bytes:
     return code
 
 
-def _random_code(choose: random.Random) -> bytes:
-    return choose.randbytes(_CODE_BYTES)
-
-
 def _random_accesses(choose: random.Random) -> bytes:
     """Write and read registers of the part with random values; the gates of all are open."""
     code = b"".join(_load(0, 0x40048028 + 4 * index) + _load(1, 0xFFFFFFFF) + _STORE for index in range(7))
@@ -50,19 +45,11 @@ def _random_accesses(choose: random.Random) -> bytes:
     return code + bytes.fromhex("fee7")  # b .
 
 
-def _jumps(choose: random.Random) -> bytes:
-    """Go to random places, with stacks in random places."""
-    stack = choose.choice((0x20001000, choose.getrandbits(32)))
-    target = choose.choice((choose.getrandbits(32), choose.randrange(0xFFFFFF00, 1 << 32), choose.randrange(1 << 20)))
-    return _load(0, stack) + bytes.fromhex("8546") + _load(1, target) + bytes.fromhex("8847")  # mov sp, r0; blx r1
-
-
 def program(seed: int) -> bytes:
-    """Make a program: vectors that lead to its code, or anywhere."""
+    """Make a program; every exception begins it again."""
     choose = random.Random(seed)
-    code = choose.choice((_random_code, _random_accesses, _jumps))(choose)
-    handler = choose.choice((_ENTRY | 1, _ENTRY + 2 * choose.randrange(_CODE_BYTES // 2) | 1, choose.getrandbits(32)))
-    vectors = struct.pack("<II", 0x20002000, _ENTRY | 1) + struct.pack("<I", handler) * 100
+    code = _random_accesses(choose)
+    vectors = struct.pack("<II", 0x20002000, _ENTRY | 1) + struct.pack("<I", _ENTRY | 1) * 100
     return elf_of(vectors.ljust(_ENTRY, b"\xff") + code)
 
 
@@ -75,7 +62,7 @@ def _ending(board: VirtualK64F) -> str:
     return "" if board.time_s >= VIRTUAL_S else "it stopped by itself"
 
 
-@pytest.mark.slow  # a thousand programs
+@pytest.mark.slow  # hundreds of programs
 @pytest.mark.parametrize("batch", range(BATCHES))
 def test_each_ends_with_a_named_fault_or_runs_on(batch: int) -> None:
     for seed in range(batch, PROGRAMS, BATCHES):

@@ -6,7 +6,6 @@ from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import PROGRAMS, SHIPPED, Build
 from .oracle import acted, ran
-from .test_faults import HEAD, TAIL, WAITS_FOR_TICKS
 from .test_peripherals import Part
 from .test_peripherals import _framed as framed
 
@@ -29,8 +28,3 @@ def test_a_session_with_serial_port_and_sensors_takes_the_cycles_of_the_model() 
     acted(SHIPPED, converse, i2c1=[Part(0x0E), Part(0x1E)])
     assert answers[0] == answers[1]
     assert answers[0]
-
-
-def test_a_loop_to_itself_takes_as_many_turns_when_its_time_passes_at_once(build: Build) -> None:
-    board = ran(build(HEAD + WAITS_FOR_TICKS + TAIL), 0.0023)
-    assert board.instructions > 20_000

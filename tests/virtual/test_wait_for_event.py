@@ -66,15 +66,3 @@ def test_a_masked_interrupt_is_an_event_where_firmware_says_so(build_c: Build) -
     board = VirtualK64F(build_c(PROGRAM % (MASKED % 1)))
     board.run_until(0.001)
     assert (word(board, "ticks"), word(board, "rounds")) == (0, 1)
-
-
-def test_a_masked_interrupt_does_not_wake_it_otherwise(build_c: Build) -> None:
-    board = VirtualK64F(build_c(PROGRAM % (MASKED % 0)))
-    with pytest.raises(BoardFault, match="hang: WFE with nothing that could wake the processor"):
-        board.run_until(0.001)
-
-
-def test_an_undefined_instruction_behind_it_is_still_one(build_c: Build) -> None:
-    elf = build_c(PROGRAM % '__asm volatile("sev\\n\\twfe\\n\\tudf #5");')
-    with pytest.raises(BoardFault, match="undefined instruction de05"):
-        VirtualK64F(elf).run_until(0.001)

@@ -82,15 +82,6 @@ static void poll_status(void)
     keep(ticks);
 }
 
-static void store_turns(void)
-{
-    D = 'c';
-    while (!(S1 & TC)) {
-        results[done & 63u]++;
-    }
-    done++;
-}
-
 static void read_what_changes(void)
 {
     uint32_t seen = 0;
@@ -103,54 +94,6 @@ static void read_what_changes(void)
         }
     }
     keep(seen);
-}
-
-/* The same byte again and again is not the same reading: each takes one out of the FIFO. */
-static void read_data(void)
-{
-    uint32_t reads = 0;
-    while (RCFIFO < 6u && ticks < 5u) {
-    }
-    do {
-        reads += CYCCNT & 1u;
-    } while (D == 'a');
-    keep(RCFIFO + reads);
-    do {
-        __asm volatile("" ::: "memory");
-    } while (D == 'b');
-    keep(RCFIFO);
-}
-
-static void wait_idle(void)
-{
-    while (!(S1 & IDLE)) {
-    }
-    keep(D + ticks);
-}
-
-static void nested(void)
-{
-    for (uint32_t outer = 0; outer < 5; outer++) {
-        D = (uint8_t)('0' + outer);
-        do {
-            for (volatile uint32_t inner = 0; inner < outer; inner++) {
-            }
-            while ((PDIR_C & SW2) == 0 && !(S1 & TC)) {
-            }
-        } while (!(S1 & TC));
-        keep(ticks + outer);
-    }
-}
-
-static void time_out(void)
-{
-    for (uint32_t limit = 10; limit < 40000; limit *= 8) {
-        uint32_t left = limit;
-        D = 'd';
-        while (!(S1 & TC) && --left) {
-        }
-        keep(left);
-    }
 }
 
 static void two_registers(void)
@@ -190,24 +133,6 @@ static void count_exclusively(void)
     keep(words[1]);
 }
 
-static void wait_counter(void)
-{
-    uint32_t began = CYCCNT;
-    while (CYCCNT - began < 5000u) {
-    }
-    keep(CYCCNT - began);
-}
-
-static void wait_systick(void)
-{
-    while (SYST_CVR > 1000u) {
-    }
-    keep(SYST_CVR);
-    while (SYST_CVR <= 1000u) {
-    }
-    keep(SYST_CVR);
-}
-
 static void wait_elapsed(void)
 {
     uint32_t began = SYST_CVR & 0xFFFFFFu, elapsed;
@@ -226,19 +151,6 @@ static void wait_count_flag(void)
     while (!(ICSR & 1u << 26) && !(SYST_CSR & 1u << 16)) {
     }
     keep(ticks);
-}
-
-/* The turn that clears the flag takes longer, and changes nothing else. */
-static void clear_count_flag(void)
-{
-    uint32_t status;
-    for (uint32_t turns = 0; turns < 3; turns++) {
-        __asm volatile(
-            "1: ldr %0, [%1]\n tst %0, #0x10000\n beq 2f\n mov %0, %0\n mov %0, %0\n mov %0, %0\n"
-            "2: movs %0, #0\n ldr %0, [%2]\n cmp %0, %3\n bls 1b\n"
-            : "=&r"(status) : "r"(0xE000E010u), "r"(&expiries), "r"(expiries + 1u) : "cc");
-    }
-    keep(CYCCNT);
 }
 
 /* The timer begins anew, without an event, while the loop waits. */
@@ -294,17 +206,6 @@ static void crowded(void)
     } while (!(S1 & TC));
     PIT(2, TCTRL) = 0u;
     keep(rounds + CYCCNT);
-}
-
-static void wait_timer(void)
-{
-    while (!(PIT(1, TFLG) & 1u)) {
-    }
-    PIT(1, TFLG) = 1u;
-    keep(PIT(1, CVAL));
-    while (PIT(1, CVAL) > 100u) {
-    }
-    keep(PIT(1, CVAL));
 }
 
 /* Every reading takes a byte, and each comes back with the same. */
@@ -438,19 +339,6 @@ static void toggle_carry(void)
         "2: adc %1, %3, %3\n"
         : "=&l"(status), "=&r"(carry) : "r"(0x4006A004u), "r"(0u) : "cc");
     keep(carry + ticks);
-}
-
-static void conditional(void)
-{
-    uint32_t is, was = 0;
-    D = 'h';
-    do {
-        __asm volatile(
-            "ldrb %0, [%2]\n tst %0, #0x40\n ite eq\n moveq %1, #5\n movne %1, #9\n"
-            "it ne\n ldrbne %0, [%2, #1]\n"
-            : "=&r"(is), "+r"(was) : "r"(0x4006A004u) : "cc");
-    } while (was != 9);
-    keep(is + was);
 }
 
 static void superloop(void)
