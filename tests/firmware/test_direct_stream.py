@@ -41,7 +41,7 @@ def drawn(seed: int, count: int = 100) -> list[Point]:
 
 
 def test_sums_are_exact(direct: Stream) -> None:
-    for seed in range(100):
+    for seed in range(20):
         reference = DirectStream()
         direct.reset()
         for point in drawn(seed):
@@ -59,7 +59,7 @@ def test_the_largest_sums_fit(direct: Stream) -> None:
 
 
 def test_moving_the_origin_to_the_mean_is_exact(direct: Stream) -> None:
-    for seed in range(100):
+    for seed in range(0, 100, 5):
         reference = DirectStream()
         direct.reset()
         for point in drawn(seed, 30 + seed):

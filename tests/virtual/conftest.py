@@ -20,8 +20,14 @@ FLAGS = [
 
 Build = Callable[..., Path]
 
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], Path]:
+    """Programs that a test has built already, by their source and flags."""
+    return {("",): tmp_path_factory.mktemp("built")}
+
+
 @pytest.fixture
-def build(tmp_path: Path, require_tool: Callable[[str], str]) -> Build:
+def build(tmp_path: Path, built: dict[tuple[str, ...], Path], require_tool: Callable[[str], str]) -> Build:
     """Return a function that compiles sources (files in programs/, or text) into an ELF."""
     compiler = require_tool("arm-none-eabi-gcc")
 
@@ -30,11 +36,14 @@ def build(tmp_path: Path, require_tool: Callable[[str], str]) -> Build:
         if isinstance(source, str):
             path = tmp_path / "program.S"
             path.write_text(source)
-        elf = tmp_path / "program.elf"
         start = [str(PROGRAMS / "start.S")] if with_start else ["-Wl,-e,main"]
-        command = [compiler, *FLAGS, *flags, *start, str(path), "-o", str(elf)]
-        subprocess.run(command, check=True, timeout=60)
-        return elf
+        command = [compiler, *FLAGS, *flags, *start]
+        key = (Path(path).name, Path(path).read_text(), *command)
+        if key not in built:
+            elf = built["",] / f"program-{len(built)}.elf"
+            subprocess.run([*command, str(path), "-o", str(elf)], check=True, timeout=60)
+            built[key] = elf
+        return built[key]
 
     return compile_program
 

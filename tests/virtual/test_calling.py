@@ -39,15 +39,23 @@ int poll(void) { int n = 0; while (!(*(volatile uint32_t *)0x20000100)) n++; ret
 """
 
 
-@pytest.fixture(params=["hard", "softfp", "soft"])
-def board(request: pytest.FixtureRequest, tmp_path: Path, require_tool: Callable[[str], str]) -> VirtualK64F:
+@pytest.fixture(scope="module", params=["hard", "softfp", "soft"])
+def elf(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]
+) -> Path:
     """An image whose floats are passed as the parameter says, with the compiler's library for what the FPU lacks."""
-    compiler, source, elf = require_tool("arm-none-eabi-gcc"), tmp_path / "program.c", tmp_path / "program.elf"
+    folder = tmp_path_factory.mktemp(request.param)
+    compiler, source, elf = require_tool("arm-none-eabi-gcc"), folder / "program.c", folder / "program.elf"
     source.write_text(SOURCE)
     # One float ABI only: by two the compiler driver chooses a library of Arm code.
     flags = [flag for flag in FLAGS if not flag.startswith("-mfloat-abi")] + [f"-mfloat-abi={request.param}"]
     command = [compiler, *flags, str(PROGRAMS / "start.S"), str(source), "-lgcc", "-o", str(elf)]
     subprocess.run(command, check=True, timeout=60)
+    return elf
+
+
+@pytest.fixture
+def board(elf: Path) -> VirtualK64F:
     return VirtualK64F(elf)
 
 

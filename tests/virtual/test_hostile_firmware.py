@@ -8,7 +8,6 @@ from hiltest.errors import BoardFault
 from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Build
-from .test_exceptions import word
 from .test_faults import HEAD
 
 TAIL = "\nend:\n    b end\n    .size main, . - main\n    .ltorg\n"
@@ -59,33 +58,3 @@ def test_it_is_a_fault_that_says_what_happened(build: Build, what: str) -> None:
     with pytest.raises(BoardFault, match=ending):
         board.run_until(0.01)
     board.position()  # whoever waits for the board says where it is
-
-
-def test_a_pending_interrupt_whose_line_is_high_cannot_be_cleared(build_c: Build) -> None:
-    source = """
-#include <stdint.h>
-#define REGISTER(address) (*(volatile uint32_t *)(address))
-volatile uint32_t seen, pending;
-void Interrupt48_Handler(void)
-{
-    seen++;
-    REGISTER(0x4003710Cu) = 1u; /* PIT_TFLG0 */
-}
-int main(void)
-{
-    REGISTER(0x4004803Cu) |= 1u << 23;
-    REGISTER(0x40037000u) = 0u;
-    REGISTER(0x40037100u) = 10000u;
-    REGISTER(0x40037108u) = 3u;
-    while (REGISTER(0x4003710Cu) == 0u) {
-    }
-    REGISTER(0x40037108u) = 2u; /* it does not expire again */
-    REGISTER(0xE000E284u) = 1u << 16; /* as drivers do before they enable their interrupt */
-    pending = REGISTER(0xE000E204u) >> 16 & 1u;
-    REGISTER(0xE000E104u) = 1u << 16;
-    return 0;
-}
-"""
-    board = VirtualK64F(build_c(source))
-    board.run_until(0.01)
-    assert (word(board, "pending"), word(board, "seen")) == (1, 1)

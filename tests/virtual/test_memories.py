@@ -14,7 +14,6 @@ from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, MEM
 
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, run_kernel
-from .test_faults import HEAD, TAIL
 from .test_measured_sequences import FRAME, LDM_STM
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
@@ -97,30 +96,6 @@ def test_a_call_is_counted_alike_with_and_without_its_profile_and_the_memories_o
     plain = VirtualK64F(SHIPPED).call("crc32", *argument)
     assert (plain.value, plain.instructions) == (counted.value, counted.instructions)
     assert plain.cycles == counted.cycles - board.processor.core.memory_cycles
-
-
-READS_THE_CLOCK = """
-    ldr r0, =0xE000EDFC
-    ldr r1, =1 << 24
-    str r1, [r0]
-    ldr r2, =0xE0001000
-    movs r1, #1
-    str r1, [r2]
-    ldr r0, [r2, #4]
-    .rept 40
-    nop
-    .endr
-    ldr r1, [r2, #4]
-    subs r0, r1, r0
-"""
-
-
-def test_a_function_that_reads_the_clock_sees_its_waits_when_it_is_profiled_too(build: Build) -> None:
-    elf = build(HEAD + READS_THE_CLOCK + TAIL)
-    plain, profiled = ProfiledImage(elf).call("main"), ProfiledImage(elf, timing=MEMORIES).call("main")
-    counted = VirtualK64F(elf, profile=MEMORIES).call("main")
-    assert (profiled.value, profiled.cycles) == (counted.value, counted.cycles)
-    assert int(profiled.value or 0) > int(plain.value or 0)
 
 
 def test_code_in_flash_waits_and_its_total_carries_its_uncertainty() -> None:

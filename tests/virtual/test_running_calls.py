@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import cycle, pairwise
-from pathlib import Path
 
 import pytest
 
@@ -44,7 +43,6 @@ int main(void)
 }
 """
 FLOOD = ("-DSYSTICK=611u", "-DTIMER=433u")
-QUIET = ("-DSYSTICK=0x1000000u", "-DTIMER=0xFFFFFFF0u")
 FLOODED = ("integers", "floats", "straight", "masked", "levels")
 ARGUMENTS = 7  # of the program's functions: 0 to 6, in turn
 LEVELS = ("-O0", "-O2", "-Os")
@@ -64,22 +62,19 @@ def test_each_call_takes_what_the_function_takes_when_it_is_called_alone(build_c
     assert watch.calls("nothing")[0].cycles == VirtualK64F(elf).call("nothing").cycles
 
 
-@pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/2"])
 @pytest.mark.parametrize("level", LEVELS)
-def test_interrupts_are_counted_apart_and_each_call_takes_what_it_takes_alone(
-    build: Build, level: str, profile: str
-) -> None:
+def test_interrupts_are_counted_apart_and_each_call_takes_what_it_takes_alone(build: Build, level: str) -> None:
     elf = build(PROGRAMS / "watched.c", *FLOOD, level)
-    board = VirtualK64F(elf, profile=profile)
+    board, calm = VirtualK64F(elf), VirtualK64F(elf)
     watch = board.watch_calls(FLOODED)
-    board.run_until(0.04)
+    board.run_until(0.02)
     for function in FLOODED:
         first = (0.75,) if function == "floats" else ()
-        alone = cycle([VirtualK64F(elf, profile=profile).call(function, *first, n).cycles for n in range(ARGUMENTS)])
+        alone = cycle([calm.call(function, *first, n).cycles for n in range(ARGUMENTS)])
         calls = [each for each in watch.calls(function) if each.outermost]
         if function == "integers":  # it is called by another one too, in turn
             calls = calls[::2]
-        assert len(calls) >= 60
+        assert len(calls) >= 30
         assert [(each.cycles, each.interrupted > 0) for each in calls] == [(next(alone), True) for _ in calls]
 
 
@@ -123,23 +118,6 @@ def test_a_handler_is_watched_like_any_function_and_what_interrupts_it_is_apart(
     assert not any(each.interrupted for each in watch.calls("Interrupt48_Handler"))
     under_way = watch.summary("SysTick_Handler").open
     assert len(watch.calls("handled")) - len(watch.calls("SysTick_Handler")) in (0, under_way)
-
-
-def test_interrupts_nested_in_others_count_once(build: Build) -> None:
-    board = VirtualK64F(build(PROGRAMS / "watched.c", *FLOOD, "-O2"), profile="cortex-m4-trm/1")  # no two in a chain
-    watch = board.watch_calls(["integers", "SysTick_Handler", "Interrupt48_Handler"])
-    board.run_until(0.01)
-    for call in watch.calls("integers"):
-        assert call.elapsed == call.cycles + call.interrupts
-        within = [
-            each for handler in ("SysTick_Handler", "Interrupt48_Handler") for each in watch.calls(handler)
-            if call.entered <= each.entered and each.returned <= call.returned
-        ]  # fmt: skip
-        handlers = sum(each.cycles for each in within)
-        profile = board.processor.profile
-        around = profile.rows["exception_entry"].value + profile.rows["exception_return"].value
-        # The handlers, entries and returns; and the few cycles by which pipelines that were emptied cost more or less.
-        assert call.interrupts == pytest.approx(handlers + len(within) * around, abs=3 * len(within))
 
 
 def test_a_function_that_calls_itself_has_a_call_for_each_level_and_the_share_has_the_outermost(build_c: Build) -> None:
@@ -194,22 +172,6 @@ def test_each_call_of_a_loop_that_waits_is_seen(build_c: Build) -> None:
     entries = [call.entered for call in watch.calls("now") if first <= call.entered < last]
     gaps = [later - earlier for earlier, later in pairwise(entries)]
     assert sum(gap != min(gaps) for gap in gaps) <= ticks  # a turn follows another one at once, but for a tick between
-
-
-def test_a_call_by_the_host_in_the_middle_is_not_the_firmwares(build: Build) -> None:
-    elf = build(PROGRAMS / "watched.c", *QUIET, "-O2")
-    assert cycles_of_run(elf, host_calls=True) == cycles_of_run(elf, host_calls=False)
-
-
-def cycles_of_run(elf: Path, *, host_calls: bool) -> dict[str, list[int]]:
-    """Run in small steps, with or without calls by the host between them."""
-    board = VirtualK64F(elf)
-    watch = board.watch_calls(FLOODED)
-    while len(watch.calls("straight")) < 8:
-        board.run_until(board.time_s + 1e-6)
-        if host_calls:
-            board.call("levels", 3)
-    return {function: cycles_of(watch.calls(function)[:8]) for function in FLOODED}
 
 
 def test_functions_that_are_called_from_very_many_places_are_refused_by_name(build_c: Build) -> None:

@@ -59,17 +59,6 @@ def test_slices_of_two_functions_make_a_solution(build_c: Build) -> None:
     assert summary.longest_slice == max(each.cycles for each in slices)
 
 
-def test_a_count_of_solutions_that_changes_ends_one_as_well(build_c: Build) -> None:
-    elf = build_c(SLICES, "-O2")
-    summaries = []
-    for end in (ZERO, CHANGED):
-        board = VirtualK64F(elf)
-        watch = board.watch_solutions(["begin_slice", "fit_slice"], end)
-        board.run_until(0.01)
-        summaries.append(watch.summary)
-    assert summaries[0] == summaries[1]
-
-
 @pytest.mark.parametrize("end", [ZERO, CHANGED])
 def test_a_solution_that_had_begun_before_is_left_out(build_c: Build, end: SolutionEnd) -> None:
     board = VirtualK64F(build_c(SLICES, "-O2"))

@@ -182,13 +182,6 @@ def test_below_each_stack_of_others_programs_nothing_was_written(name: str) -> N
         assert any(machine.processor.memory.read(stack.lowest, 64)), stack
 
 
-def test_each_task_is_named_by_the_function_that_it_begins_with() -> None:
-    program = program_named("sdk_freertos_hello")
-    machine = machine_for(program)
-    watch(program, machine, seconds=0.1)
-    assert {"stack_most", "hello_task.stack_most", "prvIdleTask.stack_most"} <= set(machine.memory_use())
-
-
 def test_flash_and_ram_are_what_the_compilers_own_tool_says(
     shipped_board: VirtualK64F, require_tool: Callable[[str], str]
 ) -> None:

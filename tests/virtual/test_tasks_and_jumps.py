@@ -159,29 +159,6 @@ def test_a_call_in_a_task_does_not_count_what_other_tasks_do(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "seconds", "functions", "at_least"),
-    [
-        # Two threads that send each other messages, each send a switch to the other.
-        ("riot_msg_pingpong", 0.15, ("msg_send", "msg_receive"), 1000),
-        ("z_synchronization", 1.2, ("z_impl_k_sleep",), 2),
-    ],
-)
-def test_a_switch_of_tasks_in_a_kernel_of_others_is_not_its_callers_time(
-    name: str, seconds: float, functions: tuple[str, ...], at_least: int
-) -> None:
-    program = program_named(name)
-    board = machine_for(program)
-    watch = board.watch_calls(functions)
-    run_for(program, board, seconds)
-    for function in functions:
-        calls = watch.calls(function)
-        assert len(calls) >= at_least
-        assert len({each.cycles for each in calls}) == 1
-        assert all(each.elsewhere > 0 for each in calls)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
     "name",
     ["sdk_freertos_hello", "sdk_freertos_swtimer", "z_synchronization", "riot_thread_cooperation", "riot_ztimer_msg"],
 )
