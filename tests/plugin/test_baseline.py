@@ -38,12 +38,19 @@ def test_life(measure, board):
 FAILS = "\ndef test_first(board):\n    assert 'LAMP_FAILS' not in os.environ\n"
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the first test that needs it keeps the record of a lamp that draws 2 mA."""
+    return tmp_path_factory.mktemp("recorded") / "base"
+
+
 @pytest.fixture
-def base(pytester: pytest.Pytester) -> Path:
+def base(pytester: pytest.Pytester, recorded: Path) -> Path:
     """A lamp that draws 2 mA, and the record of it."""
     pytester.makepyfile(test_lamp=LAMP)
-    assert pytester.runpytest_inprocess("--hil-out=base").ret == 0
-    return pytester.path / "base"
+    if not recorded.exists():
+        assert pytester.runpytest_inprocess(f"--hil-out={recorded}").ret == 0
+    return shutil.copytree(recorded, pytester.path / "base")
 
 
 def record(pytester: pytest.Pytester) -> dict[str, Any]:
@@ -238,19 +245,16 @@ def test_a_choice_of_tests_is_no_pass(pytester: pytest.Pytester, options: list[s
     ("options", "chosen"),
     [
         ((), False), (("-k", "current"), True), (("test_lamp.py::test_current",), True),
-        (("--deselect=test_lamp.py::test_life",), True), (("-m", "not plain"), False), (("-k", "current", "-n1"), True),
+        (("--deselect=test_lamp.py::test_life",), True), (("-m", "not plain"), False),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )  # fmt: skip
 def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
     pytester: pytest.Pytester, options: tuple[str, ...], chosen: bool
 ) -> None:
-    if "-n1" in options:
-        pytest.importorskip("xdist")
     pytester.makepyfile(test_lamp=LAMP + "\n@pytest.mark.plain\ndef test_plain():\n    pass\n")
     pytester.makeini("[pytest]\nmarkers =\n    plain: of no bench\n")
-    run = pytester.runpytest_subprocess if "-n1" in options else pytester.runpytest_inprocess
-    assert run("--hil-out=base", *options).ret == 0
+    assert pytester.runpytest_inprocess("--hil-out=base", *options).ret == 0
     saved = pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "base", "base.json")
     assert saved.ret == (4 if chosen else 0)
     if chosen:
@@ -277,8 +281,9 @@ LEAVES_OUT = {
 }
 
 
-@pytest.mark.parametrize("saved", [False, True], ids=["a run", "a baseline"])
-@pytest.mark.parametrize("how", LEAVES_OUT)
+@pytest.mark.parametrize(
+    ("how", "saved"), [*((how, False) for how in LEAVES_OUT), ("gone", True)], ids=lambda value: str(value)
+)
 def test_a_test_that_passed_and_measured_nothing_is_missed(
     base: Path, pytester: pytest.Pytester, how: str, saved: bool
 ) -> None:
@@ -325,11 +330,11 @@ def test_who_only_looks_at_tests_has_judged_nothing(
     options = [look] if by == "option" else []
     if not options:
         monkeypatch.setenv("PYTEST_ADDOPTS", look)
-    result = pytester.runpytest_subprocess("--hil-baseline=base", *options)
+    result = pytester.runpytest_inprocess("--hil-baseline=base", *options)
     assert result.ret == 22
     assert result.outlines[-1] == "NOT EVALUATED: --hil-baseline is base, and no test ran: there is nothing to compare."
     assert not (pytester.path / "hil-out").exists()
-    assert pytester.runpytest_subprocess(*options).ret == 0
+    assert pytester.runpytest_inprocess(*options).ret == 0
 
 
 @pytest.mark.usefixtures("base")

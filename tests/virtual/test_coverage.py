@@ -19,6 +19,7 @@ from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
 
 from .conftest import PROGRAMS, Build
+from .test_exceptions import word
 
 LONG_ENOUGH_S = 0.01
 
@@ -182,24 +183,25 @@ def test_what_stands_behind_a_fault_is_not_executed(build_c: Build) -> None:
 OVERLAYS = """
 #include <stdint.h>
 static uint16_t buffer[2] __attribute__((aligned(4)));
+volatile int sum;
 int main(void)
 {
-    int sum = 0;
 
     for (int k = 0; k < 3; k++) {
         buffer[0] = (uint16_t)(0x2000 | k); /* movs r0, #k */
         buffer[1] = 0x4770;                 /* bx lr */
         __asm volatile("dsb" ::: "memory");
-        sum += ((int (*)(void))((uintptr_t)buffer | 1))();
+        sum += 1 << 4 * ((int (*)(void))((uintptr_t)buffer | 1))();
     }
-    return sum;
+    return 0;
 }
 """
 
 
-def test_code_that_is_written_anew_is_counted_on(build_c: Build) -> None:
+def test_code_that_is_written_anew_runs_and_is_counted_on(build_c: Build) -> None:
     board, watch = watched(build_c(OVERLAYS))
     board.run_until(LONG_ENOUGH_S)
+    assert word(board, "sum") == 0x111  # it has returned 0, 1 and 2
     code, buffer = watch.code(), board.image.symbols["buffer"].address
     assert [code.executed[buffer], code.executed[buffer + 2], code.jumped[buffer + 2]] == [3, 3, 3]
     assert watch.code() == code
