@@ -17,7 +17,7 @@ def run(pytester: pytest.Pytester, faults: str, tests: str, *options: str) -> tu
     rig = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8").partition("[limits]")[0]
     (pytester.path / "rig.toml").write_text(f"{rig}\n[faults]\n{faults}\n" if faults else rig, encoding="utf-8")
     pytester.makepyfile(tests)
-    done = pytester.runpytest_subprocess("--hil-rig=rig.toml", "--hil-out=out", *options)
+    done = pytester.runpytest_inprocess("--hil-rig=rig.toml", "--hil-out=out", *options)
     record = json.loads((pytester.path / "out" / "run.json").read_text(encoding="utf-8"))
     return int(done.ret), {each["id"].rpartition("::")[2]: each for each in record["tests"]}
 

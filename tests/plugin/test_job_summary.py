@@ -27,7 +27,7 @@ def summary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize("options", [[], ["-n", "2", "--dist", "loadgroup"]])
 def test_the_report_is_in_the_summary_once(pytester: pytest.Pytester, summary: Path, options: list[str]) -> None:
     pytester.makepyfile(SUITE.format(value=48))
-    result = pytester.runpytest_subprocess(*options)
+    result = pytester.runpytest_inprocess(*options)
     assert result.ret == 0
     page = summary.read_text()
     assert page == (pytester.path / "hil-out" / "report.md").read_text()
@@ -42,7 +42,7 @@ def test_a_summary_that_cannot_be_written_is_said_and_the_verdict_stays(
 ) -> None:
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", "/dev/full")
     pytester.makepyfile(SUITE.format(value=value))
-    result = pytester.runpytest_subprocess()
+    result = pytester.runpytest_inprocess()
     assert result.ret == code
     result.stdout.fnmatch_lines(["no job summary: cannot write /dev/full: No space left on device"])
 
@@ -50,9 +50,9 @@ def test_a_summary_that_cannot_be_written_is_said_and_the_verdict_stays(
 def test_a_red_run_annotates_its_check(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     pytester.makepyfile(SUITE.format(value=51))
-    result = pytester.runpytest_subprocess()
+    result = pytester.runpytest_inprocess()
     (line,) = [line for line in result.outlines if "::error" in line]
     assert line.startswith("::error title=hiltest%3A fail::")
     assert "field.strength 51 uT (limit 50)" in line
     pytester.makepyfile(SUITE.format(value=48))
-    assert "::" not in pytester.runpytest_subprocess("-q").stdout.str().replace("/", "").replace(".py::", "")
+    assert "::" not in pytester.runpytest_inprocess("-q").stdout.str().replace("/", "").replace(".py::", "")

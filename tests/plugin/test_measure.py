@@ -52,7 +52,7 @@ def test_limit(measure):
 def test_word():
     assert 1 == 2
 """)
-    result = pytester.runpytest_subprocess("--junit-xml=junit.xml", *options)
+    result = pytester.runpytest_inprocess("--junit-xml=junit.xml", *options)
     result.stdout.fnmatch_lines([
         "  lamp.current 3.125 mA (limit 2), lamps/test_lamp.py:*", "*_ test_limit _*",
         "out of limit: lamp.current", "seen on the way",

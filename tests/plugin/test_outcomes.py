@@ -134,7 +134,7 @@ def test_a_test_without_hiltest_fails_as_any_other_does(pytester: pytest.Pyteste
             raise VersionMismatchError("not the board of this session")
         """
     )
-    result = pytester.runpytest_subprocess()
+    result = pytester.runpytest_inprocess()
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*raise VersionMismatchError*"])
     assert result.ret == 1

@@ -35,7 +35,7 @@ def test_chosen_tests_are_recorded_beside_the_record_of_a_complete_run(
     assert pytester.runpytest_inprocess().ret == 0
     complete = (pytester.path / "hil-out" / "run.json").read_bytes()
     for _ in range(2):
-        result = pytester.runpytest_subprocess(*choice)
+        result = pytester.runpytest_inprocess(*choice)
         assert result.ret == 0
         assert (pytester.path / "hil-out" / "run.json").read_bytes() == complete
         assert measured_in(pytester.path / "hil-out" / "chosen") == {"lamp.current"}

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
-from hiltest.virtual.board.k64f import VirtualK64F
-from hiltest.virtual.counts.profiling import CallProfile, profile_call
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.profiling import CallProfile, profile_call
 
 from .conftest import Build
 
@@ -80,10 +78,3 @@ def test_a_loop_that_loses_less_than_a_hundredth_is_not_named(build: Build) -> N
 
 def test_a_profile_without_rules_of_fetching_names_none(build: Build) -> None:
     assert profiled(build, ADDITIONS, profile="cortex-m4-trm/1").loops == ()
-
-
-@pytest.mark.parametrize("body", [ADDITIONS, "sub r3, sp, #4\nldr r4, [r3]\nit eq\nmoveq r5, r6"])
-def test_the_classes_of_cycles_add_up_with_rules_of_fetching(build: Build, body: str) -> None:
-    found = profiled(build, body)
-    assert sum(found.work.values()) + sum(found.stalls.values()) == found.cycles
-    assert sum(each.cycles for each in found.addresses) == found.cycles

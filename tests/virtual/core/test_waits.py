@@ -138,12 +138,6 @@ def random_values(chance: random.Random) -> dict[str, int]:
     return values if chance.random() < 0.8 else {name: value for name, value in values.items() if name != "unaligned"}
 
 
-@pytest.mark.parametrize("seed", range(10))
-@pytest.mark.parametrize("name", PROFILES)
-def test_random_courses_wait_as_long_by_the_profiles_that_ship(name: str, seed: int) -> None:
-    assert_alike(shipped_values(name), random.Random(seed))
-
-
 @pytest.mark.parametrize("seed", range(60))
 def test_random_courses_wait_as_long_by_random_rows(seed: int) -> None:
     chance = random.Random(seed)
