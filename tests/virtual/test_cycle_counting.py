@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.calling import CallResult
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.calling import CallResult
 
 from .conftest import SHIPPED, Build
 from .oracle import acted, called

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Build
 from .oracle import acted, called

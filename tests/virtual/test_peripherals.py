@@ -8,11 +8,8 @@ import pytest
 
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.library import lib
-from hiltest.virtual.i2c_bus import HeldLine, I2cBus
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.nvic import FIRST_INTERRUPT
+from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cBus
 from hiltest.virtual.peripherals.pit import PeriodicTimers
-from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.nvic import FIRST_INTERRUPT
 
 from .conftest import SHIPPED

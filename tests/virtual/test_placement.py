@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profiling import CallProfile, profile_call
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.counts.profiling import CallProfile, profile_call
 
 from .conftest import Build
 
