@@ -300,13 +300,13 @@ JUMPS = {"d2e801f0": (4, 6), "d4f800f0": (4, 5), "7047": (3, 3), "00bd": (4, 4)}
 def test_a_rule_costs_what_the_example_says(code: str, address: int, first: int, second: int) -> None:
     for name, expected in zip(PROFILES, (first, second), strict=True):
         prices, state = prices_in_c(load_profile(name)), state_in_c(pipeline.NEUTRAL)
-        decoded_code = instructions.decode(address, bytes.fromhex(code))
+        decoded_code = decode(address, bytes.fromhex(code))
         assert sum(priced_in_c(prices, instruction, "on", state) for instruction in decoded_code) == expected, name
 
 
 @pytest.mark.parametrize("code", JUMPS)
 def test_a_jump_through_a_table_takes_what_the_manual_says(code: str) -> None:
-    (jump,) = instructions.decode(0x1000, bytes.fromhex(code))
+    (jump,) = decode(0x1000, bytes.fromhex(code))
     cycles = [
         priced_in_c(prices_in_c(load_profile(name)), jump, "away", state_in_c(pipeline.NEUTRAL)) for name in PROFILES
     ]
