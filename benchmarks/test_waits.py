@@ -26,16 +26,16 @@ START_S = 0.5  # what programs set up first is not counted
 
 
 @pytest.fixture
-def build(tmp_path: Path) -> Callable[[Path], Path]:
-    """Return a function that compiles a program for the board."""
+def build(tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that compiles a program for the board; further arguments are flags of the compiler."""
     compiler = shutil.which("arm-none-eabi-gcc")
     if compiler is None:
         pytest.skip("arm-none-eabi-gcc is not installed")
 
-    def compile_program(source: Path) -> Path:
+    def compile_program(source: Path, *flags: str) -> Path:
         elf = tmp_path / f"{source.stem}.elf"
         sources = [str(PROGRAMS / "start.S"), str(source)]
-        subprocess.run([compiler, *FLAGS, *sources, "-lgcc", "-o", str(elf)], check=True, timeout=60)
+        subprocess.run([compiler, *FLAGS, *flags, *sources, "-lgcc", "-o", str(elf)], check=True, timeout=60)
         return elf
 
     return compile_program
@@ -64,9 +64,25 @@ def test_foreign_firmware(
 
 @pytest.mark.benchmark(timer=time.process_time)
 def test_polling_a_sensor_and_printing(
-    benchmark: BenchmarkFixture, report: Report, rig: Rig, build: Callable[[Path], Path]
+    benchmark: BenchmarkFixture, report: Report, rig: Rig, build: Callable[..., Path]
 ) -> None:
     machine = VirtualBench(rig, firmware=build(PROGRAMS / "polls_fxos8700.c")).machine
     ratio = _ratio(benchmark, machine, 2.0)
     assert machine.uart0.host_waiting > 1000
     report("FXOS8700CQ polled over I2C and printed", ratio, "x real time", "at least 2.0")
+
+
+@pytest.mark.benchmark(timer=time.process_time)
+@pytest.mark.parametrize(
+    ("name", "flags"),
+    [
+        ("asleep", ()),
+        ("counting in a loop", ("-DCOUNTS",)),
+        ("asleep, each overflow interrupts", ("-DINTERRUPTS",)),
+    ],
+)
+def test_two_pulse_widths_at_24_khz(
+    benchmark: BenchmarkFixture, report: Report, build: Callable[..., Path], name: str, flags: tuple[str, ...]
+) -> None:
+    board = VirtualK64F(build(PROGRAMS / "pulse_widths.c", *flags))
+    report(f"two pulse widths at 24 kHz, {name}", _ratio(benchmark, board, 2.0), "x real time", "at least 1.0")

@@ -1,5 +1,5 @@
 /* Two pulse widths at 24 kHz on pins, while the processor sleeps. -DCOUNTS: it counts in a loop instead; -DINTERRUPTS:
- * each overflow interrupts, too. */
+ * each overflow interrupts. */
 #include <stdint.h>
 
 #define WORD(address) (*(volatile uint32_t *)(address))

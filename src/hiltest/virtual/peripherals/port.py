@@ -102,7 +102,9 @@ class Port(StoredRegisters):
         register = offset & ~3
         if register == _ISFR:
             self._flags &= ~value
-        elif register in (_GPCLR, _GPCHR):
+            self._settle()
+            return
+        if register in (_GPCLR, _GPCHR):
             first = 0 if register == _GPCLR else 16
             for pin in range(16):
                 if value >> (16 + pin) & 1:
