@@ -324,7 +324,8 @@ def test_a_loop_that_polls_goes_on_at_the_edge(build_c: Build, body: str, counts
 
 @pytest.mark.parametrize("seed", range(80))
 def test_it_does_what_a_timer_does_that_steps_through_every_tick(seed: int) -> None:
-    chance, stepped, timer = Random(seed), SteppedTimer(), TimerAlone(heard=0b01)
+    chance, stepped, is_heard = Random(seed), SteppedTimer(), seed % 2
+    timer = TimerAlone(heard=is_heard)
     limit = chance.choice([3, 12, 60])
     up_down = chance.random() < 0.4
     stepped.up_down = up_down
@@ -338,7 +339,7 @@ def test_it_does_what_a_timer_does_that_steps_through_every_tick(seed: int) -> N
     for channel in range(2):
         write(0x0C + 8 * channel, chance.choice([0x14, 0x1C, 0x18, 0x28, 0x24, 0x68, 0x54]))
         write(0x10 + 8 * channel, chance.randrange(limit + 1))
-    write(0x00, chance.choice([0x08, 0x48]) | chance.choice([0, 0, 2]) | up_down << 5)
+    write(0x00, chance.choice([0x08, 0x48]) | chance.choice([0, 0, 2, 5]) | up_down << 5)
     for _ in range(40):
         action = chance.randrange(6)
         if action == 0:
@@ -347,9 +348,9 @@ def test_it_does_what_a_timer_does_that_steps_through_every_tick(seed: int) -> N
             write(0x08, chance.randrange(1, limit))
         elif action == 2:
             assert timer.read(0x50) == stepped.read_status()
-            write(0x50, chance.choice([0, 1]))
-        elif action == 3:
             assert timer.read(0x00) & 0x80 == stepped.read_overflow()
+        elif action == 3:
+            write(0x50, chance.choice([0, 1]))
             write(0x00, stepped.control)
         else:
             cycles = chance.choice([1, 2, 7, chance.randrange(300)])
@@ -358,4 +359,4 @@ def test_it_does_what_a_timer_does_that_steps_through_every_tick(seed: int) -> N
         assert timer.read(0x04) == stepped.count
         assert [timer.level(channel) for channel in range(2)] == [stepped.level(channel) for channel in range(2)]
         assert timer.interrupts == stepped.interrupts
-        assert timer.edges == stepped.edges
+        assert not is_heard or timer.edges == stepped.edges
