@@ -47,3 +47,19 @@ def test_polling_a_sensor_and_printing(
     ratio = _ratio(benchmark, machine, 2.0)
     assert machine.uart0.host_waiting > 1000
     report("FXOS8700CQ polled over I2C and printed", ratio, "x real time", "at least 2.0")
+
+
+@pytest.mark.benchmark(timer=time.process_time)
+@pytest.mark.parametrize(
+    ("name", "flags"),
+    [
+        ("asleep", ()),
+        ("counting in a loop", ("-DCOUNTS",)),
+        ("asleep, each overflow interrupts", ("-DINTERRUPTS",)),
+    ],
+)
+def test_two_pulse_widths_at_24_khz(
+    benchmark: BenchmarkFixture, report: Report, build: Build, name: str, flags: tuple[str, ...]
+) -> None:
+    board = VirtualK64F(build(TEST_PROGRAMS / "pulse_widths.c", *flags))
+    report(f"two pulse widths at 24 kHz, {name}", _ratio(benchmark, board, 2.0), "x real time", "at least 1.0")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hiltest.virtual.board.k64f import VirtualK64F
-from hiltest.virtual.peripherals.ftm_counter import FlexCounter
+from hiltest.virtual.core.library import lib
+from hiltest.virtual.core.machine import NEVER
 
+from .both_ways import outcome
 from .conftest import Build
+from .stepped_timer import SteppedTimer, TimerAlone
 from .test_exceptions import word
 
 BUS_HZ = 640 * 32_768  # out of reset
@@ -21,17 +24,18 @@ enum {
     SYNC = 0x58, OUTINIT = 0x5C, OUTMASK = 0x60, COMBINE = 0x64, POL = 0x70, QDCTRL = 0x80, CONF = 0x84,
     SYNCONF = 0x8C, PWMLOAD = 0x98
 };
-volatile unsigned fired, seen, first, second, third;
+volatile unsigned fired, seen, first, second, third, changes;
 void Interrupt42_Handler(void) {
     fired++; seen = FTM(STATUS);
     FTM(SC) &= ~0x80u; FTM(STATUS) = 0;
 }
+void Interrupt61_Handler(void) { changes++; WORD(0x4004B0A0) = ~0u; } /* PORTC */
 static void begin(void) {
     *(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;
     *(volatile unsigned short *)0x40052000 = 0x1D2;
     WORD(0x4004803C) |= 1u << 24; WORD(0x40048038) |= 0x1Fu << 9;
     WORD(0x4004B004) = 4u << 8; WORD(0x4004B008) = 4u << 8; /* PTC1 and PTC2: FTM0_CH0 and FTM0_CH1 */
-    WORD(0xE000E104) = 1u << 10;
+    WORD(0xE000E104) = 1u << 10 | 1u << 29;
 }
 """
 SLEEP = ' for (;;) { __asm__("wfi"); }'
@@ -275,21 +279,84 @@ def test_what_is_not_modelled_is_named_when_it_is_asked_for(build_c: Build, body
     assert [access.register for access in board.unmodelled] == [register]
 
 
-@given(
-    st.integers(0, 40), st.integers(0, 40), st.booleans(), st.integers(0, 45), st.integers(0, 50), st.integers(0, 200)
+def test_pulse_widths_that_nobody_looks_at_plan_no_event(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(MOD) = 99; FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 20; FTM(SC) = 8;")
+    board.run_until(0.001)
+    assert lib.machine_next_event(board.processor.machine.handle) == NEVER
+
+
+@pytest.mark.parametrize(
+    "set_up",
+    [
+        "FTM(C0SC) = 0x28; FTM(C0V) = 2500;",
+        "FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 1000; FTM(C1V) = 4000; FTM(COMBINE) = 1; WORD(0x4004B008) = 0;",
+        "FTM(C0SC) = 0x14; FTM(C0V) = 2500; FTM(C1SC) = 0x14; FTM(C1V) = 7500; WORD(0x4004B008) = 11u << 16 | 4u << 8;",
+    ],
+    ids=["edge-aligned", "combined, one on a pin", "two that toggle"],
 )
-def test_matches_are_as_many_as_a_counter_that_steps_would_find(
-    initial: int, steps: int, up_down: bool, value: int, after: int, span: int
-) -> None:
-    counter = FlexCounter(initial, initial + steps + (initial == 0), up_down)
-    walked, count, direction = [], initial, 1
-    for _ in range(after + span + 1):
-        walked.append(count)
-        if up_down:
-            direction = -1 if count == counter.modulo else 1 if count == initial else direction
-            count += direction if steps + (initial == 0) else 0
+def test_each_edge_of_a_pin_whose_port_interrupts_is_seen(build_c: Build, set_up: str) -> None:
+    board = board_of(build_c, f"FTM(MOD) = 9999; {set_up} WORD(0x4004B004) = 11u << 16 | 4u << 8; FTM(SC) = 8;")
+    board.run_until(500 / BUS_HZ)
+    before = word(board, "changes")
+    board.run_until(200_500 / BUS_HZ)
+    assert word(board, "changes") - before == 40
+
+
+@pytest.mark.parametrize(
+    ("body", "counts"),
+    [
+        ("while (PINS & 2) {} first = FTM(CNT); while (!(PINS & 2)) {} second++;", range(2500, 2520)),
+        ("while (!(FTM(SC) & 0x80)) {} FTM(SC) = 8; first = FTM(CNT); second++;", range(20)),
+        ("while (!(FTM(STATUS) & 1)) {} FTM(STATUS) = 0; first = FTM(CNT); second++;", range(2500, 2520)),
+        ("while (FTM(CNT) < 4000) {} first = FTM(CNT); while (FTM(CNT) >= 4000) {} second++;", range(4000, 4020)),
+    ],
+    ids=["pin", "overflow", "match", "count"],
+)
+def test_a_loop_that_polls_goes_on_at_the_edge(build_c: Build, body: str, counts: range) -> None:
+    set_up = "begin(); FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 2500; FTM(SC) = 8;"
+    elf = build_c(f"{HEAD}\n#define PINS WORD(0x400FF090)\nint main(void) {{ {set_up} for (;;) {{ {body} }} }}")
+    board = VirtualK64F(elf)
+    board.run_until(202_000 / BUS_HZ)
+    assert word(board, "first") in counts
+    assert word(board, "second") == 20
+    assert outcome(elf, 0.005, asks_devices=False) == outcome(elf, 0.005, asks_devices=True)
+
+
+@pytest.mark.parametrize("seed", range(80))
+def test_it_does_what_a_timer_does_that_steps_through_every_tick(seed: int) -> None:
+    chance, stepped, is_heard = Random(seed), SteppedTimer(), seed % 2
+    timer = TimerAlone(heard=is_heard)
+    limit = chance.choice([3, 12, 60])
+    up_down = chance.random() < 0.4
+    stepped.up_down = up_down
+
+    def write(offset: int, value: int) -> None:
+        stepped.write(offset, value)
+        timer.write(offset, value)
+
+    write(0x08, chance.randrange(1, limit))  # MOD
+    write(0x84, chance.choice([0, 0, 2]))  # NUMTOF
+    for channel in range(2):
+        write(0x0C + 8 * channel, chance.choice([0x14, 0x1C, 0x18, 0x28, 0x24, 0x68, 0x54]))
+        write(0x10 + 8 * channel, chance.randrange(limit + 1))
+    write(0x00, chance.choice([0x08, 0x48]) | chance.choice([0, 0, 2, 5]) | up_down << 5)
+    for _ in range(40):
+        action = chance.randrange(6)
+        if action == 0:
+            write(0x10 + 8 * chance.randrange(2), chance.randrange(limit + 1))
+        elif action == 1 and not up_down:
+            write(0x08, chance.randrange(1, limit))
+        elif action == 2:
+            assert timer.read(0x50) == stepped.read_status()
+            assert timer.read(0x00) & 0x80 == stepped.read_overflow()
+        elif action == 3:
+            write(0x50, chance.choice([0, 1]))
+            write(0x00, stepped.control)
         else:
-            count = initial if count == counter.modulo else count + 1
-    assert [counter.value(tick % counter.period) for tick in range(len(walked))] == walked
-    found = sum(counter.times(phase, after, after + span) for phase in counter.matches(value))
-    assert found == walked[after + 1 :].count(value)
+            cycles = chance.choice([1, 2, 7, chance.randrange(300)])
+            stepped.run(cycles)
+            timer.run(cycles)
+        assert timer.read(0x04) == stepped.count
+        assert [timer.level(channel) for channel in range(2)] == [stepped.level(channel) for channel in range(2)]
+        assert timer.interrupts == stepped.interrupts
+        assert not is_heard or timer.edges == stepped.edges

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from hiltest.virtual.board.k64f import VirtualK64F
 
+from .both_ways import outcome
 from .conftest import Build
 from .test_exceptions import word
 
@@ -26,10 +29,14 @@ static void begin(void) {
 """
 
 
-def board_of(build_c: Build, body: str) -> VirtualK64F:
+def program_of(build_c: Build, body: str) -> Path:
     unlocked = "*(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;"
     unlocked += "*(volatile unsigned short *)0x40052000 = 0x1D2;"
-    return VirtualK64F(build_c(f"{HEAD}int main(void) {{ {unlocked} begin(); {body} return 0; }}"))
+    return build_c(f"{HEAD}int main(void) {{ {unlocked} begin(); {body} return 0; }}")
+
+
+def board_of(build_c: Build, body: str) -> VirtualK64F:
+    return VirtualK64F(program_of(build_c, body))
 
 
 @pytest.mark.parametrize(
@@ -104,3 +111,27 @@ def test_it_counts_the_edges_of_a_pin(build_c: Build, control: int, fires_at: li
         if word(board, "fired") > before and pulse not in seen:
             seen.append(pulse + 1)
     assert seen == fires_at
+
+
+@pytest.mark.parametrize(
+    ("control", "counts"), [(1, range(996, 1001)), (5, range(2, 3))], ids=["in rounds", "free running"]
+)
+def test_a_loop_that_polls_goes_on_at_the_end_of_a_round(build_c: Build, control: int, counts: range) -> None:
+    loop = f"for (;;) {{ while (!(CSR & 0x80)) {{}} CSR = {control | 0x80}; count++; }}"
+    elf = program_of(build_c, f"PSR = 3 | 1u << 3; CMR = 124; CSR = {control}; {loop}")
+    board = VirtualK64F(elf)
+    board.run_until(0.01)  # 125 000 counts of a quarter of 50 MHz; 65 536 are a round of the counter
+    assert word(board, "count") in counts
+    assert outcome(elf, 0.005, asks_devices=False) == outcome(elf, 0.005, asks_devices=True)
+
+
+def test_a_compare_value_that_is_behind_the_count_is_met_in_the_next_round_of_all_counts(build_c: Build) -> None:
+    wait = "do { CNR = 0; } while (CNR < 1000);"
+    board = board_of(build_c, f"PSR = 3 | 5u << 3; CMR = 60000; CSR = 0x41; {wait} CMR = 99;")
+    count_s = 64 / 50e6
+    board.run_until(65_500 * count_s)
+    assert word(board, "fired") == 0
+    board.run_until((65_536 + 100 + 50) * count_s)
+    assert word(board, "fired") == 1
+    board.run_until((65_536 + 980) * count_s)
+    assert word(board, "fired") == 9

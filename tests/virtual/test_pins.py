@@ -10,6 +10,7 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.part.chip import mk64f12
+from hiltest.virtual.peripherals.pin_signals import PinSignal
 from hiltest.virtual.peripherals.port import Gpio, Port
 from hiltest.virtual.processor.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.world import EarthField, MagneticDistortion, World
@@ -144,6 +145,24 @@ def test_many_pins_are_configured_by_one_write(port: Port) -> None:
     port.write(GPCHR, 4, 0x0002 << 16 | GPIO | 3)
     configured = {pin: port.read(4 * pin, 4) for pin in range(32) if port.read(4 * pin, 4)}
     assert configured == {0: GPIO, 15: GPIO, 17: GPIO | 3}
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_pin_that_somebody_follows_has_a_signal_that_tells_of_each_edge(port: Port, follows: bool) -> None:
+    levels = [False]
+    signal = PinSignal(on_level=lambda _high: None, level=lambda: levels[-1])
+    told: list[int] = []
+    port.on_change = lambda _port: told.append(port.driven_low >> 3 & 1)
+    port.followed = follows << 3
+    port.lead(3, 4, signal)
+    port.write(0x0C, 4, 4 << 8)
+    assert (signal.is_heard, told) == (follows, [1])
+    for level in (True, False):
+        levels.append(level)
+        signal.changed()
+    assert told == ([1, 0, 1] if follows else [1])
+    port.write(0x0C, 4, 0)
+    assert not signal.is_heard
 
 
 @pytest.mark.parametrize("name", ["PTF0", "PTC32", "PTC", "PT", "", "C5", "PTC05", "PTC\u0665", "ptc5", "PTCB5"])

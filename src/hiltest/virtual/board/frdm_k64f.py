@@ -65,6 +65,8 @@ class LedsAndButtons:
             ports[letter].drive(pin, True)
         for port in ports.values():
             port.on_change = self._look
+        for letter, pin in LEDS.values():
+            ports[letter].followed |= 1 << pin
 
     def is_on(self, what: str) -> bool:
         """Whether an LED is lit or a button is pressed.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from hiltest.virtual.board.bare_part import private_peripherals
@@ -20,7 +21,7 @@ from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.peripherals.lptmr import LowPowerTimer
 from hiltest.virtual.peripherals.mcg import ClockGenerator
-from hiltest.virtual.peripherals.pin_signals import PinSignal, PulseCounter
+from hiltest.virtual.peripherals.pin_signals import PinSignal
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.port import Gpio, Port
 from hiltest.virtual.peripherals.rcm import ResetControl, ResetRequested, ResetSource
@@ -164,15 +165,16 @@ class Microcontroller:
 
     def _flex_timers(self) -> list[FlexTimer]:
         """Make the timers with channels, and lead those to their pins."""
-        inputs = {f"FTM_CLKIN{number}": PulseCounter() for number in range(2)}
-        self._lead_pins(inputs)
         timers = [
-            FlexTimer(
-                self._processor, self.clocks, list(inputs.values()), self._modules[f"FTM{number}"],
-                self.unmodelled.note,
-            )
+            FlexTimer(self._processor, self.clocks, self._modules[f"FTM{number}"], self.unmodelled.note)
             for number in range(4)
-        ]  # fmt: skip
+        ]
+
+        def tell(number: int, high: bool) -> None:
+            for timer in timers:
+                timer.clock_input(number, high)
+
+        self._lead_pins({f"FTM_CLKIN{number}": PinSignal(partial(tell, number)) for number in range(2)})
         for timer in timers:
             self._lead_pins(timer.signals)
         return timers

@@ -131,6 +131,11 @@ void machine_set_clock(
     replan_events(machine, clock);
 }
 
+void tick_clock(struct machine *machine, int32_t clock)
+{
+    machine_set_clock(machine, clock, machine->core.cycles, ticks_now(machine, clock) + 1, 0, 0, 1);
+}
+
 void machine_fire_events(struct machine *machine)
 {
     fire_due_events(machine);

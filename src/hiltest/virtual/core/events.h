@@ -49,5 +49,7 @@ int64_t next_event_cycle(const struct machine *machine);
 void fire_due_events(struct machine *machine);
 /* Ticks of a clock now. */
 int64_t ticks_now(const struct machine *machine, int32_t clock);
+/* Have a clock tick that stands still otherwise: it counts pulses. */
+void tick_clock(struct machine *machine, int32_t clock);
 
 #endif

@@ -318,6 +318,34 @@ void machine_hear_timers(struct machine *machine, uint32_t base, uint32_t channe
 /* Time at which a channel was last enabled. */
 int64_t machine_timer_enabled_at(struct machine *machine, uint32_t base, int32_t channel);
 
+/* FTM with so many channels. `changed` is told of a channel that is heard and whose level has changed, `note` of a write
+ * that asks for what is not modelled. */
+struct machine_ftm {
+    int32_t channels, interrupt;
+    int32_t bus_clock, fixed_clock;
+    void (*changed)(void *context, int32_t channel);
+    void (*note)(void *context, uint32_t address, uint32_t size, uint32_t value);
+    void *context;
+};
+bool machine_add_ftm(struct machine *machine, uint32_t base, struct machine_ftm connections);
+/* Hear channels, a bit each. */
+void machine_hear_channels(struct machine *machine, uint32_t base, uint32_t channels);
+/* Level that a channel gives its pin, -1 if it gives none. If a device is being read, its answer holds until the level may
+ * change. */
+int32_t machine_channel_level(struct machine *machine, uint32_t base, int32_t channel);
+/* The pin of a channel has a new level; and the pin of the external clock has risen. */
+void machine_channel_edge(struct machine *machine, uint32_t base, int32_t channel, bool high);
+void machine_ftm_clock_edge(struct machine *machine, uint32_t base);
+
+/* LPTMR: its clocks by PSR.PCS. From power-on to power-on, its first state is the one behind writes of zeros. */
+struct machine_lptmr {
+    int32_t interrupt;
+    int32_t clocks[4];
+};
+bool machine_add_lptmr(struct machine *machine, uint32_t base, struct machine_lptmr connections);
+/* The pin that CSR.TPS selects by 1 or 2 has a new level. */
+void machine_lptmr_edge(struct machine *machine, uint32_t base, int32_t pin, bool high);
+
 /* Run until there is a reason to stop (enum stop_reason). Takes pending exceptions before an instruction. */
 int32_t machine_run(struct machine *machine);
 /* Save floating-point state that an exception has left to be saved. */

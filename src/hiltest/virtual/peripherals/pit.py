@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
-from hiltest.virtual.peripherals.core_device import CoreDevice
+from hiltest.virtual.peripherals.core_device import CoreDevice, guarded
 from hiltest.virtual.peripherals.sim import ClockGates
 from hiltest.virtual.processor.clock import PICOSECONDS
 from hiltest.virtual.processor.cpu import Processor
@@ -47,18 +46,11 @@ class PeriodicTimers(CoreDevice):
         self.on_expiry: Callable[[int], None] = lambda _channel: None
         self._heard: frozenset[int] = frozenset()
 
-        @ffi.callback("void(void *, int32_t)")  # type: ignore[untyped-decorator]
-        def on_expired(_context: Any, channel: int) -> None:
-            try:
-                self.on_expiry(channel)
-            except BaseException as error:  # the library cannot pass it on; `abort` has it raised again
-                processor.abort(error)
-
-        self._expired = on_expired  # the library keeps only the pointer
+        self._expired = guarded(processor, "void(void *, int32_t)", lambda channel: self.on_expiry(channel))
         connections = ffi.new("struct machine_pit *")
         connections.interrupts = module.interrupts
         connections.clock, connections.time = clocks.bus.number_in(machine), clocks.time.number_in(machine)
-        connections.expired = on_expired
+        connections.expired = self._expired  # the library keeps only the pointer
         if not lib.machine_add_pit(machine.handle, module.base, connections[0]):
             raise MemoryError
         super().__init__(machine, module.name, module.base)

@@ -32,8 +32,8 @@ class Port(StoredRegisters):
 
     Attributes
     ----------
-    levels : int
-        Bit n is the level of pin n.
+    followed : int
+        Pins whose changes `on_change` must not miss; of others that a timer drives, only PORT interrupts are told.
     driven_low : int
         Pins that the processor pulls low.
     on_change : callable
@@ -49,12 +49,15 @@ class Port(StoredRegisters):
         (self._interrupt,) = module.interrupts
         self._outside = 0  # pins that something outside the chip gives a level, and which
         self._outside_high = 0
-        self.levels = 0
+        self.followed = 0
+        self._levels = 0
         self.driven_low = 0
         self.on_change: Callable[[Port], None] = lambda _port: None
         self.on_levels: Callable[[int, int], None] = lambda _rose, _fell: None
         self._signals: dict[tuple[int, int], PinSignal] = {}  # by pin and what its multiplexer selects
         self._carried: dict[int, PinSignal] = {}  # by pin
+        self._heard: set[PinSignal] = set()  # of them, those whose every edge has a consequence here
+        self._silent = 0  # pins that the others drive
         super().__init__(module.name, module.base, initial)
 
     def reset(self) -> None:
@@ -76,7 +79,13 @@ class Port(StoredRegisters):
     def lead(self, pin: int, function: int, signal: PinSignal) -> None:
         """Connect a signal of a peripheral to a pin, for when its multiplexer selects that function."""
         self._signals[pin, function] = signal
-        signal.settle.append(self._settle)
+
+    @property
+    def levels(self) -> int:
+        """Levels of the pins: bit n is that of pin n."""
+        if self._silent or self._carried:
+            self._settle()
+        return self._levels
 
     # -- PORT ---------------------------------------------------------------------------------
 
@@ -93,7 +102,9 @@ class Port(StoredRegisters):
         register = offset & ~3
         if register == _ISFR:
             self._flags &= ~value
-        elif register in (_GPCLR, _GPCHR):
+            self._settle()
+            return
+        if register in (_GPCLR, _GPCHR):
             first = 0 if register == _GPCLR else 16
             for pin in range(16):
                 if value >> (16 + pin) & 1:
@@ -125,43 +136,44 @@ class Port(StoredRegisters):
         self._settle()
 
     def _connect(self) -> None:
-        """Carry the signals that the multiplexers select."""
-        before = self._carried
+        """Carry the signals that the multiplexers select, and hear those of pins where each edge counts."""
         self._carried = {
             pin: signal
             for (pin, function), signal in self._signals.items()
             if self.word(4 * pin) >> 8 & 7 == function
         }
-        for pin, signal in before.items():
-            if self._carried.get(pin) is not signal:
-                signal.pins -= 1
-                signal.on_pins()
-        for pin, signal in self._carried.items():
-            if before.get(pin) is not signal:
-                signal.pins += 1
-                signal.on_pins()
+        followed = self._edge_up | self._edge_down | self._at_low | self._at_high | self.followed
+        heard = {signal for pin, signal in self._carried.items() if followed >> pin & 1}
+        for signal in heard - self._heard:
+            signal.hear(self._settle)
+        for signal in self._heard - heard:
+            signal.leave(self._settle)
+        self._heard = heard
 
     def _settle(self) -> None:
         """Find every pin's level, and what follows from it."""
-        before, driven_before = self.levels, self.driven_low
+        before, driven_before, unseen = self._levels, self.driven_low, self._silent
+        self._silent = 0
         driving, output = self._direction & self._gpio, self._output
         for pin, signal in self._carried.items():
-            if signal.driven is not None:
+            if (level := signal.level()) is not None:
                 driving |= 1 << pin
-                output = output & ~(1 << pin) | signal.driven << pin
+                output = output & ~(1 << pin) | level << pin
+                self._silent |= (signal not in self._heard) << pin
+        unseen |= self._silent  # when these have changed is not known
         resting = self._outside & self._outside_high | ~self._outside & self._pull_up
-        self.levels = (driving & output | ~driving & resting) & self._digital
+        self._levels = (driving & output | ~driving & resting) & self._digital
         self.driven_low = driving & ~output
-        rose, fell = self.levels & ~before, before & ~self.levels
+        rose, fell = self._levels & ~before & ~unseen, before & ~self._levels & ~unseen
         self._flags |= rose & self._edge_up | fell & self._edge_down
-        self._flags |= (self.levels & self._at_high | ~self.levels & self._at_low) & self._digital
+        self._flags |= (self._levels & self._at_high | ~self._levels & self._at_low) & self._digital
         self._nvic.set_line(self._interrupt, bool(self._flags))
         if rose or fell or self.driven_low != driven_before:
             self.on_change(self)
         if rose or fell:
             self.on_levels(rose, fell)
         for pin, signal in self._carried.items():
-            if signal.driven is None and (rose | fell) >> pin & 1:
+            if (rose | fell) >> pin & 1 and signal.level() is None:
                 signal.on_level(bool(rose >> pin & 1))
 
     # -- GPIO ---------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.part.unique_id import VIRTUAL_UNIQUE_ID
-from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
+from hiltest.virtual.peripherals.bus import ALL_STEADY, Peripheral, StoredRegisters
 from hiltest.virtual.peripherals.mcg import IRC48M_HZ, OSCILLATOR_HZ, RTC_HZ, ClockGenerator
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.cpu import Processor
@@ -15,6 +15,23 @@ from hiltest.virtual.processor.cpu import Processor
 _SOPT1, _SOPT2, _CLKDIV1 = 0x000, 0x004, 0x044
 _SCGC_FIRST, _SCGC_LAST = 0x028, 0x040  # SCGC1..SCGC7 in the page at 0x40048000
 _LOW_POWER_OSCILLATOR_HZ = 1000
+
+
+class _Options(StoredRegisters):
+    """SIM, first page, which tells of its changes."""
+
+    steady = ALL_STEADY
+    on_change: Callable[[], None] = staticmethod(lambda: None)
+
+    def reset(self) -> None:
+        """Return to the state after a chip reset."""
+        super().reset()
+        self.on_change()
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Keep what is written."""
+        super().write(offset, size, value)
+        self.on_change()
 
 
 class ClockGates(StoredRegisters):
@@ -37,6 +54,8 @@ class ClockGates(StoredRegisters):
         MCGIRCLK and MCGFFCLK.
     oscillator, rtc, low_power : Clock
         OSCERCLK, 32.768 kHz, and the 1 kHz that always runs.
+    slow_external : Clock
+        ERCLK32K, as SOPT1 selects; the system oscillator's 50 MHz are not for it.
     time : Clock
         Virtual time in picoseconds since power-on.
     options : StoredRegisters
@@ -50,14 +69,13 @@ class ClockGates(StoredRegisters):
         self._generator = generator
         self.core, self.bus, self.flexbus, self.flash = self._clocks(4)
         self.pll_fll, self.internal, self.fixed = self._clocks(3)
-        self.oscillator, self.rtc, self.low_power, self.time = self._clocks(4)
-        self._none = self._clocks(1)[0]
+        self.oscillator, self.rtc, self.low_power, self.slow_external, self.time = self._clocks(5)
         self._rates: dict[Clock, Fraction] = {}
         self._made_core_hz = Fraction(0)
-        self.options = StoredRegisters("SIM (SOPT)", 0x40047000, mk64f12().reset_bytes(0x40047000))
+        self.options = _Options("SIM (SOPT)", 0x40047000, mk64f12().reset_bytes(0x40047000))
         self._crystal_runs = False
         self._stopped: set[Clock] = set()
-        generator.on_change = self._derive
+        generator.on_change = self.options.on_change = self._derive
         self._gated: list[tuple[Peripheral, list[tuple[int, int]]]] = []
         self.on_gates: Callable[[], None] = lambda: None
         # UIDH, UIDMH, UIDML, UIDL: words in that order, each with its lowest byte first.
@@ -133,11 +151,6 @@ class ClockGates(StoredRegisters):
         self._generator.leave_stop(keeps_pll=from_stop)
         self._derive()
 
-    @property
-    def slow_external(self) -> Clock:
-        """ERCLK32K, as SOPT1 selects; the system oscillator's 50 MHz are not for it."""
-        return {2: self.rtc, 3: self.low_power}.get(self.options.word(_SOPT1) >> 18 & 3, self._none)
-
     def _derive(self) -> None:
         """Find every rate; those that have changed hold from now on."""
         made, dividers, source = self._generator, self.word(_CLKDIV1), self.word(_SOPT2) >> 16 & 3
@@ -152,6 +165,8 @@ class ClockGates(StoredRegisters):
             self.rtc: Fraction(RTC_HZ if self._crystal_runs else 0),
             self.low_power: Fraction(_LOW_POWER_OSCILLATOR_HZ), self.time: Fraction(PICOSECONDS),
         }  # fmt: skip
+        selected = {2: self.rtc, 3: self.low_power}.get(self.options.word(_SOPT1) >> 18 & 3)
+        rates[self.slow_external] = rates[selected] if selected else Fraction(0)
         made_core_hz = rates[self.core]  # time is counted in its cycles, also while it stands still
         rates |= dict.fromkeys(self._stopped, Fraction(0))
         if rates == self._rates and made_core_hz == self._made_core_hz:

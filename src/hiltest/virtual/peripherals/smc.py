@@ -91,7 +91,7 @@ class WakeUpUnit:
         (self._interrupt,) = module.interrupts
         self._initial = bytes(register.reset for register in module.registers)
         self._nvic = processor.nvic
-        self._nvic.on_line = self._line
+        processor.waiting.on_events = self._look
         for letter, port in ports.items():
             port.on_levels = self._watch(letter)
         self.reset()
@@ -122,14 +122,12 @@ class WakeUpUnit:
     def sleep(self) -> None:
         """Watch from now on; what a module tells already wakes at once."""
         self.asleep = True
-        for interrupt in _MODULES:
-            if self._nvic.is_driven(interrupt):
-                self._line(interrupt)
+        self._look()
 
-    def _line(self, interrupt: int) -> None:
-        module = _MODULES.get(interrupt)
-        if module is not None and self._registers[_ME] >> module & 1:
-            self._raise(_F3, module)
+    def _look(self) -> None:
+        for interrupt, module in _MODULES.items():
+            if self._nvic.is_driven(interrupt) and self._registers[_ME] >> module & 1:
+                self._raise(_F3, module)
 
     def _raise(self, register: int, bit: int) -> None:
         if self.asleep:

@@ -255,6 +255,8 @@ class Processor:
                 schedule.run_due(now)
                 if waiting.is_told:
                     lib.machine_fire_events(self.machine.handle)
+                    waiting.on_events()
+                    schedule.run_due(now)  # what follows from them at once
                 if (wake is not None and wake()) or now >= until.at_cycle or interrupted():
                     return False
                 if waiting.is_told:

@@ -6,7 +6,7 @@ SVCall, 14 PendSV, 15 SysTick, 16 + n external interrupt n.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import Machine
@@ -35,17 +35,11 @@ class Nvic:
     Parameters
     ----------
     machine : Machine
-
-    Attributes
-    ----------
-    on_line : callable
-        Told an external interrupt whose line goes high by `set_line`.
     """
 
     def __init__(self, machine: Machine) -> None:
         self._core, self._handle = machine.core, machine.handle
         self._core.interrupts = INTERRUPTS
-        self.on_line: Callable[[int], None] = lambda _interrupt: None
 
     @staticmethod
     def _members(words: list[int]) -> Iterator[int]:
@@ -81,8 +75,6 @@ class Nvic:
         """Set the level of a peripheral's interrupt line."""
         if level is not self.is_driven(interrupt):
             lib.machine_set_line(self._handle, interrupt, level)
-            if level:
-                self.on_line(interrupt)
 
     def pend(self, exception: int) -> None:
         """Make an exception pending."""

@@ -33,12 +33,15 @@ class Waiting:
         Whether it is in a sleep that the core has left to Python: in others time passes within the core.
     on_sleep : callable
         Told that sleep begins, and that it ends.
+    on_events : callable
+        Told, in a sleep that the core has left to Python, that all events have fired that were due.
     """
 
     def __init__(self, machine: Machine, nvic: Nvic, schedule: Schedule, fault_log: FaultLog) -> None:
         self.may_rest = True
         self.has_end = self.is_told = False
         self.on_sleep: Callable[[bool], None] = lambda _begins: None
+        self.on_events: Callable[[], None] = lambda: None
         self._core, self._handle = machine.core, machine.handle
         self._nvic = nvic
         self._schedule = schedule
