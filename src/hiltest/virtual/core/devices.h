@@ -12,6 +12,8 @@ struct device {
     uint32_t (*read)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
     void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value);
     void (*reset)(struct machine *machine, struct device *device); /* state after a reset of the chip */
+    /* Take note of loads by the instruction at `place` that were answered without it; NULL if they do not matter. */
+    void (*repeat)(struct machine *machine, struct device *device, uint32_t offset, uint32_t place, int64_t repeats);
     void (*destroy)(struct device *device); /* free what it owns; NULL if that is nothing */
 };
 
@@ -35,6 +37,8 @@ void write_by_bytes(
 
 /* Drive a source of DMA requests; the bus is told if the level changes. */
 void drive_request(struct machine *machine, int32_t source, bool level);
+/* dwt.c: DEMCR.TRCENA. */
+void enable_trace(struct machine *machine, bool is_enabled);
 /* An event has done something that the host may be waiting for: a byte for it. */
 void tell_host(struct machine *machine);
 

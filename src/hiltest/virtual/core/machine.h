@@ -296,14 +296,28 @@ void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int
 
 /* SysTick, which counts a clock. */
 bool machine_add_systick(struct machine *machine, int32_t clock);
-/* NVIC and SCB: somebody is told that AIRCR asks for a reset of the chip, and DEMCR.TRCENA when it is written.
- * SysTick's registers lie among theirs: it is added before. */
+/* NVIC and SCB: somebody is told that AIRCR asks for a reset of the chip. SysTick's registers lie among theirs: it is
+ * added before. */
 struct machine_system_control {
     void (*request_reset)(void *context);
-    void (*enable_trace)(void *context, bool enabled);
     void *context;
 };
 bool machine_add_system_control(struct machine *machine, struct machine_system_control connections);
+
+/* DWT, whose counter may be absent (NOCYCCNT). */
+bool machine_add_dwt(struct machine *machine);
+void machine_set_counter(struct machine *machine, bool is_present);
+/* A reading of CYCCNT, and what devices have answered to loads since the reading before, -1 if they were too many.
+ * Without a snapshot, which is of before the instruction, the core has answered it, in a loop that polls the counter. */
+enum { MOST_ANSWERS = 1000 };
+struct machine_reading {
+    struct snapshot *snapshot;
+    uint32_t count;
+    int32_t answer_count;
+    uint32_t answers[1000];
+};
+/* Take the oldest reading that is kept, with its snapshot; false if there is none. */
+bool machine_take_reading(struct machine *machine, struct machine_reading *reading);
 
 /* PIT: `expired` is told of the channels that are heard (a bit each), which something else waits for. */
 typedef void (*machine_timer_expired)(void *context, int32_t channel);

@@ -12,8 +12,6 @@ from hiltest.virtual.model.timing import TimingProfile
 #: Later than any cycle: `core.deadline` if nothing is due.
 NEVER = 2**63 - 1
 
-_MOST_ANSWERS = 1000  # of devices in a slice
-
 #: Answers a load from an address, of so many bytes; raises `RefusedAccess` if it is a bus error.
 ReadRegister = Callable[[int, int], int]
 WriteRegister = Callable[[int, int, int], None]
@@ -44,15 +42,15 @@ class BankSwitches(NamedTuple):
 class Snapshot:
     """State of a machine with its memories at one moment.
 
-    Attributes
+    Parameters
     ----------
     handle : struct snapshot
+        It is freed with this object.
     """
 
     __slots__ = ("handle",)
 
-    def __init__(self, machine: Machine) -> None:
-        handle = lib.machine_snapshot(machine.handle)
+    def __init__(self, handle: Any) -> None:
         if handle == ffi.NULL:
             raise MemoryError
         self.handle = ffi.gc(handle, lib.machine_forget_snapshot)
@@ -156,7 +154,7 @@ class Machine:
 
     def snapshot(self) -> Snapshot:
         """Take a snapshot, inside a device's access of the state before the instruction that runs."""
-        return Snapshot(self)
+        return Snapshot(lib.machine_snapshot(self.handle))
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot: of this machine, or of another one with the same memories.
@@ -191,7 +189,7 @@ class Machine:
             Number of the first load, as `core.device_loads` counts them.
         """
         count = self.core.device_loads - first
-        answers = ffi.new("uint32_t[]", count) if 0 <= count <= _MOST_ANSWERS else ffi.NULL
+        answers = ffi.new("uint32_t[]", count) if 0 <= count <= lib.MOST_ANSWERS else ffi.NULL
         return answers if answers and lib.machine_answers(self.handle, first, count, answers) else None
 
     def connect(self, read: ReadRegister, write: WriteRegister, abort: Callable[[BaseException], None]) -> None:

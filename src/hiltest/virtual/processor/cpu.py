@@ -164,10 +164,6 @@ class Processor:
         """Take note that the reading of a register that is under way has changed something."""
         lib.machine_load_changed(self.machine.handle)
 
-    def counts(self, step: int, until_cycle: int) -> None:
-        """Take note that the register that is being read changes by `step` with each cycle until one."""
-        lib.machine_answer_counts(self.machine.handle, step, until_cycle)
-
     def between_instructions(self, chore: Callable[[], None]) -> None:
         """Call an action behind the instruction that runs."""
         self._chores.append(chore)
