@@ -157,8 +157,6 @@ struct machine_bus {
     void *context;
     uint32_t (*read)(void *context, uint32_t address, uint32_t size, bool *refused);
     void (*write)(void *context, uint32_t address, uint32_t size, uint32_t value, bool *refused);
-    /* Told the level of a source of DMA requests when it changes; NULL if nobody wants to know. */
-    void (*request)(void *context, int32_t source, bool level);
 };
 
 /* A stack that has been used: the address above it, which the stack pointer had while it was empty, the lowest one that
@@ -319,18 +317,24 @@ struct machine_reading {
 /* Take the oldest reading that is kept, with its snapshot; false if there is none. */
 bool machine_take_reading(struct machine *machine, struct machine_reading *reading);
 
-/* PIT: `expired` is told of the channels that are heard (a bit each), which something else waits for. */
-typedef void (*machine_timer_expired)(void *context, int32_t channel);
+/* PIT. */
 struct machine_pit {
     int32_t interrupts[4];
     int32_t clock, time;
-    machine_timer_expired expired;
-    void *context;
 };
 bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit connections);
-void machine_hear_timers(struct machine *machine, uint32_t base, uint32_t channels);
 /* Time at which a channel was last enabled. */
 int64_t machine_timer_enabled_at(struct machine *machine, uint32_t base, int32_t channel);
+
+/* eDMA and DMAMUX, by their first addresses and that of the PIT, which is added before. The last interrupt is that of
+ * errors. */
+struct machine_dma {
+    uint32_t base, multiplexer, timers;
+    int32_t interrupts[17];
+};
+bool machine_add_dma(struct machine *machine, struct machine_dma connections);
+/* Drive a source of DMA requests. */
+void machine_set_request(struct machine *machine, int32_t source, bool level);
 
 /* Run until there is a reason to stop (enum stop_reason). Takes pending exceptions before an instruction. */
 int32_t machine_run(struct machine *machine);

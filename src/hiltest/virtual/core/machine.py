@@ -90,8 +90,6 @@ class Machine:
     ----------
     refusal : str
         Reason of the latest bus error.
-    on_request : callable
-        Told the level of a source of DMA requests that a peripheral in C drives, when it changes.
     """
 
     def __init__(self, profile: TimingProfile) -> None:
@@ -101,7 +99,6 @@ class Machine:
         self.core: Any = lib.machine_core(self.handle)
         self.core.deadline = NEVER
         self.refusal = ""
-        self.on_request: Callable[[int, bool], None] = lambda _source, _level: None
         self._bus: list[Any] = []
         for name, row in profile.rows.items():
             # Rows that no instruction has, such as the doubt about all of them, are not the core's.
@@ -151,6 +148,10 @@ class Machine:
     def set_clock(self, number: int, since: int, ticks: int, remainder: int, numerator: int, denominator: int) -> None:
         """Change the rate of a clock from a cycle on; its events are planned anew, see machine_set_clock."""
         lib.machine_set_clock(self.handle, number, since, ticks, remainder, numerator, denominator)
+
+    def set_request(self, source: int, level: bool) -> None:
+        """Drive a source of DMA requests."""
+        lib.machine_set_request(self.handle, source, level)
 
     def snapshot(self) -> Snapshot:
         """Take a snapshot, inside a device's access of the state before the instruction that runs."""
@@ -214,12 +215,5 @@ class Machine:
             except BaseException as error:  # as above
                 abort(error)
 
-        @ffi.callback("void(void *, int32_t, bool)")  # type: ignore[untyped-decorator]
-        def on_request(_context: Any, source: int, level: bool) -> None:
-            try:
-                self.on_request(source, level)
-            except BaseException as error:  # as above
-                abort(error)
-
-        self._bus = [on_read, on_write, on_request]  # the library keeps only the pointers
+        self._bus = [on_read, on_write]  # the library keeps only the pointers
         lib.machine_connect(self.handle, ffi.new("struct machine_bus *", (ffi.NULL, *self._bus))[0])

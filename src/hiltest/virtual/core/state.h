@@ -121,7 +121,8 @@ struct machine {
     struct calendar calendar;
     struct device *devices[DEVICES]; /* peripherals in C */
     int32_t device_count;
-    uint64_t requests;   /* levels of the sources of DMA requests that peripherals in C drive */
+    struct device *dma;  /* the one of them that DMA requests are for, or NULL */
+    uint64_t requests;   /* levels of their sources */
     bool has_fired;      /* an event has fired since machine_run was called */
     bool told_host;      /* one that the host may be waiting for */
     uint32_t previous;   /* address of the instruction that led to where there is no code */

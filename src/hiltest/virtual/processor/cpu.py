@@ -156,6 +156,11 @@ class Processor:
             self._error = error
         self.look_soon()
 
+    def _raise_error(self) -> None:
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
     def look_soon(self) -> None:
         """Return from the core behind the instruction that runs: something may be due."""
         self.core.deadline = -1
@@ -259,6 +264,7 @@ class Processor:
                 schedule.run_due(now)
                 if waiting.is_told:
                     lib.machine_fire_events(self.machine.handle)
+                    self._raise_error()
                 if (wake is not None and wake()) or now >= until.at_cycle or interrupted():
                     return False
                 if waiting.is_told:
@@ -286,12 +292,10 @@ class Processor:
             self._chores.pop(0)()
         core = self.core
         core.deadline = NEVER if math.isinf(deadline) else math.ceil(deadline)
-        self._error = None
         reason = lib.machine_run(self.machine.handle)
         if reason == lib.STOP_LOOP and self._error is None:
             reason = self._pass_loop()
-        if self._error is not None:
-            raise self._error
+        self._raise_error()
         if reason == lib.STOP_FAULT:
             self._attend_fault()
         elif reason in _STOPS:
