@@ -22,14 +22,29 @@ GPIO, ISFR, GPCLR, GPCHR = 1 << 8, 0xA0, 0x80, 0x84
 
 
 @pytest.fixture
-def nvic() -> Nvic:
-    return Nvic(Machine(load_profile(DEFAULT_PROFILE)))
+def machine() -> Machine:
+    return Machine(load_profile(DEFAULT_PROFILE))
 
 
 @pytest.fixture
-def port(nvic: Nvic) -> Port:
-    (port_a,) = (module for module in mk64f12().peripherals if module.name == "PORTA")
-    return Port(port_a, nvic, {})
+def nvic(machine: Machine) -> Nvic:
+    return Nvic(machine)
+
+
+@pytest.fixture
+def ports(machine: Machine) -> list[Port]:
+    modules = [module for module in mk64f12().peripherals if module.name.startswith("PORT")]
+    return [Port(machine, module, {}, abort=pytest.fail) for module in modules]
+
+
+@pytest.fixture
+def port(ports: list[Port]) -> Port:
+    return ports[0]
+
+
+@pytest.fixture
+def gpio(machine: Machine, ports: list[Port]) -> Gpio:
+    return Gpio(machine, ports)
 
 
 def pending(nvic: Nvic) -> bool:
@@ -117,17 +132,16 @@ def test_a_level_interrupts_until_it_ends(port: Port, nvic: Nvic) -> None:
     assert port.read(ISFR, 4) == 0
 
 
-def test_an_analog_pin_has_no_level_and_another_function_drives_nothing(port: Port) -> None:
+def test_an_analog_pin_has_no_level_and_another_function_drives_nothing(port: Port, gpio: Gpio) -> None:
     port.drive(3, True)
-    assert port.gpio_read(PDIR) == 0
+    assert gpio.read(PDIR, 4) == 0
     port.write(0x0C, 4, 2 << 8)
-    assert port.gpio_read(PDIR) == 1 << 3
-    port.gpio_write(PDDR, 1 << 3, 0xFFFFFFFF)
+    assert gpio.read(PDIR, 4) == 1 << 3
+    gpio.write(PDDR, 4, 1 << 3)
     assert port.driven_low == 0
 
 
-def test_bits_are_set_cleared_and_toggled_one_by_one(port: Port) -> None:
-    gpio = Gpio([port])
+def test_bits_are_set_cleared_and_toggled_one_by_one(gpio: Gpio) -> None:
     gpio.write(PDOR, 4, 0x0F0F)
     gpio.write(PSOR, 4, 0x00F0)
     gpio.write(PCOR, 4, 0x0003)

@@ -126,7 +126,7 @@ class Microcontroller:
         masters = [I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)]
         return [
             *self.uarts, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
-            Gpio(list(self.ports.values())), *masters, FlashControl(self._processor.machine),
+            Gpio(processor.machine, list(self.ports.values())), *masters, FlashControl(self._processor.machine),
             CheckValue(modules["CRC"]), self.random_numbers,
             FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
             *dma_pages(processor.machine, modules["DMA"], modules["DMAMUX"], self.timers),
@@ -195,7 +195,7 @@ class Microcontroller:
                 self.ports[pin.port].lead(pin.number, pin.function, signals[pin.signal])
 
     def _port(self, module: ChipPeripheral) -> Port:
-        return Port(module, self._processor.nvic, self._chip.reset_bytes(module.base))
+        return Port(self._processor.machine, module, self._chip.reset_bytes(module.base), self._processor.abort)
 
     def _store_the_rest(self) -> None:
         """Give every page that is left registers which keep what is written, and are reported."""

@@ -326,6 +326,28 @@ bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit 
 /* Time at which a channel was last enabled. */
 int64_t machine_timer_enabled_at(struct machine *machine, uint32_t base, int32_t channel);
 
+/* PORT: `changed` is told which pins rose and fell, if that or whether the processor pulls a pin low changes for one
+ * that is watched, and `connected` that multiplexers select other functions. */
+struct machine_port {
+    int32_t interrupt;
+    uint32_t controls[32]; /* PCR of each pin after a reset */
+    void (*changed)(void *context, uint32_t rose, uint32_t fell);
+    void (*connected)(void *context);
+    void *context;
+};
+/* Pins of a port, a bit each. The host sets all but the last two, and has them settled then. */
+struct machine_pins {
+    uint32_t outside, outside_high; /* that something outside the chip gives a level, and a high one */
+    uint32_t signals, signals_high; /* that a peripheral in Python gives a level, and a high one */
+    uint32_t watched;
+    uint32_t levels, driven_low;    /* what follows: the levels, and which the processor pulls low */
+};
+/* NULL if there is no memory. */
+struct machine_pins *machine_add_port(struct machine *machine, uint32_t base, struct machine_port connections);
+void machine_settle_pins(struct machine *machine, uint32_t base);
+/* GPIO registers of five ports, by the addresses of those. */
+bool machine_add_gpio(struct machine *machine, uint32_t base, const uint32_t ports[5]);
+
 /* eDMA and DMAMUX, by their first addresses and that of the PIT, which is added before. The last interrupt is that of
  * errors. */
 struct machine_dma {
