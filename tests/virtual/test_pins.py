@@ -7,15 +7,16 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.sensors import Fxos8700cq
 from hiltest.virtual.board.k64f import VirtualK64F
-from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.pin_signals import PinSignal
 from hiltest.virtual.peripherals.port import Gpio, Port
+from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.nvic import FIRST_INTERRUPT, Nvic
+from hiltest.virtual.program.elf import load_image
 from hiltest.world import EarthField, MagneticDistortion, World
 
-from .conftest import PROGRAMS, Build
+from .conftest import PROGRAMS, SHIPPED, Build
 from .test_exceptions import word
 
 PDOR, PSOR, PCOR, PTOR, PDIR, PDDR = range(0, 0x18, 4)
@@ -23,14 +24,29 @@ GPIO, ISFR, GPCLR, GPCHR = 1 << 8, 0xA0, 0x80, 0x84
 
 
 @pytest.fixture
-def nvic() -> Nvic:
-    return Nvic(Machine(load_profile(DEFAULT_PROFILE)))
+def processor() -> Processor:
+    return Processor(load_image(SHIPPED), load_profile(DEFAULT_PROFILE))
 
 
 @pytest.fixture
-def port(nvic: Nvic) -> Port:
-    (port_a,) = (module for module in mk64f12().peripherals if module.name == "PORTA")
-    return Port(port_a, nvic, {})
+def nvic(processor: Processor) -> Nvic:
+    return processor.nvic
+
+
+@pytest.fixture
+def ports(processor: Processor) -> list[Port]:
+    modules = [module for module in mk64f12().peripherals if module.name.startswith("PORT")]
+    return [Port(processor, module, {}) for module in modules]
+
+
+@pytest.fixture
+def port(ports: list[Port]) -> Port:
+    return ports[0]
+
+
+@pytest.fixture
+def gpio(processor: Processor, ports: list[Port]) -> Gpio:
+    return Gpio(processor.machine, ports)
 
 
 def pending(nvic: Nvic) -> bool:
@@ -118,17 +134,16 @@ def test_a_level_interrupts_until_it_ends(port: Port, nvic: Nvic) -> None:
     assert port.read(ISFR, 4) == 0
 
 
-def test_an_analog_pin_has_no_level_and_another_function_drives_nothing(port: Port) -> None:
+def test_an_analog_pin_has_no_level_and_another_function_drives_nothing(port: Port, gpio: Gpio) -> None:
     port.drive(3, True)
-    assert port.gpio_read(PDIR) == 0
+    assert gpio.read(PDIR, 4) == 0
     port.write(0x0C, 4, 2 << 8)
-    assert port.gpio_read(PDIR) == 1 << 3
-    port.gpio_write(PDDR, 1 << 3, 0xFFFFFFFF)
+    assert gpio.read(PDIR, 4) == 1 << 3
+    gpio.write(PDDR, 4, 1 << 3)
     assert port.driven_low == 0
 
 
-def test_bits_are_set_cleared_and_toggled_one_by_one(port: Port) -> None:
-    gpio = Gpio([port])
+def test_bits_are_set_cleared_and_toggled_one_by_one(gpio: Gpio) -> None:
     gpio.write(PDOR, 4, 0x0F0F)
     gpio.write(PSOR, 4, 0x00F0)
     gpio.write(PCOR, 4, 0x0003)
@@ -153,14 +168,17 @@ def test_a_pin_that_somebody_follows_has_a_signal_that_tells_of_each_edge(port: 
     signal = PinSignal(on_level=lambda _high: None, level=lambda: levels[-1])
     told: list[int] = []
     port.on_change = lambda _port: told.append(port.driven_low >> 3 & 1)
-    port.followed = follows << 3
+    port.watch(1 << 3, follows_timers=follows)
     port.lead(3, 4, signal)
     port.write(0x0C, 4, 4 << 8)
-    assert (signal.is_heard, told) == (follows, [1])
+    assert (signal.is_heard, told) == (follows, [1] if follows else [])
     for level in (True, False):
         levels.append(level)
         signal.changed()
-    assert told == ([1, 0, 1] if follows else [1])
+    assert told == ([1, 0, 1] if follows else [])
+    assert port.levels == 0
+    levels.append(True)
+    assert port.levels == 1 << 3
     port.write(0x0C, 4, 0)
     assert not signal.is_heard
 

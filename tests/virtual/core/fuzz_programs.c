@@ -86,7 +86,7 @@ static struct machine *new_machine(void)
     if (!machine || !machine_add_memory(machine, 0, FLASH_BYTES, false)
         || !machine_add_memory(machine, RAM, RAM_BYTES, true))
         exit(2);
-    machine_connect(machine, (struct machine_bus){machine, read_device, write_device, NULL});
+    machine_connect(machine, (struct machine_bus){machine, read_device, write_device});
     static const char *const rows[] = {"data", "load", "store", "branch", "refill_direct", "fp", "exception_entry"};
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
         machine_set_price(machine, rows[i], (int32_t)random_below(4));

@@ -21,8 +21,7 @@ def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter
     def reset() -> None:
         processor.abort(ResetRequested(ResetSource.SOFTWARE))
 
-    counter = CycleCounter(processor)
-    return counter, SystemControlSpace(processor, core, counter, reset)
+    return CycleCounter(processor.machine), SystemControlSpace(processor, core, reset)
 
 
 class BarePart:

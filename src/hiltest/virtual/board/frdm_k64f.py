@@ -63,10 +63,9 @@ class LedsAndButtons:
         self._on = dict.fromkeys([*LEDS, *BUTTONS], False)
         for letter, pin in BUTTONS.values():
             ports[letter].drive(pin, True)
-        for port in ports.values():
-            port.on_change = self._look
         for letter, pin in LEDS.values():
-            ports[letter].followed |= 1 << pin
+            ports[letter].on_change = self._look
+            ports[letter].watch(1 << pin, follows_timers=True)
 
     def is_on(self, what: str) -> bool:
         """Whether an LED is lit or a button is pressed.
@@ -96,9 +95,11 @@ class LedsAndButtons:
         if what not in known:
             raise ConfigError(f"the FRDM-K64F has no {what!r}; it has {', '.join(known)}")
 
-    def _look(self, _port: Port) -> None:
+    def _look(self, port: Port) -> None:
+        driven_low = port.driven_low
         for led, (letter, pin) in LEDS.items():
-            self._note(led, bool(self._ports[letter].driven_low >> pin & 1))
+            if self._ports[letter] is port:
+                self._note(led, bool(driven_low >> pin & 1))
 
     def _note(self, what: str, on: bool) -> None:
         if self._on[what] != on:

@@ -11,8 +11,7 @@ from hiltest.virtual.part.chip import ChipPeripheral, mk64f12, pin_place
 from hiltest.virtual.peripherals.adc import Converter
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.crc import CheckValue
-from hiltest.virtual.peripherals.dma import DmaController
-from hiltest.virtual.peripherals.dmamux import DmaMultiplexer
+from hiltest.virtual.peripherals.dma import dma_pages
 from hiltest.virtual.peripherals.flash_array import FlashArray
 from hiltest.virtual.peripherals.fmc import FlashControl
 from hiltest.virtual.peripherals.ftfe import FlashMemory
@@ -106,7 +105,7 @@ class Microcontroller:
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
-        self.bus = self._dma.bus = PeripheralBus(processor, self._peripherals, self._chip.register_name)
+        self.bus = PeripheralBus(processor, self._peripherals, self._chip.register_name)
         self.clocks.on_gates = self.bus.look_again
 
     def _base(self, name: str) -> int:
@@ -126,15 +125,12 @@ class Microcontroller:
         self.ports = {letter: self._port(modules[f"PORT{letter}"]) for letter in "ABCDE"}
         self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
         masters = [I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)]
-        self._multiplexer = multiplexer = DmaMultiplexer(modules["DMAMUX"], self.timers)
-        self._dma = DmaController(processor, modules["DMA"], multiplexer)
-        processor.machine.on_request = multiplexer.set_request
         return [
             *self.uarts, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
-            Gpio(list(self.ports.values())), *masters, FlashControl(self._processor.machine),
+            Gpio(processor.machine, list(self.ports.values())), *masters, FlashControl(self._processor.machine),
             CheckValue(modules["CRC"]), self.random_numbers,
             FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
-            multiplexer, self._dma, self._dma.descriptors,
+            *dma_pages(processor.machine, modules["DMA"], modules["DMAMUX"], self.timers),
         ]  # fmt: skip
 
     def _uart(self, number: int) -> Uart:
@@ -189,7 +185,7 @@ class Microcontroller:
             converter = Converter(self._processor, self.clocks, module, self.unmodelled.note)
             converter.volts = lambda channel: self.adc_volts.get((number, channel), 0.0)
             converter.temperature_degc = lambda: self.temperature_degc()
-            converter.on_request = self._multiplexer.set_request
+            converter.on_request = self._processor.machine.set_request
             return converter
 
         return [make(0), make(1)]
@@ -201,7 +197,7 @@ class Microcontroller:
                 self.ports[pin.port].lead(pin.number, pin.function, signals[pin.signal])
 
     def _port(self, module: ChipPeripheral) -> Port:
-        return Port(module, self._processor.nvic, self._chip.reset_bytes(module.base))
+        return Port(self._processor, module, self._chip.reset_bytes(module.base))
 
     def _store_the_rest(self) -> None:
         """Give every page that is left registers which keep what is written, and are reported."""

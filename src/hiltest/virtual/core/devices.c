@@ -74,18 +74,6 @@ void write_by_bytes(
         write(machine, device, offset + i, (uint8_t)(value >> 8 * i));
 }
 
-void drive_request(struct machine *machine, int32_t source, bool level)
-{
-    uint64_t bit = UINT64_C(1) << (source & 63);
-    bool before = machine->requests & bit;
-    if (level == before)
-        return;
-    machine->requests = level ? machine->requests | bit : machine->requests & ~bit;
-    forget_answers(machine); /* peripherals outside may do something now */
-    if (machine->bus.request)
-        machine->bus.request(machine->bus.context, source, level);
-}
-
 void tell_host(struct machine *machine)
 {
     machine->told_host = true;

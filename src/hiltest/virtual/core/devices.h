@@ -7,11 +7,13 @@
 /* A peripheral, as the first member of its own structure. */
 struct device {
     uint32_t base;   /* address of its page, or of the part of one that it answers for */
-    uint32_t bytes;  /* how many it answers for from there on: PAGE_BYTES or less */
+    uint32_t bytes;  /* how many it answers for from there on */
     bool is_clocked; /* whether its clock gate is open; otherwise the bus refuses the access and says why */
     uint32_t (*read)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
     void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value);
     void (*reset)(struct machine *machine, struct device *device); /* state after a reset of the chip */
+    /* Take note of loads by the instruction at `place` that were answered without it; NULL if they do not matter. */
+    void (*repeat)(struct machine *machine, struct device *device, uint32_t offset, uint32_t place, int64_t repeats);
     void (*destroy)(struct device *device); /* free what it owns; NULL if that is nothing */
 };
 
@@ -33,8 +35,12 @@ void write_by_bytes(
     struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value,
     void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint8_t value));
 
-/* Drive a source of DMA requests; the bus is told if the level changes. */
-void drive_request(struct machine *machine, int32_t source, bool level);
+/* pit.c: have expiries of some channels (a bit each) let requests through. */
+void hear_timers(struct machine *machine, uint32_t base, uint32_t channels);
+/* dma.c: let one request of a channel through that its timer holds back. */
+void let_request_through(struct machine *machine, int32_t channel);
+/* dwt.c: DEMCR.TRCENA. */
+void enable_trace(struct machine *machine, bool is_enabled);
 /* An event has done something that the host may be waiting for: a byte for it. */
 void tell_host(struct machine *machine);
 

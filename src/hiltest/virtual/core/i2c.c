@@ -66,7 +66,7 @@ static void drive(struct machine *machine, const struct i2c *i2c)
 {
     bool interrupts = i2c->status & S_IICIF && i2c->registers[C1] & C1_IICIE;
     machine_set_line(machine, i2c->connections.interrupt, interrupts);
-    drive_request(machine, i2c->connections.request, i2c->asks_dma);
+    machine_set_request(machine, i2c->connections.request, i2c->asks_dma);
 }
 
 static void reset(struct machine *machine, struct device *device)

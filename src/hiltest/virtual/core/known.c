@@ -7,7 +7,7 @@
  */
 #include <stddef.h>
 
-#include "state.h"
+#include "devices.h"
 
 static const uint32_t LARGE_PRIME = 0x9E3779B1;
 
@@ -95,7 +95,11 @@ void tell_repeats(struct machine *machine)
         const int64_t repeats = entry ? entry->repeats : 0;
         if (entry) {
             entry->repeats = 0;
-            known->tell(known->context, entry->address, entry->place, repeats);
+            struct device *device = device_at(machine, entry->address, entry->size);
+            if (device)
+                device->repeat(machine, device, entry->address - device->base, entry->place, repeats);
+            else
+                known->tell(known->context, entry->address, entry->place, repeats);
         }
         known->has_repeats = entry;
     }
@@ -120,7 +124,8 @@ void expect_answer(struct machine *machine, uint32_t address, uint32_t size)
         forget_answers(machine);
 }
 
-void remember_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t value)
+void remember_answer(
+    struct machine *machine, const struct device *device, uint32_t address, uint32_t size, uint32_t value)
 {
     const struct core *core = &machine->core;
     struct known_answers *known = &machine->known;
@@ -133,7 +138,7 @@ void remember_answer(struct machine *machine, uint32_t address, uint32_t size, u
         .era = known->era, .address = address, .place = core->r[15], .size = size, .value = value,
         .step = known->step, .cycle = core->cycles, .until = known->until,
         .patience = is_another ? FIRST_PATIENCE : entry->patience,
-        .is_told = known->tell && known->declared & DEVICE_TELLS};
+        .is_told = device ? device->repeat != NULL : known->tell && known->declared & DEVICE_TELLS};
 }
 
 void machine_tell_repeated(struct machine *machine, machine_repeated tell, void *context)

@@ -157,8 +157,6 @@ struct machine_bus {
     void *context;
     uint32_t (*read)(void *context, uint32_t address, uint32_t size, bool *refused);
     void (*write)(void *context, uint32_t address, uint32_t size, uint32_t value, bool *refused);
-    /* Told the level of a source of DMA requests when it changes; NULL if nobody wants to know. */
-    void (*request)(void *context, int32_t source, bool level);
 };
 
 /* A stack that has been used: the address above it, which the stack pointer had while it was empty, the lowest one that
@@ -296,25 +294,35 @@ void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int
 
 /* SysTick, which counts a clock. */
 bool machine_add_systick(struct machine *machine, int32_t clock);
-/* NVIC and SCB: somebody is told that AIRCR asks for a reset of the chip, and DEMCR.TRCENA when it is written.
- * SysTick's registers lie among theirs: it is added before. */
+/* NVIC and SCB: somebody is told that AIRCR asks for a reset of the chip. SysTick's registers lie among theirs: it is
+ * added before. */
 struct machine_system_control {
     void (*request_reset)(void *context);
-    void (*enable_trace)(void *context, bool enabled);
     void *context;
 };
 bool machine_add_system_control(struct machine *machine, struct machine_system_control connections);
 
-/* PIT: `expired` is told of the channels that are heard (a bit each), which something else waits for. */
-typedef void (*machine_timer_expired)(void *context, int32_t channel);
+/* DWT, whose counter may be absent (NOCYCCNT). */
+bool machine_add_dwt(struct machine *machine);
+void machine_set_counter(struct machine *machine, bool is_present);
+/* A reading of CYCCNT, and what devices have answered to loads since the reading before, -1 if they were too many.
+ * Without a snapshot, which is of before the instruction, the core has answered it, in a loop that polls the counter. */
+enum { MOST_ANSWERS = 1000 };
+struct machine_reading {
+    struct snapshot *snapshot;
+    uint32_t count;
+    int32_t answer_count;
+    uint32_t answers[1000];
+};
+/* Take the oldest reading that is kept, with its snapshot; false if there is none. */
+bool machine_take_reading(struct machine *machine, struct machine_reading *reading);
+
+/* PIT. */
 struct machine_pit {
     int32_t interrupts[4];
     int32_t clock, time;
-    machine_timer_expired expired;
-    void *context;
 };
 bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit connections);
-void machine_hear_timers(struct machine *machine, uint32_t base, uint32_t channels);
 /* Time at which a channel was last enabled. */
 int64_t machine_timer_enabled_at(struct machine *machine, uint32_t base, int32_t channel);
 
@@ -345,6 +353,42 @@ struct machine_lptmr {
 bool machine_add_lptmr(struct machine *machine, uint32_t base, struct machine_lptmr connections);
 /* The pin that CSR.TPS selects by 1 or 2 has a new level. */
 void machine_lptmr_edge(struct machine *machine, uint32_t base, int32_t pin, bool high);
+/* PORT: `changed` is told which pins rose and fell, if that or whether the processor pulls a pin low changes for one
+ * that is watched; `connected` that multiplexers select other functions, or that other pins interrupt; and `ask` that a
+ * pin is being read that carries a signal. */
+struct machine_port {
+    int32_t interrupt;
+    uint32_t controls[32]; /* PCR of each pin after a reset */
+    void (*changed)(void *context, uint32_t rose, uint32_t fell);
+    void (*connected)(void *context);
+    void (*ask)(void *context);
+    void *context;
+};
+/* Pins of a port, a bit each. The host sets all but the last three, and has them settled then. */
+struct machine_pins {
+    uint32_t outside, outside_high; /* that something outside the chip gives a level, and a high one */
+    uint32_t carrying;              /* that carry a signal of a peripheral */
+    uint32_t signals, signals_high; /* of them, those that the peripheral gives a level, and a high one */
+    uint32_t silent;                /* of those, the ones whose level is known only when it is asked for */
+    uint32_t watched;
+    uint32_t levels, driven_low;    /* what follows: the levels, and which the processor pulls low */
+    uint32_t interrupting;          /* whose control registers ask for interrupts */
+};
+/* NULL if there is no memory. */
+struct machine_pins *machine_add_port(struct machine *machine, uint32_t base, struct machine_port connections);
+void machine_settle_pins(struct machine *machine, uint32_t base);
+/* GPIO registers of five ports, by the addresses of those. */
+bool machine_add_gpio(struct machine *machine, uint32_t base, const uint32_t ports[5]);
+
+/* eDMA and DMAMUX, by their first addresses and that of the PIT, which is added before. The last interrupt is that of
+ * errors. */
+struct machine_dma {
+    uint32_t base, multiplexer, timers;
+    int32_t interrupts[17];
+};
+bool machine_add_dma(struct machine *machine, struct machine_dma connections);
+/* Drive a source of DMA requests. */
+void machine_set_request(struct machine *machine, int32_t source, bool level);
 
 /* Run until there is a reason to stop (enum stop_reason). Takes pending exceptions before an instruction. */
 int32_t machine_run(struct machine *machine);

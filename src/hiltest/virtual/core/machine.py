@@ -12,8 +12,6 @@ from hiltest.virtual.model.timing import TimingProfile
 #: Later than any cycle: `core.deadline` if nothing is due.
 NEVER = 2**63 - 1
 
-_MOST_ANSWERS = 1000  # of devices in a slice
-
 #: Answers a load from an address, of so many bytes; raises `RefusedAccess` if it is a bus error.
 ReadRegister = Callable[[int, int], int]
 WriteRegister = Callable[[int, int, int], None]
@@ -44,15 +42,15 @@ class BankSwitches(NamedTuple):
 class Snapshot:
     """State of a machine with its memories at one moment.
 
-    Attributes
+    Parameters
     ----------
     handle : struct snapshot
+        It is freed with this object.
     """
 
     __slots__ = ("handle",)
 
-    def __init__(self, machine: Machine) -> None:
-        handle = lib.machine_snapshot(machine.handle)
+    def __init__(self, handle: Any) -> None:
         if handle == ffi.NULL:
             raise MemoryError
         self.handle = ffi.gc(handle, lib.machine_forget_snapshot)
@@ -92,8 +90,6 @@ class Machine:
     ----------
     refusal : str
         Reason of the latest bus error.
-    on_request : callable
-        Told the level of a source of DMA requests that a peripheral in C drives, when it changes.
     """
 
     def __init__(self, profile: TimingProfile) -> None:
@@ -103,7 +99,6 @@ class Machine:
         self.core: Any = lib.machine_core(self.handle)
         self.core.deadline = NEVER
         self.refusal = ""
-        self.on_request: Callable[[int, bool], None] = lambda _source, _level: None
         self._bus: list[Any] = []
         for name, row in profile.rows.items():
             # Rows that no instruction has, such as the doubt about all of them, are not the core's.
@@ -154,9 +149,13 @@ class Machine:
         """Change the rate of a clock from a cycle on; its events are planned anew, see machine_set_clock."""
         lib.machine_set_clock(self.handle, number, since, ticks, remainder, numerator, denominator)
 
+    def set_request(self, source: int, level: bool) -> None:
+        """Drive a source of DMA requests."""
+        lib.machine_set_request(self.handle, source, level)
+
     def snapshot(self) -> Snapshot:
         """Take a snapshot, inside a device's access of the state before the instruction that runs."""
-        return Snapshot(self)
+        return Snapshot(lib.machine_snapshot(self.handle))
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot: of this machine, or of another one with the same memories.
@@ -191,7 +190,7 @@ class Machine:
             Number of the first load, as `core.device_loads` counts them.
         """
         count = self.core.device_loads - first
-        answers = ffi.new("uint32_t[]", count) if 0 <= count <= _MOST_ANSWERS else ffi.NULL
+        answers = ffi.new("uint32_t[]", count) if 0 <= count <= lib.MOST_ANSWERS else ffi.NULL
         return answers if answers and lib.machine_answers(self.handle, first, count, answers) else None
 
     def connect(self, read: ReadRegister, write: WriteRegister, abort: Callable[[BaseException], None]) -> None:
@@ -216,12 +215,5 @@ class Machine:
             except BaseException as error:  # as above
                 abort(error)
 
-        @ffi.callback("void(void *, int32_t, bool)")  # type: ignore[untyped-decorator]
-        def on_request(_context: Any, source: int, level: bool) -> None:
-            try:
-                self.on_request(source, level)
-            except BaseException as error:  # as above
-                abort(error)
-
-        self._bus = [on_read, on_write, on_request]  # the library keeps only the pointers
+        self._bus = [on_read, on_write]  # the library keeps only the pointers
         lib.machine_connect(self.handle, ffi.new("struct machine_bus *", (ffi.NULL, *self._bus))[0])

@@ -1,7 +1,7 @@
 /* PIT of Kinetis parts: four periodic timers on the bus clock, which can be chained.
  *
  * Nothing happens at an expiry that nobody sees: how many have passed is counted when somebody looks, and the next one
- * is planned only if it interrupts or something else on the chip waits for it.
+ * is planned only if it interrupts or lets a DMA request through.
  */
 #include <stdlib.h>
 
@@ -27,7 +27,7 @@ struct pit {
     struct machine_pit connections;
     struct event expiry; /* the next one that somebody sees */
     uint32_t control;    /* MCR */
-    uint32_t heard;      /* channels whose expiries something else on the chip waits for, a bit each */
+    uint32_t heard;      /* channels whose expiries let DMA requests through, a bit each */
     int64_t held;        /* ticks that have reached the timers, while the module is disabled */
     int64_t lost;        /* ticks of the bus clock that never did */
     struct channel channels[CHANNELS];
@@ -80,7 +80,7 @@ static void advance(struct machine *machine, struct pit *pit, int32_t last)
         struct channel *channel = &pit->channels[index];
         bool has_expired = count_expiries(channel, counted(pit, index, ticks) - channel->began);
         if (has_expired && pit->heard >> index & 1)
-            pit->connections.expired(pit->connections.context, index);
+            let_request_through(machine, index);
     }
 }
 
@@ -260,7 +260,7 @@ bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit 
     return add_device(machine, &pit->device);
 }
 
-void machine_hear_timers(struct machine *machine, uint32_t base, uint32_t channels)
+void hear_timers(struct machine *machine, uint32_t base, uint32_t channels)
 {
     struct pit *pit = (struct pit *)device_of(machine, base);
     if (!pit || channels == pit->heard)

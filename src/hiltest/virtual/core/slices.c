@@ -105,7 +105,7 @@ static int32_t run_on(struct machine *machine, struct machine_bus bus)
 static bool run_slice(struct machine *machine, const struct slice *slice)
 {
     struct recording recording = {slice, 0, false};
-    int32_t reason = run_on(machine, (struct machine_bus){&recording, answer, ignore, NULL});
+    int32_t reason = run_on(machine, (struct machine_bus){&recording, answer, ignore});
     bool returns = reason == STOP_RETURNED && recording.given == slice->answer_count;
     return returns || (reason == STOP_FAULT && recording.is_over);
 }
@@ -148,5 +148,5 @@ bool machine_call_again(struct machine *machine, const struct snapshot *begin, i
     const uint32_t stack = core->r[13];
     core->deadline = core->cycles + most_cycles;
     set_return_address(machine, core->r[14] & ~1u);
-    return run_on(machine, (struct machine_bus){NULL, answer_zero, ignore, NULL}) == STOP_RETURNED && core->r[13] == stack;
+    return run_on(machine, (struct machine_bus){NULL, answer_zero, ignore}) == STOP_RETURNED && core->r[13] == stack;
 }

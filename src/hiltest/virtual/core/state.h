@@ -58,7 +58,7 @@ struct known_answer {
     int64_t until;       /* cycle at which it changes otherwise */
     int32_t reads;       /* that were answered by it */
     int32_t patience;    /* after so many, see whether they come from a loop that waits */
-    bool is_told;        /* the bus wants to know of repetitions */
+    bool is_told;        /* the device wants to know of repetitions */
     int64_t repeats;     /* of which it does not know yet */
     int64_t repeated_at; /* number of the last load of them */
 };
@@ -121,7 +121,8 @@ struct machine {
     struct calendar calendar;
     struct device *devices[DEVICES]; /* peripherals in C */
     int32_t device_count;
-    uint64_t requests;   /* levels of the sources of DMA requests that peripherals in C drive */
+    struct device *dma;  /* the one of them that DMA requests are for, or NULL */
+    uint64_t requests;   /* levels of their sources */
     bool has_fired;      /* an event has fired since machine_run was called */
     bool told_host;      /* one that the host may be waiting for */
     uint32_t previous;   /* address of the instruction that led to where there is no code */
@@ -158,10 +159,11 @@ void open_page(struct machine *machine, const struct memory *memory, uint32_t of
 bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
 /* A device is about to be asked; keep its answer. */
 void expect_answer(struct machine *machine, uint32_t address, uint32_t size);
-void remember_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
+void remember_answer(
+    struct machine *machine, const struct device *device, uint32_t address, uint32_t size, uint32_t value);
 /* Devices may have changed: ask them again. */
 void forget_answers(struct machine *machine);
-/* Tell the bus of repeated loads, before anything else that it gets to know. */
+/* Tell devices of repeated loads, before anything else that they get to know. */
 void tell_repeats(struct machine *machine);
 
 /* loops.c: execute a turn of a loop that polls a device, and count turns that are like it up to a cycle. Returns a

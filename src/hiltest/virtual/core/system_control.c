@@ -224,7 +224,7 @@ static void write_stored(struct machine *machine, struct system_control *control
         core->unaligned_traps = value & CCR_UNALIGN_TRP;
         break;
     case DEMCR:
-        control->connections.enable_trace(control->connections.context, value & DEMCR_TRCENA);
+        enable_trace(machine, value & DEMCR_TRCENA);
         break;
     default:
         break;

@@ -85,10 +85,10 @@ static void drive(struct machine *machine, const struct uart *uart)
     machine_set_line(machine, connections->status_interrupt, asks & ~requests);
     machine_set_line(machine, connections->error_interrupt, uart->flags & uart->registers[C3] & 0x0F);
     if (connections->receive_request == connections->send_request) {
-        drive_request(machine, connections->send_request, requests);
+        machine_set_request(machine, connections->send_request, requests);
     } else {
-        drive_request(machine, connections->receive_request, requests & S1_RDRF);
-        drive_request(machine, connections->send_request, requests & S1_TDRE);
+        machine_set_request(machine, connections->receive_request, requests & S1_RDRF);
+        machine_set_request(machine, connections->send_request, requests & S1_TDRE);
     }
 }
 

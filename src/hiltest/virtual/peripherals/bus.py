@@ -32,11 +32,10 @@ class Peripheral(Protocol):
     Notes
     -----
     A block may declare `steady`: offsets of the bytes that change only at events of the schedule and at writes to any
-    block, and whose reading changes nothing. The core asks for them once and answers again by itself until then. If
-    that depends on more than the offset, `read` tells the processor: `read_changed` if this reading changed something,
-    `counts` if the answer changes with every cycle. A block may also declare `counters`: bytes that change with time,
-    and whose reading changes nothing. The reading of all other bytes may change any block. A block that is a
-    `CountsReads` is told of the readings that the core has answered.
+    block, and whose reading changes nothing. The core asks for them once and answers again by itself until then. If a
+    reading changes something all the same, `read` tells the processor: `read_changed`. A block may also declare
+    `counters`: bytes that change with time, and whose reading changes nothing. The reading of all other bytes may
+    change any block. A block that is a `CountsReads` is told of the readings that the core has answered.
     """
 
     name: str

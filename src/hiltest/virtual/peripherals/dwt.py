@@ -7,28 +7,23 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hiltest.virtual.core.machine import NEVER, Machine, Snapshot
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import Machine, Snapshot
 from hiltest.virtual.peripherals.bus import ALL_STEADY
-from hiltest.virtual.processor.cpu import Processor
+from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.processor.slices import Slice
 
-_CYCCNT, _WORD = 4, 4
-_POLLS, _SOON_CYCLES = 16, 40  # as many readings so soon after each other time nothing
-_READINGS = 400
-"""Number of readings kept: four for each of the steps that one command times, 80 at most, and some."""
+_READINGS = 400  # number of those kept, as the core keeps them
 
 
 @dataclass(frozen=True, slots=True)
 class CounterReading:
-    """One reading of CYCCNT, with the instructions that had been executed by then.
+    """One reading of CYCCNT.
 
     Attributes
     ----------
     cycles : int
         The answer.
-    at : int
-        Cycles since power-on, whatever the firmware does to the counter.
-    instructions : int
     snapshot : Snapshot
         State before the instruction that read it.
     answers : array of uint32_t or None
@@ -36,107 +31,66 @@ class CounterReading:
     """
 
     cycles: int
-    at: int
-    instructions: int
     snapshot: Snapshot
     answers: Any
+
+    @property
+    def at(self) -> int:
+        """Cycles since power-on, whatever the firmware does to the counter."""
+        cycles: int = self.snapshot.core.cycles
+        return cycles
+
+    @property
+    def instructions(self) -> int:
+        """Instructions that had been executed by then."""
+        instructions: int = self.snapshot.core.instructions
+        return instructions
 
     def cycles_since(self, earlier: CounterReading) -> int:
         """Return the cycles from an earlier reading to this one."""
         return (self.cycles - earlier.cycles) & 0xFFFFFFFF
 
 
-class CycleCounter:
-    """DWT: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set.
+class CycleCounter(CoreDevice):
+    """DWT, which the core's library has: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set.
 
-    Attributes
+    Parameters
     ----------
-    present : bool
-        Set to False for a part without the counter (NOCYCCNT).
-    readings : deque of CounterReading or None
-        The last few times that the firmware read it, oldest first; `forget` begins anew. None is a reading that the
-        core has answered, in a loop that polls the counter: nothing is successive across it, and it takes the place of
-        others as any does.
+    machine : Machine
     """
 
-    name = "DWT"
-    base = 0xE0001000
     counters = frozenset(range(4, 8))  # CYCCNT
     steady = frozenset(ALL_STEADY) - counters
 
-    def __init__(self, processor: Processor) -> None:
-        self.clocked = True
-        self._processor = processor
-        self.present = True
-        self.readings: deque[CounterReading | None] = deque(maxlen=_READINGS)
-        self._loads = 0
-        self._place, self._read_at, self._polls = 0, 0, 0  # of the latest reading; how many like it came before
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the state after reset: stopped at zero."""
-        self._control = 0
-        self._trace = False
-        self._count = 0
-        self._counted_from = 0
+    def __init__(self, machine: Machine) -> None:
+        if not lib.machine_add_dwt(machine.handle):
+            raise MemoryError
+        super().__init__(machine, "DWT", 0xE0001000)
+        self._machine = machine
+        self._present = True
+        self._readings: deque[CounterReading | None] = deque(maxlen=_READINGS)
 
     @property
-    def _running(self) -> bool:
-        return self._trace and bool(self._control & 1) and self.present
+    def present(self) -> bool:
+        """Whether the part has the counter; set to False for one without it (NOCYCCNT)."""
+        return self._present
 
-    def _hold(self) -> None:
-        if self._running:
-            now = self._processor.now()
-            self._count += now - self._counted_from
-            self._counted_from = now
+    @present.setter
+    def present(self, present: bool) -> None:
+        self._present = present
+        lib.machine_set_counter(self._handle, present)
 
-    def enable_trace(self, enabled: bool) -> None:
-        """Set DEMCR.TRCENA."""
-        self._hold()
-        self._trace = enabled
-        self._counted_from = self._processor.now()
+    @property
+    def readings(self) -> deque[CounterReading | None]:
+        """The last few times that the firmware read it, oldest first; `forget` begins anew.
 
-    def read(self, offset: int, size: int) -> int:
-        """Answer CTRL or CYCCNT; the other counters read as zero."""
-        if offset == 0:
-            return 0x40000000 | self._control | (0 if self.present else 1 << 25)
-        if offset == _CYCCNT:
-            self._hold()
-            count = self._count & 0xFFFFFFFF
-            self.readings.append(self._reading(count))
-            if size == _WORD and self._running and self._is_polled():
-                self._processor.counts(1, NEVER)
-            return count
-        return 0
-
-    def _is_polled(self) -> bool:
-        """Whether one instruction reads the counter over and over, each time soon after the last."""
-        core = self._processor.core
-        place, last_place = core.r[15], self._place
-        is_soon = core.cycles - self._read_at <= _SOON_CYCLES
-        self._place, self._read_at = place, core.cycles
-        self._polls = self._polls + 1 if place == last_place and is_soon else 0
-        return self._polls >= _POLLS
-
-    def repeated(self, address: int, place: int, reads: int) -> None:
-        """Take note that the core has answered so many readings by the instruction at `place`."""
-        if address == self.base + _CYCCNT:
-            self.readings.extend([None] * min(reads, _READINGS))
-            self._place, self._read_at, self._polls = place, self._processor.core.cycles, _POLLS
-
-    def _reading(self, count: int) -> CounterReading:
-        machine, core = self._processor.machine, self._processor.core
-        answers, self._loads = machine.answers(self._loads), core.device_loads
-        return CounterReading(count, core.cycles, core.instructions, machine.snapshot(), answers)
-
-    def write(self, offset: int, size: int, value: int) -> None:
-        """Take CTRL or CYCCNT."""
-        self._hold()
-        if offset == 0:
-            self._control = value & 1
-        elif offset == _CYCCNT:
-            self._count = value
-        self._counted_from = self._processor.now()
+        None is a reading that the core has answered, in a loop that polls the counter: nothing is successive across it,
+        and it takes the place of others as any does.
+        """
+        taken = ffi.new("struct machine_reading *")
+        while lib.machine_take_reading(self._handle, taken):
+            self._readings.append(_reading(taken) if taken.snapshot else None)
+        return self._readings
 
     def forget(self) -> None:
         """Drop the readings so far: a request begins, and what it reports is of readings that come now."""
@@ -202,8 +156,14 @@ class CycleCounter:
             for slices, first, last in ((empty, four[0], four[1]), (whole, four[2], four[3])):
                 if last.answers is None:
                     return None
-                slices.append(_slice(self._processor.machine, first, last))
+                slices.append(_slice(self._machine, first, last))
         return whole, empty
+
+
+def _reading(taken: Any) -> CounterReading:
+    count = taken.answer_count
+    answers = None if count < 0 else ffi.new("uint32_t[]", ffi.unpack(taken.answers, count))
+    return CounterReading(taken.count, Snapshot(taken.snapshot), answers)
 
 
 def _slice(machine: Machine, first: CounterReading, last: CounterReading) -> Slice:

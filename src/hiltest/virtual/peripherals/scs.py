@@ -8,7 +8,6 @@ from typing import Any
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.core_device import CoreDevice
-from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.processor.clock import Clock
 from hiltest.virtual.processor.cpu import Processor
 
@@ -25,8 +24,6 @@ class SystemControlSpace(CoreDevice):
         Processor that the registers belong to.
     core : Clock
         The core clock, which SysTick counts.
-    counter : CycleCounter
-        Is enabled by DEMCR.
     request_reset : callable
         Called when AIRCR asks for a system reset.
     """
@@ -34,9 +31,7 @@ class SystemControlSpace(CoreDevice):
     counters = frozenset(range(_CVR, _CALIB))
     steady = frozenset(ALL_STEADY) - counters
 
-    def __init__(
-        self, processor: Processor, core: Clock, counter: CycleCounter, request_reset: Callable[[], None]
-    ) -> None:
+    def __init__(self, processor: Processor, core: Clock, request_reset: Callable[[], None]) -> None:
         @ffi.callback("void(void *)")  # type: ignore[untyped-decorator]
         def on_request(_context: Any) -> None:
             try:
@@ -44,16 +39,9 @@ class SystemControlSpace(CoreDevice):
             except BaseException as error:  # the library cannot pass it on; `abort` has it raised again
                 processor.abort(error)
 
-        @ffi.callback("void(void *, bool)")  # type: ignore[untyped-decorator]
-        def on_trace(_context: Any, enabled: bool) -> None:
-            try:
-                counter.enable_trace(enabled)
-            except BaseException as error:  # as above
-                processor.abort(error)
-
         machine = processor.machine
-        self._told = on_request, on_trace  # the library keeps only the pointers
-        connections = ffi.new("struct machine_system_control *", (*self._told, ffi.NULL))
+        self._on_request = on_request  # the library keeps only the pointer
+        connections = ffi.new("struct machine_system_control *", (on_request, ffi.NULL))
         if not (
             lib.machine_add_systick(machine.handle, core.number_in(machine))
             and lib.machine_add_system_control(machine.handle, connections[0])

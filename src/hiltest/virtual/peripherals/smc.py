@@ -94,6 +94,7 @@ class WakeUpUnit:
         processor.waiting.on_events = self._look
         for letter, port in ports.items():
             port.on_levels = self._watch(letter)
+            port.watch(sum(1 << int(pin[1:]) for pin in _PINS if pin[0] == letter))
         self.reset()
 
     def _watch(self, letter: str) -> Callable[[int, int], None]:

@@ -154,6 +154,11 @@ class Processor:
             self._error = error
         self.look_soon()
 
+    def _raise_error(self) -> None:
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
     def look_soon(self) -> None:
         """Return from the core behind the instruction that runs: something may be due."""
         self.core.deadline = -1
@@ -161,10 +166,6 @@ class Processor:
     def read_changed(self) -> None:
         """Take note that the reading of a register that is under way has changed something."""
         lib.machine_load_changed(self.machine.handle)
-
-    def counts(self, step: int, until_cycle: int) -> None:
-        """Take note that the register that is being read changes by `step` with each cycle until one."""
-        lib.machine_answer_counts(self.machine.handle, step, until_cycle)
 
     def between_instructions(self, chore: Callable[[], None]) -> None:
         """Call an action behind the instruction that runs."""
@@ -255,6 +256,7 @@ class Processor:
                 schedule.run_due(now)
                 if waiting.is_told:
                     lib.machine_fire_events(self.machine.handle)
+                    self._raise_error()
                     waiting.on_events()
                     schedule.run_due(now)  # what follows from them at once
                 if (wake is not None and wake()) or now >= until.at_cycle or interrupted():
@@ -284,12 +286,10 @@ class Processor:
             self._chores.pop(0)()
         core = self.core
         core.deadline = NEVER if math.isinf(deadline) else math.ceil(deadline)
-        self._error = None
         reason = lib.machine_run(self.machine.handle)
         if reason == lib.STOP_LOOP and self._error is None:
             reason = self._pass_loop()
-        if self._error is not None:
-            raise self._error
+        self._raise_error()
         if reason == lib.STOP_FAULT:
             self._attend_fault()
         elif reason in _STOPS:
