@@ -49,12 +49,13 @@ class Snapshot:
     handle : struct snapshot
     """
 
-    __slots__ = ("handle",)
+    __slots__ = ("_machine", "handle")
 
-    def __init__(self, machine: Machine) -> None:
-        handle = lib.machine_snapshot(machine.handle)
+    def __init__(self, machine: Machine, *, with_devices: bool = False) -> None:
+        handle = lib.machine_snapshot(machine.handle, with_devices)
         if handle == ffi.NULL:
             raise MemoryError
+        self._machine = machine if with_devices else None  # its peripherals stay as long as their states
         self.handle = ffi.gc(handle, lib.machine_forget_snapshot)
 
     @property
@@ -154,9 +155,15 @@ class Machine:
         """Change the rate of a clock from a cycle on; its events are planned anew, see machine_set_clock."""
         lib.machine_set_clock(self.handle, number, since, ticks, remainder, numerator, denominator)
 
-    def snapshot(self) -> Snapshot:
-        """Take a snapshot, inside a device's access of the state before the instruction that runs."""
-        return Snapshot(self)
+    def snapshot(self, *, with_devices: bool = False) -> Snapshot:
+        """Take a snapshot, inside a device's access of the state before the instruction that runs.
+
+        Parameters
+        ----------
+        with_devices : bool
+            Whether it has the peripherals in C and their events: then only this machine can go back to it.
+        """
+        return Snapshot(self, with_devices=with_devices)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot: of this machine, or of another one with the same memories.
@@ -164,10 +171,10 @@ class Machine:
         Raises
         ------
         ConfigError
-            If the memories are not the same, or an instruction is under way.
+            If the memories are not the same, the peripherals are another machine's, or an instruction is under way.
         """
         if not lib.machine_restore(self.handle, snapshot.handle):
-            raise ConfigError("a snapshot of other memories, or an instruction is under way")
+            raise ConfigError("a snapshot of other memories or peripherals, or an instruction is under way")
 
     def tell_repeated(self, tell: TellRepeated, abort: Callable[[BaseException], None]) -> None:
         """Have told which loads of devices the core has answered; `abort` gets any exception."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.mcg import IRC48M_HZ
 from hiltest.virtual.peripherals.sim import ClockGates
@@ -29,7 +30,7 @@ _LONG_SAMPLE = (20, 12, 6, 2)  # further clocks, by CFG2.ADLSTS
 _CALIBRATION_CLOCKS = 14_000  # with 32 averages, as the manual has it
 
 
-class Converter:
+class Converter(Restorable):
     """One ADC16 module.
 
     An ideal converter: offset, gain and calibration registers keep what is written and change no result.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY, PeripheralBus, read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.dma_descriptor import SIZE, Control, Descriptor, DescriptorError
@@ -31,8 +32,8 @@ class _BusError(Exception):
     """An access has no answer."""
 
 
-@dataclass(slots=True)
-class _Transfer:
+@dataclass
+class _Transfer(Restorable):
     """The minor loop that is under way: bytes that are left, and bytes that the next event moves."""
 
     channel: int
@@ -40,8 +41,12 @@ class _Transfer:
     left: int
     moving: int = 0
 
+    def parts(self) -> tuple[Descriptor]:
+        """Return the descriptor, which changes meanwhile."""
+        return (self.descriptor,)
 
-class DmaController:
+
+class DmaController(Restorable):
     """The direct memory access controller.
 
     Minor loops are carried out one after the other and not interrupted (DCHPRI's ECP and DPA are kept, and
@@ -81,6 +86,10 @@ class DmaController:
         self.descriptors = DescriptorRegisters(module, self.look)
         multiplexer.on_request = self.look
         self.reset()
+
+    def parts(self) -> tuple[_Transfer, ...]:
+        """Return the minor loop that is under way."""
+        return () if self._active is None else (self._active,)
 
     def reset(self) -> None:
         """Return to the state after reset."""
@@ -306,7 +315,7 @@ class DmaController:
         except _BusError as error:
             self._fail(channel, error.args[0])
             return
-        for name in Descriptor.__slots__:
+        for name in vars(following):
             setattr(descriptor, name, getattr(following, name))
 
     def _refuse(self, channel: int, error: int) -> None:

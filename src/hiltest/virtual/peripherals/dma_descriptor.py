@@ -6,6 +6,8 @@ import struct
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
 
+from hiltest.state import Restorable
+
 SIZE = 32
 _LAYOUT = struct.Struct("<IhHIiIhHiHH")
 _LINK, _LINK_CHANNEL, _LINKED_COUNT = 1 << 15, 9, 0x1FF
@@ -25,8 +27,8 @@ class DescriptorError(IntFlag):
     SGE, NCE, DOE, DAE, SOE, SAE = (1 << bit for bit in range(2, 8))
 
 
-@dataclass(slots=True)
-class Descriptor:
+@dataclass
+class Descriptor(Restorable):
     """The registers of one channel, named and in the order of the manual's table."""
 
     saddr: int

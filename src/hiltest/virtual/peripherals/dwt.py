@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hiltest.state import Restorable
 from hiltest.virtual.core.machine import NEVER, Machine, Snapshot
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.processor.cpu import Processor
@@ -46,7 +47,7 @@ class CounterReading:
         return (self.cycles - earlier.cycles) & 0xFFFFFFFF
 
 
-class CycleCounter:
+class CycleCounter(Restorable):
     """DWT: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set.
 
     Attributes

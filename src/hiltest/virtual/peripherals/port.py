@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 from hiltest.virtual.peripherals.pin_signals import PinSignal
@@ -197,7 +198,7 @@ class Port(StoredRegisters):
         self._settle()
 
 
-class Gpio:
+class Gpio(Restorable):
     """The GPIO modules of all ports, on one page.
 
     Parameters
