@@ -87,7 +87,7 @@ class Converter(Restorable):
 
     @property
     def _own_hz(self) -> int:
-        return _OWN_HZ[self._registers[_CFG1] >> 7 << 1 | self._registers[_CFG2] >> 2 & 1]
+        return _OWN_HZ[self._registers[_CFG1] >> 6 & 2 | self._registers[_CFG2] >> 2 & 1]
 
     def _ticks(self, clocks: int, bus_clocks: int) -> tuple[Clock, int]:
         """Clock that the conversion follows, and how many of its ticks so many clocks of the converter take."""
