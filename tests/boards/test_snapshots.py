@@ -141,7 +141,7 @@ def test_a_snapshot_at_any_time_between_requests_is_gone_back_to(
 
 def test_a_snapshot_is_refused_while_a_request_is_on_the_line(default_bench: VirtualBench) -> None:
     ask(default_bench, 1, Identify())
-    with pytest.raises(SnapshotError, match="a request is open: [0-9]+ bytes of the host are on the line to UART0"):
+    with pytest.raises(SnapshotError, match=r"a request is open: [0-9]+ bytes of the host are on the line to UART0"):
         default_bench.snapshot()
     heard_in(default_bench, 0.1)
     default_bench.snapshot()
@@ -162,7 +162,7 @@ def test_a_snapshot_of_another_board_is_refused(default_bench: VirtualBench) -> 
 
 def test_a_board_whose_flash_a_file_holds_has_no_snapshot(tmp_path: Path) -> None:
     board = VirtualK64F(default_firmware(), flash_file=tmp_path / "flash.bin")
-    with pytest.raises(SnapshotError, match="flash.bin holds the board's flash"):
+    with pytest.raises(SnapshotError, match=r"flash\.bin holds the board's flash"):
         board.snapshot()
     assert issubclass(SnapshotError, BenchError)
 

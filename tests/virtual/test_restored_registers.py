@@ -17,7 +17,11 @@ from hiltest.virtual.peripherals.reset_control import ResetRequested
 
 GATES = range(0x40048028, 0x40048044, 4)  # SCGC1 to 7
 # Modules that are modelled, but for those that reset the chip or let it sleep.
-MODELLED = ["ADC0", "ADC1", "CRC", "DMA", "DMAMUX", "FMC", "FTFE", "FTM0", "FTM3", "GPIOC", "I2C0", "I2C1", "LPTMR0", "MCG", "OSC", "PIT", "PMC", "PORTA", "PORTC", "RFSYS", "RFVBAT", "RNG", "RTC", "SIM", "SYSMPU", "UART0", "UART1", "UART5", "WDOG"]
+MODELLED = {
+    "ADC0", "ADC1", "CRC", "DMA", "DMAMUX", "FMC", "FTFE", "FTM0", "FTM3", "GPIOC", "I2C0", "I2C1", "LPTMR0", "MCG",
+    "OSC", "PIT", "PMC", "PORTA", "PORTC", "RFSYS", "RFVBAT", "RNG", "RTC", "SIM", "SYSMPU", "UART0", "UART1", "UART5",
+    "WDOG",
+}  # fmt: skip
 MODULES = {
     module.name: [(register.address, register.size) for register in module.registers]
     for module in mk64f12().peripherals if module.name in MODELLED
@@ -26,6 +30,21 @@ MODULES["SysTick"] = [(0xE000E010 + offset, 4) for offset in range(0, 12, 4)]
 MODULES["NVIC"] = [(0xE000E000 + offset, 4) for offset in (*range(0x100, 0x120, 4), 0xD14, 0xDFC)]
 MODULES["DWT"] = [(0xE0001000, 4), (0xE0001004, 4)]
 ROUNDS, ACCESSES = 25, 8
+LOOK = """
+    .syntax unified
+    .text
+    .global main, look
+    .type look, %function
+    .thumb_func
+main:
+    .thumb_func
+look:
+    ldr r0, =0x4004a000  // PORTB_PCR0
+    ldr r0, [r0]
+    bx lr
+    .ltorg
+    .size look, . - look
+"""
 BYTES = 1000  # more than come over a line meanwhile
 
 
@@ -82,7 +101,7 @@ def test_accesses_get_the_same_answers_behind_a_restore(module: str) -> None:
 
 
 def test_a_gate_that_was_closed_is_closed_again(build: Callable[..., Path]) -> None:
-    board = VirtualK64F(build(".global look\n.thumb_func\nlook:\nldr r0, =0x4004a000\nldr r0, [r0]\nbx lr\n"))
+    board = VirtualK64F(build(LOOK, with_start=False))
     snapshot = board.snapshot()
     board.bus.write(GATES[4], 4, 1 << 10)  # SCGC5.PORTB
     assert board.call("look").value == 0
