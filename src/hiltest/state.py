@@ -50,4 +50,8 @@ class Restorable:
 
 
 def _copied(attributes: dict[str, Any]) -> dict[str, Any]:
-    return {name: value.copy() if value.__class__ in _CONTAINERS else value for name, value in attributes.items()}
+    copies = attributes.copy()
+    for name, value in copies.items():
+        if value.__class__ in _CONTAINERS:
+            copies[name] = value.copy()
+    return copies

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hiltest.virtual.k64f import VirtualK64F
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,6 +20,7 @@ from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.messages import Average, Identify, Sync
 from hiltest.link.request import Request
 from hiltest.rig.file import load_rig
+from hiltest.virtual.board.k64f import VirtualK64F
 
 RIGS = shipped() / "rigs"
 VIRTUAL_RIGS = sorted(file.stem for file in RIGS.glob("*.toml") if 'kind = "virtual"' in file.read_text())

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from hiltest.boards import default_firmware
-from hiltest.errors import BoardFault, HiltestError
-from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.peripherals.reset_control import ResetRequested
+from hiltest.errors import BoardFault, ConfigError, HiltestError
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.part.chip import mk64f12
+from hiltest.virtual.peripherals.rcm import ResetRequested
 
 GATES = range(0x40048028, 0x40048044, 4)  # SCGC1 to 7
 # Modules that are modelled, but for those that reset the chip or let it sleep.
@@ -108,3 +108,9 @@ def test_a_gate_that_was_closed_is_closed_again(build: Callable[..., Path]) -> N
     board.restore(snapshot)
     with pytest.raises(BoardFault, match="PORTB while its clock gate in the SIM is closed"):
         board.call("look")
+
+
+def test_the_peripherals_of_a_board_do_not_go_to_another_one() -> None:
+    board, other = VirtualK64F(default_firmware()), VirtualK64F(default_firmware())
+    with pytest.raises(ConfigError, match="of other memories or peripherals"):
+        other.processor.machine.restore(board.snapshot().machine)
