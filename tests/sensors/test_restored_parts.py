@@ -50,7 +50,7 @@ def replaced_gyroscope(world: World) -> FaultyPart:
 
 # Registers that set a part up and those that show its samples, and values that make it active or stop it.
 MAG, FXOS, FXAS = (0x00, 0x01, 0x09, 0x10, 0x11), (0x00, 0x01, 0x09, 0x2A, 0x2B, 0x2D, 0x33, 0x39, 0x5B, 0x5C), (
-    0x00, 0x01, 0x08, 0x09, 0x0A, 0x13, 0x14, 0x15)  # fmt: skip
+    0x00, 0x01, 0x08, 0x09, 0x0A, 0x0D, 0x13, 0x14, 0x15)  # fmt: skip
 VALUES = (0x00, 0x01, 0x02, 0x0D, 0x19, 0x1F, 0x40, 0x42, 0x60, 0x85, 0xC0, 0xFF)
 Make = Callable[[World], RegisterDevice | FaultyPart]
 
@@ -58,8 +58,8 @@ Make = Callable[[World], RegisterDevice | FaultyPart]
 def transactions(registers: tuple[int, ...]) -> st.SearchStrategy[list[tuple[str, int, int, float]]]:
     """Lists of accesses: kind, register, value or number of bytes, and the time since the one before."""
     one = st.tuples(
-        st.sampled_from(("read", "write", "levels")), st.sampled_from(registers), st.sampled_from(VALUES),
-        st.sampled_from((0.0001, 0.004, 0.03, 0.2)),
+        st.sampled_from(("read", "read", "write", "set up", "levels")), st.sampled_from(registers),
+        st.sampled_from(VALUES), st.sampled_from((0.0001, 0.004, 0.03, 0.2)),
     )  # fmt: skip
     return st.lists(one, max_size=20)
 
@@ -86,9 +86,11 @@ def test_a_part_answers_again_what_it_answered(
         seen: list[object] = []
         for kind, register, value, later_s in accesses:
             time_s += later_s
-            if kind == "write":
-                seen.append((part.start(False, time_s), part.write(register, time_s), part.write(value, time_s)))
-                part.stop(time_s)
+            if kind in ("write", "set up"):  # in standby, where all set-up is taken
+                standby, running = ((active[-1][0], 0), active[-1]) if kind == "set up" else (None, None)
+                for place, byte in filter(None, (standby, (register, value), running)):
+                    seen.append((part.start(False, time_s), part.write(place, time_s), part.write(byte, time_s)))
+                    part.stop(time_s)
             elif kind == "read":
                 seen.append(read(part, time_s, register, 6))
             else:
@@ -106,3 +108,15 @@ def test_a_part_answers_again_what_it_answered(
     answers(elsewhere, time_s + 0.5)
     part.restore(state)
     assert answers(behind, time_s) == once
+
+
+def test_a_gyroscope_has_the_noise_of_its_bandwidth_again() -> None:
+    part = fxas21002c(moving_world())
+    assert write(part, 0.1, 0x13, 0x0A)
+    state = part.state()
+    once = read(part, 0.3, 0x01, 6)
+    for register, value in ((0x13, 0x00), (0x0D, 0xC0), (0x13, 0x0A)):
+        assert write(part, 0.4, register, value)
+    assert read(part, 0.6, 0x01, 6) != once
+    part.restore(state)
+    assert read(part, 0.3, 0x01, 6) == once

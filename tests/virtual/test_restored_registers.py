@@ -11,9 +11,15 @@ import pytest
 
 from hiltest.boards import default_firmware
 from hiltest.errors import BoardFault, ConfigError, HiltestError
+from hiltest.sensors.mag3110 import Mag3110
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.rcm import ResetRequested
+from hiltest.world.distortion import MagneticDistortion
+from hiltest.world.earth_field import EarthField
+from hiltest.world.world import World
+
+from ..sensors.bus_master import write
 
 GATES = range(0x40048028, 0x40048044, 4)  # SCGC1 to 7
 # Modules that are modelled, but for those that reset the chip or let it sleep.
@@ -114,3 +120,33 @@ def test_the_peripherals_of_a_board_do_not_go_to_another_one() -> None:
     board, other = VirtualK64F(default_firmware()), VirtualK64F(default_firmware())
     with pytest.raises(ConfigError, match="of other memories or peripherals"):
         other.processor.machine.restore(board.snapshot().machine)
+
+
+def test_the_wire_of_a_sensor_rises_again(build: Callable[..., Path]) -> None:
+    part = Mag3110(World(EarthField(48.5, 62.0)), MagneticDistortion(), seed=1)
+    board = VirtualK64F(build(LOOK.replace("look:", "look: b look\n"), with_start=True), i2c1=[part])
+    board.run_until(0.001)
+    assert write(part, 0.001, 0x10, 0x01)  # active: the first sample comes behind a period of 12.5 ms
+    board.lead_interrupts(1, part, int1="PTC5", int2=None)
+    board.bus.write(0x4004B014, 4, 1 << 8)  # PORTC_PCR5: GPIO
+    snapshot, levels = board.snapshot(), list[bool]()
+    for _ in range(2):
+        board.restore(snapshot)
+        for time_s in (0.01, 0.03):
+            board.run_until(time_s)
+            levels.append(board.level("PTC5"))
+    assert levels == [False, True] * 2
+
+
+def test_a_request_for_dma_comes_again() -> None:
+    board = VirtualK64F(default_firmware())
+    (source,) = {module.requests[-1] for module in mk64f12().peripherals if module.name == "UART0"}
+    board.bus.write(0x40021000, 1, 0x80 | source)  # DMAMUX_CHCFG0
+    board.uart0.write(0xB, 1, 0x80)  # C5.TDMAS
+    snapshot, requested = board.snapshot(), list[int]()
+    for _ in range(2):
+        board.restore(snapshot)
+        requested.append(board.bus.read(0x40008034, 4))  # DMA_HRS
+        board.uart0.write(0x3, 1, 0x88)  # C2: TIE, TE
+        requested.append(board.bus.read(0x40008034, 4))
+    assert requested == [0, 1] * 2
