@@ -1,4 +1,4 @@
-"""How fast a board boots, answers a call, and goes through the heading suite.
+"""How fast a board boots, answers a call, goes back to a snapshot, and goes through the heading suite.
 
 Boot and calls by the clock on the wall, the long suite in processor time too.
 """
@@ -8,10 +8,11 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from statistics import median
 
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hiltest.boards import default_firmware, open_board
+from hiltest.boards import VirtualBench, default_firmware, open_board
 from hiltest.procedures import (
     UNCALIBRATED,
     UNCALIBRATED_SLOT,
@@ -29,7 +30,7 @@ from .conftest import Report
 COLD = """
 import time
 from hiltest.bench_files import shipped
-from hiltest.boards import default_firmware, open_board
+from hiltest.boards import VirtualBench, default_firmware, open_board
 from hiltest.rig.file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
@@ -62,6 +63,27 @@ def test_one_call(benchmark: BenchmarkFixture, report: Report) -> None:
     result = benchmark.pedantic(board.call, args=("crc32", b"123456789", 9), rounds=200, warmup_rounds=2)
     assert result.value == 0xCBF43926
     report("a call, on a board that was called before", 1e3 * benchmark.stats.stats.median, "ms", "at most 1")
+
+
+def test_a_snapshot_and_going_back_to_it(benchmark: BenchmarkFixture, report: Report, rig: Rig) -> None:
+    bench = VirtualBench(rig)
+    bench.power_on()
+    taken_s, restored_s = list[float](), list[float]()
+
+    def work() -> None:
+        marks = [time.perf_counter()]
+        snapshot = bench.snapshot()
+        marks.append(time.perf_counter())
+        bench.machine.run_until(bench.time_s + 0.1)
+        marks.append(time.perf_counter())
+        bench.restore(snapshot)
+        taken_s.append(marks[1] - marks[0])
+        restored_s.append(time.perf_counter() - marks[2])
+        bench.machine.run_until(bench.time_s + 0.1)
+
+    benchmark.pedantic(work, rounds=100, warmup_rounds=2)
+    report("a snapshot of the default board in its world", 1e3 * median(taken_s), "ms", "at most 1")
+    report("going back to it, 0.1 s later", 1e3 * median(restored_s), "ms", "at most 1")
 
 
 def test_the_first_boot_and_call_of_a_process(benchmark: BenchmarkFixture, report: Report) -> None:

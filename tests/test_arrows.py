@@ -21,7 +21,9 @@ PAGE = (Path(__file__).parents[1] / "docs" / "architecture.md").read_text(encodi
 (ARROWS,) = re.findall(r"^```arrows\n(.*?)^```", PAGE, re.M | re.S)
 APPLICATION = frozenset({"commands", "cycle_benchmarks", "runs", "session"})
 # Numbers in, numbers out: beside themselves and the standard library, only these.
-PURE = frozenset({"errors", "text", "units", "angles", "measurement", "calibration", "orientation", "world", "sensors"})
+PURE = frozenset({
+    "errors", "state", "text", "units", "angles", "measurement", "calibration", "orientation", "world", "sensors",
+})  # fmt: skip
 NUMERICAL = frozenset({"numpy", "scipy"})
 
 

@@ -189,6 +189,10 @@ class OperatorAbsentError(BenchError):
         )
 
 
+class SnapshotError(BenchError):
+    """No snapshot of a virtual board can be taken now, or the board cannot go back to one."""
+
+
 class TurntableError(BenchError):
     """The motor table does not do what it should; what needs no turning still runs."""
 

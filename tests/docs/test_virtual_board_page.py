@@ -14,7 +14,7 @@ EXAMPLES = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
 
 
 @pytest.mark.parametrize(
-    "example", EXAMPLES, ids=["call", "serial port", "watch", "sensor", "LEDs and buttons", "not modelled"]
+    "example", EXAMPLES, ids=["call", "serial port", "watch", "snapshot", "sensor", "LEDs and buttons", "not modelled"]
 )
 def test_every_example_runs(example: str) -> None:
     exec(compile(example, "docs/virtual-board.md", "exec"), {})

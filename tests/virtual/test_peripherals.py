@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import BoardSnapshot, VirtualK64F
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cBus
 from hiltest.virtual.peripherals.pit import PeriodicTimers
@@ -41,11 +41,18 @@ class Part:
         self.seen.append(("stop", 0, time_s))
 
 
-@pytest.fixture
-def booted() -> VirtualK64F:
+@pytest.fixture(scope="module")
+def start_up() -> BoardSnapshot:
+    """A board whose firmware has started, to go back to before each test."""
     board = VirtualK64F(SHIPPED)
     board.run_until(0.2)
-    return board
+    return board.snapshot()
+
+
+@pytest.fixture
+def booted(start_up: BoardSnapshot) -> VirtualK64F:
+    start_up.board.restore(start_up)
+    return start_up.board
 
 
 def test_start_up_reaches_the_clocks_it_promises(booted: VirtualK64F) -> None:
@@ -77,11 +84,10 @@ def test_bytes_sent_before_power_on_meet_a_receiver_that_is_off() -> None:
     assert board.uart0.host_read(100) == b""
 
 
-def test_a_wrong_line_speed_garbles_what_the_board_says() -> None:
-    answers = []
+def test_a_wrong_line_speed_garbles_what_the_board_says(start_up: BoardSnapshot) -> None:
+    answers, board = [], start_up.board
     for baud in (115_200, 57_600):
-        board = VirtualK64F(SHIPPED)
-        board.run_until(0.2)
+        board.restore(start_up)
         board.uart0.line_baud = baud
         body = bytes.fromhex("01 01 0400 efbeadde")
         board.uart0.host_write(_framed(body))

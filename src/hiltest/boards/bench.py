@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from hiltest.angles import Pose
 from hiltest.errors import ConfigError
@@ -11,7 +12,7 @@ from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.k64f import BoardSnapshot, VirtualK64F
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.virtual.peripherals.i2c_bus import HeldLine
 from hiltest.virtual.peripherals.rcm import ResetSource
@@ -79,6 +80,13 @@ def _put_faults_on(machine: VirtualK64F, faults: Faults | None) -> None:
         machine.reset_at(START_UP_S + faults.reset.after_s, _RESETS[faults.reset.by])
 
 
+class BenchSnapshot(NamedTuple):
+    """State of a bench at one moment; `VirtualBench.snapshot` takes it."""
+
+    board: BoardSnapshot
+    world: Any
+
+
 class VirtualBench:
     """Everything that a rig with a simulated world describes.
 
@@ -143,6 +151,15 @@ class VirtualBench:
             if int1 or int2:
                 part = self._parts[described.bus, described.address]
                 self.machine.lead_interrupts(described.bus, part, int1=int1, int2=int2)
+
+    def snapshot(self) -> BenchSnapshot:
+        """Take a snapshot of the board and of the world with its table; see `VirtualK64F.snapshot`."""
+        return BenchSnapshot(self.machine.snapshot(), self._world.state())
+
+    def restore(self, snapshot: BenchSnapshot) -> None:
+        """Go back to a snapshot of this bench: moves of the table that began since then never were."""
+        self.machine.restore(snapshot.board)
+        self._world.restore(snapshot.world)
 
     @property
     def time_s(self) -> float:

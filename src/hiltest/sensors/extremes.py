@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from hiltest.sensors.sampling import Counts, Measure, SampledOutput
+from hiltest.state import Restorable
 
 _NO_SAMPLE: Counts = (0, 0, 0)
 _MOST_WAITING = 100  # runs of the output; firmware may begin any number and never read the registers
 
 
-class Extremes:
+class Extremes(Restorable):
     """Running maxima and minima of an output, found when they are read.
 
     Parameters

@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable
 
 from hiltest.sensors.register_device import RegisterDevice
+from hiltest.state import Restorable
 
 
-class FaultyPart:
+class FaultyPart(Restorable):
     """What answers at the address of a part.
 
     Parameters
@@ -28,6 +29,10 @@ class FaultyPart:
         self._part = make()
         self._is_back = False
         self.address = self._part.address
+
+    def parts(self) -> tuple[RegisterDevice, ...]:
+        """Return the part that is there, or was there last, and what stands in for it."""
+        return (self._part,) if self._stand_in is None else (self._part, self._stand_in)
 
     def start(self, reading: bool, time_s: float) -> bool:
         """Answer the device address after START or repeated START; True is ACK."""

@@ -17,6 +17,7 @@ from collections import deque
 from enum import Enum
 
 from hiltest.sensors.sampling import Counts, SampledOutput
+from hiltest.state import Restorable
 
 CAPACITY = 32
 OVERFLOW, WATERMARK = 0x80, 0x40  # F_STATUS; below them the count
@@ -33,7 +34,7 @@ class FifoMode(Enum):
     TRIGGER = 3
 
 
-class SampleFifo:
+class SampleFifo(Restorable):
     """FIFO of a part, which keeps its latest samples until they are read.
 
     Parameters

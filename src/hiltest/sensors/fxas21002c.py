@@ -12,6 +12,7 @@ from hiltest.sensors.drift import Drift
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, saturated_word
+from hiltest.state import Restorable
 from hiltest.world import NoiseSource, World
 from hiltest.world.earth_field import Vector, apply_rows
 from hiltest.world.filtered_noise import LowPassedNoise, low_pass_taps
@@ -81,6 +82,10 @@ class Fxas21002c(RegisterDevice):
         self._control = [0, 0, 0, 0]  # CTRL_REG0..3
         self._plain = dict.fromkeys(_PLAIN, 0)
         self._boot_over_s = BOOT_S
+
+    def parts(self) -> tuple[Restorable, ...]:
+        """Return output, noise and FIFO."""
+        return (*self.outputs, self._noise, self._fifo)
 
     def power_up(self, time_s: float) -> None:
         """Boot at another time than the board."""

@@ -18,6 +18,7 @@ from hiltest.sensors.extremes import Extremes
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, Measure, SampledOutput, limited
+from hiltest.state import Restorable
 from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
 from hiltest.world.playback import Sensed
 
@@ -155,6 +156,10 @@ class Fxos8700cq(RegisterDevice):
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._answers_from_s = 0.0
         self._sigma_ut = 0.0  # at the oversampling it was made active with
+
+    def parts(self) -> tuple[Restorable, ...]:
+        """Return outputs, FIFO and extremes."""
+        return (*self.outputs, self._fifo, self._extremes)
 
     def responds(self, time_s: float) -> bool:
         """Answer except in the millisecond of a software reset."""

@@ -6,9 +6,10 @@ import math
 from abc import ABC, abstractmethod
 
 from hiltest.sensors.sampling import SampledOutput
+from hiltest.state import Restorable
 
 
-class RegisterDevice(ABC):
+class RegisterDevice(ABC, Restorable):
     """Bus interface that MAG3110, FXOS8700CQ and FXAS21002C have in common.
 
     The first byte written after an address is the register pointer; each further byte
@@ -28,6 +29,10 @@ class RegisterDevice(ABC):
         self.outputs: tuple[SampledOutput, ...] = ()
         self._pointer = 0
         self._awaiting_pointer = False
+
+    def parts(self) -> tuple[Restorable, ...]:
+        """Return the outputs, and whatever else of the part has a state of its own."""
+        return self.outputs
 
     def start(self, reading: bool, time_s: float) -> bool:
         """Answer the device address after START or repeated START; True is ACK."""
@@ -69,14 +74,14 @@ class RegisterDevice(ABC):
         """Return the next time at which time alone may change a level [s]; infinity when an access must come first."""
         return math.inf
 
-    def power_up(self, time_s: float) -> None:  # noqa: B027 - a part that boots at once has nothing to do
+    def power_up(self, time_s: float) -> None:
         """Begin at another time than the board, as a part does whose supply comes back."""
 
     def responds(self, time_s: float) -> bool:
         """Say whether the part answers its address now."""
         return True
 
-    def settle(self, time_s: float) -> None:  # noqa: B027 - a part without timed transitions has none
+    def settle(self, time_s: float) -> None:
         """Carry out transitions that time alone has brought, before an access."""
 
     @abstractmethod

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from copy import copy
 from typing import Protocol, TypeAlias
 
+from hiltest.state import Restorable
 from hiltest.world import Vector, World
 
 Counts: TypeAlias = tuple[int, int, int]
@@ -33,7 +34,7 @@ class SampleNoise(Protocol):
         """Return the triple of sample `number`, counted from the start of `epoch`."""
 
 
-class SampledOutput:
+class SampledOutput(Restorable):
     """Three output words on an absolute time grid, with data-ready and overwrite flags.
 
     Parameters

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
+from hiltest.state import Restorable
 from hiltest.world.earth_field import Vector
 from hiltest.world.noise import NoiseSource
 
@@ -52,7 +53,7 @@ def _power(half: list[float]) -> float:
     return half[0] ** 2 + 2.0 * sum(tap**2 for tap in half[1:])
 
 
-class LowPassedNoise:
+class LowPassedNoise(Restorable):
     """Noise triples whose spectrum is flat with density 1 up to a filter's bandwidth.
 
     Attributes

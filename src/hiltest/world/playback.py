@@ -10,6 +10,7 @@ from enum import Enum, StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.state import Restorable
 from hiltest.world.earth_field import Vector
 
 Reals = NDArray[np.float64]
@@ -50,7 +51,7 @@ class Track:
     readings: Reals
 
 
-class Playback:
+class Playback(Restorable):
     """A recording as it is played.
 
     Parameters

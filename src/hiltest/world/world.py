@@ -7,6 +7,7 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 from hiltest.angles import Pose, rotation_rows, wrap_180
+from hiltest.state import Restorable
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.disturbances import Disturbances
 from hiltest.world.earth_field import GRAVITY_NED_G, EarthField, Vector, apply_rows
@@ -56,7 +57,7 @@ class WorldState:
     pose: Pose
 
 
-class World:
+class World(Restorable):
     """A bench: a turntable in the earth's field, and a board fixed on it.
 
     Parameters
@@ -114,6 +115,10 @@ class World:
         self._epochs: list[tuple[int, float]] = [(0, 0.0)]
         self._epoch_starts: list[float] = [0.0]
         self._tumbles = 0
+
+    def parts(self) -> tuple[Playback, ...]:
+        """Return the recording that is played, if one is."""
+        return () if self.playback is None else (self.playback,)
 
     def turn_to(self, pose: Pose, *, time_s: float, known_angle: int | None = None) -> float:
         """Turn the table to a pose and stay there.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from hiltest.errors import ConfigError
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import pin_place, table
 from hiltest.virtual.peripherals.port import Port
 
@@ -40,7 +41,7 @@ class BoardEvent:
         return f"{self.time_s:.6f} s: {self.what} {'on' if self.on else 'off'}"
 
 
-class LedsAndButtons:
+class LedsAndButtons(Restorable):
     """The LEDs and buttons, and what happened to them.
 
     Parameters

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+from hiltest.state import Restorable
 from hiltest.virtual.peripherals.i2c_bus import I2cDevice
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.schedule import Event
@@ -26,7 +27,7 @@ class InterruptSource(I2cDevice, Protocol):
         ...
 
 
-class InterruptWires:
+class InterruptWires(Restorable):
     """Keeps two wires at the levels of a part's pins.
 
     A part says when it may raise a pin by itself, so nothing is looked at while nothing

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, SnapshotError
+from hiltest.state import HasState
 from hiltest.virtual.board.cortex_m4 import VirtualCortexM4, opened
 from hiltest.virtual.board.frdm_k64f import BoardEvent, LedsAndButtons
 from hiltest.virtual.board.interrupt_wires import InterruptSource, InterruptWires
 from hiltest.virtual.board.loading import load_segments, vectors
 from hiltest.virtual.board.memory_map import memory_map
 from hiltest.virtual.board.microcontroller import Microcontroller
+from hiltest.virtual.core.machine import Snapshot
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cDevice
@@ -27,6 +31,16 @@ from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import MK64FN1M0
 from hiltest.virtual.processor.schedule import Event
 from hiltest.virtual.program.elf import FirmwareImage
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardSnapshot:
+    """State of a board and of everything on its buses at one moment; `VirtualK64F.snapshot` takes it."""
+
+    board: VirtualK64F
+    machine: Snapshot
+    parts: tuple[tuple[HasState, Any], ...]
+    is_booted: bool
 
 
 class VirtualK64F(VirtualCortexM4):
@@ -81,6 +95,7 @@ class VirtualK64F(VirtualCortexM4):
 
         super().__init__(elf, profile=profile, memory=MK64FN1M0, part=microcontroller)
         self._leds_and_buttons = LedsAndButtons(self._chip.ports, self.clocks.time_s)
+        self._wires: list[InterruptWires] = []
         self.run_processor = self.processor.run
         self.debugged, self.halted_s = False, 0.0
 
@@ -177,6 +192,56 @@ class VirtualK64F(VirtualCortexM4):
             )
         return self.clocks.core_hz
 
+    # -- snapshots ----------------------------------------------------------------------------
+
+    def snapshot(self) -> BoardSnapshot:
+        """Take a snapshot of processor, memories, peripherals and the parts on the buses, to `restore` it later.
+
+        What is outside is no part of it: the host's end of the serial lines, the world that sensors measure, what
+        was watched, counted and recorded so far. `VirtualBench.snapshot` has the world too.
+
+        Raises
+        ------
+        SnapshotError
+            If a request is open: the board runs, or bytes of the host are on a line towards it. If a file holds the
+            board's flash.
+        """
+        self._refuse_if_running()
+        for uart in self.uarts:
+            if uart.host_arriving:
+                count = f"{uart.host_arriving} bytes of the host are on the line to {uart.name}"
+                raise SnapshotError(f"a request is open: {count}; run the board until it has answered")
+        machine = self.processor.machine.snapshot(with_devices=True)
+        return BoardSnapshot(self, machine, tuple((part, part.state()) for part in self._stateful()), self._booted)
+
+    def restore(self, snapshot: BoardSnapshot) -> None:
+        """Go back to a snapshot of this board: it does again what it did since.
+
+        On the serial lines nothing is under way afterwards: bytes that the host has not fetched are lost, and a host
+        that counts requests begins anew (`Session.synchronise`). Calls of watched functions that were under way at the
+        snapshot are not seen to return.
+
+        Raises
+        ------
+        SnapshotError
+            If it is of another board, or the board runs.
+        """
+        if snapshot.board is not self:
+            raise SnapshotError("the snapshot is of another board; a board goes back to its own snapshots alone")
+        self._refuse_if_running()
+        self.processor.machine.restore(snapshot.machine)
+        for part, state in snapshot.parts:
+            part.restore(state)
+        self._booted = self.processor.delivers_faults = snapshot.is_booted
+
+    def _refuse_if_running(self) -> None:
+        if self.processor.is_running:
+            raise SnapshotError("a request is open: the board runs; wait until `run_until` or `call` has come back")
+
+    def _stateful(self) -> list[HasState]:
+        """Return everything that a snapshot has beside the core and its peripherals in C."""
+        return [self._chip, self._leds_and_buttons, *self._wires, self.processor.fault_log, self.processor.waiting]
+
     # -- what is on the chip ------------------------------------------------------------------
 
     @property
@@ -268,6 +333,7 @@ class VirtualK64F(VirtualCortexM4):
         """
         pins = self._chip.wire_to(int1), self._chip.wire_to(int2)
         wires = InterruptWires(part, pins, self.clocks.time)
+        self._wires.append(wires)
         self._chip.i2c_buses[bus].after_stop(part, wires.look)
         wires.look()
 

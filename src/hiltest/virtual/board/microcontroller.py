@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from hiltest.state import HasState, Restorable
 from hiltest.virtual.board.bare_part import private_peripherals
 from hiltest.virtual.part.chip import ChipPeripheral, mk64f12, pin_place
 from hiltest.virtual.peripherals.adc import Converter
@@ -42,7 +43,7 @@ ROOM_DEGC = 25.0
 _VLLS3 = 3  # it keeps RAM; those below it lose all, VLLS2 here too
 
 
-class Microcontroller:
+class Microcontroller(Restorable):
     """The peripherals of the part, on the bus of a processor.
 
     Parameters
@@ -207,6 +208,10 @@ class Microcontroller:
             for page, modules in self._chip.pages.items()
             if page not in modelled
         ]
+
+    def parts(self) -> list[HasState]:
+        """Return everything on the bus, the calendar, and the parts on the I2C buses."""
+        return [*self._peripherals, self.bus, self._processor.schedule, self.flash, self.unmodelled, *self.i2c_buses]
 
     # -- reset --------------------------------------------------------------------------------
 

@@ -1,14 +1,16 @@
 #include "devices.h"
 
 #include <stdlib.h>
+#include <string.h>
 
-bool add_device(struct machine *machine, struct device *device)
+bool add_device(struct machine *machine, struct device *device, size_t size)
 {
     if (machine->device_count == DEVICES) {
         free(device);
         return false;
     }
     device->is_clocked = true;
+    device->size = size;
     machine->devices[machine->device_count++] = device;
     device->reset(machine, device);
     return true;
@@ -104,4 +106,54 @@ void machine_write_device(struct machine *machine, uint32_t address, uint32_t si
     struct device *device = device_with(machine, address, size);
     if (device)
         device->write(machine, device, address - device->base, size, value);
+}
+
+/* -- snapshots ---------------------------------------------------------------------------------------------------- */
+
+/* Peripherals at some moment: what they have in common, and the structure of each, one after the other. */
+struct device_states {
+    struct calendar calendar;
+    uint64_t requests;
+    uint32_t answers[ANSWERS];
+    int64_t oldest_answer;
+    uint8_t structures[];
+};
+
+struct device_states *copy_devices(const struct machine *machine)
+{
+    size_t size = 0;
+    for (int32_t i = 0; i < machine->device_count; i++)
+        size += machine->devices[i]->size;
+    struct device_states *states = malloc(sizeof *states + size);
+    if (!states)
+        return NULL;
+    states->calendar = machine->calendar;
+    states->requests = machine->requests;
+    memcpy(states->answers, machine->answers, sizeof states->answers);
+    states->oldest_answer = machine->oldest_answer;
+    uint8_t *structure = states->structures;
+    for (int32_t i = 0; i < machine->device_count; i++) {
+        memcpy(structure, machine->devices[i], machine->devices[i]->size);
+        structure += machine->devices[i]->size;
+    }
+    return states;
+}
+
+/* Events lie in the structures of their peripherals: the calendar's pointers to them hold as long as the machine. */
+void restore_devices(struct machine *machine, const struct device_states *states)
+{
+    machine->calendar = states->calendar;
+    machine->requests = states->requests;
+    memcpy(machine->answers, states->answers, sizeof machine->answers);
+    machine->oldest_answer = states->oldest_answer;
+    const uint8_t *structure = states->structures;
+    for (int32_t i = 0; i < machine->device_count; i++) {
+        struct device *device = machine->devices[i];
+        const size_t size = device->size;
+        if (device->restore)
+            device->restore(device, structure);
+        else
+            memcpy(device, structure, size);
+        structure += size;
+    }
 }

@@ -2,12 +2,15 @@
 #ifndef HILTEST_DEVICES_H
 #define HILTEST_DEVICES_H
 
+#include <stddef.h>
+
 #include "state.h"
 
 /* A peripheral, as the first member of its own structure. */
 struct device {
     uint32_t base;   /* address of its page, or of the part of one that it answers for */
     uint32_t bytes;  /* how many it answers for from there on */
+    size_t size;     /* of its own structure, see add_device */
     bool is_clocked; /* whether its clock gate is open; otherwise the bus refuses the access and says why */
     uint32_t (*read)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
     void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value);
@@ -15,11 +18,14 @@ struct device {
     /* Take note of loads by the instruction at `place` that were answered without it; NULL if they do not matter. */
     void (*repeat)(struct machine *machine, struct device *device, uint32_t offset, uint32_t place, int64_t repeats);
     void (*destroy)(struct device *device); /* free what it owns; NULL if that is nothing */
+    /* Go back to the bytes that its structure had; NULL if they are all that there is to it. */
+    void (*restore)(struct device *device, const void *state);
 };
 
 /* Have a device answer for its page, from its state after a reset on. The machine owns it from now on and frees it.
- * False if there is no room: it is freed at once. */
-bool add_device(struct machine *machine, struct device *device);
+ * False if there is no room: it is freed at once. A snapshot copies its structure of so many bytes: what it points to
+ * never changes, or `restore` sees to it. */
+bool add_device(struct machine *machine, struct device *device, size_t size);
 /* The device that answers for all bytes of an access, the first of them, if one does and its gate is open. */
 struct device *device_at(const struct machine *machine, uint32_t address, uint32_t size);
 /* The device that begins at an address, or NULL. */

@@ -586,5 +586,6 @@ bool machine_add_dma(struct machine *machine, struct machine_dma connections)
         .reset = reset_multiplexer};
     multiplexer->dma = dma;
     machine->dma = &dma->device;
-    return add_device(machine, &dma->device) && add_device(machine, &multiplexer->device);
+    return add_device(machine, &dma->device, sizeof *dma)
+        && add_device(machine, &multiplexer->device, sizeof *multiplexer);
 }

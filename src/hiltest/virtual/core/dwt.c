@@ -58,7 +58,7 @@ static void keep_reading(struct machine *machine, struct dwt *dwt)
     struct machine_reading *reading = add_reading(dwt->readings);
     const int64_t loads = machine->core.device_loads - dwt->loads;
     reading->count = dwt->count;
-    reading->snapshot = machine_snapshot(machine);
+    reading->snapshot = machine_snapshot(machine, false);
     reading->answer_count = loads <= MOST_ANSWERS ? (int32_t)loads : -1;
     if (!machine_answers(machine, dwt->loads, reading->answer_count, reading->answers))
         reading->answer_count = -1;
@@ -150,7 +150,7 @@ bool machine_add_dwt(struct machine *machine)
         .base = DWT_BASE, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .repeat = repeat,
         .reset = reset, .destroy = destroy};
     dwt->readings = readings;
-    return add_device(machine, &dwt->device);
+    return add_device(machine, &dwt->device, sizeof *dwt);
 }
 
 void machine_set_counter(struct machine *machine, bool is_present)

@@ -611,7 +611,7 @@ bool machine_add_ftm(struct machine *machine, uint32_t base, struct machine_ftm 
         .base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
     ftm->edge = (struct event){.fire = pass_edge, .owner = ftm};
     ftm->connections = connections;
-    return add_device(machine, &ftm->device);
+    return add_device(machine, &ftm->device, sizeof *ftm);
 }
 
 void machine_hear_channels(struct machine *machine, uint32_t base, uint32_t channels)

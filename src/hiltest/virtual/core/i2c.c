@@ -238,7 +238,7 @@ bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c 
         .base = base, .bytes = PAGE_BYTES, .read = read_registers, .write = write_registers, .reset = reset};
     i2c->connections = connections;
     i2c->completion = (struct event){.fire = complete_byte, .owner = i2c};
-    return add_device(machine, &i2c->device);
+    return add_device(machine, &i2c->device, sizeof *i2c);
 }
 
 void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int64_t begin, int64_t end)

@@ -158,7 +158,7 @@ bool machine_add_lptmr(struct machine *machine, uint32_t base, struct machine_lp
         .base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
     lptmr->compare = (struct event){.fire = leave_compare, .owner = lptmr};
     lptmr->connections = connections;
-    return add_device(machine, &lptmr->device);
+    return add_device(machine, &lptmr->device, sizeof *lptmr);
 }
 
 void machine_lptmr_edge(struct machine *machine, uint32_t base, int32_t pin, bool high)

@@ -269,6 +269,8 @@ double machine_uart_baud(struct machine *machine, uint32_t base);
 /* Put bytes on the line towards the board, one after the other at line speed. False, and nothing happens, if 16 MiB are
  * on their way. */
 bool machine_uart_write(struct machine *machine, uint32_t base, const uint8_t *bytes, int32_t count);
+/* Bytes on the line towards the board. */
+int32_t machine_uart_arriving(struct machine *machine, uint32_t base);
 /* Bytes that the board has sent and the host has not fetched; and fetch at most so many. Returns how many, or -1 if
  * bytes are lost, because the host had not fetched 16 MiB before them. */
 int32_t machine_uart_waiting(struct machine *machine, uint32_t base);
@@ -545,15 +547,17 @@ int64_t machine_unpaused_cycles(struct machine *machine);
 /* The state of a machine with its memories at one moment. It shares pages with others and with the machines that it was
  * taken of and restored to: all of them belong to one thread. */
 struct snapshot;
-/* Take one, also in a callback: then it stands before the instruction that runs. NULL if there is no memory for it. */
-struct snapshot *machine_snapshot(struct machine *machine);
+/* Take one, also in a callback: then it stands before the instruction that runs. with_devices: with the peripherals in C
+ * and their events. NULL if there is no memory for it. */
+struct snapshot *machine_snapshot(struct machine *machine, bool with_devices);
 void machine_forget_snapshot(struct snapshot *snapshot);
 const struct core *machine_snapshot_core(const struct snapshot *snapshot);
 /* Read memories as they were. False if the range is not one memory. */
 bool machine_read_snapshot(const struct snapshot *snapshot, uint32_t address, uint32_t size, uint8_t *bytes);
 /* Go back to a snapshot, or have the machine go on from that of another one. Prices, breakpoints and watchpoints stay,
- * and how `machine_run` behaves; peripherals and their events stay as they are, and calls that are under way are
- * abandoned. False, and nothing happens, inside a callback and if the memories are not the same. */
+ * and how `machine_run` behaves. Peripherals stay as they are, unless the snapshot has them; of bytes that a UART sends
+ * or gets none is under way then. Calls that are under way are abandoned. False, and nothing happens, inside a callback,
+ * if the memories are not the same, and if the snapshot has the peripherals of another machine. */
 bool machine_restore(struct machine *machine, const struct snapshot *snapshot);
 /* Make a machine with the same kind of core, memories that hold zeros, and prices. NULL if there is no memory. */
 struct machine *machine_like(const struct machine *machine);

@@ -46,13 +46,16 @@ class Snapshot:
     ----------
     handle : struct snapshot
         It is freed with this object.
+    machine : Machine, optional
+        Whose peripherals it has: they stay as long as their states.
     """
 
-    __slots__ = ("handle",)
+    __slots__ = ("_machine", "handle")
 
-    def __init__(self, handle: Any) -> None:
+    def __init__(self, handle: Any, machine: Machine | None = None) -> None:
         if handle == ffi.NULL:
             raise MemoryError
+        self._machine = machine
         self.handle = ffi.gc(handle, lib.machine_forget_snapshot)
 
     @property
@@ -153,9 +156,15 @@ class Machine:
         """Drive a source of DMA requests."""
         lib.machine_set_request(self.handle, source, level)
 
-    def snapshot(self) -> Snapshot:
-        """Take a snapshot, inside a device's access of the state before the instruction that runs."""
-        return Snapshot(lib.machine_snapshot(self.handle))
+    def snapshot(self, *, with_devices: bool = False) -> Snapshot:
+        """Take a snapshot, inside a device's access of the state before the instruction that runs.
+
+        Parameters
+        ----------
+        with_devices : bool
+            Whether it has the peripherals in C and their events: then only this machine can go back to it.
+        """
+        return Snapshot(lib.machine_snapshot(self.handle, with_devices), self if with_devices else None)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot: of this machine, or of another one with the same memories.
@@ -163,10 +172,10 @@ class Machine:
         Raises
         ------
         ConfigError
-            If the memories are not the same, or an instruction is under way.
+            If the memories are not the same, the peripherals are another machine's, or an instruction is under way.
         """
         if not lib.machine_restore(self.handle, snapshot.handle):
-            raise ConfigError("a snapshot of other memories, or an instruction is under way")
+            raise ConfigError("a snapshot of other memories or peripherals, or an instruction is under way")
 
     def tell_repeated(self, tell: TellRepeated, abort: Callable[[BaseException], None]) -> None:
         """Have told which loads of devices the core has answered; `abort` gets any exception."""

@@ -257,7 +257,7 @@ bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit 
         .base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
     pit->expiry = (struct event){.fire = expire, .owner = pit};
     pit->connections = connections;
-    return add_device(machine, &pit->device);
+    return add_device(machine, &pit->device, sizeof *pit);
 }
 
 void hear_timers(struct machine *machine, uint32_t base, uint32_t channels)

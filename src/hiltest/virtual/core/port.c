@@ -200,7 +200,7 @@ struct machine_pins *machine_add_port(struct machine *machine, uint32_t base, st
     port->connections = connections;
     for (uint32_t pin = 0; pin < PINS; pin++)
         port->functions[pin] = connections.controls[pin] >> PCR_MUX_SHIFT & PCR_MUX;
-    return add_device(machine, &port->device) ? &port->pins : NULL;
+    return add_device(machine, &port->device, sizeof *port) ? &port->pins : NULL;
 }
 
 bool machine_add_gpio(struct machine *machine, uint32_t base, const uint32_t ports[PORTS])
@@ -212,7 +212,7 @@ bool machine_add_gpio(struct machine *machine, uint32_t base, const uint32_t por
         .base = base, .bytes = PAGE_BYTES, .read = read_gpio, .write = write_gpio, .reset = reset_gpio};
     for (int32_t i = 0; i < PORTS; i++)
         gpio->ports[i] = (struct port *)device_of(machine, ports[i]);
-    return add_device(machine, &gpio->device);
+    return add_device(machine, &gpio->device, sizeof *gpio);
 }
 
 void machine_settle_pins(struct machine *machine, uint32_t base)

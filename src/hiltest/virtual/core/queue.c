@@ -54,6 +54,11 @@ int32_t queue_take(struct queue *queue, uint8_t *bytes, int32_t count)
     return taken;
 }
 
+void queue_clear(struct queue *queue)
+{
+    queue->begin = queue->count = 0;
+}
+
 void queue_destroy(struct queue *queue)
 {
     free(queue->bytes);

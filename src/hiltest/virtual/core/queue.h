@@ -19,6 +19,8 @@ bool queue_reserve(struct queue *queue, int32_t count);
 bool queue_put(struct queue *queue, uint8_t byte);
 /* Take at most so many bytes from the beginning; returns how many. */
 int32_t queue_take(struct queue *queue, uint8_t *bytes, int32_t count);
+/* Drop all bytes; the room stays. */
+void queue_clear(struct queue *queue);
 void queue_destroy(struct queue *queue);
 
 #endif

@@ -25,6 +25,8 @@ struct snapshot {
     bool exclusive;
     uint32_t exclusive_address;
     struct memory_waits *waits; /* NULL if memories add none */
+    struct device_states *devices; /* of `machine`, or NULL */
+    const struct machine *machine;
     int memory_count;
     struct snapshot_memory memories[MEMORIES];
     uint32_t group_count;
@@ -200,7 +202,13 @@ static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
     return true;
 }
 
-struct snapshot *machine_snapshot(struct machine *machine)
+static bool copy_peripherals(const struct machine *machine, struct snapshot *snapshot)
+{
+    snapshot->devices = copy_devices(machine);
+    return snapshot->devices;
+}
+
+struct snapshot *machine_snapshot(struct machine *machine, bool with_devices)
 {
     struct snapshot *snapshot = malloc(sizeof *snapshot + count_groups(machine) * sizeof *snapshot->groups);
     if (!snapshot)
@@ -219,7 +227,10 @@ struct snapshot *machine_snapshot(struct machine *machine)
     snapshot->exclusive_address = machine->exclusive_address;
     snapshot->group_count = 0;
     snapshot->waits = NULL;
-    if (!copy_waits(machine, snapshot) || !copy_memories(machine, snapshot)) {
+    snapshot->devices = NULL;
+    snapshot->machine = machine;
+    if (!copy_waits(machine, snapshot) || !copy_memories(machine, snapshot)
+        || (with_devices && !copy_peripherals(machine, snapshot))) {
         machine_forget_snapshot(snapshot);
         return NULL;
     }
@@ -233,6 +244,7 @@ void machine_forget_snapshot(struct snapshot *snapshot)
     for (uint32_t i = 0; i < snapshot->group_count; i++)
         release_group(snapshot->groups[i]);
     free(snapshot->waits);
+    free(snapshot->devices);
     free(snapshot);
 }
 
@@ -301,8 +313,10 @@ static void restore_core(struct machine *machine, const struct core *state)
 
 bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
 {
-    if (machine->running || !has_same_memories(machine, snapshot))
+    if (machine->running || !has_same_memories(machine, snapshot)
+        || (snapshot->devices && snapshot->machine != machine))
         return false;
+    forget_answers(machine);
     restore_memories(machine, snapshot);
     restore_core(machine, &snapshot->core);
     machine->pipeline = snapshot->pipeline;
@@ -318,6 +332,8 @@ bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
     if (machine->waits)
         waits_restore(machine->waits, snapshot->waits);
     machine->oldest_answer = snapshot->core.device_loads;
+    if (snapshot->devices)
+        restore_devices(machine, snapshot->devices);
     machine->looks = true;
     calls_reset(machine);
     return true;

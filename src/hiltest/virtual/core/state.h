@@ -190,6 +190,9 @@ void calls_destroy(struct machine *machine);
 
 /* devices.c */
 void forget_devices(struct machine *machine);
+/* Copy all peripherals, to go back to them on the same machine; NULL if there is no memory. The copy is to be freed. */
+struct device_states *copy_devices(const struct machine *machine);
+void restore_devices(struct machine *machine, const struct device_states *states);
 
 /* exceptions.c */
 enum { PRIORITY_IDLE = 256 };

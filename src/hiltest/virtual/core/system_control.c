@@ -296,5 +296,5 @@ bool machine_add_system_control(struct machine *machine, struct machine_system_c
     control->device = (struct device){
         .base = SYSTEM_CONTROL, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
     control->connections = connections;
-    return add_device(machine, &control->device);
+    return add_device(machine, &control->device, sizeof *control);
 }

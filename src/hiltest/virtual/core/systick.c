@@ -123,5 +123,5 @@ bool machine_add_systick(struct machine *machine, int32_t clock)
         .base = SYSTICK_BASE, .bytes = REGISTER_BYTES, .read = read_register, .write = write_register, .reset = reset};
     timer->expiry = (struct event){.fire = expire, .owner = timer};
     timer->clock = clock;
-    return add_device(machine, &timer->device);
+    return add_device(machine, &timer->device, sizeof *timer);
 }

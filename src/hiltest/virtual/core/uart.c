@@ -296,6 +296,18 @@ static void destroy(struct device *device)
     queue_destroy(&uart->sent);
 }
 
+/* Bytes between host and board are the host's: none is under way afterwards. */
+static void restore(struct device *device, const void *state)
+{
+    struct uart *uart = (struct uart *)device;
+    const struct queue incoming = uart->incoming, sent = uart->sent;
+    memcpy(uart, state, sizeof *uart);
+    uart->incoming = incoming;
+    uart->sent = sent;
+    queue_clear(&uart->incoming);
+    queue_clear(&uart->sent);
+}
+
 bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uart connections)
 {
     struct uart *uart = calloc(1, sizeof *uart);
@@ -303,13 +315,13 @@ bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uar
         return false;
     uart->device = (struct device){
         .base = base, .bytes = PAGE_BYTES, .read = read_registers, .write = write_registers, .reset = reset,
-        .destroy = destroy};
+        .destroy = destroy, .restore = restore};
     uart->connections = connections;
     uart->expected_byte = -1;
     uart->arrival = (struct event){.fire = arrive, .owner = uart};
     uart->idle = (struct event){.fire = be_idle, .owner = uart};
     uart->end = (struct event){.fire = end_byte, .owner = uart};
-    return add_device(machine, &uart->device);
+    return add_device(machine, &uart->device, sizeof *uart);
 }
 
 static struct uart *uart_of(const struct machine *machine, uint32_t base)
@@ -347,6 +359,11 @@ void machine_uart_expect(struct machine *machine, uint32_t base, int32_t count, 
     struct uart *uart = uart_of(machine, base);
     uart->expected_count = count;
     uart->expected_byte = byte;
+}
+
+int32_t machine_uart_arriving(struct machine *machine, uint32_t base)
+{
+    return uart_of(machine, base)->incoming.count;
 }
 
 int32_t machine_uart_waiting(struct machine *machine, uint32_t base)

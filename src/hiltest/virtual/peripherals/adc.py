@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.mcg import IRC48M_HZ
 from hiltest.virtual.peripherals.sim import ClockGates
@@ -29,7 +30,7 @@ _LONG_SAMPLE = (20, 12, 6, 2)  # further clocks, by CFG2.ADLSTS
 _CALIBRATION_CLOCKS = 14_000  # with 32 averages, as the manual has it
 
 
-class Converter:
+class Converter(Restorable):
     """One ADC16 module.
 
     An ideal converter: offset, gain and calibration registers keep what is written and change no result.
@@ -86,7 +87,7 @@ class Converter:
 
     @property
     def _own_hz(self) -> int:
-        return _OWN_HZ[self._registers[_CFG1] >> 7 << 1 | self._registers[_CFG2] >> 2 & 1]
+        return _OWN_HZ[self._registers[_CFG1] >> 6 & 2 | self._registers[_CFG2] >> 2 & 1]
 
     def _ticks(self, clocks: int, bus_clocks: int) -> tuple[Clock, int]:
         """Clock that the conversion follows, and how many of its ticks so many clocks of the converter take."""

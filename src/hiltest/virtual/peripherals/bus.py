@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterable
 from functools import cache
 from typing import Any, Protocol, runtime_checkable
 
+from hiltest.state import HasState, Restorable
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import RefusedAccess
 from hiltest.virtual.processor.cpu import Processor
@@ -16,7 +17,7 @@ ALL_STEADY: Offsets = range(_PAGE)
 NONE_STEADY: Offsets = range(0)
 
 
-class Peripheral(Protocol):
+class Peripheral(HasState, Protocol):
     """One block of registers.
 
     Attributes
@@ -66,7 +67,7 @@ def write_by_bytes(peripheral: Peripheral, offset: int, size: int, value: int) -
         peripheral.write(offset + index, 1, value >> 8 * index & 0xFF)
 
 
-class StoredRegisters:
+class StoredRegisters(Restorable):
     """A block whose registers keep what is written and do nothing else that firmware could see.
 
     Parameters
@@ -128,7 +129,7 @@ def _declared(steady: frozenset[int], counters: frozenset[int], *, counts_reads:
     return ffi.new("uint8_t[]", [kinds.get(offset, 0) for offset in range(_PAGE)])
 
 
-class PeripheralBus:
+class PeripheralBus(Restorable):
     """Connects the processor's loads and stores to peripherals.
 
     Parameters

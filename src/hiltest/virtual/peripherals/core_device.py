@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from hiltest.state import Restorable
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.processor.cpu import Processor
@@ -23,7 +24,7 @@ def guarded(processor: Processor, declaration: str, action: Callable[..., None])
     return call
 
 
-class CoreDevice:
+class CoreDevice(Restorable):
     """A block of registers in C, which the core reaches without Python.
 
     Parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 
@@ -20,7 +21,7 @@ def _transposed(data: bytes, how: int) -> bytes:
     return data[::-1] if how & 2 else data
 
 
-class CheckValue:
+class CheckValue(Restorable):
     """The CRC module.
 
     An access is as wide as its data: a byte, a halfword or a word, of which the highest byte goes first, after

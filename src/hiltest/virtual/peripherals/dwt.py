@@ -92,6 +92,16 @@ class CycleCounter(CoreDevice):
             self._readings.append(_reading(taken) if taken.snapshot else None)
         return self._readings
 
+    def state(self) -> Any:
+        """Return the state with the readings up to now."""
+        self._readings = self.readings  # those that the core still has are taken
+        return super().state()
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state; readings that came later are dropped."""
+        self.readings.clear()
+        super().restore(state)
+
     def forget(self) -> None:
         """Drop the readings so far: a request begins, and what it reports is of readings that come now."""
         self.readings.clear()

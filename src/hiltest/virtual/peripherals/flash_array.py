@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, SnapshotError
+from hiltest.state import Restorable
 from hiltest.strict_json import read_bounded
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import FLASH
@@ -16,7 +18,7 @@ PHRASE, RECORDS = 8, 8
 ERASED = b"\xff"
 
 
-class FlashArray:
+class FlashArray(Restorable):
     """The two blocks of flash, and the field of records that can be programmed once.
 
     Parameters
@@ -36,6 +38,18 @@ class FlashArray:
         self.once = bytearray(ERASED * (PHRASE * RECORDS))
         self._memory = processor.memory
         self._file = None if file is None else Path(file)
+
+    def state(self) -> Any:
+        """Return the records; the flash itself is a memory of the machine.
+
+        Raises
+        ------
+        SnapshotError
+            If a file holds the flash.
+        """
+        if self._file is not None:
+            raise SnapshotError(f"{self._file} holds the board's flash, and does not go back to what it was")
+        return super().state()
 
     def read(self, address: int, size: int) -> bytes:
         """Read a part of it."""

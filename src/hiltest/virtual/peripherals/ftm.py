@@ -64,6 +64,10 @@ class FlexTimer(CoreDevice):
             raise MemoryError
         super().__init__(machine, module.name, module.base)
 
+    def parts(self) -> list[PinSignal]:
+        """Return the signals."""
+        return self._channels
+
     def clock_input(self, number: int, high: bool) -> None:
         """Take the new level of FTM_CLKIN0 or 1."""
         if high and self._clocks.word(_SOPT4) >> 24 + int(self.name[-1]) & 1 == number:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from hiltest.state import HasState, Restorable
 
-class I2cDevice(Protocol):
+
+class I2cDevice(HasState, Protocol):
     """A part on the bus; times are virtual seconds since power-on."""
 
     @property
@@ -41,7 +43,7 @@ class HeldLine:
     end_s: float
 
 
-class I2cBus:
+class I2cBus(Restorable):
     """Wires a master to its parts by address.
 
     Parameters
@@ -62,6 +64,10 @@ class I2cBus:
         self.on_hold: Callable[[HeldLine], None] = lambda _held: None
         self._addressed: I2cDevice | None = None
         self._after_stop: dict[int, Callable[[], None]] = {}
+
+    def parts(self) -> Iterable[I2cDevice]:
+        """Return the parts on the wires."""
+        return self._devices.values()
 
     def after_stop(self, device: I2cDevice, action: Callable[[], None]) -> None:
         """Call `action` after each STOP that ends an access to a part."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 
 from hiltest.virtual.core.library import ffi, lib
@@ -43,6 +44,10 @@ class LowPowerTimer(CoreDevice):
             raise MemoryError
         super().__init__(machine, module.name, module.base)
         self.signals = {f"{self.name}_ALT{select}": PinSignal(partial(self._edge, select)) for select in (1, 2)}
+
+    def parts(self) -> Iterable[PinSignal]:
+        """Return the signals."""
+        return self.signals.values()
 
     def power_on(self) -> None:
         """State after power-on: disabled."""

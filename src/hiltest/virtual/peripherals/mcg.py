@@ -125,7 +125,7 @@ class ClockGenerator(StoredRegisters):
 
     @property
     def _pll_runs(self) -> bool:
-        enabled = self._bytes[_C6] & 0x40 or self._bytes[_C5] & 0x40  # PLLS, PLLCLKEN0
+        enabled = self._bytes[_C6] & 0x40 or self._bytes[_C5] & 0x40 or self.mode is ClockMode.PEE  # PLLS, PLLCLKEN0
         return bool(enabled) and self.mode not in (ClockMode.BLPI, ClockMode.BLPE)
 
     def _status(self) -> int:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from hiltest.state import Restorable
 
-class PinSignal:
+
+class PinSignal(Restorable):
     """A signal of a peripheral; pins carry it while their multiplexers select it.
 
     Parameters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.processor.clock import Clock
@@ -18,7 +19,7 @@ _LEVEL = 8  # OREG_LVL
 _CLOCKS_A_WORD = 256  # of the module clock, from GO or from the reading of a word to the next
 
 
-class RandomNumbers:
+class RandomNumbers(Restorable):
     """The random number generator (RNGA).
 
     Words are a hash of the seed, of what firmware wrote to ER, and of how many words came before since power-on:

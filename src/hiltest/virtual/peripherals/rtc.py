@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import StoredRegisters
 from hiltest.virtual.peripherals.mcg import RTC_HZ
@@ -18,7 +19,7 @@ _LOCKS = {_TCR: 1 << 3, _CR: 1 << 5, _SR: 1 << 4, _LR: 1 << 6}  # in LR: zero re
 _CORRECTABLE = 1 << 15  # ticks of a second, before TCR
 
 
-class RealTimeClock:
+class RealTimeClock(Restorable):
     """The RTC module; it goes on through every reset but power-on.
 
     Supervisor protection (CR.SUP, CR.WPE), and the access registers WAR and RAR keep what is written

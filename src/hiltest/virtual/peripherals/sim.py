@@ -85,6 +85,10 @@ class ClockGates(StoredRegisters):
     def _clocks(self, count: int) -> list[Clock]:
         return [Clock(self._processor.schedule, self._processor.now) for _ in range(count)]
 
+    def parts(self) -> list[Clock]:
+        """Return the clocks."""
+        return list(self._rates)
+
     def gate(self, peripheral: Peripheral, gates: Iterable[tuple[int, int]]) -> None:
         """Clock a peripheral while any of these bits of SCGC registers (1..7) is set; always, if there are none."""
         bits = [(_SCGC_FIRST + 4 * (register - 1), bit) for register, bit in gates]

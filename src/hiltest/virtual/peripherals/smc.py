@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from enum import Enum
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import StoredRegisters, read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.port import Port
@@ -68,7 +69,7 @@ class SleepMode(Enum):
         return self in (SleepMode.LLS, SleepMode.VLLS)
 
 
-class WakeUpUnit:
+class WakeUpUnit(Restorable):
     """LLWU: what ends LLS and VLLS; its filters keep what is written.
 
     Parameters

@@ -81,6 +81,12 @@ class Uart(CoreDevice):
         lib.machine_uart_expect(self._handle, self.base, count, byte)
 
     @property
+    def host_arriving(self) -> int:
+        """Bytes of the host that are on the line towards the board."""
+        arriving: int = lib.machine_uart_arriving(self._handle, self.base)
+        return arriving
+
+    @property
     def host_waiting(self) -> int:
         """Bytes that the board has sent and the host has not fetched."""
         waiting: int = lib.machine_uart_waiting(self._handle, self.base)

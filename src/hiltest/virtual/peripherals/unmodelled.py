@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from hiltest.state import Restorable
 from hiltest.virtual.part.chip import Chip, ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 from hiltest.virtual.processor.cpu import Processor
@@ -58,7 +59,7 @@ class UnmodelledAccess:
         return f"{self.register} at 0x{self.address:08x} is not modelled; {what}"
 
 
-class UnmodelledLog:
+class UnmodelledLog(Restorable):
     """Accesses to unmodelled registers, each register once, and the one that firmware waits for.
 
     Parameters

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from fractions import Fraction
 
 from hiltest.errors import ConfigError
+from hiltest.state import Restorable
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.processor.schedule import Event, Schedule
 
@@ -14,7 +15,7 @@ PICOSECONDS = 10**12  # in a second: ticks of the clock that keeps virtual time
 _DENOMINATOR_BITS, _PRODUCT_BITS = 31, 62  # see machine_set_clock
 
 
-class Clock:
+class Clock(Restorable):
     """One clock of the part; its ticks are counted since power-on.
 
     Virtual time is counted in cycles of the core. Every clock has a rate against them, which changes

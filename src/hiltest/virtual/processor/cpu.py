@@ -7,7 +7,8 @@ returns to Python for: events of the calendar, sleep, faults and hangs.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from hiltest.errors import BoardFault, place_of
 from hiltest.virtual.core.library import lib
@@ -49,6 +50,8 @@ class Processor:
         State of the core, see machine.h.
     calls : RunningCalls
         Calls of the functions that are watched.
+    is_running : bool
+        Whether `run` has not come back.
     fault_log : FaultLog
         What was delivered to the firmware's fault handlers.
     waits_for : callable
@@ -76,7 +79,7 @@ class Processor:
         self.calls = RunningCalls(self.machine, self.abort)
         self.waiting = Waiting(self.machine, self.nvic, self.schedule, self.fault_log)
         self._error: BaseException | None = None
-        self._chores: list[Callable[[], None]] = []
+        self.is_running = False
 
     @property
     def sleeping(self) -> bool:
@@ -167,10 +170,6 @@ class Processor:
         """Take note that the reading of a register that is under way has changed something."""
         lib.machine_load_changed(self.machine.handle)
 
-    def between_instructions(self, chore: Callable[[], None]) -> None:
-        """Call an action behind the instruction that runs."""
-        self._chores.append(chore)
-        self.look_soon()
 
     def _look_at(self, cycle: float) -> None:
         if cycle < self.core.deadline:
@@ -250,7 +249,7 @@ class Processor:
         waiting.has_end = math.isfinite(until.at_cycle)
         core.leaves_sleep = not waiting.has_end  # nothing may ever end it
         core.stops_at = lib.HOST_NONE if wake is None else lib.HOST_BYTES if for_bytes else lib.HOST_ANY
-        with deferred_interrupt(self.look_soon) as interrupted:
+        with self._marked_running(), deferred_interrupt(self.look_soon) as interrupted:
             while True:
                 now = core.cycles
                 schedule.run_due(now)
@@ -269,6 +268,14 @@ class Processor:
                 if self._execute(min(schedule.next_cycle, until.at_cycle)):
                     return True
 
+    @contextmanager
+    def _marked_running(self) -> Iterator[None]:
+        was_running, self.is_running = self.is_running, True
+        try:
+            yield
+        finally:
+            self.is_running = was_running
+
     def _sleep(self, until_cycle: float) -> None:
         """Stay in WFI or WFE: jump to the next event, or to where the run ends."""
         core = self.core
@@ -282,8 +289,6 @@ class Processor:
 
     def _execute(self, deadline: float) -> bool:
         """Enter the core once; True when a called function returned."""
-        while self._chores:
-            self._chores.pop(0)()
         core = self.core
         core.deadline = NEVER if math.isinf(deadline) else math.ceil(deadline)
         reason = lib.machine_run(self.machine.handle)

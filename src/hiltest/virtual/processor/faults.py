@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hiltest.errors import BoardFault
+from hiltest.state import Restorable
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.processor.bit_band import ALIASES
@@ -97,7 +98,7 @@ class FaultRecord:
     cycle: int
 
 
-class FaultLog:
+class FaultLog(Restorable):
     """Every fault since power-on, and those whose handlers have not returned.
 
     Attributes

@@ -6,6 +6,9 @@ import heapq
 import itertools
 import math
 from collections.abc import Callable
+from typing import Any
+
+from hiltest.state import Restorable
 
 
 class Event:
@@ -33,7 +36,7 @@ class Event:
             action()
 
 
-class Schedule:
+class Schedule(Restorable):
     """Events in order of their clock cycle; those of one cycle in the order they were made.
 
     Parameters
@@ -85,6 +88,19 @@ class Schedule:
         heapq.heapify(self._heap)
         if self._planned is not None:
             self._planned(self.next_cycle)
+
+    def state(self) -> Any:
+        """Return the events that are planned, with all that may change of them."""
+        planned = [(*entry, entry[2].action) for entry in self._heap if entry[2].action is not None]
+        return self.time, planned
+
+    def restore(self, state: Any) -> None:
+        """Plan the events of a state, and no others."""
+        self.time, planned = state
+        self._heap = [(cycle, order, event) for cycle, order, event, _ in planned]
+        heapq.heapify(self._heap)
+        for cycle, _, event, action in planned:
+            event.at_cycle, event.action = cycle, action
 
     @property
     def next_cycle(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from hiltest.state import Restorable
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import NEVER, Machine
 from hiltest.virtual.processor.faults import FaultLog
@@ -12,7 +13,7 @@ from hiltest.virtual.processor.nvic import SYSTICK, Nvic
 from hiltest.virtual.processor.schedule import Schedule
 
 
-class Waiting:
+class Waiting(Restorable):
     """Sleep and rest of a processor.
 
     Parameters
