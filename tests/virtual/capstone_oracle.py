@@ -17,8 +17,8 @@ _ROWS = (
     ("load", r"ldr(s?[bh])?t?"), ("store", r"str[bh]?t?"), ("exclusive", r"(ld|st)rex[bh]?"),
     ("multiple_base", r"v?(push|pop)|[vf]?(ld|st)m(ia|ea|fd|db)?x?|(ld|st)rd"), ("table_branch", r"tb[bh]"),
     ("branch", r"cbn?z|b(l|lx|x|xj)?|b(eq|ne|hs|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)"),
-    ("barrier", r"dmb|dsb|isb"), ("divide", r"[su]div"), ("it", r"it[te]*"),
-    ("system", r"mrs|msr|cps\w*|svc|wfi|wfe|sev|nop|hint|bkpt|clrex|yield"),
+    ("barrier", r"dmb|dsb|isb|dfb"), ("divide", r"[su]div"), ("it", r"it[te]*"),
+    ("system", r"(mrs|msr)\w*|cps\w*|svc|wfi|wfe|sev|nop|hint|bkpt|clrex|yield|csdb|esb"),
     ("fp_load", r"vldr"), ("fp_store", r"vstr"), ("fp_divide", r"vdiv|vsqrt"),
     ("fp_accumulate", r"v(n?ml|fn?m)[as]"), ("fp", r"v.*"), ("data", r".*"),
 )  # fmt: skip

@@ -31,7 +31,7 @@ UNPRICED = "doubt_permille"  # a row that says how far a count may be wrong
 CANDIDATES = ("misplaced_on_end", "late_past_narrow")  # rows of no profile file, see rule_candidates.py
 OPTIONAL = sorted(RULE_ROWS | {"refill_table", "refill_load", "tail_chain", "fp_frame", *CANDIDATES})
 DEAREST = 1000
-LONGEST_DIVISION = 1000  # the most that a profile may say
+LONGEST_DIVISION = DEAREST - 1  # its result may be a cycle later
 LARGEST = 24  # more than any sum of waits in these sequences: each row can be told from the others
 
 BEFORE = {"": "0", "load": "ROW_load", "store": "ROW_store"}
