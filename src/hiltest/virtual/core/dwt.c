@@ -85,7 +85,7 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
     advance(machine, dwt);
     keep_reading(machine, dwt);
     if (size == 4 && is_counting(dwt) && is_polled(&machine->core, dwt))
-        machine_answer_counts(machine, 1, NEVER);
+        count_answer(machine, 1);
     return part_of_word(dwt->count, 0, size);
 }
 

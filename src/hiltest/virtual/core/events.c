@@ -53,13 +53,15 @@ void cancel_event(struct machine *machine, struct event *event)
     if (!event->is_planned)
         return;
     int32_t place = 0;
-    while (calendar->events[place] != event)
+    while (place < calendar->count && calendar->events[place] != event)
         place++;
+    event->is_planned = false;
+    if (place == calendar->count)
+        return;
     calendar->count--;
     memmove(
         &calendar->events[place], &calendar->events[place + 1],
         (size_t)(calendar->count - place) * sizeof calendar->events[0]);
-    event->is_planned = false;
 }
 
 void plan_event(struct machine *machine, struct event *event, int64_t cycle)

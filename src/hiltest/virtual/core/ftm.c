@@ -374,12 +374,12 @@ static int64_t next_edge(const struct ftm *ftm)
 static int64_t source_tick(const struct ftm *ftm, int64_t tick) { return ftm->origin + (tick << (word(ftm, SC) & 7)); }
 
 /* Have an answer hold until a flag or a level may change. */
-static void hold_answer(struct machine *machine, const struct ftm *ftm)
+static void hold_level(struct machine *machine, const struct ftm *ftm)
 {
     if (!is_counting(ftm))
         return;
     int64_t tick = source_tick(ftm, earlier(next_match(ftm, UINT32_MAX), next_overflow(ftm)));
-    machine_answer_holds(machine, clock_cycle(&machine->calendar.clocks[source_of(ftm)], tick));
+    hold_answer(machine, clock_cycle(&machine->calendar.clocks[source_of(ftm)], tick));
 }
 
 static void plan(struct machine *machine, struct ftm *ftm)
@@ -484,7 +484,7 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
 {
     struct ftm *ftm = (struct ftm *)device;
     advance(machine, ftm);
-    hold_answer(machine, ftm);
+    hold_level(machine, ftm);
     return part_of_word(read_word(ftm, offset & ~3u), offset, size);
 }
 
@@ -628,7 +628,7 @@ int32_t machine_channel_level(struct machine *machine, uint32_t base, int32_t ch
 {
     struct ftm *ftm = (struct ftm *)device_of(machine, base);
     advance(machine, ftm);
-    hold_answer(machine, ftm);
+    hold_level(machine, ftm);
     return level_of(ftm, channel);
 }
 

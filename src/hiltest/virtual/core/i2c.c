@@ -195,7 +195,7 @@ static uint8_t read_byte(struct machine *machine, struct device *device, uint32_
     struct i2c *i2c = (struct i2c *)device;
     if (offset == S) {
         if (i2c->holds[I2C_SDA].end)
-            machine_answer_holds(machine, 0); /* what BUSY shows comes and goes without an event */
+            hold_answer(machine, 0); /* what BUSY shows comes and goes without an event */
         return sees_start(machine, i2c) ? i2c->status | S_BUSY : i2c->status;
     }
     if (offset == D)

@@ -153,14 +153,13 @@ void machine_load_changed(struct machine *machine)
     forget_answers(machine);
 }
 
-void machine_answer_holds(struct machine *machine, int64_t until)
+void hold_answer(struct machine *machine, int64_t until)
 {
     if (until < machine->known.until)
         machine->known.until = until;
 }
 
-void machine_answer_counts(struct machine *machine, int32_t step, int64_t until)
+void count_answer(struct machine *machine, int32_t step)
 {
     machine->known.step = step;
-    machine_answer_holds(machine, until);
 }

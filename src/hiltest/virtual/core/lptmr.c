@@ -105,7 +105,7 @@ static uint32_t read_word(struct machine *machine, struct lptmr *lptmr, uint32_t
     case CSR:
         advance(machine, lptmr);
         if (is_counting(lptmr) && !lptmr->flag)
-            machine_answer_holds(machine, clock_cycle(&machine->calendar.clocks[source_of(lptmr)], due_tick(lptmr)));
+            hold_answer(machine, clock_cycle(&machine->calendar.clocks[source_of(lptmr)], due_tick(lptmr)));
         return lptmr->control | (lptmr->flag ? CSR_TCF : 0);
     case PSR: return lptmr->prescale;
     case CMR: return (uint32_t)lptmr->compare_value;

@@ -208,11 +208,8 @@ void machine_connect(struct machine *machine, struct machine_bus bus);
  * steady bytes that comes again has the same answer, without the bus. False if no devices are there. */
 bool machine_declare_page(struct machine *machine, uint32_t base, const uint8_t *bytes);
 void machine_tell_repeated(struct machine *machine, machine_repeated tell, void *context);
-/* For a device that is being read: the load has changed something; the answer holds up to a cycle; it changes by `step`
- * each cycle until then, although it is not declared as steady. */
+/* For a device that is being read: the load has changed something. */
 void machine_load_changed(struct machine *machine);
-void machine_answer_holds(struct machine *machine, int64_t until);
-void machine_answer_counts(struct machine *machine, int32_t step, int64_t until);
 
 /* Add a memory; base and size are multiples of 4 KiB. Returns its bytes, to be read only, or NULL if it overlaps
  * another one or there is no room. */

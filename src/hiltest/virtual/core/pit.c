@@ -232,7 +232,7 @@ static uint32_t read_channel(struct machine *machine, struct pit *pit, uint32_t 
     case TCTRL: return channel->control;
     case TFLG:
         if (!channel->flag)
-            machine_answer_holds(machine, expiry_cycle(machine, pit, index));
+            hold_answer(machine, expiry_cycle(machine, pit, index));
         return channel->flag;
     default: return 0;
     }

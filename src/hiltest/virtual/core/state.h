@@ -161,6 +161,10 @@ bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uin
 void expect_answer(struct machine *machine, uint32_t address, uint32_t size);
 void remember_answer(
     struct machine *machine, const struct device *device, uint32_t address, uint32_t size, uint32_t value);
+/* For a device that is being read: the answer holds up to a cycle; and it changes by `step` each cycle, although it is not
+ * declared as steady. */
+void hold_answer(struct machine *machine, int64_t until);
+void count_answer(struct machine *machine, int32_t step);
 /* Devices may have changed: ask them again. */
 void forget_answers(struct machine *machine);
 /* Tell devices of repeated loads, before anything else that they get to know. */

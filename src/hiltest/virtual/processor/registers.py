@@ -100,7 +100,6 @@ class CoreRegisters:
         self.general = RegisterGroup(machine, [f"R{n}" for n in range(16)] + ["XPSR"])
         self.arguments = RegisterGroup(machine, [f"R{n}" for n in range(4)])
         self.floating = RegisterGroup(machine, [f"S{n}" for n in range(16)])
-        self._cores: dict[tuple[int, ...], RegisterGroup] = {}
         self.pc = Register(machine, "PC")
         self.msp = Register(machine, "MSP")
         self.psp = Register(machine, "PSP")
@@ -109,13 +108,6 @@ class CoreRegisters:
         self.primask = Register(machine, "PRIMASK")
         self.basepri = Register(machine, "BASEPRI")
         self.faultmask = Register(machine, "FAULTMASK")
-
-    def cores(self, numbers: tuple[int, ...]) -> RegisterGroup:
-        """Return the group of some of r0 to r14, made once."""
-        group = self._cores.get(numbers)
-        if group is None:
-            group = self._cores[numbers] = RegisterGroup(self._machine, [f"R{number}" for number in numbers])
-        return group
 
     def snapshot(self) -> dict[str, int]:
         """Name and value of every core register, for a fault's report."""
