@@ -48,3 +48,17 @@ def test_shell_completion_imports_nothing_heavy(tmp_path: Path, words: str, comp
     result = started(tmp_path, program, _HILTEST_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=last)
     assert result.stdout.split(",")[-1].strip() == completed
     assert result.stderr == "imported:\n"
+
+
+def test_what_a_run_does_without_texts_of_instructions_does_not_import_their_decoder(tmp_path: Path) -> None:
+    program = """
+import sys
+from hiltest.boards import default_firmware
+from hiltest.virtual import VirtualK64F
+import hiltest.coverage, hiltest.session, hiltest.virtual.counts.profiling
+board = VirtualK64F(default_firmware())
+board.run_until(0.01)
+assert board.stack_bounds(["crc32"])["crc32"] >= 0
+print(sorted({"capstone", "unicorn"} & sys.modules.keys()))
+"""
+    assert started(tmp_path, program).stdout == "[]\n"

@@ -147,11 +147,16 @@ def test_a_worker_that_dies_is_a_failed_test_in_the_record(
 def test_other_tests_are_spread_over_the_workers_and_those_of_hiltest_are_not(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         import os, time
+        from pathlib import Path
         import pytest
 
         @pytest.mark.parametrize("k", range(6))
         def test_of_a_project(k):
-            time.sleep(0.2)
+            Path(f"{os.getpid()}.worker").touch()
+            for _ in range(600):  # until the other worker has had one too, or a minute has passed
+                if len(list(Path().glob("*.worker"))) == 2:
+                    return
+                time.sleep(0.1)
 
         @pytest.mark.parametrize("k", range(6))
         def test_lamp(measure, k):
