@@ -24,7 +24,7 @@ from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.procedures.sequences import measure_sequences
 from hiltest.profiling.timing_table import print_judgements, print_places
 from hiltest.rig import Rig
-from hiltest.virtual.board import k64f
+from hiltest.virtual.board import cortex_m4
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.decoder import decode
 from hiltest.virtual.core.library import lib
@@ -180,7 +180,7 @@ def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_sa
     made = written(tmp_path, {"fetch_late_integer": 0} | changed, WITH_RULES)
     every_second = Candidate("", {"misplaced_on_end": 2}).of(load_profile(made))
     with monkeypatch.context() as of_board:
-        of_board.setattr(k64f, "load_profile", lambda _name: every_second)
+        of_board.setattr(cortex_m4, "load_profile", lambda _name: every_second)
         with open_board(made_with(rig, made)) as board:
             clocks = clocks_from_sram(board)
     measured = solved(clocks)
@@ -238,7 +238,7 @@ def test_a_board_that_takes_longer_for_data_that_are_not_aligned_is_told(
     rig: Rig, verdicts_by_rules: dict[str, str], off: int, name: str, more: int, says: str
 ) -> None:
     text = f"ldr.w r0, [r1, #{off}]"
-    clocks = clocks_of_dearer_board(rig, lambda each: more * (each.text == text))
+    clocks = clocks_of_dearer_board(rig, lambda _address, shown: more * (shown == text))
     told = {f"loads_{name}_off": says}
     assert verdicts(solved(clocks)).items() - verdicts_by_rules.items() == told.items()
 
