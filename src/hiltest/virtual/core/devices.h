@@ -31,6 +31,23 @@ struct device *device_at(const struct machine *machine, uint32_t address, uint32
 /* The device that begins at an address, or NULL. */
 struct device *device_of(const struct machine *machine, uint32_t base);
 
+/* Access registers of a device, or those that only the bus knows if it is NULL. `refused` is set by a bus error. */
+static inline uint32_t read_bus(
+    struct machine *machine, struct device *device, uint32_t address, uint32_t size, bool *refused)
+{
+    return device ? device->read(machine, device, address - device->base, size)
+                  : machine->bus.read(machine->bus.context, address, size, refused);
+}
+
+static inline void write_bus(
+    struct machine *machine, struct device *device, uint32_t address, uint32_t size, uint32_t value, bool *refused)
+{
+    if (device)
+        device->write(machine, device, address - device->base, size, value);
+    else
+        machine->bus.write(machine->bus.context, address, size, value, refused);
+}
+
 /* The bytes of a word register that an access at an offset has. */
 uint32_t part_of_word(uint32_t word, uint32_t offset, uint32_t size);
 /* Wide accesses to registers of one byte each. */

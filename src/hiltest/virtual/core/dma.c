@@ -225,8 +225,7 @@ static bool load_bytes(struct machine *machine, uint32_t address, uint32_t size,
     const uint32_t width = size < BUS_BYTES ? size : BUS_BYTES;
     for (uint32_t offset = 0; offset < size && !refused; offset += width) {
         struct device *device = device_at(machine, address + offset, width);
-        const uint32_t value = device ? device->read(machine, device, address + offset - device->base, width)
-                                      : machine->bus.read(machine->bus.context, address + offset, width, &refused);
+        const uint32_t value = read_bus(machine, device, address + offset, width, &refused);
         memcpy(bytes + offset, &value, width);
     }
     return !refused;
@@ -242,10 +241,7 @@ static bool store_bytes(struct machine *machine, uint32_t address, uint32_t size
         struct device *device = device_at(machine, address + offset, width);
         uint32_t value = 0;
         memcpy(&value, bytes + offset, width);
-        if (device)
-            device->write(machine, device, address + offset - device->base, width, value);
-        else
-            machine->bus.write(machine->bus.context, address + offset, width, value, &refused);
+        write_bus(machine, device, address + offset, width, value, &refused);
     }
     return !refused;
 }

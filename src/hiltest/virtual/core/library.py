@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -34,3 +35,30 @@ def _load() -> tuple[Any, Any]:
 
 
 ffi, lib = _load()
+
+
+def guarded_callback(
+    declaration: str, action: Callable[..., int | None], abort: Callable[[BaseException], None]
+) -> Any:
+    """Return an action as a callback of the library, which has to be kept: the library has only the pointer.
+
+    Parameters
+    ----------
+    declaration : str
+        Type of the callback in C; its first parameter is a context, which the action does not get.
+    action : callable
+        Answers an integer, or None if the type is void.
+    abort : callable
+        Gets any exception of the action, since the library cannot pass it on; 0 is the answer then.
+    """
+    nothing = None if declaration.startswith("void(") else 0
+
+    @ffi.callback(declaration)  # type: ignore[untyped-decorator]
+    def call(_context: Any, *arguments: int) -> int | None:
+        try:
+            return action(*arguments)
+        except BaseException as error:  # Ctrl-C too
+            abort(error)
+        return nothing
+
+    return call

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.library import ffi, guarded_callback, lib
 from hiltest.virtual.model.timing import TimingProfile
 
 #: Later than any cycle: `core.deadline` if nothing is due.
@@ -179,16 +179,8 @@ class Machine:
 
     def tell_repeated(self, tell: TellRepeated, abort: Callable[[BaseException], None]) -> None:
         """Have told which loads of devices the core has answered; `abort` gets any exception."""
-
-        @ffi.callback("void(void *, uint32_t, uint32_t, int64_t)")  # type: ignore[untyped-decorator]
-        def on_repeated(_context: Any, address: int, place: int, repeats: int) -> None:
-            try:
-                tell(address, place, repeats)
-            except BaseException as error:  # as below
-                abort(error)
-
-        self._repeated = on_repeated  # the library keeps only the pointer
-        lib.machine_tell_repeated(self.handle, on_repeated, ffi.NULL)
+        self._repeated = guarded_callback("void(void *, uint32_t, uint32_t, int64_t)", tell, abort)
+        lib.machine_tell_repeated(self.handle, self._repeated, ffi.NULL)
 
     def answers(self, first: int) -> Any:
         """Return what devices have answered to loads from a number on, or None if that is not kept any more.

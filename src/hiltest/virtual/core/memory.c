@@ -206,8 +206,7 @@ static bool read_device(struct machine *machine, uint32_t address, uint32_t size
     expect_answer(machine, address, size);
     if (!device || device->repeat)
         tell_repeats(machine);
-    *value = device ? device->read(machine, device, address - device->base, size)
-                    : machine->bus.read(machine->bus.context, address, size, &refused);
+    *value = read_bus(machine, device, address, size, &refused);
     if (refused)
         return refuse(machine, CAUSE_READ_REFUSED, address, size);
     remember_answer(machine, device, address, size, *value);
@@ -218,13 +217,8 @@ static bool read_device(struct machine *machine, uint32_t address, uint32_t size
 static bool write_device(struct machine *machine, uint32_t address, uint32_t size, uint32_t value)
 {
     bool refused = false;
-    struct device *device = device_at(machine, address, size);
     forget_answers(machine);
-    if (device) {
-        device->write(machine, device, address - device->base, size, value);
-        return true;
-    }
-    machine->bus.write(machine->bus.context, address, size, value, &refused);
+    write_bus(machine, device_at(machine, address, size), address, size, value, &refused);
     return !refused || refuse(machine, CAUSE_WRITE_REFUSED, address, size);
 }
 

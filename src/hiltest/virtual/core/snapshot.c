@@ -202,12 +202,6 @@ static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
     return true;
 }
 
-static bool copy_peripherals(const struct machine *machine, struct snapshot *snapshot)
-{
-    snapshot->devices = copy_devices(machine);
-    return snapshot->devices;
-}
-
 struct snapshot *machine_snapshot(struct machine *machine, bool with_devices)
 {
     struct snapshot *snapshot = malloc(sizeof *snapshot + count_groups(machine) * sizeof *snapshot->groups);
@@ -227,10 +221,9 @@ struct snapshot *machine_snapshot(struct machine *machine, bool with_devices)
     snapshot->exclusive_address = machine->exclusive_address;
     snapshot->group_count = 0;
     snapshot->waits = NULL;
-    snapshot->devices = NULL;
+    snapshot->devices = with_devices ? copy_devices(machine) : NULL;
     snapshot->machine = machine;
-    if (!copy_waits(machine, snapshot) || !copy_memories(machine, snapshot)
-        || (with_devices && !copy_peripherals(machine, snapshot))) {
+    if (!copy_waits(machine, snapshot) || !copy_memories(machine, snapshot) || (with_devices && !snapshot->devices)) {
         machine_forget_snapshot(snapshot);
         return NULL;
     }

@@ -2,26 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from hiltest.state import Restorable
-from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import Machine
-from hiltest.virtual.processor.cpu import Processor
-
-
-def guarded(processor: Processor, declaration: str, action: Callable[..., None]) -> Any:
-    """Return an action as a callback of the library, to be kept; the processor raises again what it raises."""
-
-    @ffi.callback(declaration)  # type: ignore[untyped-decorator]
-    def call(_context: Any, *arguments: int) -> None:
-        try:
-            action(*arguments)
-        except BaseException as error:  # the library cannot pass it on
-            processor.abort(error)
-
-    return call
 
 
 class CoreDevice(Restorable):

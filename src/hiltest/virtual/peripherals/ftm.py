@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.library import ffi, guarded_callback, lib
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
-from hiltest.virtual.peripherals.core_device import CoreDevice, guarded
+from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.peripherals.pin_signals import PinSignal
 from hiltest.virtual.peripherals.sim import ClockGates
 from hiltest.virtual.processor.cpu import Processor
@@ -54,8 +54,10 @@ class FlexTimer(CoreDevice):
         ]
         self.signals = {f"{module.name}_CH{channel}": signal for channel, signal in enumerate(self._channels)}
         self._callbacks = (  # the library keeps only the pointers
-            guarded(processor, "void(void *, int32_t)", lambda channel: self._channels[channel].changed()),
-            guarded(processor, "void(void *, uint32_t, uint32_t, uint32_t)", note),
+            guarded_callback(
+                "void(void *, int32_t)", lambda channel: self._channels[channel].changed(), processor.abort
+            ),
+            guarded_callback("void(void *, uint32_t, uint32_t, uint32_t)", note, processor.abort),
         )
         connections = ffi.new("struct machine_ftm *", (channels, *module.interrupts))
         connections.bus_clock, connections.fixed_clock = clocks.bus.number_in(machine), clocks.fixed.number_in(machine)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.library import ffi, guarded_callback, lib
 from hiltest.virtual.core.machine import NEVER
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
@@ -63,7 +63,8 @@ def _picoseconds(time_s: float) -> int:
 def _asking(bus: I2cBus, abort: Callable[[BaseException], None]) -> Any:
     """Return what the library calls to reach the parts of a bus; `abort` gets any exception."""
 
-    def ask(operation: int, value: int, time_s: float) -> int:
+    def ask(operation: int, value: int, time: int) -> int:
+        time_s = time / PICOSECONDS
         if operation == _READ:
             return bus.read(time_s)
         if operation == _WRITE:
@@ -73,12 +74,4 @@ def _asking(bus: I2cBus, abort: Callable[[BaseException], None]) -> Any:
         bus.stop(time_s)
         return 0
 
-    @ffi.callback("uint32_t(void *, int32_t, uint32_t, int64_t)")  # type: ignore[untyped-decorator]
-    def on_ask(_context: Any, operation: int, value: int, time: int) -> int:
-        try:
-            return ask(operation, value, time / PICOSECONDS)
-        except BaseException as error:  # the library cannot pass it on; `abort` has it raised again
-            abort(error)
-            return 0
-
-    return on_ask
+    return guarded_callback("uint32_t(void *, int32_t, uint32_t, int64_t)", ask, abort)

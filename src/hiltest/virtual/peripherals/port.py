@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.library import ffi, guarded_callback, lib
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
-from hiltest.virtual.peripherals.core_device import CoreDevice, guarded
+from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.peripherals.pin_signals import PinSignal
 from hiltest.virtual.processor.cpu import Processor
 
@@ -47,9 +47,9 @@ class Port(CoreDevice):
         self._carried: dict[int, PinSignal] = {}  # by pin
         self._heard: set[PinSignal] = set()  # of them, those that tell of each edge
         self._callbacks = (  # the library keeps only the pointers
-            guarded(processor, "void(void *, uint32_t, uint32_t)", self._tell),
-            guarded(processor, "void(void *)", self._connect),
-            guarded(processor, "void(void *)", self._carry),
+            guarded_callback("void(void *, uint32_t, uint32_t)", self._tell, processor.abort),
+            guarded_callback("void(void *)", self._connect, processor.abort),
+            guarded_callback("void(void *)", self._carry, processor.abort),
         )
         connections = ffi.new("struct machine_port *")
         (connections.interrupt,) = module.interrupts

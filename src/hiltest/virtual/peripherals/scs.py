@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
-from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.library import ffi, guarded_callback, lib
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.processor.clock import Clock
@@ -32,16 +31,9 @@ class SystemControlSpace(CoreDevice):
     steady = frozenset(ALL_STEADY) - counters
 
     def __init__(self, processor: Processor, core: Clock, request_reset: Callable[[], None]) -> None:
-        @ffi.callback("void(void *)")  # type: ignore[untyped-decorator]
-        def on_request(_context: Any) -> None:
-            try:
-                request_reset()
-            except BaseException as error:  # the library cannot pass it on; `abort` has it raised again
-                processor.abort(error)
-
         machine = processor.machine
-        self._on_request = on_request  # the library keeps only the pointer
-        connections = ffi.new("struct machine_system_control *", (on_request, ffi.NULL))
+        self._on_request = guarded_callback("void(void *)", request_reset, processor.abort)
+        connections = ffi.new("struct machine_system_control *", (self._on_request, ffi.NULL))
         if not (
             lib.machine_add_systick(machine.handle, core.number_in(machine))
             and lib.machine_add_system_control(machine.handle, connections[0])

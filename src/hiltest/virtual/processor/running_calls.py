@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.library import ffi, guarded_callback, lib
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.processor.call_summary import Call
 
@@ -120,19 +120,14 @@ class RunningCalls:
     def listen(self, function: WatchedFunction, listener: Callable[[int], None]) -> None:
         """Call `listener` with the cycle of each entry of a function, before its first instruction."""
         if self._callback is None:
-
-            @ffi.callback("void(void *, int32_t, int64_t)")  # type: ignore[untyped-decorator]
-            def on_entered(_context: Any, number: int, cycle: int) -> None:
-                try:
-                    for action in self._listeners[number]:
-                        action(cycle)
-                except BaseException as error:  # the library cannot pass it on; `abort` has it raised again
-                    self._abort(error)
-
-            self._callback = on_entered  # the library keeps only the pointer
-            lib.machine_tell_entries(self._handle, on_entered, ffi.NULL)
+            self._callback = guarded_callback("void(void *, int32_t, int64_t)", self._enter, self._abort)
+            lib.machine_tell_entries(self._handle, self._callback, ffi.NULL)
         self._listeners.setdefault(function.number, []).append(listener)
         function.tell()
+
+    def _enter(self, number: int, cycle: int) -> None:
+        for listener in self._listeners[number]:
+            listener(cycle)
 
     def settle(self) -> None:
         """Bring the functions up to date."""
