@@ -41,6 +41,20 @@ class Part:
         self.seen.append(("stop", 0, time_s))
 
 
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_an_error_of_a_part_on_the_bus_ends_the_run_once(error: type[BaseException]) -> None:
+    class Failing(Part):
+        def start(self, reading: bool, time_s: float) -> bool:
+            raise error("of the part")
+
+    board = VirtualK64F(SHIPPED, i2c1=[Failing(0x0E)])
+    with pytest.raises(error, match="of the part"):
+        board.run_until(0.2)
+    assert board.time_s < 0.2
+    board.run_until(0.2)  # the firmware takes it for a part that does not acknowledge, and asks no more
+    assert board.time_s >= 0.2
+
+
 @pytest.fixture(scope="module")
 def start_up() -> BoardSnapshot:
     """A board whose firmware has started, to go back to before each test."""
