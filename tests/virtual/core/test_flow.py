@@ -35,7 +35,7 @@ FLOWS = {
     "TABLE": r"tb[bh] .*|ldr\.w pc, \[\w+, \w+, lsl #2\]",
     "POINTER_CALL": r"blx .*",
     "CALL": r"bl #.*",
-    "JUMP": rf"b(\.w)? #.*|{OWN_CONDITION.pattern}",
+    "JUMP": rf"b(\.w)? #.*|mov pc, pc|{OWN_CONDITION.pattern}",
     "POINTER": r"bx .*|(mov|add|ldr(\.w)?) pc, .*|ldm.*\bpc\}|pop.*\bpc\b.*",
     "ON": r".*",
 }
@@ -95,7 +95,9 @@ def expected(text: str, writes: int, in_it_block: bool) -> dict[str, Any]:
     """Read from a text what is to be decoded."""
     flow = next(flow for flow, pattern in FLOWS.items() if re.fullmatch(pattern, text))
     target = 0
-    if flow in ("JUMP", "CALL"):
+    if text == "mov pc, pc":
+        target = ADDRESS + 4  # the PC reads as that
+    elif flow in ("JUMP", "CALL"):
         target = int(text.rpartition("#")[2], 16)
     elif flow == "LITERAL":
         offset = re.search(NUMBER, text)
