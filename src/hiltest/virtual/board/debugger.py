@@ -116,7 +116,7 @@ class Debugger:
             self._enter()
             stop: Stop | None = None
             try:
-                returned = self._processor.run(until, wake=look, for_bytes=for_bytes)
+                returned = self._processor.run(until, wake=look, for_bytes=for_bytes or wake is None)
             except _Stopped as stopped:
                 stop = stopped.stop
             except BoardFault as fault:

@@ -317,6 +317,7 @@ bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uar
         .base = base, .bytes = PAGE_BYTES, .read = read_registers, .write = write_registers, .reset = reset,
         .destroy = destroy, .restore = restore};
     uart->connections = connections;
+    uart->expected_count = INT32_MAX;
     uart->expected_byte = -1;
     uart->arrival = (struct event){.fire = arrive, .owner = uart};
     uart->idle = (struct event){.fire = be_idle, .owner = uart};
