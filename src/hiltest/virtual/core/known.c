@@ -130,7 +130,7 @@ void remember_answer(
     const struct core *core = &machine->core;
     struct known_answers *known = &machine->known;
     const bool is_steady = known->declared & DEVICE_STEADY || known->step;
-    if (!is_steady || known->until <= core->cycles || core->asks_devices)
+    if (!is_steady || known->until <= core->cycles || core->executes_all)
         return;
     struct known_answer *entry = entry_of(machine, address);
     const bool is_another = entry->address != address || entry->place != core->r[15];

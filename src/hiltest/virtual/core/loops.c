@@ -272,7 +272,7 @@ static const struct node *closing_branch(const struct node *node)
 int32_t *patience_in_loop(struct machine *machine)
 {
     const struct core *core = &machine->core;
-    if (core->r[15] == core->return_address && !core->delivers_faults)
+    if (core->executes_all || (core->r[15] == core->return_address && !core->delivers_faults))
         return NULL;
     const struct node *node = next_node(machine), *end = node ? closing_branch(node) : NULL;
     if (!end)

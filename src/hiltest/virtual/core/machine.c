@@ -146,7 +146,7 @@ void machine_reset(struct machine *machine)
     core->stops_at = before.stops_at;
     core->leaves_sleep = before.leaves_sleep;
     core->may_loop = before.may_loop;
-    core->asks_devices = before.asks_devices;
+    core->executes_all = before.executes_all;
     core->tells_returns = before.tells_returns;
     core->return_address = before.return_address;
     memcpy(core->taken, before.taken, sizeof core->taken);

@@ -136,7 +136,7 @@ struct core {
     bool leaves_sleep;     /* STOP_SLEEP in any sleep, as with `sleeps_deeply` */
     bool may_loop;         /* a branch to itself passes the time until the deadline */
     bool tells_returns;
-    bool asks_devices;     /* devices are asked although their answers are known, for tests */
+    bool executes_all;     /* every turn of a loop, and devices are asked although their answers are known: for tests */
     bool passes_breakpoint; /* the next instruction executes though there is a breakpoint; that, or an exception's
                                entry, clears this */
     uint32_t return_address;

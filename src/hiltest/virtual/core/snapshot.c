@@ -294,7 +294,7 @@ static void restore_core(struct machine *machine, const struct core *state)
     core->instruction_limit = before.instruction_limit;
     core->delivers_faults = before.delivers_faults;
     core->may_loop = before.may_loop;
-    core->asks_devices = before.asks_devices;
+    core->executes_all = before.executes_all;
     core->stops_at = before.stops_at;
     core->passes_breakpoint = before.passes_breakpoint;
     core->return_address = before.return_address;
