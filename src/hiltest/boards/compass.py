@@ -60,16 +60,15 @@ class CompassBoard:
 
     Parameters
     ----------
-    port : serial port
+    port
         Open; the board closes it. One with a ``now()`` has a clock of its own.
-    rig : Rig
+    rig
         With a ``[device]`` table.
-    interfaces : mapping of str to interface
+    interfaces
         What understands the firmware, by kind.
-    kind : BoardKind
-    description : str
+    description
         One line for people.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
 
     Attributes
@@ -162,8 +161,7 @@ class CompassBoard:
 
         Parameters
         ----------
-        seconds : float
-        window : sequence of Observation
+        window
             What was said in it.
         """
         if self.now_s() - self._heard_at_s > seconds - _SLICE_S:
@@ -324,13 +322,13 @@ class VirtualCompass(CompassBoard):
 
     Parameters
     ----------
-    bench : VirtualBench
+    bench
         Board, sensors and world.
-    interfaces : mapping of str to interface
+    interfaces
         What understands the firmware, by kind.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
-    tape : Tape, optional
+    tape
         Records what is asked.
     """
 
@@ -436,10 +434,9 @@ class TapedReadings:
 
     Parameters
     ----------
-    tape : Tape
-    kind : str
+    kind
         As the rig names it.
-    target : PolledInterface or None
+    target
         Reads; None in a replay.
     """
 

@@ -38,51 +38,33 @@ _OPENSDA = {0x1357: "P&E Micro", 0x1366: "SEGGER"}
 
 @dataclass(frozen=True, slots=True)
 class Volume:
-    """The mounted drive of a DAPLink, and what its DETAILS.TXT says; empty where it says nothing.
-
-    Attributes
-    ----------
-    path : Path
-    read_only : bool
-        As it is mounted.
-    interface_version : str
-        Of the firmware of the interface chip, such as ``0257``.
-    unique_id : str
-        The same as the serial number on USB.
-    """
+    """The mounted drive of a DAPLink, and what its DETAILS.TXT says; empty where it says nothing."""
 
     path: Path
     read_only: bool = False
+    """As it is mounted."""
     interface_version: str = ""
+    """Of the firmware of the interface chip, such as ``0257``."""
     unique_id: str = ""
+    """The same as the serial number on USB."""
 
 
 @dataclass(frozen=True, slots=True)
 class UsbBoard:
-    """A USB device with serial ports or DAPLink's identity.
-
-    Attributes
-    ----------
-    vendor_id, product_id : int
-    serial_number : str
-        Empty where the device has none.
-    product : str
-        What the device calls itself.
-    ports : tuple of Path
-        Its serial devices; of a DAPLink one, or none where its driver is not there.
-    disks : tuple of str
-        Names of its drives, such as ``sdb``.
-    volume : Volume or None
-        Where one of them is mounted.
-    """
+    """A USB device with serial ports or DAPLink's identity."""
 
     vendor_id: int
     product_id: int
     serial_number: str = ""
+    """Empty where the device has none."""
     product: str = ""
+    """What the device calls itself."""
     ports: tuple[Path, ...] = ()
+    """Its serial devices; of a DAPLink one, or none where its driver is not there."""
     disks: tuple[str, ...] = ()
+    """Names of its drives, such as ``sdb``."""
     volume: Volume | None = None
+    """Where one of them is mounted."""
 
     @property
     def port(self) -> Path | None:
@@ -121,18 +103,12 @@ class UsbBoard:
 
 @dataclass(frozen=True, slots=True)
 class OtherPort:
-    """A serial port that is no board's, and why.
-
-    Attributes
-    ----------
-    port : Path or None
-        None of a DAPLink that has none.
-    device : UsbBoard or None
-        What it belongs to; None of one that is not on USB.
-    """
+    """A serial port that is no board's, and why."""
 
     port: Path | None
+    """None of a DAPLink that has none."""
     device: UsbBoard | None
+    """What it belongs to; None of one that is not on USB."""
 
     @property
     def not_taken(self) -> str:
@@ -158,7 +134,7 @@ def plugged_in(root: Path | None = None) -> PluggedIn:
 
     Parameters
     ----------
-    root : Path, optional
+    root
         Folder with ``sys``, ``proc`` and ``dev``; by default the environment's.
     """
     root = root or machine_root()
@@ -181,9 +157,9 @@ def choose_board(serial_number: str = "", *, root: Path | None = None) -> UsbBoa
 
     Parameters
     ----------
-    serial_number : str, optional
+    serial_number
         Beginning or all of it; empty for any board.
-    root : Path, optional
+    root
         As of `plugged_in`.
 
     Raises

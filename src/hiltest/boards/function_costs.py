@@ -27,35 +27,21 @@ from hiltest.virtual.processor.call_summary import CallSummary, SolutionSummary
 
 @dataclass(frozen=True, slots=True)
 class LatestSolution:
-    """The last solution of all that the firmware's solvers came to.
-
-    Attributes
-    ----------
-    name : str
-        Of the solver, in the rig.
-    cycles, slices : int
-        How many it took.
-    """
+    """The last solution of all that the firmware's solvers came to."""
 
     name: str
+    """Of the solver, in the rig."""
     cycles: int
     slices: int
+    """How many it took."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlashCost:
-    """What a solution takes with the waits of memories.
-
-    Attributes
-    ----------
-    cycles : int or None
-        None where `refusal` says why.
-    cycle_model : str
-    band : CycleRange or None
-    refusal : str
-    """
+    """What a solution takes with the waits of memories."""
 
     cycles: int | None
+    """None where `refusal` says why."""
     cycle_model: str
     band: CycleRange | None = None
     refusal: str = ""
@@ -88,9 +74,8 @@ class FunctionCosts:
 
     Parameters
     ----------
-    machine : VirtualK64F
+    machine
         Not running.
-    rig : Rig
 
     Raises
     ------

@@ -28,8 +28,7 @@ class GdbSession:
 
     Parameters
     ----------
-    machine : VirtualK64F
-    debugger : Debugger
+    debugger
         Of that machine, which is halted at once.
     """
 

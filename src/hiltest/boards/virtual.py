@@ -81,13 +81,13 @@ class VirtualBoard(Board):
 
     Parameters
     ----------
-    bench : VirtualBench
+    bench
         Board, sensors and world.
-    declared : Declared
+    declared
         What the rig says.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
-    tape : Tape, optional
+    tape
         Records what is asked.
     """
 

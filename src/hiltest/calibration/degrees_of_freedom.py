@@ -39,9 +39,9 @@ def noise_exponents(theta: Reals, sizes: Sequence[int]) -> list[int]:
 
     Parameters
     ----------
-    theta : ndarray, shape (n + 1,)
+    theta : shape (n + 1,)
         Integral of the rate, one a sample.
-    sizes : sequence of int
+    sizes
         Increasing.
 
     Notes

@@ -22,29 +22,19 @@ _QUARTILE, _OF_DEVIATION = 25.0, 0.3186
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """How a log moved first.
-
-    Attributes
-    ----------
-    start : int
-        First sample of the window in which it shows.
-    axis : int
-    change : float
-        From the mean of the window before, in the unit of the log.
-    samples : int
-        Length of the windows.
-    times : float
-        Of the deviation of such a change in noise.
-    rest : tuple of int
-        Longest part without a motion: its first sample, and the first one behind it.
-    """
+    """How a log moved first."""
 
     start: int
+    """First sample of the window in which it shows."""
     axis: int
     change: float
+    """From the mean of the window before, in the unit of the log."""
     samples: int
+    """Length of the windows."""
     times: float
+    """Of the deviation of such a change in noise."""
     rest: tuple[int, int]
+    """Longest part without a motion: its first sample, and the first one behind it."""
 
 
 def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
@@ -52,8 +42,7 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
 
     Parameters
     ----------
-    rates : ndarray, shape (n, axes)
-    rate_hz : float
+    rates : shape (n, axes)
 
     Notes
     -----

@@ -39,17 +39,11 @@ class Row:
 
 @dataclass(slots=True)
 class Branch:
-    """A conditional branch, or an IT block.
-
-    Attributes
-    ----------
-    address : int
-    guarded : int or None
-        First instruction that an IT block executes if its condition holds; None for a branch.
-    """
+    """A conditional branch, or an IT block."""
 
     address: int
     guarded: int | None = None
+    """First instruction that an IT block executes if its condition holds; None for a branch."""
 
 
 @dataclass(slots=True)
@@ -60,10 +54,6 @@ class _Code:
 
 class SourceMap:
     """What an image says of the places of its code in the source; library code is left out.
-
-    Parameters
-    ----------
-    image : FirmwareImage
 
     Raises
     ------

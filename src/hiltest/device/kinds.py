@@ -48,8 +48,7 @@ def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyT
 
     Parameters
     ----------
-    rig : Rig
-    of_the_board : mapping of str to callable
+    of_the_board
         Kinds that need more than the rig.
 
     Raises

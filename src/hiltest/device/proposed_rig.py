@@ -75,30 +75,20 @@ class _Table:
 
 @dataclass(frozen=True, slots=True)
 class Proposals:
-    """What an ELF tells of how its firmware can be understood.
-
-    Attributes
-    ----------
-    speaks_our_protocol : bool
-    kinds : tuple of Kind
-        In which it may tell its heading, the surest first.
-    release : str
-        Of NXP's Sensor Fusion; empty where it is not that.
-    lines, variables : mapping of Quantity to sequence of Candidate
-        Best first.
-    functions : tuple of str
-        Those that calibrate, fuse or compute a heading by their names; the largest first.
-    remark : str
-        What hinders to look at all; empty when nothing does.
-    """
+    """What an ELF tells of how its firmware can be understood."""
 
     speaks_our_protocol: bool
     kinds: tuple[Kind, ...]
+    """In which it may tell its heading, the surest first."""
     release: str
+    """Of NXP's Sensor Fusion; empty where it is not that."""
     lines: Candidates
     variables: Candidates
+    """Best first."""
     functions: tuple[str, ...]
+    """Those that calibrate, fuse or compute a heading by their names; the largest first."""
     remark: str
+    """What hinders to look at all; empty when nothing does."""
 
     @property
     def base_rig(self) -> str:
@@ -154,13 +144,11 @@ def rig_text(
 
     Parameters
     ----------
-    proposals : Proposals
-    kind : Kind or None
-    base : str
+    base
         Text of the rig `Proposals.base_rig`.
-    name, firmware : str
+    name, firmware
         Of the rig; path of the ELF from the rig's folder.
-    choose : callable or None
+    choose
         None where nobody is there to answer: what is sure is taken.
     """
     remark = f"# Not all was seen: {_legible(proposals.remark)}\n" if proposals.remark else ""

@@ -22,29 +22,19 @@ _READY = np.ones(1)
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What was understood of a line.
-
-    Attributes
-    ----------
-    line : str
-        As it came.
-    values : mapping of Quantity to ndarray
-    error : str
-        What the firmware reports to be wrong.
-    remark : str
-        What the line is instead, or what was not understood of it.
-    understood : bool
-        It has a meaning, be it without a value; or it is the first, of which that is not known.
-    checked : bool
-        It carries a check sum, which is right.
-    """
+    """What was understood of a line."""
 
     line: str
+    """As it came."""
     values: Mapping[Quantity, NDArray[np.float64]] = field(default_factory=dict)
     error: str = ""
+    """What the firmware reports to be wrong."""
     remark: str = ""
+    """What the line is instead, or what was not understood of it."""
     understood: bool = False
+    """It has a meaning, be it without a value; or it is the first, of which that is not known."""
     checked: bool = False
+    """It carries a check sum, which is right."""
 
 
 class TextInterface:
@@ -55,16 +45,16 @@ class TextInterface:
 
     Parameters
     ----------
-    form : Form
+    form
         Where fields stand in a line.
-    sources : sequence of ValueSource
+    sources
         Which fields are which quantity.
-    patterns : sequence of Pattern, optional
+    patterns
         Those of the form.
-    ready, error : Pattern, optional
+    ready, error
         Of lines that say that the magnetometer is calibrated, and that something is wrong: the group ``error``, or
         the whole line.
-    commands : mapping of Moment to bytes, optional
+    commands
         What is sent when.
 
     Attributes

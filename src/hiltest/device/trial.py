@@ -20,19 +20,12 @@ _MOST_REASONS = 5
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """One thing that came.
-
-    Attributes
-    ----------
-    line : str
-        As it came, legible; the paths of variables; empty for what is neither.
-    meaning : str
-        What was understood of it, or why nothing was.
-    understood : bool
-    """
+    """One thing that came."""
 
     line: str
+    """As it came, legible; the paths of variables; empty for what is neither."""
     meaning: str
+    """What was understood of it, or why nothing was."""
     understood: bool
 
 
@@ -41,11 +34,11 @@ class Trial:
 
     Parameters
     ----------
-    interfaces : mapping of str to StreamInterface
+    interfaces
         By their kind.
-    memory : MemoryInterface, optional
+    memory
         What reads variables.
-    paths : mapping of str to tuple of str, optional
+    paths
         Those of each quantity that it reads, by its name.
 
     Attributes

@@ -53,12 +53,7 @@ class _At:
 
 
 class Variables:
-    """Variables of a firmware image.
-
-    Parameters
-    ----------
-    image : FirmwareImage
-    """
+    """Variables of a firmware image."""
 
     def __init__(self, image: FirmwareImage) -> None:
         self._image = image
@@ -68,8 +63,7 @@ class Variables:
 
         Parameters
         ----------
-        path : str
-        type_ : str, optional
+        type_
             Type of the variable, ``float[3]``, where only the symbol table knows it.
 
         Raises

@@ -20,26 +20,17 @@ class Health(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check.
-
-    Attributes
-    ----------
-    name : str
-        What was looked at.
-    health : Health
-    found : str
-        What was found; of what was not looked at, why.
-    remedy : str
-        What to do; empty where there is nothing to do.
-    exit_code : ExitCode
-        What this alone ends the command with.
-    """
+    """One check."""
 
     name: str
+    """What was looked at."""
     health: Health
     found: str
+    """What was found; of what was not looked at, why."""
     remedy: str = ""
+    """What to do; empty where there is nothing to do."""
     exit_code: ExitCode = ExitCode.OK
+    """What this alone ends the command with."""
 
 
 def ok(name: str, found: str) -> Check:

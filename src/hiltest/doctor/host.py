@@ -28,21 +28,14 @@ _LOOKED_UP = ("ID_MM_DEVICE_IGNORE=1", "ID_MM_PORT_IGNORE=1")
 
 @dataclass(frozen=True, slots=True)
 class HostPort:
-    """A serial device of this machine, or of one below another root, and what it belongs to.
-
-    Attributes
-    ----------
-    root : Path
-        Folder with ``sys``, ``proc``, ``dev`` and ``etc``.
-    path : Path or None
-        None of a board that has none.
-    device : UsbBoard or None
-        None of a port that is not on USB.
-    """
+    """A serial device of this machine, or of one below another root, and what it belongs to."""
 
     root: Path
+    """Folder with ``sys``, ``proc``, ``dev`` and ``etc``."""
     path: Path | None
+    """None of a board that has none."""
     device: UsbBoard | None
+    """None of a port that is not on USB."""
 
     @property
     def daplink(self) -> UsbBoard | None:

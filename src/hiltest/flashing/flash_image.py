@@ -28,17 +28,11 @@ _DATA, _END, _LINEAR = 0, 1, 4
 
 @dataclass(frozen=True, slots=True)
 class FlashImage:
-    """A firmware image that may be put into the flash of an MK64FN1M0.
-
-    Attributes
-    ----------
-    image : FirmwareImage
-    chunks : tuple of Chunk
-        Address and bytes, ascending, none adjacent.
-    """
+    """A firmware image that may be put into the flash of an MK64FN1M0."""
 
     image: FirmwareImage
     chunks: tuple[Chunk, ...]
+    """Address and bytes, ascending, none adjacent."""
 
     @property
     def size(self) -> int:

@@ -78,15 +78,13 @@ def calibrate_imu(
 
     Parameters
     ----------
-    board : Board
-    turntable : Turntable
+    turntable
         An operator is asked; motors turn without a question.
-    rig : Rig
+    rig
         Says which steps, how many points and how many seconds.
-    guide : Guide
-    made_utc : str
+    made_utc
         The time that the calibration gets, ISO 8601.
-    calibrator : str
+    calibrator
         Magnetometer calibrator of the firmware; `DPI` also uses gravity.
 
     Raises

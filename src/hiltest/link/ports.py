@@ -67,11 +67,11 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
 
     Parameters
     ----------
-    url : str
+    url
         A device (``/dev/ttyACM0``, ``COM3``) or a pyserial URL (``rfc2217://``, ``socket://``, ``hil://``, ``usb://``).
-    baud : int
+    baud
         Line speed.
-    rig : str
+    rig
         Name of the rig, for others that want the board.
 
     Raises

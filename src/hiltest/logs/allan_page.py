@@ -31,27 +31,18 @@ _IN_COUNTS = (("count/rtHz", 1.0), ("count/rtHz", 1.0), ("count", 1.0), ("count/
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number that is printed, drawn and in the JSON.
-
-    Attributes
-    ----------
-    key, name : str
-        In the JSON, and for people.
-    found : Estimate or None
-        None when it is not seen in the noise.
-    at_most : float or None
-        What it is at most when it is not seen, where that is known.
-    unit : str
-    at_s : float or None
-        Averaging time that it is of.
-    """
+    """One number that is printed, drawn and in the JSON."""
 
     key: str
     name: str
+    """In the JSON, and for people."""
     found: Estimate | None
+    """None when it is not seen in the noise."""
     unit: str
     at_most: float | None = None
+    """What it is at most when it is not seen, where that is known."""
     at_s: float | None = None
+    """Averaging time that it is of."""
 
     @property
     def cells(self) -> tuple[str, str, str]:

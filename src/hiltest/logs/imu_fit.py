@@ -43,24 +43,15 @@ _HEADER = """\
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuLogFit:
-    """Calibration of an IMU from a log.
-
-    Attributes
-    ----------
-    log : ImuLog
-    intervals : Intervals
-    accelerometer : AccelerometerResult
-    gyroscope : GyroscopeResult or None
-        None without a gyroscope in the log, or a rest.
-    rates : tuple of SteadyRate or None
-        Parts that turned at a known rate; None when none was said.
-    """
+    """Calibration of an IMU from a log."""
 
     log: ImuLog
     intervals: Intervals
     accelerometer: AccelerometerResult
     gyroscope: GyroscopeResult | None
+    """None without a gyroscope in the log, or a rest."""
     rates: tuple[SteadyRate, ...] | None = None
+    """Parts that turned at a known rate; None when none was said."""
 
     @property
     def scales(self) -> dict[str, SteadyRate]:
@@ -92,15 +83,13 @@ def fit_imu_log(
 
     Parameters
     ----------
-    log : ImuLog
-    intervals : Intervals
-    method : str
+    method
         Of the accelerometer.
-    turn_deg : float
+    turn_deg
         Angle of each whole turn.
-    bias : ndarray, shape (3,), optional
+    bias : shape (3,)
         Of the gyroscope, from another log, in the unit of this one.
-    rpm : float, optional
+    rpm
         Rate of a turntable, in revolutions a minute, wherever the log turns steadily.
     """
     accelerometer = fit_accelerometer(log, intervals.rests, method)

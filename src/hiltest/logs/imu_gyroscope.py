@@ -48,67 +48,44 @@ BOUNDS = (
 
 @dataclass(frozen=True, slots=True)
 class TurnResult:
-    """One motion that may be a whole turn.
-
-    Attributes
-    ----------
-    name : str
-        As annotated, else empty.
-    start_s, end_s : float
-        In the log.
-    bias : (3,)
-        Its own: of the rests beside it, in the unit of the log.
-    integral : (3,)
-        Integral of the rate without its bias: degrees, or counts times seconds.
-    turned_deg : float
-        What it was taken for, about the vertical upward as accelerometers have it; 0 when it was refused.
-    left_deg : float
-        Difference between that and the calibrated integral; 0 without a calibration.
-    refused : str
-        Why, empty when it was used.
-    """
+    """One motion that may be a whole turn."""
 
     name: str
+    """As annotated, else empty."""
     start_s: float
     end_s: float
+    """In the log."""
     bias: tuple[float, float, float]
+    """Its own: of the rests beside it, in the unit of the log."""
     integral: tuple[float, float, float]
+    """Integral of the rate without its bias: degrees, or counts times seconds."""
     turned_deg: float
+    """What it was taken for, about the vertical upward as accelerometers have it; 0 when it was refused."""
     left_deg: float
+    """Difference between that and the calibrated integral; 0 without a calibration."""
     refused: str
+    """Why, empty when it was used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroscopeResult:
-    """Calibration of the gyroscope from a log.
-
-    Attributes
-    ----------
-    n : int
-        Samples at rest.
-    bias : ndarray, shape (3,)
-        Their mean, in the unit of the log.
-    bias_spread : float
-        Standard deviation of the rests' own means about it, largest axis.
-    fit : GyroscopeFit or None
-        ``rate_dps = matrix @ (reading - bias)``. None without three turns; the bias holds then as well.
-    turns : tuple of TurnResult
-    verdict : Acceptance
-        On the matrix; refused where there is only the bias.
-    reasons : tuple of Reason
-        Why it is not good.
-    refused : str
-        Why there is no matrix, empty when there is.
-    """
+    """Calibration of the gyroscope from a log."""
 
     n: int
+    """Samples at rest."""
     bias: Reals
+    """Shape (3,). Their mean, in the unit of the log."""
     bias_spread: float
+    """Standard deviation of the rests' own means about it, largest axis."""
     fit: GyroscopeFit | None
+    """``rate_dps = matrix @ (reading - bias)``. None without three turns; the bias holds then as well."""
     turns: tuple[TurnResult, ...]
     verdict: Acceptance
+    """On the matrix; refused where there is only the bias."""
     reasons: tuple[Reason, ...]
+    """Why it is not good."""
     refused: str
+    """Why there is no matrix, empty when there is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,17 +103,15 @@ def fit_gyroscope(
 
     Parameters
     ----------
-    log : ImuLog
-    intervals : Intervals
-    accelerometer : AccelerometerFit or None
+    accelerometer
         Calibration from the same log.
-    turn_deg : float
+    turn_deg
         Angle of each turn, done once or several times; counts alone do not show it.
-    rests : sequence of Interval
+    rests
         Where the log rests beside annotated turns, found in it: a turn's own bias is that of the rests beside it.
-    bias : ndarray, shape (3,), optional
+    bias : shape (3,)
         From another log, in the unit of this one; it then holds for all turns.
-    steady : sequence of Interval
+    steady
         What turned at a table's rate, and is no whole turn.
 
     Returns

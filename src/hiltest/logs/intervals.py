@@ -49,21 +49,14 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
-    """Rests and motions of a log.
-
-    Attributes
-    ----------
-    rests : tuple of Interval
-        In the order of their time.
-    motions : tuple of Interval
-        Between two rests when they were found, with one before and one behind each; turns by their names otherwise.
-    found : bool
-        Whether they were found in the readings; otherwise they are annotations.
-    """
+    """Rests and motions of a log."""
 
     rests: tuple[Interval, ...]
+    """In the order of their time."""
     motions: tuple[Interval, ...]
+    """Between two rests when they were found, with one before and one behind each; turns by their names otherwise."""
     found: bool
+    """Whether they were found in the readings; otherwise they are annotations."""
 
 
 def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals:
@@ -71,8 +64,7 @@ def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals
 
     Parameters
     ----------
-    log : ImuLog
-    rest_rate : ndarray, shape (3,), optional
+    rest_rate : shape (3,)
         What the gyroscope reads at rest; by default what it reads most of the time that nothing scatters.
 
     Raises

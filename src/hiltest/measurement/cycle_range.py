@@ -25,19 +25,13 @@ class RowEffect:
 
 @dataclass(frozen=True, slots=True)
 class CycleRange:
-    """Uncertainty range of a cycle count: every uncertain row of its cycle model takes any value of its own range.
-
-    Attributes
-    ----------
-    low, high : int
-        Counts with every row at the cheap, or the dear, end of its own range.
-    rows : tuple of RowEffect
-        Each that changes the count, alone: the one that changes it most comes first.
-    """
+    """Uncertainty range of a cycle count: every uncertain row of its cycle model takes any value of its own range."""
 
     low: int
     high: int
+    """Counts with every row at the cheap, or the dear, end of its own range."""
     rows: tuple[RowEffect, ...] = ()
+    """Each that changes the count, alone: the one that changes it most comes first."""
 
     def __str__(self) -> str:
         return _range(self.low, self.high)

@@ -26,27 +26,18 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What a board said at the end of its wait.
-
-    Attributes
-    ----------
-    heading_deg : float
-        Mean of the last window, from magnetic north, clockwise.
-    is_settled : bool
-        False where it still moved when the longest time was over.
-    took_s : float
-        From the beginning to the end of the last window.
-    window : sequence of Observation
-        All that was said in it.
-    unconfirmed : int
-        Headings of all windows that were left out, since the one before and the one behind contradict them.
-    """
+    """What a board said at the end of its wait."""
 
     heading_deg: float
+    """Mean of the last window, from magnetic north, clockwise."""
     is_settled: bool
+    """False where it still moved when the longest time was over."""
     took_s: float
+    """From the beginning to the end of the last window."""
     window: Sequence[Observation]
+    """All that was said in it."""
     unconfirmed: int = 0
+    """Headings of all windows that were left out, since the one before and the one behind contradict them."""
 
 
 def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | None = None) -> Settled:
@@ -54,11 +45,11 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
 
     Parameters
     ----------
-    board : CompassBoard
+    board
         Standing still; it offers a heading.
-    frame : Frame
+    frame
         In which its headings are.
-    longest_s : float, optional
+    longest_s
         By default the rig's. The wait lasts for as many windows as fit into this time: their number does not depend on
         the nanoseconds by which a clock is read late.
 

@@ -25,9 +25,7 @@ def print_profile(console: Console, profile: ProfileDocument, *, lines: int, ins
 
     Parameters
     ----------
-    console : Console
-    profile : ProfileDocument
-    lines, instructions : int
+    lines, instructions
         How many of the most expensive source lines and instructions to show.
     """
     _print_head(console, profile)

@@ -24,9 +24,7 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
 
     Parameters
     ----------
-    console : Console
-    profile : TimingProfile
-    file : Path
+    file
         Where it stands.
     """
     rows = profile.rows | profile.memory
@@ -80,8 +78,7 @@ def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None
 
     Parameters
     ----------
-    console : Console
-    raw : mapping of str to mapping
+    raw
         Clocks of half of each sequence, by the memory that it ran from.
     """
     differing = [name for name in raw["sram"] if len({clocks[name] for clocks in raw.values()}) > 1]

@@ -67,9 +67,8 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
 
     Parameters
     ----------
-    run : Run
+    run
         What its journal holds; its own verdict does not count.
-    going_on : bool
 
     Returns
     -------

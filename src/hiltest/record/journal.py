@@ -38,9 +38,9 @@ class Journal:
 
     Parameters
     ----------
-    folder : Path
+    folder
         What lies in it stays as it is until `begin`.
-    name : str, optional
+    name
         Name of the file.
 
     Raises

@@ -33,27 +33,18 @@ _UNKNOWN = asdict(Verdict("cut short", 2, "", complete=False))
 
 @dataclass(frozen=True, slots=True)
 class RecordFile:
-    """A record as it was read.
-
-    Attributes
-    ----------
-    run : Run
-    content : mapping
-        The same as JSON has it, with every field that only a newer hiltest knows: what is written again is written
-        of this.
-    path : Path
-        ``run.json`` or the journal.
-    sha256 : str
-        Digest of that file as it was read.
-    ended : bool
-        Whether the run has come to its end, and the verdict is its own.
-    """
+    """A record as it was read."""
 
     run: Run
     content: Mapping[str, Any]
+    """The same as JSON has it, with every field that only a newer hiltest knows: what is written again is written
+    of this."""
     path: Path
+    """``run.json`` or the journal."""
     sha256: str
+    """Digest of that file as it was read."""
     ended: bool
+    """Whether the run has come to its end, and the verdict is its own."""
 
 
 def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
@@ -61,9 +52,9 @@ def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
 
     Parameters
     ----------
-    place : Path
+    place
         A run's folder, a ``run.json`` or a ``journal.jsonl``.
-    otherwise : str, optional
+    otherwise
         What to do where a file is no JSON.
 
     Raises

@@ -205,28 +205,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Record of a run, as in ``run.json``.
-
-    Attributes
-    ----------
-    suite : str
-        Which set of tests it was: ``gate`` or ``full``.
-    volatile : tuple of str
-        JSON pointers (RFC 6901) of all that may differ between two runs of the same seed.
-    comparison : Comparison or None
-        Comparison with the baseline or the older firmware.
-    other_attempts : tuple of Measurement
-        What the other attempts of tests that were run again measured; the worst stands under `measurements`.
-    chosen : bool
-        Whether the user chose among the tests of hiltest, so that some of the set did not run.
-    revision : Revision or None
-        Sources that it was made for, as the label and the job name them.
-    tolerances : mapping of str to (float, float)
-        Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
-        they were kept.
-    coverage : CoverageRecord or None
-        Coverage of the firmware, where it was asked for.
-    """
+    """Record of a run, as in ``run.json``."""
 
     schema: Literal["hiltest.run/1"]
     verdict: Verdict
@@ -234,6 +213,7 @@ class Run:
     rig: RigRecord | None
     seed: int | None
     suite: Literal["gate", "full"]
+    """Which set of tests it was: ``gate`` or ``full``."""
     poses: str
     calibration: CalibrationRecord | None
     environment: Environment
@@ -243,12 +223,20 @@ class Run:
     measurements: tuple[Measurement, ...]
     tables: tuple[Table, ...]
     volatile: tuple[str, ...] = ()
+    """JSON pointers (RFC 6901) of all that may differ between two runs of the same seed."""
     comparison: Comparison | None = None
+    """Comparison with the baseline or the older firmware."""
     other_attempts: tuple[Measurement, ...] = ()
+    """What the other attempts of tests that were run again measured; the worst stands under `measurements`."""
     chosen: bool = False
+    """Whether the user chose among the tests of hiltest, so that some of the set did not run."""
     revision: Revision | None = None
+    """Sources that it was made for, as the label and the job name them."""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
+    they were kept."""
     coverage: CoverageRecord | None = None
+    """Coverage of the firmware, where it was asked for."""
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""

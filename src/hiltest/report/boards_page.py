@@ -25,48 +25,31 @@ _HEADLINES = (KINDS["heading.{calibrator}.max"], KINDS["cycles.{calibrator}.tota
 
 @dataclass(frozen=True, slots=True)
 class BoardLine:
-    """The end of one board's run.
-
-    Attributes
-    ----------
-    name : str
-        Of its rig.
-    folder : str
-        Of its record, beside the page.
-    exit_code : int
-    sentence : str
-        Its verdict, or its last words where there is none.
-    firmware : str
-        Empty where nothing answered.
-    """
+    """The end of one board's run."""
 
     name: str
+    """Of its rig."""
     folder: str
+    """Of its record, beside the page."""
     exit_code: int
     sentence: str
+    """Its verdict, or its last words where there is none."""
     firmware: str = ""
+    """Empty where nothing answered."""
 
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """One measurement on every board that has it.
-
-    Attributes
-    ----------
-    name, unit : str
-    values : mapping of str to float, int or None
-        By board.
-    outcomes : mapping of str to Outcome
-        The same.
-    spread : float, int or None
-        Largest less smallest; None where fewer than two boards have a number, or where they are not alike.
-    """
+    """One measurement on every board that has it."""
 
     name: str
     unit: str
     values: Mapping[str, float | int | None]
+    """By board."""
     outcomes: Mapping[str, Outcome]
+    """The same."""
     spread: float | int | None
+    """Largest less smallest; None where fewer than two boards have a number, or where they are not alike."""
 
     @property
     def has_limit(self) -> bool:

@@ -43,11 +43,7 @@ def campaign_markdown(
 
     Parameters
     ----------
-    verdict : Verdict
-    seeds : sequence of SeedLine
-    spreads : sequence of Spread
-    comparison : Comparison or None
-    cycle_models : iterable of str, optional
+    cycle_models
         What counted the cycles among the spreads.
     """
     return "\n".join(_lines(verdict, seeds, spreads, comparison, counted_by(cycle_models))) + "\n"

@@ -23,21 +23,14 @@ MOST_NAME, MOST_MEASURE = 1024, 64
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """One measurement as a number that gets better one way, on each seed that has it.
-
-    Attributes
-    ----------
-    name : str
-        Name, for cycles with their cycle model: both tools compare what has the same name.
-    larger_is_better : bool
-    values : tuple of float or int
-        Finite, at least one.
-    """
+    """One measurement as a number that gets better one way, on each seed that has it."""
 
     name: str
+    """Name, for cycles with their cycle model: both tools compare what has the same name."""
     unit: str
     larger_is_better: bool
     values: tuple[float | int, ...]
+    """Finite, at least one."""
     limit: Limit | None
 
     @property
@@ -47,12 +40,7 @@ class Exported:
 
 
 def exported(by_seed: Mapping[Seed, Mapping[str, Measurement]]) -> list[Exported]:
-    """Return all measurements with a better direction and a number, sorted by name.
-
-    Parameters
-    ----------
-    by_seed : mapping of seed to mapping of name to Measurement
-    """
+    """Return all measurements with a better direction and a number, sorted by name."""
     names = sorted({name for measurements in by_seed.values() for name in measurements})
     found = (_exported([each[name] for each in by_seed.values() if name in each]) for name in names)
     return [each for each in found if each is not None]
@@ -71,7 +59,7 @@ def github_action_benchmark_json(numbers: list[Exported]) -> str:
 
     Parameters
     ----------
-    numbers : list of Exported
+    numbers
         Measurements of one better direction, which the file itself does not state; the action refuses an empty list.
     """
     return _json([_entry(each) for each in numbers])

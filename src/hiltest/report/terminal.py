@@ -53,16 +53,15 @@ def summary(
 
     Parameters
     ----------
-    run : Run
-    folder : Path
+    folder
         Where its files are.
-    verbose : bool
+    verbose
         Whether to print every measurement, the uncertainty of every count, and the cost of the calibrators too.
-    width : int
+    width
         Columns of the terminal.
-    colour : bool
+    colour
         Whether it shows colours.
-    options : str, optional
+    options
         For ``hiltest run``, to run the same on other seeds.
     """
     text = StringIO()

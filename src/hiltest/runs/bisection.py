@@ -33,29 +33,20 @@ _TREE = "tree"
 
 @dataclass(frozen=True, slots=True)
 class FirstWorse:
-    """The end of a bisection.
-
-    Attributes
-    ----------
-    good, bad : JudgedCommit
-        The two that it began with.
-    steps : tuple of JudgedCommit
-        Those between that were judged, in this order.
-    candidates : tuple of JudgedCommit
-        One of these is the first that is worse: just one, or all others among them were skipped. Newest first.
-    before : JudgedCommit
-        The nearest commit before all of these that is not worse.
-    against_good, against_before : Comparison
-        Of the newest candidate, which is worse.
-    """
+    """The end of a bisection."""
 
     good: JudgedCommit
     bad: JudgedCommit
+    """The two that it began with."""
     steps: tuple[JudgedCommit, ...]
+    """Those between that were judged, in this order."""
     candidates: tuple[JudgedCommit, ...]
+    """One of these is the first that is worse: just one, or all others among them were skipped. Newest first."""
     before: JudgedCommit
+    """The nearest commit before all of these that is not worse."""
     against_good: Comparison
     against_before: Comparison
+    """Of the newest candidate, which is worse."""
 
     @property
     def exit_code(self) -> ExitCode:
@@ -76,19 +67,19 @@ def first_worse(
 
     Parameters
     ----------
-    good, bad : str
+    good, bad
         Commits, as git names them. The good one is an ancestor of the bad one.
-    build : sequence of str
+    build
         Build command: one word for a shell, or a program and its arguments.
-    firmware : str
+    firmware
         What it builds.
-    out : Path
+    out
         Folder of what is built and run, and remembered.
-    options : sequence of str
+    options
         For pytest, of every run.
-    runs : sequence of str, optional
+    runs
         Options of ``hiltest run`` for a campaign.
-    measures : sequence of str, optional
+    measures
         Measurements that decide, ``*`` matches anything; all of them by default.
 
     Raises

@@ -101,20 +101,19 @@ def run_seeds(
 
     Parameters
     ----------
-    seeds : sequence of int
-    options : sequence of str
+    options
         For pytest, the same for every seed.
-    out : Path
+    out
         Gets a folder a seed.
-    may_fail : int
+    may_fail
         How many seeds may miss a limit; a test that failed for another reason is never excused.
-    baseline : str, optional
+    baseline
         Base that all seeds together are compared with, paired by seed.
-    against : str, optional
+    against
         Older firmware to run on the same seeds first, as the base.
-    jobs : int or str, optional
+    jobs
         How many at a time, one a core by default; or the address of a dask scheduler, whose workers are sent the bench.
-    coverage : str, optional
+    coverage
         File of LCOV for the coverage of all seeds together.
 
     Returns

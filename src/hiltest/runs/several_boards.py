@@ -40,13 +40,13 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
 
     Parameters
     ----------
-    rigs : sequence of str
+    rigs
         Rig files, or names of rigs: one a board.
-    options : sequence of str
+    options
         For pytest, the same for every board.
-    out : Path
+    out
         Gets a folder a board, called as its rig.
-    flashes : bool, optional
+    flashes
         Whether the firmware is put onto each board first.
 
     Returns

@@ -29,9 +29,9 @@ class ByHand:
 
     Parameters
     ----------
-    recorder : Recorder
+    recorder
         Of this run, whose folder may hold the journal of one that was cut short.
-    bench : mapping of str to str
+    bench
         What must be the same for the steps of another run to be this one's, by what it is called.
 
     Attributes
@@ -81,7 +81,7 @@ class ByHand:
 
         Parameters
         ----------
-        held : mapping of str to sequence of float
+        held
             All numbers of each calibration that the board holds now.
         """
         now = {name: list(numbers) for name, numbers in held.items()}

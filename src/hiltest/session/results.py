@@ -110,7 +110,7 @@ class TestLog:
 
     Parameters
     ----------
-    test_id : callable
+    test_id
         Makes of pytest's node id the id that the record keeps.
     """
 

@@ -28,7 +28,7 @@ class BoardCalibrators:
 
     Parameters
     ----------
-    firmware : Path, optional
+    firmware
         By default the packaged one.
 
     Attributes
@@ -69,11 +69,11 @@ class BoardCalibrators:
 
         Parameters
         ----------
-        name : str
+        name
             One of `names`.
-        counts : ndarray, shape (n, 3)
+        counts : shape (n, 3)
             Whole numbers that int16 holds [counts].
-        anchor : ndarray, shape (3,), optional
+        anchor : shape (3,)
             What the firmware sums about, in place of the middle of the points' range [counts].
 
         Returns

@@ -25,29 +25,20 @@ RECOMMENDED, RUNNER_UP, TOO_DEAR = "recommended", "runner-up", "over budget"
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A calibrator of the board under the conditions.
-
-    Attributes
-    ----------
-    name : str
-    median_deg : float
-        Of the direction's rms error over instances [deg].
-    high_deg, at_least_deg, at_most_deg : float
-        Its 95th percentile, and the ends of what so many instances say of that [deg].
-    ellipsoids_percent : float
-        Instances with an ellipsoid [%]; the sphere counts for the others.
-    cycles, most_cycles : int
-        In the median of instances, and the most of any.
-    """
+    """A calibrator of the board under the conditions."""
 
     name: str
     median_deg: float
+    """Of the direction's rms error over instances [deg]."""
     high_deg: float
     at_least_deg: float
     at_most_deg: float
+    """Its 95th percentile, and the ends of what so many instances say of that [deg]."""
     ellipsoids_percent: float
+    """Instances with an ellipsoid [%]; the sphere counts for the others."""
     cycles: int
     most_cycles: int
+    """In the median of instances, and the most of any."""
 
     def __str__(self) -> str:
         """Return name and numbers."""

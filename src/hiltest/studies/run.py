@@ -39,14 +39,13 @@ def run_study(
 
     Parameters
     ----------
-    plan : Plan
-    folder : Path
+    folder
         It is there already. What an interrupted run of the same plan has done is in it.
-    jobs : int or str
+    jobs
         Number of processes, or the address of a dask scheduler.
-    progress : callable
+    progress
         Called with what is counted, how many are done, and of how many.
-    asked_to_end : callable
+    asked_to_end
         Whether to end after the blocks that are being done.
 
     Raises

@@ -39,10 +39,6 @@ def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
 
     Hidden folders are not read, nor the older firmware of a run with ``--against``.
 
-    Parameters
-    ----------
-    folder : Path
-
     Returns
     -------
     entries : list of RunEntry

@@ -124,7 +124,7 @@ def trend_of(entries: Sequence[RunEntry]) -> Trend:
 
     Parameters
     ----------
-    entries : sequence of RunEntry
+    entries
         In any order; what no board answered has no place in it.
 
     Returns

@@ -33,7 +33,7 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
 
     Parameters
     ----------
-    measurements : sequence of Measurement
+    measurements
         Measurements of one run.
 
     Returns
@@ -96,20 +96,13 @@ STAGES_TABLE = "stream.stages"
 
 @dataclass(frozen=True, slots=True)
 class CalibratorCost:
-    """Cycles of one calibrator.
-
-    Attributes
-    ----------
-    name : str
-    cycles : float or None
-        Cycles of a calibration from all its points; of a streaming calibrator, all its points and the fit.
-    points : int or None
-        Points that a streaming calibrator was given; None for one that takes all at once.
-    """
+    """Cycles of one calibrator."""
 
     name: str
     cycles: float | None
+    """Cycles of a calibration from all its points; of a streaming calibrator, all its points and the fit."""
     points: int | None = None
+    """Points that a streaming calibrator was given; None for one that takes all at once."""
 
     @property
     def is_streaming(self) -> bool:

@@ -25,27 +25,18 @@ from hiltest.verdict.statistics import LARGEST
 
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """What chance makes of one measurement.
-
-    Attributes
-    ----------
-    noise : Noise or None
-        Of its mean change; None where there is none.
-    tolerance : Tolerance
-        What it must move beyond, apart from noise.
-    size : float
-        Of its values, which a relative tolerance is a part of.
-    shared : bool
-        Whether runs of one seed read the same noise.
-    share : float
-        Share of comparisons of unchanged firmware that may call it changed.
-    """
+    """What chance makes of one measurement."""
 
     noise: Noise | None
+    """Of its mean change; None where there is none."""
     tolerance: Tolerance
+    """What it must move beyond, apart from noise."""
     size: float
+    """Of its values, which a relative tolerance is a part of."""
     shared: bool
+    """Whether runs of one seed read the same noise."""
     share: float = FALSE_ALARMS
+    """Share of comparisons of unchanged firmware that may call it changed."""
 
     @property
     def floor(self) -> float:

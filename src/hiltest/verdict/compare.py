@@ -32,8 +32,7 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
 
     Parameters
     ----------
-    base, new : Evidence
-    together : bool, optional
+    together
         Whether both firmwares ran in one session: they may then be of different compilers and flags.
 
     Returns
@@ -98,11 +97,10 @@ def not_compared(file: str, reason: str, new: Evidence) -> Comparison:
 
     Parameters
     ----------
-    file : str
+    file
         File that was to be the base.
-    reason : str
+    reason
         Why it is none, with what to do.
-    new : Evidence
     """
     return _comparison(Side(file), new, (), (reason, *new.faults), BaseKind.RUN)
 
@@ -212,8 +210,7 @@ def with_accuracy(found: Difference, base: _Measured, new: _Measured) -> Differe
 
     Parameters
     ----------
-    found : Difference
-    base, new : mapping of seed to mapping of str to Measurement
+    base, new
         All that both sides measured. Over several seeds it names the means, as for the cost.
     """
     name = identify(found.name).accuracy

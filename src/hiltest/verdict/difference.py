@@ -38,13 +38,13 @@ def difference(
 
     Parameters
     ----------
-    pairs : Pairs
+    pairs
         At least one measurement in it.
-    board : str
+    board
         Kind of the board: a real one has noise of its own in every run.
-    tolerances : mapping of str to Tolerance
+    tolerances
         Tolerances of the new run's rig, by exact name.
-    chance : Chance, optional
+    chance
         Where it is one of many measurements: with its share of the false alarms.
     """
     latest = pairs.latest

@@ -27,82 +27,54 @@ REAL = "real"
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Conditions that must be the same on both sides for numbers to be comparable, beside compiler and cycle model.
-
-    Attributes
-    ----------
-    board : str
-        Its kind: ``virtual`` or ``real``, of a replay with the recording that it is of, or `NO_BOARD`.
-    rig_sha256 : str
-        SHA-256 of the rig's conditions; empty in a record from before they were kept, and without board and rig.
-    calibrators : tuple of str
-        As the board names them.
-    sensors : tuple of str
-        Those that were there, by name.
-    compiler_flags : tuple of str
-        Compiler flags of all units of the firmware; empty where there is no ELF, or none with debugging information.
-    poses : str
-        Known angles that were measured: ``all`` or ``level``.
-    suite : str
-        Set of tests: ``gate`` or ``full``.
-    calibrated : bool
-        Whether a calibration file was tested too.
-    """
+    """Conditions that must be the same on both sides for numbers to be comparable, beside compiler and cycle model."""
 
     board: str
+    """Its kind: ``virtual`` or ``real``, of a replay with the recording that it is of, or `NO_BOARD`."""
     rig_sha256: str
+    """SHA-256 of the rig's conditions; empty in a record from before they were kept, and without board and rig."""
     calibrators: tuple[str, ...]
+    """As the board names them."""
     sensors: tuple[str, ...]
+    """Those that were there, by name."""
     protocol_version: int
     compiler_flags: tuple[str, ...]
+    """Compiler flags of all units of the firmware; empty where there is no ELF, or none with debugging information."""
     poses: str
+    """Known angles that were measured: ``all`` or ``level``."""
     suite: str
+    """Set of tests: ``gate`` or ``full``."""
     calibrated: bool
+    """Whether a calibration file was tested too."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """One run, or several runs of the same firmware on the same rig that differ in their seed.
-
-    Attributes
-    ----------
-    side : Side
-    conditions : Conditions or None
-        None when no board answered that was to.
-    measurements : mapping of seed to mapping of str to Measurement
-        Measurements by name, the volatile ones too.
-    tolerances : mapping of str to Tolerance
-        Tolerances that the rig states, by exact name.
-    in_force : mapping of str to Tolerance
-        Tolerance of every measurement, as the record states it; empty in one from before it was kept.
-    tests : mapping of seed to mapping of str to TestOutcome
-        Outcome of every test by its id, of a baseline those that passed; empty where that was not kept.
-    faults : tuple of str
-        Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
-    chosen : bool
-        Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep.
-    failed : tuple of str
-        What else than a limit makes it no pass by itself: tests that failed, with the reason.
-    may_miss : bool
-        Whether limits that were missed were allowed to be, as on some seeds of many.
-    is_baseline : bool
-        Whether it was read from a baseline file.
-    builds : mapping of str to str
-        Build of each measurement that is of another one than `side`: a baseline may have accepted some.
-    """
+    """One run, or several runs of the same firmware on the same rig that differ in their seed."""
 
     side: Side
     conditions: Conditions | None
+    """None when no board answered that was to."""
     measurements: Mapping[Seed, Mapping[str, Measurement]]
+    """Measurements by name, the volatile ones too."""
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    """Tolerances that the rig states, by exact name."""
     faults: tuple[str, ...] = ()
+    """Why this side is no evidence, one line each, with what to do: such as a run that was cut short."""
     chosen: bool = False
+    """Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep."""
     failed: tuple[str, ...] = ()
+    """What else than a limit makes it no pass by itself: tests that failed, with the reason."""
     may_miss: bool = False
+    """Whether limits that were missed were allowed to be, as on some seeds of many."""
     is_baseline: bool = False
+    """Whether it was read from a baseline file."""
     builds: Mapping[str, str] = field(default_factory=dict)
+    """Build of each measurement that is of another one than `side`: a baseline may have accepted some."""
     in_force: Mapping[str, Tolerance] = field(default_factory=dict)
+    """Tolerance of every measurement, as the record states it; empty in one from before it was kept."""
     tests: Mapping[Seed, Mapping[str, TestOutcome]] = field(default_factory=dict)
+    """Outcome of every test by its id, of a baseline those that passed; empty where that was not kept."""
 
     @property
     def name(self) -> str:
@@ -116,8 +88,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
 
     Parameters
     ----------
-    run : Run
-    file, sha256 : str, optional
+    file, sha256
         Where it was read from; empty for a run that is just ending.
     """
     board, rig = run.board, run.rig
@@ -145,9 +116,9 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
 
     Parameters
     ----------
-    runs : sequence of Evidence
+    runs
         At least one.
-    file : str
+    file
         What to call them.
     """
     first = runs[0]

@@ -22,7 +22,7 @@ def read_evidence(place: Path) -> Evidence:
 
     Parameters
     ----------
-    place : Path
+    place
         A run's folder or its ``run.json``, the folder of a campaign, or a baseline file.
 
     Raises

@@ -36,29 +36,20 @@ class Held:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingEvidence:
-    """Known field and gravity along the board's axes, and what was read and answered there.
-
-    Attributes
-    ----------
-    field, gravity : ndarray, shape (n, 3)
-        Known [uT], [g].
-    magnetometer, accelerometer : ndarray, shape (n, 3)
-        Means [counts].
-    held : mapping of str to Held
-        Calibrations by name.
-    points : ndarray, shape (m, 3)
-        Of the tumble [counts]; empty where the record has none.
-    fitted : mapping of str to int
-        How many of these each calibrator was given.
-    """
+    """Known field and gravity along the board's axes, and what was read and answered there."""
 
     field: Reals
     gravity: Reals
+    """Shape (n, 3). Known [uT], [g]."""
     magnetometer: Reals
     accelerometer: Reals
+    """Shape (n, 3). Means [counts]."""
     held: Mapping[str, Held]
+    """Calibrations by name."""
     points: Reals
+    """Shape (m, 3). Of the tumble [counts]; empty where the record has none."""
     fitted: Mapping[str, int]
+    """How many of these each calibrator was given."""
 
     @property
     def strength_ut(self) -> float:

@@ -23,10 +23,9 @@ def obstacles(
 
     Parameters
     ----------
-    base, new : Evidence
-    differences : sequence of Difference or None
+    differences
         Between them; None to ask only whether numbers of one may stand beside numbers of the other.
-    together : bool
+    together
         Whether both firmwares ran in one session: compiler and flags may then differ.
     """
     unlike = (*base.faults, *new.faults, *_of_sides(base, new, together=together))

@@ -27,9 +27,9 @@ def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Tab
 
     Parameters
     ----------
-    found : mapping of str to Measurement
+    found
         All of the run.
-    tables : mapping of str to Table
+    tables
         With what the procedure found of its conventions.
     """
     limit_deg = maximum_of(found.get(f"heading.{FIRMWARE}.max"))
@@ -90,7 +90,7 @@ def costs_in_words(results: Sequence[CalibratorResult]) -> str:
 
     Parameters
     ----------
-    results : sequence of CalibratorResult
+    results
         Cheapest first.
     """
     own = next((each for each in results if each.name == CALIBRATED), None)

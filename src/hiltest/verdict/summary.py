@@ -46,20 +46,13 @@ _OF_THE_THESIS = (168.0, 2600.0)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A measurement out of its limit.
-
-    Attributes
-    ----------
-    measurement : Measurement
-    was : float or None
-        In the baseline; None without one.
-    cause : str
-        Likely cause; empty where it is unknown.
-    """
+    """A measurement out of its limit."""
 
     measurement: Measurement
     was: float | None
+    """In the baseline; None without one."""
     cause: str
+    """Likely cause; empty where it is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,39 +70,26 @@ class CalibratorLine:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Contents of the top of every report, in this order.
-
-    Attributes
-    ----------
-    failures : tuple of Failure
-        One of each calibrator first.
-    causes : tuple of str
-        Likely causes of all that failed: one of a kind, that of the first failure first.
-    broken : tuple of TestResult
-        Tests that are red for another reason than a limit.
-    unset : tuple of Measurement
-        Limits that could not be told at the uncertainty of their reference, or not evaluated for another reason.
-    unmeasured : tuple of Measurement
-        Limits that nothing was measured against in a run with broken tests, which are the reason.
-    advice : tuple of str
-        What to do next.
-    reference : str
-        Calibrator that the ratios are of; empty without one.
-    calibrators : tuple of CalibratorLine
-        Cheapest first.
-    close : tuple of Measurement
-        Within `CLOSE` of their limit, or with an uncertainty range that reaches beyond it; `CLOSE_AT_MOST` of them.
-    """
+    """Contents of the top of every report, in this order."""
 
     failures: tuple[Failure, ...]
+    """One of each calibrator first."""
     causes: tuple[str, ...]
+    """Likely causes of all that failed: one of a kind, that of the first failure first."""
     broken: tuple[TestResult, ...]
+    """Tests that are red for another reason than a limit."""
     unset: tuple[Measurement, ...]
+    """Limits that could not be told at the uncertainty of their reference, or not evaluated for another reason."""
     unmeasured: tuple[Measurement, ...]
+    """Limits that nothing was measured against in a run with broken tests, which are the reason."""
     advice: tuple[str, ...]
+    """What to do next."""
     reference: str
+    """Calibrator that the ratios are of; empty without one."""
     calibrators: tuple[CalibratorLine, ...]
+    """Cheapest first."""
     close: tuple[Measurement, ...]
+    """Within `CLOSE` of their limit, or with an uncertainty range that reaches beyond it; `CLOSE_AT_MOST` of them."""
 
 
 def summarise(run: Run | Findings) -> Summary:

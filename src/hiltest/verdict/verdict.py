@@ -47,14 +47,14 @@ def decide(
 
     Parameters
     ----------
-    findings : Findings
+    findings
         Tests, measurements and tables of the run, and its comparison with a base if there was to be one.
-    pytest_exit : int
+    pytest_exit
         Exit status as pytest has it; its 2, 3, 4 and 5 win over every other.
-    left_out : sequence of str
+    left_out
         Limits of the rig that nothing was measured against, because the user chose among the tests
         or because the session stopped. They are named, and fail no run.
-    cut_short : bool, optional
+    cut_short
         Whether tests that were to run did not.
 
     Returns
@@ -114,8 +114,7 @@ def headline(verdict: Verdict, summary: Summary) -> str:
 
     Parameters
     ----------
-    verdict : Verdict
-    summary : Summary
+    summary
         Of the same run.
     """
     failures, broken = len(summary.failures), len(summary.broken)
@@ -267,15 +266,15 @@ def unmet_limits(
 
     Parameters
     ----------
-    limits, units : mapping
+    limits, units
         Limits and units of the rig, by measurement name.
-    measured : collection of str
+    measured
         Names of all that was measured.
-    calibrators : sequence of str
+    calibrators
         Calibrators of the board; empty when no board answered.
-    gate_only : bool, optional
+    gate_only
         Whether there are tests that were left out because they are of the full set.
-    places : mapping, optional
+    places
         Where each limit stands, ``file:line``.
     """
     stands = places or {}

@@ -33,21 +33,14 @@ _LARGEST = 1 << 53
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Numbers of one place that are left open.
-
-    Attributes
-    ----------
-    low, high : float
-    is_whole : bool
-        Whether only whole numbers are meant: both ends are written as such, and no type says otherwise.
-    is_single : bool
-        Whether the type is float32.
-    """
+    """Numbers of one place that are left open."""
 
     low: float
     high: float
     is_whole: bool
+    """Whether only whole numbers are meant: both ends are written as such, and no type says otherwise."""
     is_single: bool = False
+    """Whether the type is float32."""
 
     @classmethod
     def of(cls, found: re.Match[str]) -> Range:
@@ -106,10 +99,7 @@ class ArgumentRanges:
 
     Parameters
     ----------
-    elf : Path
-    function : str
-    texts : sequence of str
-    returns : Range, optional
+    returns
         What the function returns where it has succeeded; by default any answer is a success.
 
     Raises

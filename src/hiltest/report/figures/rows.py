@@ -23,32 +23,21 @@ _KEY = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One bar.
-
-    Attributes
-    ----------
-    name, number : str
-    at : float
-        Where the mark stands, 0 to 1 of the width.
-    mark : Mark
-    style : str
-        Class of the mark.
-    zone : (float, float) or None
-        The part of the width that is shaded.
-    ends : sequence of float
-        Where the zone has a limit, and a line says so.
-    start : float or None
-        Where a line to the mark begins.
-    """
+    """One bar."""
 
     name: str
     number: str
     at: float
+    """Where the mark stands, 0 to 1 of the width."""
     mark: Mark
     style: str
+    """Class of the mark."""
     zone: tuple[float, float] | None = None
+    """The part of the width that is shaded."""
     ends: Sequence[float] = ()
+    """Where the zone has a limit, and a line says so."""
     start: float | None = None
+    """Where a line to the mark begins."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,9 +104,9 @@ def coverage_map(corrected: Array, shown: Array, hole: Hole | None) -> Figure:
 
     Parameters
     ----------
-    corrected, shown : ndarray, shape (n, 3)
+    corrected, shown : shape (n, 3)
         All calibrated samples, and those that are drawn.
-    hole : Hole or None
+    hole
         Named where it is part of what is not covered.
     """
     covered = covered_directions(corrected)
@@ -128,8 +128,8 @@ def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
 
     Parameters
     ----------
-    corrected : ndarray, shape (n, 3)
-    width, height : float
+    corrected : shape (n, 3)
+    width, height
         Size of the drawing.
     """
     hole = largest_hole(corrected)

@@ -14,9 +14,7 @@ def memory_use(image: FirmwareImage, memories: MemoryMap, stacks: Iterable[Stack
 
     Parameters
     ----------
-    image : FirmwareImage
-    memories : MemoryMap
-    stacks : iterable of Stack
+    stacks
         The first is the one that the firmware starts with.
 
     Returns

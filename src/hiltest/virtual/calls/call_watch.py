@@ -17,9 +17,9 @@ class CallWatch:
 
     Parameters
     ----------
-    processor : Processor
+    processor
         The emulator must not be running.
-    functions : iterable of str
+    functions
         Names.
 
     Attributes

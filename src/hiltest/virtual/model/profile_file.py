@@ -121,7 +121,7 @@ def load_profile(name: str) -> TimingProfile:
 
     Parameters
     ----------
-    name : str
+    name
         Name of a packaged profile, or a file of one's own, which ends in ``.toml``.
 
     Raises

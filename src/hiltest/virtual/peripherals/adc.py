@@ -38,13 +38,13 @@ class Converter(Restorable):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clocks : ClockGates
+    clocks
         Its clocks.
-    module : ChipPeripheral
+    module
         Its addresses and interrupt.
-    note : callable
+    note
         Told address, size and value of a write that asks for what is not modelled.
 
     Attributes

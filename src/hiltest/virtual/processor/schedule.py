@@ -41,7 +41,7 @@ class Schedule(Restorable):
 
     Parameters
     ----------
-    planned : callable, optional
+    planned
         Told the cycle of every new event: one may be due before what runs would have stopped.
     """
 
@@ -58,12 +58,11 @@ class Schedule(Restorable):
 
         Parameters
         ----------
-        cycle : float
+        cycle
             Cycle of the core.
-        action : callable
-        wakes : bool
+        wakes
             Whether firmware may wait for what the action does.
-        replan : callable, optional
+        replan
             Answers the cycle anew after clocks have changed their rates.
         """
         event = Event(cycle, action, wakes, replan)

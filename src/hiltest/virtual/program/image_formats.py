@@ -29,11 +29,10 @@ def as_elf(name: str, content: bytes, base: int | None) -> bytes:
 
     Parameters
     ----------
-    name : str
+    name
         File name: ``.bin`` is a raw binary; ``.hex``, ``.ihex`` or ``.ihx``, or a colon first, is Intel HEX. Neither
         colon nor ELF's first byte can begin a vector table, whose first word is a multiple of four.
-    content : bytes
-    base : int or None
+    base
         Address of a raw binary; says that it is one. None: 0, for a file that is called one.
 
     Raises

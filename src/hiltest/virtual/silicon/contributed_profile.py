@@ -22,32 +22,22 @@ _LONGEST = 200
 
 @dataclass(frozen=True, slots=True)
 class MeasuredOn:
-    """Table ``[board]`` of a measured profile.
-
-    Attributes
-    ----------
-    name, revision : str
-        Of the board, as printed on it; its owner fills them in.
-    unique_id : str
-        Of the chip.
-    core_clock_hz : int
-    firmware, build_id, compiler : str
-        Of the firmware that counted.
-    date : str
-        Of the measurement, as in ISO 8601.
-    signed_off_by : str
-        ``Name <address>`` of who measured it and gives it away under hiltest's licence.
-    """
+    """Table ``[board]`` of a measured profile."""
 
     name: str
     revision: str
+    """Of the board, as printed on it; its owner fills them in."""
     unique_id: str
+    """Of the chip."""
     core_clock_hz: int
     firmware: str
     build_id: str
     compiler: str
+    """Of the firmware that counted."""
     date: str
+    """Of the measurement, as in ISO 8601."""
     signed_off_by: str
+    """``Name <address>`` of who measured it and gives it away under hiltest's licence."""
 
 
 #: What its owner fills in.
@@ -60,24 +50,16 @@ BY_HAND = {
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """A file that was checked.
-
-    Attributes
-    ----------
-    name : str
-        Of the profile.
-    board : MeasuredOn or None
-        None where that is not all there.
-    objections : tuple of str
-        Why it cannot be taken as it is; none where it can.
-    remarks : tuple of str
-        What the measurement says of the model's rules; no objection.
-    """
+    """A file that was checked."""
 
     name: str
+    """Of the profile."""
     board: MeasuredOn | None
+    """None where that is not all there."""
     objections: tuple[str, ...]
+    """Why it cannot be taken as it is; none where it can."""
     remarks: tuple[str, ...]
+    """What the measurement says of the model's rules; no objection."""
 
 
 def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> Checked:
@@ -85,10 +67,9 @@ def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> Check
 
     Parameters
     ----------
-    file : Path
-    image : FirmwareImage
+    image
         Of the firmware that ships, which has the sequences.
-    sequences : collection of str
+    sequences
         Names of all that it can time.
 
     Raises

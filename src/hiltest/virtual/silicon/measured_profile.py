@@ -112,24 +112,16 @@ PLACES = {
 
 @dataclass(frozen=True, slots=True)
 class MeasuredProfile:
-    """Rows solved from measurements.
-
-    Attributes
-    ----------
-    rows : dict of str to CostRow
-        Those that were measured. One that came out as no whole number has both neighbours as its range.
-    remarks : tuple of str
-        What does not fit the rules.
-    judgements : tuple of Judgement
-        Of each rule of fetching and of addresses, which candidate survives.
-    base : TimingProfile
-        Has the rows that no sequence gives: with those of the rules where one of them holds, or may.
-    """
+    """Rows solved from measurements."""
 
     rows: dict[str, CostRow]
+    """Those that were measured. One that came out as no whole number has both neighbours as its range."""
     remarks: tuple[str, ...]
+    """What does not fit the rules."""
     judgements: tuple[Judgement, ...]
+    """Of each rule of fetching and of addresses, which candidate survives."""
     base: TimingProfile
+    """Has the rows that no sequence gives: with those of the rules where one of them holds, or may."""
 
 
 def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> MeasuredProfile:
@@ -137,11 +129,11 @@ def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> Measur
 
     Parameters
     ----------
-    clocks : mapping of str to int
+    clocks
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
-    about : str
+    about
         What was measured, and with what: ends the source of each row.
-    image : FirmwareImage
+    image
         Has the sequences, from which candidates are priced.
     """
     rows, remarks, exact = _solved(clocks, about)
@@ -240,12 +232,11 @@ def profile_text(
 
     Parameters
     ----------
-    name : str
+    name
         Name of the profile.
-    measured : MeasuredProfile
-    raw : mapping of str to mapping
+    raw
         Clocks of each sequence, by the memory that it ran from: kept, so that they can be evaluated again later.
-    board : iterable of str, optional
+    board
         Lines of table ``[board]``: what it was measured on.
     """
     return "\n".join(_lines(name, measured, raw, board)) + "\n"
