@@ -58,7 +58,7 @@ The page is written by `python docs/documents.py`.
 def schemas_of(command: click.Command) -> list[str]:
     """Return the schemas that the help of a command's --json names."""
     options = (each for each in command.params if isinstance(each, click.Option) and "--json" in each.opts)
-    told = next((each.help or "" for each in options), "")
+    told = next((option.help or "" for option in options), "")
     return re.findall(r"hiltest\.[a-z-]+/\d+", told)
 
 

@@ -144,7 +144,7 @@ def _opened_board(
 
 def _of_known_sensors(board: Board, rig: Rig) -> Board:
     """Return the board, unless the rig names a sensor that its firmware has no driver of."""
-    names = {kind.name.lower(): [each.name for each in board.sensors if each.kind is kind] for kind in SensorKind}
+    names = {kind.name.lower(): [sensor.name for sensor in board.sensors if sensor.kind is kind] for kind in SensorKind}
     try:
         refuse_unknown_sensors(rig, names)
     except ConfigError:

@@ -200,7 +200,7 @@ class CompassBoard:
                     observations = interface.feed(data, now_s) if data else ()
                 else:
                     observations = [interface.read(now_s)] if self._is_due(kind, interface, now_s) else ()
-                said += (self._of_source(kind, each) for each in observations)
+                said += (self._of_source(kind, observation) for observation in observations)
         for each in said:
             self.latest.update(each.values)
         self.errors.update(each.error for each in said if each.error)
@@ -230,8 +230,8 @@ class CompassBoard:
     def remarks(self) -> tuple[str, ...]:
         """Return what a reader should know of how the firmware was understood; empty where all is plain."""
         return tuple(
-            each for interface in self.interfaces.values() if isinstance(interface, _Remarking)
-            for each in interface.remarks()
+            remark for interface in self.interfaces.values() if isinstance(interface, _Remarking)
+            for remark in interface.remarks()
         )  # fmt: skip
 
     def position(self) -> str:
@@ -444,7 +444,7 @@ class TapedReadings:
         self._tape, self._kind, self._target = tape, kind, target
         units: Mapping[Quantity, str] = tape.ask(
             f"{kind}.offers", {}, Mapping[Quantity, str],
-            lambda: {each: each.unit for each in sorted(target.offers, key=lambda each: each.key)},
+            lambda: {each: each.unit for each in sorted(target.offers, key=lambda offer: offer.key)},
         )
         self.offers = frozenset(units)
 

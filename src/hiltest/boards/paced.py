@@ -168,7 +168,7 @@ class PacedBench:
         self._bench = bench
         port = SerialPortOfBoard(bench.machine)
         line.queue.kept = port.bytes_queued
-        self._served = [_ServedLine(line, port, keeps=True), *(_ServedLine(*each, keeps=False) for each in others)]
+        self._served = [_ServedLine(line, port, keeps=True), *(_ServedLine(*other, keeps=False) for other in others)]
         self._clock = threading.Condition()  # guards bench; notified after every step
         self._running = False
         self._longest_step_s = _LONGEST_STEP_S
@@ -294,7 +294,7 @@ class PacedBench:
 
     def _wait_for_bytes(self) -> None:
         """Wait until something comes on a line, but no longer than a step."""
-        sources = [each for served in self._served for each in served.line.sources()]
+        sources = [source for served in self._served for source in served.line.sources()]
         select.select(sources, [], [], _STEP_S)
 
     def _step(self) -> None:

@@ -73,7 +73,7 @@ class _CallCounter:
     @property
     def cycles(self) -> Sequence[int]:
         """Cycles of each."""
-        return [each.elapsed for each in self.calls]
+        return [call.elapsed for call in self.calls]
 
 
 class VirtualBoard(Board):

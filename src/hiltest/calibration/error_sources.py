@@ -69,7 +69,7 @@ def error_sources(known: ArrayLike, calibrated: ArrayLike, *, down: ArrayLike | 
     sources = [_offset(wanted, given), scale if is_scale else soft_iron, _rotation(wanted, given)]
     if down is not None:
         sources.append(_constant_turn(wanted, given, np.asarray(down, dtype=np.float64)))
-    return sorted(sources, key=lambda each: each.criterion)
+    return sorted(sources, key=lambda source: source.criterion)
 
 
 def _offset(wanted: Array, given: Array) -> ErrorSource:
@@ -91,7 +91,7 @@ def _soft_iron(wanted: Array, given: Array) -> ErrorSource:
     x, y, z = wanted.T
     none = np.zeros_like(x)
     columns = [(x, none, none), (none, y, none), (none, none, z), (none, z, y), (z, none, x), (y, x, none)]
-    design = np.stack([np.column_stack(each).ravel() for each in columns], axis=1)
+    design = np.stack([np.column_stack(column).ravel() for column in columns], axis=1)
     xx, yy, zz, yz, zx, xy = _solve(design, given)
     size: Array = 3.0 * np.array([yz, zx, xy]) / ((xx + yy + zz) or 1.0)
     matrix = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])

@@ -56,7 +56,7 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
     if not starts:
         return None
     # Of two windows that show the same motion, the shorter one tells its beginning.
-    before, size = min(starts, key=lambda each: (each[0] + 2) * each[1])
+    before, size = min(starts, key=lambda start: (start[0] + 2) * start[1])
     changes, times = moved[size]
     axis = int(np.argmax(times[before]))
     return Motion((before + 1) * size, axis, float(changes[before, axis]), size, float(times[before, axis]),

@@ -123,7 +123,7 @@ class SourceMap:
 
     def _count_functions(self, found: Coverage, code: ExecutedCode) -> None:
         whole: set[tuple[str, str]] = set()
-        for address in sorted({each.address for each in self._image.functions}):
+        for address in sorted({function.address for function in self._image.functions}):
             row = self._first_row(address)
             symbol = self._image.function_at(address)
             if row is None or symbol is None:

@@ -68,7 +68,7 @@ class TextInterface:
         self, form: Form, sources: Sequence[ValueSource], *, patterns: Sequence[Pattern] = (),
         ready: Pattern | None = None, error: Pattern | None = None, commands: Mapping[Moment, bytes] | None = None,
     ) -> None:  # fmt: skip
-        self.offers = frozenset({each.quantity for each in sources} | ({Quantity.CALIBRATED} if ready else set()))
+        self.offers = frozenset({source.quantity for source in sources} | ({Quantity.CALIBRATED} if ready else set()))
         self.not_understood = 0
         self._patterns = [*patterns, *(each for each in (ready, error) if each is not None)]
         self._form = form
@@ -84,7 +84,7 @@ class TextInterface:
     @property
     def given_up(self) -> tuple[str, ...]:
         """Regular expressions that took too long in a line, and find nothing any more."""
-        return tuple(each.text for each in self._patterns if each.given_up)
+        return tuple(pattern.text for pattern in self._patterns if pattern.given_up)
 
     def remarks(self) -> tuple[str, ...]:
         """Return what a reader of the values should know; empty where all is plain."""
@@ -101,13 +101,13 @@ class TextInterface:
 
     def feed(self, data: bytes, time_s: float) -> list[Observation]:
         """Take bytes that have arrived by a time, however they are cut; return what their lines say."""
-        said = [each for each in self.readings(data) if each.values or each.error]
+        said = [reading for reading in self.readings(data) if reading.values or reading.error]
         return [Observation(time_s, each.values, each.error, each.checked) for each in said]
 
     def readings(self, data: bytes) -> list[Reading]:
         """Take bytes; return every line that they complete, understood or not."""
         readings = [self._read(line) for line in self._splitter.feed(data)]
-        self.not_understood += sum(not each.understood for each in readings)
+        self.not_understood += sum(not reading.understood for reading in readings)
         return readings
 
     def _read(self, line: str | None) -> Reading:

@@ -119,8 +119,8 @@ class ColumnForm:
 
     def find(self, line: str) -> Found:
         """Return the cells of a row; a header line has none."""
-        cells = [each.strip().strip('"') for each in line.split(self._separator)]
-        if self._names and self._names <= {each.lower() for each in cells}:
+        cells = [part.strip().strip('"') for part in line.split(self._separator)]
+        if self._names and self._names <= {cell.lower() for cell in cells}:
             self._take_header(cells)
             return Found(remark="names of the columns", is_header=True)
         if self._places is None:

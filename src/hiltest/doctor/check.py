@@ -65,6 +65,6 @@ def of_error(name: str, error: HiltestError, port: str | None = None) -> Check:
 
 def exit_code(checks: list[Check]) -> ExitCode:
     """Return what the command ends with: wrong firmware before a lost connection, warnings do not count."""
-    codes = {each.exit_code for each in checks}
+    codes = {check.exit_code for check in checks}
     first = (ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST)
     return next((code for code in first if code in codes), ExitCode.OK)

@@ -46,7 +46,7 @@ class HostPort:
 def host_port(path: Path, root: Path) -> HostPort:
     """Return what a serial device belongs to; links to it are followed."""
     found = plugged_in(root)
-    devices = [*found.boards, *(each.device for each in found.others if each.device)]
+    devices = [*found.boards, *(other.device for other in found.others if other.device)]
     real = os.path.realpath(path)
     device = next((each for each in devices if real in map(os.path.realpath, each.ports)), None)
     return HostPort(root, path, device)

@@ -256,8 +256,8 @@ class Session:
         Firmware at fault fails the same way each time. Empty where nothing was.
         """
         attempts = self.attempts[since:]
-        again = sum(each.number > 1 and each.outcome is RequestOutcome.ANSWERED for each in attempts)
-        damaged = sum(each.damaged for each in attempts)
+        again = sum(attempt.number > 1 and attempt.outcome is RequestOutcome.ANSWERED for attempt in attempts)
+        damaged = sum(attempt.damaged for attempt in attempts)
         were = "request was" if again == 1 else "requests were"
         return f"{again} {were} answered when sent again, {damaged} damaged frames came" if again else ""
 

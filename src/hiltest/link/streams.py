@@ -43,7 +43,7 @@ class StreamStepsReply:
         overhead_cycles = fields.number("I", "overhead cycles")
         taken = fields.number("B", "points taken")
         cycles = [fields.number("I", "cycles") for _ in range(taken)]
-        costs = tuple(RunCost(each, overhead_cycles) for each in cycles) if overhead_cycles else None
+        costs = tuple(RunCost(cycle, overhead_cycles) for cycle in cycles) if overhead_cycles else None
         return cls(status, taken, costs)
 
 

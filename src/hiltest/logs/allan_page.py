@@ -83,8 +83,8 @@ def numbers(log: RateLog, reading: AllanReading) -> tuple[Number, ...]:
 def table(log: RateLog, curve: AllanCurve) -> Iterator[tuple[str, ...]]:
     """Yield a row for each number of each column, as `HEADER` says."""
     for name, reading in zip(log.columns, curve.readings, strict=True):
-        for each in numbers(log, reading):
-            yield name, *each.cells
+        for number in numbers(log, reading):
+            yield name, *number.cells
 
 
 def headline(log: RateLog) -> str:
@@ -104,7 +104,7 @@ def to_json(log: RateLog, curve: AllanCurve) -> str:
         "samples": len(log.rates), "rows": log.rows, "gaps": log.gaps, "start_s": log.start_s, "rate_hz": log.rate_hz,
         "jitter_s": log.jitter_s, "notes": list(log.notes),
         "columns": [
-            {"name": name, **{each.key: each.content for each in numbers(log, reading)}}
+            {"name": name, **{number.key: number.content for number in numbers(log, reading)}}
             for name, reading in zip(log.columns, curve.readings, strict=True)
         ],
         "curve": {

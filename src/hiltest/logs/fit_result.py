@@ -189,12 +189,12 @@ class SampleFit:
 
         It has the smallest dip held out, if that is smaller than with norms alone.
         """
-        alone = best_of([each for each in self.calibrators if each.gravity is None])
+        alone = best_of([calibrator for calibrator in self.calibrators if calibrator.gravity is None])
         norms = None if self.gravity is None else self.gravity.norms_held_out_dip_deg
         dips = {
-            each.gravity.held_out_dip_deg: each for each in self.calibrators
-            if each.gravity is not None and each.gravity.held_out_dip_deg is not None
-            and _ORDER.index(each.verdict) <= _ORDER.index(alone.verdict)
+            calibrator.gravity.held_out_dip_deg: calibrator for calibrator in self.calibrators
+            if calibrator.gravity is not None and calibrator.gravity.held_out_dip_deg is not None
+            and _ORDER.index(calibrator.verdict) <= _ORDER.index(alone.verdict)
         }  # fmt: skip
         least = min(dips, default=math.inf)
         return dips[least] if least < (math.inf if norms is None else norms) else alone
@@ -204,7 +204,7 @@ def best_of(fits: Sequence[CalibratorFit]) -> CalibratorFit:
     """Return the fit with the best verdict; of equal ones that with the smallest predicted direction error."""
     return min(
         fits,
-        key=lambda each: (
-            _ORDER.index(each.verdict), math.inf if each.direction_error_deg is None else each.direction_error_deg
+        key=lambda fit: (
+            _ORDER.index(fit.verdict), math.inf if fit.direction_error_deg is None else fit.direction_error_deg
         ),
     )

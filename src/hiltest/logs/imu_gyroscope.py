@@ -137,17 +137,17 @@ def fit_gyroscope(
         return GyroscopeResult(n, bias, spread, None, (), Acceptance.REFUSED, (), why)
     motions = _candidates(log, intervals, accelerometer, bias, rests, own=own)
     times_s = [(log.time_s[each.start], log.time_s[each.end - 1]) for each in steady]
-    meant = [each for each in motions if not any(
-        each.result.start_s < end_s and start_s < each.result.end_s for start_s, end_s in times_s
+    meant = [motion for motion in motions if not any(
+        motion.result.start_s < end_s and start_s < motion.result.end_s for start_s, end_s in times_s
     )]  # fmt: skip
     candidates = _whole_turns(log, meant, turn_deg)
-    used = [each for each in candidates if not each.result.refused]
+    used = [candidate for candidate in candidates if not candidate.result.refused]
     found = fit_turns([_about_vertical(each) for each in used])
     if found.status is not TurnsStatus.OK:
-        turns = tuple(each.result for each in candidates)
+        turns = tuple(candidate.result for candidate in candidates)
         return GyroscopeResult(n, bias, spread, None, turns, Acceptance.REFUSED, (), _REFUSALS[found.status])
-    turns = tuple(replace(each.result, left_deg=_left_deg(each, found.matrix)) for each in candidates)
-    left = [100.0 * each.left_deg / abs(each.turned_deg) for each in turns if not each.refused]
+    turns = tuple(replace(candidate.result, left_deg=_left_deg(candidate, found.matrix)) for candidate in candidates)
+    left = [100.0 * turn.left_deg / abs(turn.turned_deg) for turn in turns if not turn.refused]
     verdict, reasons = rate_by(BOUNDS, {"turns": float(len(left)), "left_percent": max(left)})
     return GyroscopeResult(n, bias, spread, GyroscopeFit(found.matrix, bias), turns, verdict, reasons, "")
 
@@ -188,7 +188,7 @@ def _candidate(log: ImuLog, motion: Interval, bias: Sequence[Reals], up: Reals) 
 
 def _whole_turns(log: ImuLog, candidates: Sequence[_Candidate], turn_deg: float) -> list[_Candidate]:
     """Return the candidates with their number of turns, or the reason why they are none, without what hardly turned."""
-    lengths = [float(np.linalg.norm(each.result.integral)) for each in candidates]
+    lengths = [float(np.linalg.norm(candidate.result.integral)) for candidate in candidates]
     whole = turn_deg
     if DEGREES_PER_SECOND[log.rate_unit] is None:
         turned = [length for length in lengths if length > _A_TURN_AT_ALL * max(lengths)]

@@ -136,9 +136,9 @@ def _listed(log: ImuLog, path: Path, name: str, entry: object) -> Interval:
 def _named(intervals: Sequence[Interval]) -> Intervals:
     turns: list[Interval] = []
     rests: list[Interval] = []
-    for each in intervals:
-        (turns if any(word in each.name.lower() for word in _TURN_WORDS) else rests).append(each)
-    return Intervals(tuple(sorted(rests, key=lambda each: each.start)), tuple(turns), found=False)
+    for interval in intervals:
+        (turns if any(word in interval.name.lower() for word in _TURN_WORDS) else rests).append(interval)
+    return Intervals(tuple(sorted(rests, key=lambda rest: rest.start)), tuple(turns), found=False)
 
 
 def _still(spread: Reals, restless: float) -> NDArray[np.bool_]:

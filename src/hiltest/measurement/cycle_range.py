@@ -44,7 +44,7 @@ class CycleRange:
     @property
     def about_fetch(self) -> int:
         """How many cycles of the range are doubt about fetch and alignment."""
-        return sum(abs(each.high - each.low) for each in self.rows if each.row in ABOUT_FETCH)
+        return sum(abs(row.high - row.low) for row in self.rows if row.row in ABOUT_FETCH)
 
     def explained(self, model: str = "the cycle model", *, of: float | None = None) -> str:
         """Return the range in words, with the row that contributes most, and what part of `of` is doubt about fetch."""

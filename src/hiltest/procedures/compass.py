@@ -117,7 +117,7 @@ class CompassHeadings:
     def under(self, fit: MagnetometerFit) -> HeadingSummary | None:
         """Return the statistics of another calibration of the same readings; None where they are unknown."""
         headings = [_heading(each.gravity_g, _corrected(each, fit)) for each in self.held]
-        known = [each for each in headings if each is not None]
+        known = [heading for heading in headings if heading is not None]
         if len(known) < len(headings):
             return None
         errors = [heading_error_deg(*pair) for pair in zip(known, self.reference_deg.tolist(), strict=True)]
@@ -168,7 +168,7 @@ def samples_of(board: CompassBoard) -> Reals:
     frame = frame_of(board.rig)
     if board.costs and (found := board.costs.samples()) is not None:
         return np.array([frame.vector(counts) for counts in found], dtype=np.float64).reshape(-1, 3)
-    held = [counts for each in board.interfaces.values() for counts in getattr(each, "buffer", {}).values()]
+    held = [counts for interface in board.interfaces.values() for counts in getattr(interface, "buffer", {}).values()]
     return np.array([frame.vector(counts) for counts in held], dtype=np.float64).reshape(-1, 3)
 
 

@@ -122,11 +122,11 @@ def _largest(answered_deg: Iterable[float], reference_deg: Iterable[float]) -> f
         return 180.0
     if abs(wrap_180(mean_deg)) > RIGHT_WITHIN_DEG:
         return 180.0
-    return max(abs(wrap_180(each)) for each in errors)
+    return max(abs(wrap_180(error)) for error in errors)
 
 
 def _covered(headings_deg: Sequence[float]) -> float:
     """Return the smallest arc that holds all headings [deg]."""
-    ordered = sorted(each % 360.0 for each in headings_deg)
+    ordered = sorted(heading_deg % 360.0 for heading_deg in headings_deg)
     gaps = [after - before for before, after in zip(ordered, [*ordered[1:], ordered[0] + 360.0], strict=True)]
     return 360.0 - max(gaps)

@@ -135,7 +135,7 @@ def is_disturbed(board: Board) -> bool:
     if table is None or now_s is None:
         raise BenchError("what disturbs the field is known of a virtual board only")
     fields_ut = board.true_disturbances_ut(round(1e6 * (now_s - table.firmware_clock_began_s))) or {}
-    return any(float(np.linalg.norm(each)) > DISTURBED_UT for each in fields_ut.values())
+    return any(float(np.linalg.norm(field_ut)) > DISTURBED_UT for field_ut in fields_ut.values())
 
 
 def _wait(board: Board, *, disturbed: bool) -> float:

@@ -71,7 +71,7 @@ class KnownAngles:
 
     def in_body(self, vector_ned: Sequence[float]) -> Reals:
         """Return what a vector of the earth frame is along the board's axes at each pose, shape (n, 3)."""
-        return np.array([rotation_body_from_ned(each) @ np.array(vector_ned) for each in self.attitudes])
+        return np.array([rotation_body_from_ned(attitude) @ np.array(vector_ned) for attitude in self.attitudes])
 
     @property
     def level(self) -> NDArray[np.bool_]:
@@ -170,7 +170,7 @@ def _numbers_of(board: Board, slots: Mapping[str, int]) -> dict[str, list[float]
     for name, slot in slots.items():
         calibration, fit = board.session.request(GetCalibration(slot)), board.session.request(GetAccelerometer(slot))
         parts = (calibration.soft_iron, calibration.hard_iron, fit.gain, fit.offset)
-        numbers[name] = np.concatenate([each.ravel() for each in parts]).tolist()
+        numbers[name] = np.concatenate([part.ravel() for part in parts]).tolist()
     return numbers
 
 

@@ -158,7 +158,7 @@ def _of_ours(run: CalibratorRun, replies: Sequence[AverageReply]) -> Found:
     attitudes = [reply.headings[run.slot].attitude for reply in replies]
     return Found(
         run.name, run.hard_iron / COUNTS_PER_UT, _radius_ut(run.result), None, run.residual_percent, cycles,
-        tuple(each.heading_deg if each else None for each in attitudes),
+        tuple(attitude.heading_deg if attitude else None for attitude in attitudes),
     )  # fmt: skip
 
 

@@ -110,5 +110,5 @@ def _standard_error(headings_deg: Sequence[float]) -> float:
     if len(headings_deg) < 2:
         return 0.0
     mean_deg = circular_mean_deg(headings_deg)
-    squares = math.fsum(wrap_180(each - mean_deg) ** 2 for each in headings_deg)
+    squares = math.fsum(wrap_180(heading_deg - mean_deg) ** 2 for heading_deg in headings_deg)
     return math.sqrt(squares / (len(headings_deg) - 1) / len(headings_deg))

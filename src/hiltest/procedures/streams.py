@@ -139,7 +139,7 @@ def feed(board: Board, name: str, first: int, count: int, steps: StepRecorder | 
         taken += reply.taken
         costs = None if costs is None or reply.costs is None else costs + list(reply.costs)
         if steps and reply.costs:
-            steps.add([each.cycles for each in reply.costs], reply.costs[0].overhead_cycles)
+            steps.add([cost.cycles for cost in reply.costs], reply.costs[0].overhead_cycles)
         if reply.status is not StreamStatus.OK:
             return Fed(taken, costs, reply.status)
     return Fed(taken, costs, StreamStatus.OK)
@@ -184,7 +184,7 @@ def _take_back(board: Board, name: str, count: int) -> NDArray[np.int64] | None:
         if error.status != Status.NOT_SUPPORTED.name:
             raise
         return None
-    return np.array([each.cycles for each in reply.costs]) if reply.costs else None
+    return np.array([cost.cycles for cost in reply.costs]) if reply.costs else None
 
 
 def _worked_otherwise(whole: StreamRun, sliced: StreamRun) -> bool:

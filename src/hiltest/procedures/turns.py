@@ -224,15 +224,15 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
     CalibrationError
         When the turns do not determine the matrix.
     """
-    reply = board.session.request(FitGyroscope([each.turn for each in turns]))
+    reply = board.session.request(FitGyroscope([turn.turn for turn in turns]))
     if reply.fit.status is not TurnsStatus.OK:
         named = "" if reply.fit.at_fault is None else f", turn {reply.fit.at_fault + 1}"
         raise CalibrationError(f"turns do not calibrate the gyroscope: {reply.fit.status.name}{named}")
     band = board.cycle_range(reply.cost)
     fit = GyroscopeFit(reply.fit.matrix, turns[-1].after.rate.mean)
     board.session.request(SetGyroscope(fit.matrix, fit.bias))
-    noise_deg = max(_noise_deg(board, each) for each in turns)
-    smallest_deg = min(float(np.linalg.norm(each.turn.turned_deg)) for each in turns)
+    noise_deg = max(_noise_deg(board, turn) for turn in turns)
+    smallest_deg = min(float(np.linalg.norm(turn.turn.turned_deg)) for turn in turns)
     return FittedTurns(
         fit, reply.fit.residual_deg, reply.cost,
         100.0 * math.hypot(noise_deg, math.sqrt(2.0) * uncertainty_deg) / smallest_deg,

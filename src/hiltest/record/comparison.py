@@ -156,7 +156,7 @@ class Comparison:
 
     def of(self, change: Change) -> tuple[Difference, ...]:
         """Return the measurements with this change, in order of concern."""
-        found = (each for each in self.differences if each.change is change)
+        found = (difference for difference in self.differences if difference.change is change)
         return tuple(sorted(found, key=lambda each: each.concern))
 
     @property
@@ -174,4 +174,4 @@ class Comparison:
     @property
     def regression(self) -> bool:
         """True where the comparison was made, and something got worse."""
-        return self.evaluated and any(each.change is Change.WORSE for each in self.differences)
+        return self.evaluated and any(difference.change is Change.WORSE for difference in self.differences)

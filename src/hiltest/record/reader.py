@@ -140,10 +140,10 @@ def _run_from(content: Mapping[str, Any], path: Path) -> Run:
 
 def _named_once(run: Run) -> Iterator[tuple[str, Sequence[str]]]:
     """Yield the names that may each stand once, and of what."""
-    yield "measurement", [each.name for each in run.measurements]
+    yield "measurement", [measurement.name for measurement in run.measurements]
     yield "table", [each.name for each in run.tables]
     for table in run.tables:
-        yield f"column of table {shown(table.name)}:", [each.name for each in table.columns]
+        yield f"column of table {shown(table.name)}:", [column.name for column in table.columns]
 
 
 def _from_journal(path: Path) -> RecordFile:
@@ -164,7 +164,7 @@ def _from_journal(path: Path) -> RecordFile:
     content = _replayed(path, entries[starts[-1]:], first_line=starts[-1] + 1)
     run = _run_from(content, path)
     ended = content["verdict"] is not _UNKNOWN
-    several = {each.name for each in run.other_attempts}
+    several = {other_attempt.name for other_attempt in run.other_attempts}
     run = replace(
         run, verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
         measurements=tuple(marked(each) if each.name in several else each for each in run.measurements),

@@ -240,11 +240,11 @@ class Run:
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""
-        return next((each for each in self.measurements if each.name == name), None)
+        return next((measurement for measurement in self.measurements if measurement.name == name), None)
 
     def table(self, name: str) -> Table | None:
         """Return the table of this name, None when there is none."""
-        return next((each for each in self.tables if each.name == name), None)
+        return next((table for table in self.tables if table.name == name), None)
 
 
 @dataclass(slots=True)
@@ -278,7 +278,7 @@ class Findings:
 
     def finish(self, verdict: Verdict, finished_utc: str) -> Run:
         """Return the record: measurements and tables sorted by name, volatile places listed."""
-        several = {each.name for each in self.other_attempts}
+        several = {other_attempt.name for other_attempt in self.other_attempts}
         measurements = [self.measurements[name].rounded() for name in sorted(self.measurements)]
         run = Run(
             schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, suite=self.suite,
@@ -286,7 +286,7 @@ class Findings:
             started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
             measurements=tuple(marked(each) if each.name in several else each for each in measurements),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
-            other_attempts=tuple(each.rounded() for each in self.other_attempts), chosen=self.chosen,
+            other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts), chosen=self.chosen,
             revision=self.revision, coverage=self.coverage,
         )
         return replace(run, volatile=volatile_places(run), tolerances=in_force(run))
@@ -296,8 +296,8 @@ def in_force(run: Run) -> dict[str, tuple[float, float]]:
     """Return the tolerances of all that is compared: the rig's, or else those of the kind."""
     of_rig = {name: Tolerance(*each) for name, each in (run.rig.tolerances if run.rig else {}).items()}
     found = {
-        each.name: tolerance_of(each.name, of_rig)
-        for each in run.measurements if is_compared(each.name) and not each.volatile
+        measurement.name: tolerance_of(measurement.name, of_rig)
+        for measurement in run.measurements if is_compared(measurement.name) and not measurement.volatile
     }
     return {name: (float(each.absolute), float(each.relative)) for name, each in found.items()}
 

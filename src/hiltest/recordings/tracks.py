@@ -101,7 +101,7 @@ def _columns(
     option = f"world.playback.{sensed.key}.columns"
     if given.columns is not None:
         # Quoted: a name may have a comma.
-        places = named_columns(",".join(f'"{each}"' for each in given.columns), headers, width, option=option)
+        places = named_columns(",".join(f'"{column}"' for column in given.columns), headers, width, option=option)
     else:
         stems = {stem: each for stem, each in axis_triples(headers).items() if _STEMS[sensed].search(stem)}
         _refuse_incomplete(path, sensed, headers)

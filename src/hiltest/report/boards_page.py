@@ -54,7 +54,7 @@ class Apart:
     @property
     def has_limit(self) -> bool:
         """Whether a board holds it to a limit."""
-        return any(each not in (Outcome.INFORMATION, Outcome.NOT_OFFERED) for each in self.outcomes.values())
+        return any(outcome not in (Outcome.INFORMATION, Outcome.NOT_OFFERED) for outcome in self.outcomes.values())
 
     def cell(self, board: str) -> str:
         """Return its value on a board as people read it; a cross beside what is beyond its limit."""
@@ -85,9 +85,9 @@ def boards_markdown(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequen
 
 
 def _lines(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> Iterator[str]:
-    names = [each.name for each in boards]
+    names = [board.name for board in boards]
     yield from (f"# {plain_text(verdict.outcome.upper())}", "", plain_text(verdict.sentence), "")
-    ends = ([each.name, str(each.exit_code), each.sentence] for each in boards)
+    ends = ([board.name, str(board.exit_code), board.sentence] for board in boards)
     yield from table(["board", "exit code", "verdict"], ends)
     held, others = ([each for each in apart if each.has_limit is has_limit] for has_limit in (True, False))
     yield from ("", *_measurements(names, held))

@@ -51,7 +51,7 @@ def bencher_json(numbers: list[Exported]) -> str:
 
     The measure is named after the unit and the better direction, since a threshold belongs to a measure.
     """
-    return _json({each.name[:MOST_NAME]: {_measure(each): _metric(each)} for each in numbers})
+    return _json({number.name[:MOST_NAME]: {_measure(number): _metric(number)} for number in numbers})
 
 
 def github_action_benchmark_json(numbers: list[Exported]) -> str:
@@ -62,11 +62,11 @@ def github_action_benchmark_json(numbers: list[Exported]) -> str:
     numbers
         Measurements of one better direction, which the file itself does not state; the action refuses an empty list.
     """
-    return _json([_entry(each) for each in numbers])
+    return _json([_entry(number) for number in numbers])
 
 
 def _exported(measurements: list[Measurement]) -> Exported | None:
-    kept = [each for each in measurements if each.value is not None and not each.volatile]
+    kept = [measurement for measurement in measurements if measurement.value is not None and not measurement.volatile]
     if not kept:
         return None
     latest = kept[-1]

@@ -49,8 +49,8 @@ class TextCommands:
     pose: str = ""
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            require(all(ord(letter) < 0x100 for letter in getattr(self, each.name)), each.name,
+        for field in fields(self):
+            require(all(ord(letter) < 0x100 for letter in getattr(self, field.name)), field.name,
                     "has a character that is no byte: those up to U+00FF are")
 
 

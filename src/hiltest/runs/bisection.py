@@ -56,7 +56,7 @@ class FirstWorse:
     @property
     def skipped(self) -> tuple[JudgedCommit, ...]:
         """Those that could not be judged, in this order."""
-        return tuple(each for each in self.steps if each.found is Found.SKIPPED)
+        return tuple(step for step in self.steps if step.found is Found.SKIPPED)
 
 
 def first_worse(
@@ -170,7 +170,7 @@ def _left(bisection: Bisection) -> list[str]:
 
 
 def _end(bisection: Bisection, of_good: JudgedCommit, of_bad: JudgedCommit) -> FirstWorse:
-    judged = {each.commit: each for each in judged_commits(Path(bisection.out))}
+    judged = {judged_commit.commit: judged_commit for judged_commit in judged_commits(Path(bisection.out))}
     left = _left(bisection)
     first = judged[left[0]]
     parents = git(bisection.tree, "rev-parse", f"{left[-1]}^@").split()

@@ -83,7 +83,7 @@ def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> P
     except ConfigError:
         return out
     run = stored.run
-    same_tests = tests is not None and not {each.id for each in run.tests}.isdisjoint(tests)
+    same_tests = tests is not None and not {test.id for test in run.tests}.isdisjoint(tests)
     is_complete = stored.ended and run.verdict.complete and not run.chosen
     return out / CHOSEN_FOLDER if is_complete and not same_tests else out
 

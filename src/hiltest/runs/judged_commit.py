@@ -207,14 +207,14 @@ def judged(comparison: Comparison, measures: Sequence[str]) -> tuple[Found, str]
         return found, ("it cannot be compared: " if found is Found.SKIPPED else "") + reasons(comparison)
     if worse := worse_in(comparison, measures):
         return Found.WORSE, listed([entry(each) for each in worse], _NAMED_AT_MOST)
-    named = {pattern: [each for each in comparison.differences if fnmatchcase(each.name, pattern)]
+    named = {pattern: [difference for difference in comparison.differences if fnmatchcase(difference.name, pattern)]
              for pattern in measures}  # fmt: skip
     decide = {each.name: each for those in named.values() for each in those}.values()
     seeds = len(comparison.base.seeds) or 1
     without = [pattern for pattern, those in named.items() if not any(each.seeds == seeds for each in those)]
     without += [each.name for each in decide if each.base is not None and each.seeds < seeds]
     if without:
-        known = [each.name for each in comparison.differences]
+        known = [difference.name for difference in comparison.differences]
         why = next(iter((*comparison.obstacles, *comparison.failed)), nearest_hint(without[0], known))
         return Found.SKIPPED, f"it has no number of {listed(without, _NAMED_AT_MOST)}: {why}"
     return Found.NOT_WORSE, listed([entry(each) for each in decide], _NAMED_AT_MOST)

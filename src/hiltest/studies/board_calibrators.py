@@ -44,8 +44,8 @@ class BoardCalibrators:
         self._functions = dict(self._table())
         self.names = tuple(self._functions)
         sram = self._board.processor.memory.sram
-        in_sram = all(sram.base <= self._board.image.symbols[each].address < sram.base + sram.size
-                      for each in self._functions.values())  # fmt: skip
+        in_sram = all(sram.base <= self._board.image.symbols[function].address < sram.base + sram.size
+                      for function in self._functions.values())  # fmt: skip
         self.cycle_model = f"{self._board.processor.profile.name}@{'sram' if in_sram else 'flash'}"
         # What the firmware subtracts from each count.
         self._empty = self._call("magnetometer_empty", np.zeros((1, 3)), None)[1] if self.names else 0

@@ -72,7 +72,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     affordable = [each for each in candidates if given.cycles is None or each.most_cycles <= given.cycles]
     best = chosen(affordable)
     second = chosen([each for each in affordable if each is not best])
-    too_dear = [each for each in candidates if each not in affordable]
+    too_dear = [candidate for candidate in candidates if candidate not in affordable]
     marks = dict.fromkeys((each.name for each in too_dear), TOO_DEAR)
     for each, mark in ((best, RECOMMENDED), (second, RUNNER_UP)):
         if each is not None:
@@ -112,7 +112,7 @@ def chosen(candidates: Sequence[Candidate]) -> Candidate | None:
     """
     if not candidates:
         return None
-    best = min(candidates, key=lambda each: each.high_deg)
+    best = min(candidates, key=lambda candidate: candidate.high_deg)
     return min((each for each in candidates if each.high_deg <= best.at_most_deg), key=lambda each: each.cycles)
 
 

@@ -142,7 +142,7 @@ def _words(model: Model, first: int, count: int) -> tuple[Words, Words, Array]:
 def _rotations(words: Words) -> list[list[Array]]:
     """Return rotations, any as likely as any other, as rows of entries, each of shape (m,)."""
     shifts = (words >> np.uint64(16 * k) & np.uint64(0xFFFF) for k in range(4))
-    w, x, y, z = (normal_quantiles()[each.astype(np.intp)] for each in shifts)
+    w, x, y, z = (normal_quantiles()[shift.astype(np.intp)] for shift in shifts)
     norm = np.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w / norm, x / norm, y / norm, z / norm
     return [

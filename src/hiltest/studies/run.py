@@ -135,8 +135,8 @@ def _record(plan: Plan, done: Mapping[int, Numbers], began_utc: str, took_s: flo
     found = study.conclude(plan, by_condition)
     findings = Findings(describe_host(), "full", "", began_utc, seed=plan.seed)
     findings.tests.append(TestResult(f"study {study.name}", TestOutcome.PASSED, took_s))
-    for each in found.measurements:
-        findings.take(each)
+    for measurement in found.measurements:
+        findings.take(measurement)
     printed = Table(
         f"study.{study.name}.printed",
         tuple(Column(name) for name in ("figure", "paper", "printed", "measured", "reproduced", "why")),

@@ -136,7 +136,7 @@ def kept_side(run: Evidence, saved_utc: str) -> Side:
 
 def rows_of(evidence: Evidence, seeds: Sequence[Seed]) -> tuple[BaselineRow, ...]:
     """Return every measurement of a run that has a number on one of the seeds, and is not volatile, by name."""
-    names = {name for each in evidence.measurements.values() for name in each}
+    names = {name for measurement in evidence.measurements.values() for name in measurement}
     return tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None)
 
 
@@ -259,7 +259,7 @@ def _refuse_what_was_not_chosen(run: Evidence, missing: Sequence[str]) -> None:
 
 
 def _named(patterns: Sequence[str], rows: dict[str, BaselineRow], run: Evidence) -> list[str]:
-    known = sorted({*rows, *(name for each in run.measurements.values() for name in each)})
+    known = sorted({*rows, *(name for measurement in run.measurements.values() for name in measurement)})
     named: list[str] = []
     for pattern in patterns:
         found = [name for name in known if name == pattern or fnmatchcase(name, pattern)]

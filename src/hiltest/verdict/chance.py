@@ -94,7 +94,7 @@ def of_flash(latest: Measurement, tolerance: Tolerance) -> Tolerance:
 def moves(name: str, base: Sequence[float], new: Sequence[float]) -> list[float]:
     """Return the changes; of a direction the short way round, and as far back: of half a turn both signs are right."""
     changes = changes_of(base, new)
-    return [math.remainder(each, 360.0) for each in changes] if is_direction(name) else changes
+    return [math.remainder(change, 360.0) for change in changes] if is_direction(name) else changes
 
 
 def changes_of(base: Sequence[float], new: Sequence[float]) -> list[float]:

@@ -139,5 +139,5 @@ def _paired(base: Mapping[object, float], new: Mapping[object, float]) -> float 
 
 def _may_be_called(name: str, unit: str, base: Evidence) -> bool:
     """Say whether a measurement shares the false alarms: it has a better direction, and decides on a real board."""
-    limit = next((each[name].limit for each in base.measurements.values() if name in each), None)
+    limit = next((measurement[name].limit for measurement in base.measurements.values() if name in measurement), None)
     return better_of(name, limit, unit) is not Better.NEITHER and not identify(name).decided_by

@@ -56,7 +56,7 @@ def diagnose_run(
     is_broken
         Whether tests failed by something else than a limit.
     """
-    found, evidence = {each.name: each for each in measurements}, read_heading_evidence(tables)
+    found, evidence = {measurement.name: measurement for measurement in measurements}, read_heading_evidence(tables)
     axes = None if evidence is None else evidence.axes()
     causes = {name: diagnose(name, found, evidence, axes) for name in names}
     if own := [each for each in (FIRMWARE, ECOMPASS, CALIBRATED) if _is_off(each, found)]:

@@ -112,7 +112,7 @@ class HeadingEvidence:
         of_fits = [each for each in self.fitted if each in self.held and each != name]
         if own is None or name not in self.fitted:
             return ""
-        return next((each for each in of_fits if _equal(self.held[each].magnetometer, own.magnetometer)), "")
+        return next((of_fit for of_fit in of_fits if _equal(self.held[of_fit].magnetometer, own.magnetometer)), "")
 
     def is_stale(self, name: str, source: ErrorSource, most_percent: float) -> bool:
         """Say whether the iron of the known angles is another than the calibration's.
@@ -170,8 +170,8 @@ def read_heading_evidence(tables: Mapping[str, Table]) -> HeadingEvidence | None
 def _columns_held() -> list[str]:
     pairs = [f"{row}{column}" for row in "xyz" for column in "xyz"]
     return [
-        *(f"soft_iron_{each}" for each in pairs), *(f"hard_iron_{each}" for each in "xyz"),
-        *(f"gain_{each}" for each in pairs), *(f"offset_{each}" for each in "xyz"),
+        *(f"soft_iron_{pair}" for pair in pairs), *(f"hard_iron_{each}" for each in "xyz"),
+        *(f"gain_{pair}" for pair in pairs), *(f"offset_{each}" for each in "xyz"),
     ]
 
 

@@ -167,7 +167,7 @@ def models_shown(comparison: Comparison) -> set[str]:
 
 def on_seeds(seeds: Sequence[Seed]) -> str:
     """Return seeds in words."""
-    return f" on seed {listed([str(each) for each in seeds], _SEEDS_AT_MOST)}"
+    return f" on seed {listed([str(seed) for seed in seeds], _SEEDS_AT_MOST)}"
 
 
 def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]:

@@ -112,7 +112,7 @@ class ArgumentRanges:
         self._board = board_for(elf)
         self._function, self._returns = function_named(self._board.image, function).name, returns
         self._pieces: list[list[str | Range]] = [_pieces(text) for text in texts]
-        self._open = [each for pieces in self._pieces for each in pieces if isinstance(each, Range)]
+        self._open = [piece for pieces in self._pieces for piece in pieces if isinstance(piece, Range)]
         if not self._open:
             raise ConfigError(f"{function}: no argument leaves a number open; write LOW..HIGH for one, or "
                               "int16:100:LOW..HIGH for a hundred by address")  # fmt: skip
@@ -148,7 +148,7 @@ class ArgumentRanges:
     def _texts(self, given: NDArray[np.float64]) -> tuple[str, ...]:
         numbers = iter(given)
         return tuple(
-            "".join(each.text(float(next(numbers))) if isinstance(each, Range) else each for each in pieces)
+            "".join(piece.text(float(next(numbers))) if isinstance(piece, Range) else piece for piece in pieces)
             for pieces in self._pieces
         )
 

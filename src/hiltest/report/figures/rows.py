@@ -70,7 +70,7 @@ def bars(title: str, values: Mapping[str, tuple[float, str]]) -> RowFigure:
 
 def limit_figure(measurements: Sequence[Measurement], section: Section, title: str) -> RowFigure | None:
     """Draw the measurements of a section that have a limit and a number, None when there are none."""
-    rows = [row for each in measurements if each.section is section and (row := _limit_row(each))]
+    rows = [row for measurement in measurements if measurement.section is section and (row := _limit_row(measurement))]
     if not rows:
         return None
     return RowFigure(title, rows, key=_KEY)

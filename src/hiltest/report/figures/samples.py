@@ -88,7 +88,7 @@ def _seen_along_z(title: str, words: str, samples: Array, width: float) -> Figur
 
 def _calibration_sheet(results: Table) -> Sheet:
     """Return a column for each calibrator: three of them and sixteen numbers are higher than wide."""
-    columns = [(each.name.replace("_", " "), each.unit, results.column(each.name)) for each in results.columns]
+    columns = [(column.name.replace("_", " "), column.unit, results.column(column.name)) for column in results.columns]
     (_, _, names), *others = columns
     rows = [[f"{name} [{unit}]" if unit else name, *written(cells)] for name, unit, cells in others]
     return Sheet("Calibrations that the board fitted", ["quantity", *map(str, names)], rows)

@@ -89,14 +89,14 @@ def placements(
 
 def _advice(loop: Loop, tallies: list[FetchTally], text_at: Callable[[int], str]) -> str:
     """Say what moves the run of misplaced instructions that waits most."""
-    ends = {each.address + each.size: each for each in tallies}
+    ends = {tally.address + tally.size: tally for tally in tallies}
     late: Counter[int] = Counter()
-    for each in tallies:
-        if each.late:
-            begin = each.address
+    for tally in tallies:
+        if tally.late:
+            begin = tally.address
             while begin != loop[0] and begin in ends and ends[begin].misplaced:
                 begin = ends[begin].address
-            late[begin] += each.late
+            late[begin] += tally.late
     (begin, _), *others = late.most_common()
     more = f"; {len(others)} more such run{'s' if len(others) > 1 else ''}" if others else ""
     before = None if begin == loop[0] else ends.get(begin)

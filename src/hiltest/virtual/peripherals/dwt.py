@@ -172,7 +172,7 @@ def _slice(machine: Machine, first: CounterReading, last: CounterReading) -> Sli
 
 def _known(readings: Sequence[CounterReading | None]) -> list[CounterReading]:
     """Return successive readings; nothing where one was passed over."""
-    known = [each for each in readings if each is not None]
+    known = [reading for reading in readings if reading is not None]
     return known if len(known) == len(readings) else []
 
 

@@ -104,14 +104,14 @@ def summarised(
             f"{function}: {lost} calls were not followed: too many were under way (256 in a task, 32 tasks), came from "
             "too many places (8192) or had not been read (4 million); watch fewer"
         )
-    cycles = sorted(each.cycles for each in calls) if not refusal else []
-    within = sum(each.cycles for each in calls if each.outermost)
+    cycles = sorted(call.cycles for call in calls) if not refusal else []
+    within = sum(call.cycles for call in calls if call.outermost)
     return CallSummary(
         function, len(calls),
         cycles[0] if cycles else None, median_low(cycles) if cycles else None, cycles[-1] if cycles else None,
         within / passed if passed > 0 and not refusal else None,
-        sum(each.interrupted > 0 for each in calls), sum(each.interrupts for each in calls),
-        sum(each.elsewhere for each in calls), abandoned, open_calls, ended_in, refusal,
+        sum(call.interrupted > 0 for call in calls), sum(call.interrupts for call in calls),
+        sum(call.elsewhere for call in calls), abandoned, open_calls, ended_in, refusal,
     )  # fmt: skip
 
 
@@ -177,5 +177,5 @@ def solutions_summarised(solutions: Sequence[Solution]) -> SolutionSummary:
     cycles, slices = (sorted(column) for column in ([s.cycles for s in solutions], [s.slices for s in solutions]))
     return SolutionSummary(
         len(solutions), cycles[0], median_low(cycles), cycles[-1], slices[0], slices[-1],
-        max(each.longest for each in solutions),
+        max(solution.longest for solution in solutions),
     )  # fmt: skip

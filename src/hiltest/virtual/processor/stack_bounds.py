@@ -65,7 +65,7 @@ class StackBounds:
 
     def _bound(self, entry: int, callers: tuple[int, ...]) -> int:
         if entry in callers:
-            chain = " -> ".join(self._name(each) for each in (*callers[callers.index(entry) :], entry))
+            chain = " -> ".join(self._name(caller) for caller in (*callers[callers.index(entry) :], entry))
             raise NoBound(f"it calls itself: {chain}")
         if entry not in self._bounds:
             self._bounds[entry] = self._walk(entry, (*callers, entry))

@@ -108,7 +108,7 @@ def _record(name: str, number: int, text: bytes) -> tuple[int, int, bytes]:
 def _merged(name: str, chunks: Iterator[tuple[int, Chunk]]) -> list[Chunk]:
     """Join what is adjacent; refuse what is there twice."""
     merged: list[tuple[int, bytearray]] = []
-    for number, (address, data) in sorted(chunks, key=lambda each: (each[1][0], each[0])):
+    for number, (address, data) in sorted(chunks, key=lambda chunk: (chunk[1][0], chunk[0])):
         end = merged[-1][0] + len(merged[-1][1]) if merged else -1
         if address < end and data:
             raise _wrong(name, number, f"address 0x{address:08x} has data already")

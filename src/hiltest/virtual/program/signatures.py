@@ -76,8 +76,8 @@ def read_subprograms(dwarf: Any) -> dict[str, Any]:
 def read_signature(die: Any) -> Signature:
     """Read the types of a function's entry."""
     parameters = [child for child in children(die) if child.tag == "DW_TAG_formal_parameter"]
-    kinds = tuple(_classify(_type_of(each)) for each in parameters)
-    return Signature(kinds, _classify(_type_of(_declared(die))), tuple(_pointed(each) for each in parameters))
+    kinds = tuple(_classify(_type_of(parameter)) for parameter in parameters)
+    return Signature(kinds, _classify(_type_of(_declared(die))), tuple(_pointed(parameter) for parameter in parameters))
 
 
 def _pointed(parameter: Any) -> Pointed | None:

@@ -100,18 +100,18 @@ def _board(given: Any) -> tuple[MeasuredOn | None, list[str]]:
     if not isinstance(given, dict) or not given:
         return None, ["it has no table [board]: measure again, this version writes one"]
     found, objections = dict[str, Any](), list[str]()
-    for each in fields(MeasuredOn):
-        value = given.get(each.name, "")
-        kind: type = int if each.name == "core_clock_hz" else str
+    for field in fields(MeasuredOn):
+        value = given.get(field.name, "")
+        kind: type = int if field.name == "core_clock_hz" else str
         if isinstance(value, bool) or not isinstance(value, kind):
             what = "a number" if kind is int else "a text"
-            objections.append(f"board.{each.name}: must be {what}, not {shown(value)}")
+            objections.append(f"board.{field.name}: must be {what}, not {shown(value)}")
         elif isinstance(value, str) and (len(value) > _LONGEST or not value.isprintable()):
-            objections.append(f"board.{each.name}: must be one line of at most {_LONGEST} printable characters")
+            objections.append(f"board.{field.name}: must be one line of at most {_LONGEST} printable characters")
         elif not value:
-            by_hand = BY_HAND.get(each.name)
-            objections.append(f"board.{each.name} is empty: {by_hand or 'measure again'}")
-        found[each.name] = value
+            by_hand = BY_HAND.get(field.name)
+            objections.append(f"board.{field.name} is empty: {by_hand or 'measure again'}")
+        found[field.name] = value
     return (None if objections else MeasuredOn(**found)), objections
 
 
@@ -136,7 +136,7 @@ def _clocks(given: Any, sequences: Collection[str]) -> tuple[dict[str, dict[str,
         clocks = given.get(place)
         if not isinstance(clocks, dict) or set(clocks) != set(sequences):
             objections.append(f"[measured.{place}] has not the clocks of all {len(sequences)} sequences: measure again")
-        elif any(isinstance(each, bool) or not isinstance(each, int) or each < 0 for each in clocks.values()):
+        elif any(isinstance(clock, bool) or not isinstance(clock, int) or clock < 0 for clock in clocks.values()):
             objections.append(f"[measured.{place}]: clocks are whole numbers from 0 on")
     return given, objections
 

@@ -140,7 +140,7 @@ def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> Measur
     base = load_profile(WITH_RULES)
     priced = TimingProfile(base.name, base.rows | rows, shipped=False)
     judgements = tuple(judge(clocks, priced, image))
-    if any(each.shows_rule for each in judgements if each.question.row not in ("", "refill_table")):
+    if any(judgement.shows_rule for judgement in judgements if judgement.question.row not in ("", "refill_table")):
         of_rules, more = _decided(judgements, about)
         rows |= of_rules
         remarks += more
@@ -197,12 +197,12 @@ def _decided(judgements: Iterable[Judgement], about: str) -> tuple[dict[str, Cos
     """Return the rows of rules that all their sequences agree on, and of the others why there is none."""
     found: dict[str, dict[int, str]] = {}
     left: dict[str, str] = {}
-    for each in judgements:
-        row, candidate = each.question.row, each.decided
+    for judgement in judgements:
+        row, candidate = judgement.question.row, judgement.decided
         if row in ("", "refill_table"):
             continue
-        told = f"{each.question.sequence}: {each.clocks} clocks, {each.verdict}"
-        if not each.survivors or (candidate and not candidate.in_rows):
+        told = f"{judgement.question.sequence}: {judgement.clocks} clocks, {judgement.verdict}"
+        if not judgement.survivors or (candidate and not candidate.in_rows):
             left[row] = told
         elif candidate and row in candidate.rows:
             found.setdefault(row, {}).setdefault(candidate.rows[row], told)
@@ -250,8 +250,8 @@ def _lines(
     yield f'base = "{measured.base.name}"'
     for remark in measured.remarks:
         yield f"# {remark}"
-    for each in measured.judgements:
-        yield f"# {each.question.sequence}: {each.clocks} clocks, {each.verdict}"
+    for judgement in measured.judgements:
+        yield f"# {judgement.question.sequence}: {judgement.clocks} clocks, {judgement.verdict}"
     if lines := list(board):
         yield ""
         yield from lines

@@ -140,7 +140,7 @@ class Judgement:
         if not self.survivors:
             return "none of the candidates predicts it"
         if self.decided is None:
-            return "it cannot be told: " + ", or ".join(each.says for each in self.survivors)
+            return "it cannot be told: " + ", or ".join(survivor.says for survivor in self.survivors)
         return self.decided.says
 
 
