@@ -15,10 +15,16 @@ PROGRAMS = HERE / "programs"
 SHIPPED = Path(__file__).parents[2] / "src/hiltest/firmware/hiltest-frdm-k64f.elf"
 FLAGS = [
     "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-O1", "-g", "-nostdlib",
-    "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
+    "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{PROGRAMS / 'flash.ld'}", "-include", str(PROGRAMS / "prelude.h"),
 ]  # fmt: skip
 
 Build = Callable[..., Path]
+
+
+def word(board: VirtualK64F, name: str) -> int:
+    """Read a variable of the program that a board runs."""
+    return board.processor.memory.read_words(board.image.symbols[name].address, 1)[0]
+
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], Path]:

@@ -11,13 +11,11 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.rig.file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, word
 
 RIG = Path(__file__).parents[2] / "hil/rigs/virtual-k64f.toml"
 BUS_HZ = 640 * 32_768  # out of reset
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define ADC(offset) WORD(0x4003B000 + (offset))
 enum { SC1A, CFG1 = 8, CFG2 = 12, RA = 16, CV1 = 24, CV2 = 28, SC2 = 32, SC3 = 36, PG = 44 };
 volatile unsigned fired, value, began, took, status;

@@ -17,19 +17,11 @@ from hiltest.virtual.program.elf import FirmwareImage
 from .conftest import SHIPPED, Build
 
 HEAD = """
-    .syntax unified
-    .cpu cortex-m4
-    .fpu fpv4-sp-d16
-    .thumb
-    .text
-    .global main
-    .thumb_func
-    .type main, %function
-main:
+    function main
     nop
 culprit:
 """
-TAIL = "\n    bx lr\n    .size main, . - main\n    .ltorg\n    .data\nwords: .word 0x20000006\n"
+TAIL = "\n    bx lr\n    ends main\n    .ltorg\n    .data\nwords: .word 0x20000006\n"
 
 # A loop to itself that a tick every 1000 cycles interrupts; r7 counts them.
 WAITS_FOR_TICKS = """
@@ -42,13 +34,10 @@ WAITS_FOR_TICKS = """
     str r1, [r0]
 wait:
     b wait
-    .global SysTick_Handler
-    .thumb_func
-    .type SysTick_Handler, %function
-SysTick_Handler:
+    function SysTick_Handler
     adds r7, #1
     bx lr
-    .size SysTick_Handler, . - SysTick_Handler
+    ends SysTick_Handler
 """
 
 CASES = [
@@ -96,7 +85,7 @@ def test_a_program_that_ends_in_a_loop_rests_and_the_board_goes_on(build: Build)
 
 
 def test_in_a_handler_a_loop_is_no_rest(build: Build) -> None:
-    loops = ".global HardFault_Handler\n.thumb_func\nHardFault_Handler: b ."
+    loops = "function HardFault_Handler\n b ."
     board = VirtualK64F(build(HEAD + "udf #1" + TAIL.replace(".ltorg", f".ltorg\n{loops}")))
     with pytest.raises(BoardFault, match=r"hang at 0x.*: a loop to itself .*after: undefined instruction"):
         board.run_until(0.01)
@@ -148,8 +137,7 @@ def test_a_damaged_header_is_refused_or_harmless(build: Build) -> None:
     [(["-mcpu=cortex-m7", "-mfpu=fpv5-d16"], "floating-point unit"), (["-mcpu=cortex-m33"], "another core")],
 )
 def test_an_image_for_a_neighbouring_core_is_refused(build: Build, flags: list[str], what: str) -> None:
-    head = HEAD.replace("    .cpu cortex-m4\n", "").replace("    .fpu fpv4-sp-d16\n", "")
-    elf = build(head + TAIL, *flags, with_start=False)
+    elf = build(HEAD + TAIL, *flags, with_start=False)
     with pytest.raises(ConfigError, match=what):
         VirtualK64F(elf)
 

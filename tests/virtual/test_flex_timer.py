@@ -11,13 +11,11 @@ from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import NEVER
 
 from .both_ways import outcome
-from .conftest import Build
+from .conftest import Build, word
 from .stepped_timer import SteppedTimer, TimerAlone
-from .test_exceptions import word
 
 BUS_HZ = 640 * 32_768  # out of reset
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define FTM(offset) WORD(0x40038000 + (offset))
 enum {
     SC, CNT = 4, MOD = 8, C0SC = 12, C0V = 16, C1SC = 20, C1V = 24, CNTIN = 0x4C, STATUS = 0x50, MODE = 0x54,
@@ -31,8 +29,7 @@ void Interrupt42_Handler(void) {
 }
 void Interrupt61_Handler(void) { changes++; WORD(0x4004B0A0) = ~0u; } /* PORTC */
 static void begin(void) {
-    *(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;
-    *(volatile unsigned short *)0x40052000 = 0x1D2;
+    stop_watchdog();
     WORD(0x4004803C) |= 1u << 24; WORD(0x40048038) |= 0x1Fu << 9;
     WORD(0x4004B004) = 4u << 8; WORD(0x4004B008) = 4u << 8; /* PTC1 and PTC2: FTM0_CH0 and FTM0_CH1 */
     WORD(0xE000E104) = 1u << 10 | 1u << 29;

@@ -10,7 +10,7 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from .conftest import Build
 from .test_faults import HEAD
 
-TAIL = "\nend:\n    b end\n    .size main, . - main\n    .ltorg\n"
+TAIL = "\nend:\n    b end\n    ends main\n    .ltorg\n"
 GATES_OPEN = """
     ldr r0, =0x40048028
     ldr r1, =0xFFFFFFFF

@@ -9,12 +9,9 @@ import pytest
 from hiltest.virtual.board.k64f import VirtualK64F
 
 from .both_ways import outcome
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, word
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 #define CSR WORD(0x40040000)
 #define PSR WORD(0x40040004)
 #define CMR WORD(0x40040008)
@@ -30,9 +27,7 @@ static void begin(void) {
 
 
 def program_of(build_c: Build, body: str) -> Path:
-    unlocked = "*(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;"
-    unlocked += "*(volatile unsigned short *)0x40052000 = 0x1D2;"
-    return build_c(f"{HEAD}int main(void) {{ {unlocked} begin(); {body} return 0; }}")
+    return build_c(f"{HEAD}int main(void) {{ stop_watchdog(); begin(); {body} return 0; }}")
 
 
 def board_of(build_c: Build, body: str) -> VirtualK64F:

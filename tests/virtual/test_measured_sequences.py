@@ -16,41 +16,31 @@ from .conftest import Build
 
 # Code in SRAM_L and data in SRAM_U, as it was measured on the FRDM-K64F; the STM32F429 has no banks to be in.
 FRAME = """
-    .syntax unified
-    .thumb
-    .cpu cortex-m4
-    .fpu fpv4-sp-d16
-    .text
-    .thumb_func
-    .global main
-main:
+    function main
     bx lr
 
     .section .fast, "ax", %progbits
     .macro kernel name
     .balign 16
-    .thumb_func
-    .global \\name
-    .type \\name, %function
-\\name:
+    function \\name
     push {{r4-r11, lr}}
     ldr r1, =data
     add r2, r1, #256
     nop
     .endm
-    .macro ends name
+    .macro back name
     nop
     pop {{r4-r11, pc}}
     .ltorg
-    .size \\name, . - \\name
+    ends \\name
     .endm
 
     kernel empty
-    ends empty
+    back empty
 
     kernel work
     {sequence}
-    ends work
+    back work
 
     .section .far, "aw", %progbits
     .balign 16

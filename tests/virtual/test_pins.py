@@ -16,8 +16,7 @@ from hiltest.virtual.processor.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.virtual.program.elf import load_image
 from hiltest.world import EarthField, MagneticDistortion, World
 
-from .conftest import PROGRAMS, SHIPPED, Build
-from .test_exceptions import word
+from .conftest import PROGRAMS, SHIPPED, Build, word
 
 PDOR, PSOR, PCOR, PTOR, PDIR, PDDR = range(0, 0x18, 4)
 GPIO, ISFR, GPCLR, GPCHR = 1 << 8, 0xA0, 0x80, 0x84

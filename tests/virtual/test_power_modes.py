@@ -10,12 +10,9 @@ from hiltest.errors import BoardFault
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.mcg import ClockMode
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, word
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 enum { STOP = 0, VLPS = 2, LLS = 3, VLLS = 4 };
 volatile unsigned woken, timer, unit, port, ticks, before, after, kept, status, source, isolated;
 void Interrupt58_Handler(void) { timer++; WORD(0x40040000) |= 0x80; }
@@ -26,8 +23,7 @@ void Interrupt21_Handler(void) {
 void Interrupt61_Handler(void) { port++; WORD(0x4004B0A0) = ~0u; }
 void SysTick_Handler(void) { ticks++; }
 static void begin(void) {
-    *(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;
-    *(volatile unsigned short *)0x40052000 = 0x1D2;
+    stop_watchdog();
     WORD(0x40048038) |= 1u | 0x1Fu << 9;
     BYTE(0x4007E000) = 0x2A;
     WORD(0x4004B018) = 0x100 | 10u << 16; /* PTC6: SW2 interrupts as it falls */

@@ -8,12 +8,10 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.rig.file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
+from .conftest import Build, word
 from .foreign import RIG
-from .test_exceptions import word
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define CR WORD(0x40029000)
 #define SR WORD(0x40029004)
 #define ER WORD(0x40029008)

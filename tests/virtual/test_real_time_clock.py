@@ -6,20 +6,14 @@ import pytest
 
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, word
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define RTC(offset) WORD(0x4003D000 + (offset))
 enum { TSR, TPR = 4, TAR = 8, TCR = 12, CR = 16, SR = 20, LR = 24, IER = 28 };
 volatile unsigned seconds, alarms, at, status, first, second;
 void Interrupt46_Handler(void) { alarms++; at = RTC(TSR); status = RTC(SR); RTC(TAR) = RTC(TAR) + 3; }
 void Interrupt47_Handler(void) { seconds++; }
-static void stop_watchdog(void) {
-    *(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;
-    *(volatile unsigned short *)0x40052000 = 0x1D2;
-}
 static void start(unsigned now) {
     WORD(0x4004803C) |= 1u << 29;
     RTC(CR) = 0x100; RTC(SR) = 0; RTC(TSR) = now; RTC(IER) = 0x14; RTC(SR) = 0x10;

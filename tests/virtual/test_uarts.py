@@ -13,18 +13,14 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.peripherals.uart import Uart
 
-from .conftest import SHIPPED, Build
-from .test_exceptions import word
+from .conftest import SHIPPED, Build, word
 
 # Out of reset the core and UART0 and UART1 run at 20.97 MHz; the bus, and with it the others, at half of that.
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define HALF(address) (*(volatile unsigned short *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 static const unsigned at[6] = {0x4006A000, 0x4006B000, 0x4006C000, 0x4006D000, 0x400EA000, 0x400EB000};
 volatile unsigned sizes[6], levels[6], overruns, done;
 static void begin(int fifos) {
-    HALF(0x4005200E) = 0xC520; HALF(0x4005200E) = 0xD928; HALF(0x40052000) = 0x01D2;
+    stop_watchdog();
     WORD(0x40048044) = 0x01110000;
     WORD(0x40048034) |= 0xFu << 10; WORD(0x40048028) |= 3u << 10;
     for (int n = 0; n < 6; n++) {

@@ -9,19 +9,13 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.unmodelled import UnmodelledWarning
 
-from .conftest import SHIPPED, Build
-from .test_exceptions import word
+from .conftest import SHIPPED, Build, word
 
 PDB0_ON = "*(volatile unsigned *)0x4004803C |= 1u << 22;"
-HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
-unsigned before, after;
-"""
 
 
 def program(body: str) -> str:
-    return f"{HEAD}void timer_init(void) {{ {body} }}\nint main(void) {{ timer_init(); return 0; }}\n"
+    return f"unsigned before, after; void timer_init(void) {{ {body} }} int main(void) {{ timer_init(); return 0; }}"
 
 
 @pytest.mark.parametrize("strict", [False, True], ids=["lenient", "strict"])

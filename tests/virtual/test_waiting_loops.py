@@ -11,11 +11,10 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
 
 from .both_ways import assert_same_both_ways
-from .conftest import PROGRAMS, SHIPPED, Build
+from .conftest import PROGRAMS, SHIPPED, Build, word
 from .foreign import PROGRAMS as FOREIGN
 from .foreign import Program
 from .random_loops import HEAD, TAIL, random_program
-from .test_exceptions import word
 
 WAITS = PROGRAMS / "waits.c"
 LOOPS = re.findall(r"^static void (\w+)\(void\)", WAITS.read_text(), re.MULTILINE)
@@ -111,7 +110,6 @@ def test_a_device_is_asked_once_while_it_answers_the_same(build: Build, monkeypa
 
 
 TIMED = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define CYCCNT WORD(0xE0001004)
 volatile unsigned sum, overhead, cost, done;
 static void poll(unsigned cycles) { unsigned began = CYCCNT; while (CYCCNT - began < cycles) {} }

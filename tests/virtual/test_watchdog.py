@@ -6,13 +6,10 @@ import pytest
 
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, word
 
 # What a program of these tests does first: it counts its starts and keeps their sources, in memory that none clears.
 HEAD = """
-#define HALF(address) (*(volatile unsigned short *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 #define STCTRLH HALF(0x40052000)
 #define TOVALH HALF(0x40052004)
 #define TOVALL HALF(0x40052006)
