@@ -358,3 +358,15 @@ def test_second_halfword_of_a_short_instruction_is_not_looked_at() -> None:
     for first, second in random_instructions(2000, seed=4):
         if first < WIDE:
             assert fields(decode(ADDRESS, first, second)) == fields(decode(ADDRESS, first, second ^ 0xFFFF))
+
+
+@pytest.mark.parametrize(
+    ("first", "it_state", "operation", "condition"),
+    [(0xBE01, 0x08, "BKPT", 14), (0xBF08, 0x08, "IT", 14), (0xD000, 0x08, "UNDEFINED", 0), (0x0000, 0xF8, "MOV_R", 14)],
+    ids=["breakpoint", "IT", "branch with a condition", "condition 15"],
+)
+def test_what_an_it_block_gives_its_condition_to_is_no_breakpoint_no_it_and_no_branch_with_a_condition(
+    first: int, it_state: int, operation: str, condition: int
+) -> None:
+    decoded = decode(ADDRESS, first, 0, it_state)
+    assert (operation_name(decoded), decoded.condition) == (operation, condition)
