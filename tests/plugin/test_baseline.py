@@ -366,7 +366,7 @@ def test_a_session_that_ends_itself_with_0_is_no_pass(pytester: pytest.Pytester)
 def test_two_workers_are_judged_as_one_process_is(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("xdist")
     monkeypatch.setenv("LAMP_CURRENT", "3")
-    assert pytester.runpytest_subprocess("--hil-baseline=base", "-n2", "--dist=loadgroup").ret == 21
+    assert pytester.runpytest_inprocess("--hil-baseline=base", "-n2", "--dist=loadgroup").ret == 21
     assert [each["outcome"] for each in record(pytester)["tests"]] == ["passed"] * 3
 
 
