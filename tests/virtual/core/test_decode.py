@@ -43,7 +43,7 @@ COSTS = (
 )  # fmt: skip
 
 # Instances of each encoding and random pairs of halfwords; all of them outside an IT block and inside.
-QUICK = (100, 30_000)
+QUICK = (25, 8_000)
 THOROUGH = pytest.param(1000, 500_000, marks=pytest.mark.ci)
 COUNTS = ("of_each", "pairs")
 
@@ -292,7 +292,7 @@ UNICORN_EXECUTES_LESS: tuple[Reason, ...] = (
 )
 
 
-@pytest.mark.parametrize(COUNTS, [(20, 10_000), pytest.param(200, 100_000, marks=pytest.mark.ci)])
+@pytest.mark.parametrize(COUNTS, [(8, 3_000), pytest.param(200, 100_000, marks=pytest.mark.ci)])
 def test_an_instruction_is_defined_if_unicorn_executes_it_but_for_named_differences(of_each: int, pairs: int) -> None:
     emulator = Unicorn()
     differences = []
