@@ -26,6 +26,13 @@ def word(board: VirtualK64F, name: str) -> int:
     return board.processor.memory.read_words(board.image.symbols[name].address, 1)[0]
 
 
+def follow(board: VirtualK64F, course: dict[float, dict[str, int]]) -> None:
+    """Run a board to one time after the other; at each, variables of its program must have these values."""
+    for until_s, values in course.items():
+        board.run_until(until_s)
+        assert {name: word(board, name) for name in values} == values, f"at {until_s} s"
+
+
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], Path]:
     """Programs that a test has built already, by their source and flags."""

@@ -18,7 +18,7 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
 
-from .conftest import PROGRAMS, Build, word
+from .conftest import PROGRAMS, Build, follow
 
 LONG_ENOUGH_S = 0.01
 
@@ -191,8 +191,7 @@ int main(void)
 
 def test_code_that_is_written_anew_runs_and_is_counted_on(build_c: Build) -> None:
     board, watch = watched(build_c(OVERLAYS))
-    board.run_until(LONG_ENOUGH_S)
-    assert word(board, "sum") == 0x111  # it has returned 0, 1 and 2
+    follow(board, {LONG_ENOUGH_S: {"sum": 0x111}})  # it has returned 0, 1 and 2
     code, buffer = watch.code(), board.image.symbols["buffer"].address
     assert [code.executed[buffer], code.executed[buffer + 2], code.jumped[buffer + 2]] == [3, 3, 3]
     assert watch.code() == code

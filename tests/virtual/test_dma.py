@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.library import lib
 
-from .conftest import Build, word
+from .conftest import Build, follow, word
 from .oracle import ran
 from .test_peripherals import Part
 
@@ -456,8 +456,7 @@ int main(void) {
 def test_an_i2c_master_is_served_in_both_directions(build_c: Build) -> None:
     part = Part(0x1E)
     board = VirtualK64F(build_c(I2C), i2c0=[part])
-    board.run_until(0.01)
-    assert word(board, "done") == 1
+    follow(board, {0.01: {"done": 1}})
     assert [value for what, value, _ in part.seen if what == "byte"] == [0x2A, 1, 2, 3]
     assert board.processor.memory.read(board.image.symbols["in"].address, 5) == bytes([0xA5] * 5)
 

@@ -10,7 +10,7 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build, word
+from .conftest import Build, follow, word
 from .oracle import ran
 
 DONE, COLLISION, ACCESS, PROTECTION, FAILED = 0x80, 0x40, 0x20, 0x10, 0x01
@@ -180,8 +180,7 @@ def test_code_in_ram_erases_all_of_the_flash_and_no_record(build_c: Build) -> No
     }
     """
     board = VirtualK64F(build_c(HEAD + source))
-    board.run_until(1.0)
-    assert word(board, "first") == DONE
+    follow(board, {1.0: {"first": DONE}})
     assert board.processor.memory.read(0, 1 << 20) == b"\xff" * (1 << 20)
     assert board._chip.flash.once[:8] == struct.pack("<II", 1, 2)
 
@@ -225,8 +224,7 @@ def test_a_command_takes_its_time_and_interrupts_at_its_end(build_c: Build) -> N
         return 0;
     }"""
     board = VirtualK64F(build_c(HEAD + source))
-    board.run_until(0.1)
-    assert word(board, "caught") == 1
+    follow(board, {0.1: {"caught": 1}})
     # 15 ms at 20.97 MHz; a few cycles to read the counter and to enter the handler.
     assert word(board, "took") == pytest.approx(0.015 * 640 * 32768, abs=40)
 
@@ -268,11 +266,9 @@ int main(void) {
 
 def test_flash_keeps_what_was_programmed_across_resets(build_c: Build) -> None:
     board = VirtualK64F(build_c(HEAD + COUNTING % 3))
-    board.run_until(0.01)
-    assert word(board, "first") == 4
+    follow(board, {0.01: {"first": 4}})
     board.boot()  # power-on of a board that has been loaded anew
-    board.run_until(0.0201)
-    assert word(board, "first") == 4
+    follow(board, {0.0201: {"first": 4}})
 
 
 def test_a_file_keeps_the_flash_from_run_to_run_but_for_what_the_image_loads(build_c: Build, tmp_path: Path) -> None:
@@ -288,8 +284,7 @@ def test_a_file_keeps_the_flash_from_run_to_run_but_for_what_the_image_loads(bui
     content[:8] = bytes(8)  # in the image's own sector: another image, or damage
     kept.write_bytes(content)
     board = VirtualK64F(elf, flash_file=kept)
-    board.run_until(0.01)
-    assert word(board, "first") == 4
+    follow(board, {0.01: {"first": 4}})
 
 
 def test_a_file_keeps_the_records_too(build_c: Build, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build, word
+from .conftest import Build, follow, word
 
 # What a program of these tests does first: it counts its starts and keeps their sources, in memory that none clears.
 HEAD = """
@@ -36,8 +36,7 @@ def board_of(build_c: Build, body: str) -> VirtualK64F:
 
 def test_a_forgotten_watchdog_resets_the_part_after_its_time(build_c: Build) -> None:
     board = board_of(build_c, "")
-    board.run_until((FORGOTTEN_CYCLES - 1000) / OUT_OF_RESET_HZ)
-    assert word(board, "starts") == 1
+    follow(board, {(FORGOTTEN_CYCLES - 1000) / OUT_OF_RESET_HZ: {"starts": 1}})
     assert "watchdog" not in board.position()
     board.run_until((FORGOTTEN_CYCLES + 1000) / OUT_OF_RESET_HZ)
     assert word(board, "starts") == 2
@@ -64,16 +63,12 @@ def test_it_resets_the_part_unless_it_is_unlocked_and_switched_off_or_served(
     build_c: Build, body: str, cycles: int, starts: int
 ) -> None:
     board = board_of(build_c, body)
-    board.run_until(cycles / OUT_OF_RESET_HZ)
-    assert word(board, "starts") == starts
+    follow(board, {cycles / OUT_OF_RESET_HZ: {"starts": starts}})
 
 
 def test_a_test_counts_the_bus_clock(build_c: Build) -> None:
     board = board_of(build_c, "unlock(); TOVALH = 1; TOVALL = 0; PRESC = 0; STCTRLH = 0x0411u;")
-    board.run_until(65_000 / OUT_OF_RESET_HZ)
-    assert word(board, "starts") == 1
-    board.run_until(67_000 / OUT_OF_RESET_HZ)
-    assert word(board, "starts") == 2
+    follow(board, {65_000 / OUT_OF_RESET_HZ: {"starts": 1}, 67_000 / OUT_OF_RESET_HZ: {"starts": 2}})
 
 
 @pytest.mark.parametrize(("after", "resets"), [(8, True), (12, False)])
@@ -98,24 +93,19 @@ def test_it_counts_how_often_it_has_reset_the_part(build_c: Build) -> None:
 def test_its_time_and_clock_are_what_firmware_sets(build_c: Build) -> None:
     # 25 ticks of the oscillator of 1 kHz, not divided: 25 ms after it was set up.
     board = board_of(build_c, "unlock(); TOVALH = 0; TOVALL = 25; PRESC = 0; STCTRLH = 0x01D1u;")
-    board.run_until(0.0249)
-    assert word(board, "starts") == 1
-    board.run_until(0.0251)
-    assert word(board, "starts") == 2
+    follow(board, {0.0249: {"starts": 1}, 0.0251: {"starts": 2}})
 
 
 def test_a_sleeping_part_is_reset_too(build_c: Build) -> None:
     tick = "HALF(0xE000E014) = 0xFFFF; HALF(0xE000E016) = 0xFF; BYTE(0xE000E010) = 7;"
     source = program(f'(void)unlock; (void)refresh; {tick} for (;;) {{ __asm__("wfi"); }}')
     board = VirtualK64F(build_c(source + "void SysTick_Handler(void) {}\n"))
-    board.run_until((FORGOTTEN_CYCLES + 1000) / OUT_OF_RESET_HZ)
-    assert word(board, "starts") == 2
+    follow(board, {(FORGOTTEN_CYCLES + 1000) / OUT_OF_RESET_HZ: {"starts": 2}})
 
 
 def test_a_reset_by_firmware_is_told_apart(build_c: Build) -> None:
     board = board_of(build_c, "if (starts == 1) { *(volatile unsigned *)0xE000ED0C = 0x05FA0004u; }")
-    board.run_until(0.001)
-    assert word(board, "sources") == 0x0082_0400  # SRS1: SW
+    follow(board, {0.001: {"sources": 0x0082_0400}})  # SRS1: SW
 
 
 @pytest.mark.parametrize("count", [20, 70_000], ids=["the lower half alone", "both halves"])
