@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ import pytest
 from hiltest.measurement import Limit, check
 from hiltest.record.run_json import write_run
 
+from ..in_process import hiltest
 from ..trend.runs import finished_run
 
 pytestmark = pytest.mark.slow
@@ -20,8 +20,7 @@ TOTAL = check("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_50
 
 
 def export(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "hiltest", "export", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    return hiltest("export", *arguments, folder=folder)
 
 
 @pytest.fixture

@@ -182,20 +182,12 @@ SLEEP = """
 def program(code: str) -> str:
     """Return a program whose function `work` does this and returns."""
     return f"""
-        .syntax unified
-        .cpu cortex-m4
-        .thumb
-        .global main
-        .thumb_func
-    main:
+        function main
         bx lr
-        .global work
-        .thumb_func
-        .type work, %function
-    work:
+        function work
         {code}
         bx lr
-        .size work, . - work
+        ends work
         .ltorg
     """
 

@@ -47,9 +47,6 @@ def test_firmware_runs_as_its_elf_and_a_fault_names_the_address_without_a_functi
 
 def test_a_raw_binary_starts_from_the_vector_table_at_its_base(build, tmp_path):
     program = """
-    .syntax unified
-    .cpu cortex-m4
-    .thumb
     .section .vectors, "a"
     .word 0x20030000
     .word start + 1

@@ -20,17 +20,9 @@ from hiltest.virtual.program.elf import FirmwareImage
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, random_program
 
-HEAD = """
-    .syntax unified
-    .thumb
-    .cpu cortex-m4
-    .fpu fpv4-sp-d16
-    .text
-"""
-
 
 def function(name: str, body: str) -> str:
-    return f".global {name}\n.type {name}, %function\n.thumb_func\n{name}:\n{body}\n.size {name}, . - {name}\n"
+    return f"function {name}\n{body}\nends {name}\n"
 
 
 def profiled(elf: Path, name: str, *arguments: object) -> CallProfile:
@@ -86,7 +78,7 @@ def test_the_tables_of_random_code_add_up(build: Build, seed: int) -> None:
 
 
 def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build: Build) -> None:
-    elf = build(HEAD + function("main", "bx lr") + function("work", """
+    elf = build(function("main", "bx lr") + function("work", """
         ldr r1, =scratch    @ work 2
         ldr r2, [r1]        @ work 1, and 1 because r1 is just being loaded
         ldr r3, [r1, #4]    @ work 1: behind a load that it does not depend on
@@ -118,7 +110,7 @@ def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build
 
 def test_calls_and_tail_calls_are_told_apart_and_counted(build: Build) -> None:
     elf = build(
-        HEAD + function("main", "bx lr")
+        function("main", "bx lr")
         + function("outer", "push {r4, lr}\n bl f\n bl f\n pop {r4, pc}")  # 3 + 2 + 2 + 3 + 2 refill
         + function("f", "push {r3, lr}\n bl g\n pop.w {r3, lr}\n b h")  # 3 + 2 + 3 + 2, twice
         + function("g", "bx lr") + function("h", "bx lr")  # 3 each, twice
@@ -210,7 +202,7 @@ def test_without_debug_information_functions_are_still_told_apart(in_c: Callable
 
 def test_sleep_is_shown_beside_the_work(build: Build) -> None:
     # SysTick is pending, so that WFI ends, and masked, so that it is not taken.
-    elf = build(HEAD + function("main", "bx lr") + function("nap", """
+    elf = build(function("main", "bx lr") + function("nap", """
         ldr r0, =0xE000E010
         movw r1, #9999
         str r1, [r0, #4]

@@ -149,7 +149,6 @@ def test_what_began_before_is_left_out(build_c: Build) -> None:
 def test_each_call_of_a_loop_that_waits_is_seen(build_c: Build) -> None:
     source = """
     #include <stdint.h>
-    #define WORD(address) (*(volatile uint32_t *)(address))
     volatile uint32_t ticks;
     void SysTick_Handler(void) { ticks++; }
     __attribute__((noinline)) uint32_t now(void) { return ticks; }

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Open = Callable[..., "AbstractContextManager[Visit]"]
 WIDTHS = pytest.mark.parametrize("width", [390, 1400])
+ON_A_DESK = pytest.mark.parametrize("width", [pytest.param(390, marks=pytest.mark.ci), 1400])
 
 # What reaches beyond the right edge, unless it is in a box of its own that scrolls, or is there for the ear alone.
 _TOO_WIDE = """() => [...document.querySelectorAll('body *')]
@@ -82,7 +83,7 @@ def test_nothing_complains_nothing_is_asked_for_and_nothing_is_too_wide(
         assert faults(here, page_file) == []
 
 
-@WIDTHS
+@ON_A_DESK
 def test_every_plot_has_a_size_and_is_painted(canvas: Page, visit: Open, page_file: Path, width: int) -> None:
     with visit(page_file, width=width) as here:
         plots = here.page.locator("svg[role=img]").all()
@@ -95,7 +96,9 @@ def test_every_plot_has_a_size_and_is_painted(canvas: Page, visit: Open, page_fi
             assert colours_in(canvas, plot.screenshot()) >= PAINTED, plot.inner_html()[:200]
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1400, "light"), (1400, "dark")])
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(390, "light"), (1400, "dark"), pytest.param(1400, "light", marks=pytest.mark.ci)]
+)
 def test_axe_finds_nothing(
     visit: Open, page_file: Path, width: int, scheme: str, require_module: Callable[[str], None]
 ) -> None:
