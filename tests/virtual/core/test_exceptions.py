@@ -77,11 +77,11 @@ def test_whatever_may_make_an_exception_deliverable_has_the_core_look(machine: M
 
 def test_entries_and_returns_empty_the_pipeline_and_clear_the_monitor_and_are_events(machine: Machine) -> None:
     def dirty() -> None:
-        machine.pointer.pipeline.fpu_busy = 9
-        machine.pointer.exclusive, machine.core.event = True, False
+        machine.pointer.history.pipeline.fpu_busy = 9
+        machine.pointer.history.exclusive, machine.core.event = True, False
 
     def is_clean() -> bool:
-        return not machine.pointer.pipeline.fpu_busy and not machine.pointer.exclusive and machine.core.event
+        return not machine.pointer.history.pipeline.fpu_busy and not machine.pointer.history.exclusive and machine.core.event
 
     dirty()
     machine.enter(SYSTICK)

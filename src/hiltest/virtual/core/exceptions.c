@@ -150,8 +150,8 @@ static void start_anew(struct machine *machine)
 {
     machine_flush_pipeline(machine);
     forget_answers(machine);
-    machine->jumped_at = -1;
-    machine->exclusive = false;
+    machine->history.jumped_at = -1;
+    machine->history.exclusive = false;
     machine->core.event = true;
 }
 

@@ -440,7 +440,7 @@ static void stand_at(struct machine *machine, uint32_t address, uint8_t it_state
     machine->core.it_state = it_state;
     machine->running = NULL;
     machine->standing = state;
-    memcpy(&machine->pipeline, code_state(machine, state), sizeof machine->pipeline);
+    memcpy(&machine->history.pipeline, code_state(machine, state), sizeof machine->history.pipeline);
 }
 
 /* The six forms of a data-processing operation. VALUE computes from `a` (r[n]) and `b`; FLAGS does so and sets them,
@@ -683,7 +683,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         case OP_STREX: EXCLUSIVE(store_exclusive, 4, !r[i->d]); break;
         case OP_STREXB: EXCLUSIVE(store_exclusive, 1, !r[i->d]); break;
         case OP_STREXH: EXCLUSIVE(store_exclusive, 2, !r[i->d]); break;
-        case OP_CLREX: machine->exclusive = false; break;
+        case OP_CLREX: machine->history.exclusive = false; break;
 
         case OP_TBB: case OP_TBH: {
             uint32_t base = i->n == PC ? node->address + 4 : r[i->n], size = i->operation == OP_TBH ? 2 : 1;
@@ -836,7 +836,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             uint8_t it_state = i->operation == OP_IT ? (uint8_t)i->immediate : advance_it_state(from->it_state);
             node = follow_behind(machine, from, &from->next, it_state, from->left);
             if (!node) {
-                machine->previous = from->address;
+                machine->history.previous = from->address;
                 stand_at(machine, from->address + i->size, it_state, from->left);
                 goto over;
             }
@@ -855,7 +855,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             uint8_t it_state = advance_it_state(from->it_state);
             node = follow_behind(machine, from, &from->skipped, it_state, from->left_skipped);
             if (!node) {
-                machine->previous = from->address;
+                machine->history.previous = from->address;
                 stand_at(machine, from->address + i->size, it_state, from->left_skipped);
                 goto over;
             }
@@ -867,11 +867,11 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             follow_stack(machine, node, target);
         if (target >= 0xF0000000u && (core->exception || target >= 0xFF000000u)) {
             node->jumps++;
-            machine->exc_return = target;
+            machine->history.exc_return = target;
             outcome = LEFT;
             cycles += node->taken_cost;
             instructions++;
-            machine->previous = node->address;
+            machine->history.previous = node->address;
             stand_at(machine, node->address + i->size, 0, node->left_taken);
             goto over;
         }
@@ -904,8 +904,8 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         if (!taken) {
             node->jumps++;
             core->thumb = target & 1;
-            machine->previous = machine->jumped_from = node->address;
-            machine->jumped_at = instructions;
+            machine->history.previous = machine->history.jumped_from = node->address;
+            machine->history.jumped_at = instructions;
             stand_at(machine, target & ~1u, 0, node->left_taken);
             goto over;
         }
@@ -917,8 +917,8 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
     }
     jumped:
         from->jumps++;
-        machine->jumped_from = from->address;
-        machine->jumped_at = instructions;
+        machine->history.jumped_from = from->address;
+        machine->history.jumped_at = instructions;
         if (instructions >= core->instruction_limit)
             break;
     } while (cycles < horizon);

@@ -10,12 +10,12 @@ enum outcome {
     LOOPED,   /* at a branch to itself */
     SLEPT,    /* behind WFI or WFE */
     BROKE,    /* at a breakpoint */
-    LEFT,     /* by a branch to EXC_RETURN, which is in `machine->exc_return` */
+    LEFT,     /* by a branch to EXC_RETURN, which is in `machine->history.exc_return` */
 };
 
 /* Execute from a node on, at least one instruction, until one begins at or after the cycle `horizon`. `horizon` is
  * lowered to core.deadline if that is lower, and to nothing if machine->looks is set. Afterwards r15, it_state and
- * machine->pipeline are of the next instruction. */
+ * machine->history.pipeline are of the next instruction. */
 enum outcome execute(struct machine *machine, struct node *node, int64_t horizon);
 /* The same on a machine whose memories add waits. */
 enum outcome execute_with_waits(struct machine *machine, struct node *node, int64_t horizon);

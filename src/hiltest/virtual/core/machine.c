@@ -1,4 +1,5 @@
 /* A machine as a whole: it is made, reset, and run from one stop to the next. */
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -119,7 +120,7 @@ void machine_save_floats(struct machine *machine)
 
 void machine_flush_pipeline(struct machine *machine)
 {
-    memset(&machine->pipeline, 0, sizeof machine->pipeline);
+    memset(&machine->history.pipeline, 0, sizeof machine->history.pipeline);
     if (machine->waits)
         waits_flush(machine->waits);
 }
@@ -128,31 +129,14 @@ void machine_flush_pipeline(struct machine *machine)
 void machine_reset(struct machine *machine)
 {
     struct core *core = &machine->core;
-    const struct core before = *core;
-    memset(core, 0, sizeof *core);
-    core->cycles = before.cycles;
-    core->instructions = before.instructions;
-    core->deadline = before.deadline;
-    core->idle_cycles = before.idle_cycles;
-    core->memory_cycles = before.memory_cycles;
-    core->passed = before.passed;
-    core->device_loads = before.device_loads;
-    core->instruction_limit = before.instruction_limit;
-    core->interrupts = before.interrupts;
-    core->priority_mask = before.priority_mask;
-    core->delivers_faults = before.delivers_faults;
-    core->stops_at = before.stops_at;
-    core->leaves_sleep = before.leaves_sleep;
-    core->may_loop = before.may_loop;
-    core->asks_devices = before.asks_devices;
-    core->tells_returns = before.tells_returns;
-    core->return_address = before.return_address;
-    memcpy(core->taken, before.taken, sizeof core->taken);
+    memset(core->r, 0, sizeof *core - offsetof(struct core, r));
+    core->passes_breakpoint = false;
+    core->watch_kinds = 0;
     core->r[14] = 0xFFFFFFFF;
     core->thumb = 1;
     core->zero = 1;
     core->floating_control = 3u << 30; /* FPCCR: ASPEN and LSPEN */
-    machine->exclusive = machine->stacks.has_context = false;
+    machine->history.exclusive = machine->history.stacks.has_context = false;
     calls_reset(machine);
     if (machine->waits)
         waits_reset(machine->waits);
@@ -172,7 +156,7 @@ static void note_fetch_fault(struct machine *machine)
     if (memory_at(machine, address, 2))
         address += 2; /* the memory ends within an instruction of four bytes */
     int32_t kind = is_never_executed(address) ? FAULT_EXECUTE_NEVER : FAULT_INSTRUCTION_BUS;
-    note_fault(machine, kind, CAUSE_FETCH_UNMAPPED, machine->previous, address, 0, 0);
+    note_fault(machine, kind, CAUSE_FETCH_UNMAPPED, machine->history.previous, address, 0, 0);
 }
 
 struct node *next_node(struct machine *machine)
@@ -181,7 +165,7 @@ struct node *next_node(struct machine *machine)
     uint32_t address = core->r[15];
     bool has_memory = memory_at(machine, address, 2);
     if (!core->thumb) {
-        uint32_t place = has_memory ? address : machine->previous;
+        uint32_t place = has_memory ? address : machine->history.previous;
         note_fault(machine, FAULT_INVALID_STATE, CAUSE_NO_THUMB_BIT, place, address, 0, 0);
         return NULL;
     }
@@ -239,7 +223,7 @@ int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon
     case BROKE:
         return STOP_BREAKPOINT;
     case LEFT:
-        if (!leave_exception(machine, machine->exc_return, machine->previous))
+        if (!leave_exception(machine, machine->history.exc_return, machine->history.previous))
             return STOP_FAULT;
         if (core->fault.kind)
             return STOP_FAULT;

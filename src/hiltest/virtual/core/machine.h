@@ -78,14 +78,32 @@ enum stop_reason {
 struct core {
     int64_t cycles;        /* clock cycles since power-on; inside a callback: at the beginning of the instruction */
     int64_t instructions;  /* executed since power-on, skipped ones of IT blocks included */
-    int64_t deadline;      /* `machine_run` returns before the first instruction that begins at or after this cycle;
-                              a callback may lower it */
-    int64_t idle_cycles;   /* of them asleep */
+    int64_t idle_cycles;   /* of the cycles, those asleep */
     int64_t memory_cycles; /* cycles in which instructions waited for memories */
     int64_t passed;        /* of the instructions, those in turns of loops that were counted, not executed */
     int64_t device_loads;  /* loads that devices have answered since power-on, without the one that runs */
-    int64_t instruction_limit; /* see STOP_STEP */
+    uint32_t taken[8];     /* exceptions that were entered since power-on, as below */
 
+    /* How `machine_run` behaves: no part of a snapshot. */
+    int64_t deadline;      /* `machine_run` returns before the first instruction that begins at or after this cycle;
+                              a callback may lower it */
+    int64_t instruction_limit; /* see STOP_STEP */
+    bool delivers_faults;  /* STOP_RETURNED is not for firmware: a jump there is a fault */
+    int32_t stops_at;      /* enum host_event: which events of peripherals in C have machine_run return */
+    bool leaves_sleep;     /* STOP_SLEEP in any sleep, as with `sleeps_deeply` */
+    bool may_loop;         /* a branch to itself passes the time until the deadline */
+    bool tells_returns;
+    bool asks_devices;     /* devices are asked although their answers are known, for tests */
+    bool passes_breakpoint; /* the next instruction executes though there is a breakpoint; that, or an exception's
+                               entry, clears this */
+    uint32_t return_address;
+    uint32_t watch_kinds;  /* enum watch_kind: those of the watchpoint that was met first since this was set to 0 */
+    uint32_t watch_address;/* first byte of it that was accessed */
+
+    int32_t interrupts;    /* external interrupts that the part has */
+    uint32_t priority_mask;/* implemented bits of a priority byte */
+
+    /* State, which a reset of the processor begins anew. */
     uint32_t r[16];        /* r13 is the stack pointer in use; r15 the address of the next instruction, bit 0 clear;
                               inside a callback of the one that runs */
     uint32_t other_stack;  /* the stack pointer that is not in use: MSP or PSP */
@@ -102,12 +120,10 @@ struct core {
     uint32_t s[32];        /* bit patterns */
 
     /* Exceptions. Bit n % 32 of word n / 32 is exception n, EXCEPTION_NONE to 255. */
-    uint32_t pending[8], enabled[8], lines[8], is_active[8], taken[8];
+    uint32_t pending[8], enabled[8], lines[8], is_active[8];
     uint8_t priority[256]; /* priority bytes; those of NMI and HardFault do not count */
     uint16_t active[256];  /* exceptions being handled, the one that runs last */
     int32_t active_count;
-    int32_t interrupts;    /* external interrupts that the part has */
-    uint32_t priority_mask;/* implemented bits of a priority byte */
     uint32_t priority_grouping; /* AIRCR.PRIGROUP */
     uint32_t vector_table; /* VTOR */
     uint32_t floating_control; /* FPCCR, ASPEN and LSPEN */
@@ -129,19 +145,6 @@ struct core {
     bool waits_for_event;  /* it sleeps in WFE rather than in WFI */
     bool gated;            /* it is in a sleep that no interrupt ends */
     bool sleeps_deeply;    /* SCR.SLEEPDEEP: sleep is left to whoever called machine_run; otherwise time passes in it */
-
-    /* How `machine_run` behaves. */
-    bool delivers_faults;  /* STOP_RETURNED is not for firmware: a jump there is a fault */
-    int32_t stops_at;      /* enum host_event: which events of peripherals in C have machine_run return */
-    bool leaves_sleep;     /* STOP_SLEEP in any sleep, as with `sleeps_deeply` */
-    bool may_loop;         /* a branch to itself passes the time until the deadline */
-    bool tells_returns;
-    bool asks_devices;     /* devices are asked although their answers are known, for tests */
-    bool passes_breakpoint; /* the next instruction executes though there is a breakpoint; that, or an exception's
-                               entry, clears this */
-    uint32_t return_address;
-    uint32_t watch_kinds;  /* enum watch_kind: those of the watchpoint that was met first since this was set to 0 */
-    uint32_t watch_address;/* first byte of it that was accessed */
     struct machine_fault fault;
 };
 

@@ -5,6 +5,7 @@
  * copies only pages that were written since the one before it. Groups of pages are shared in the same way, so that a
  * snapshot costs little more than the groups with such pages.
  */
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,13 +18,7 @@ struct snapshot_memory {
 
 struct snapshot {
     struct core core;
-    struct pipeline pipeline;
-    struct stacks stacks;
-    uint32_t stack_lowest, stack_used;
-    uint32_t previous, exc_return, jumped_from;
-    int64_t jumped_at;
-    bool exclusive;
-    uint32_t exclusive_address;
+    struct history history;
     struct memory_waits *waits; /* NULL if memories add none */
     struct device_states *devices; /* of `machine`, or NULL */
     const struct machine *machine;
@@ -208,17 +203,9 @@ struct snapshot *machine_snapshot(struct machine *machine, bool with_devices)
     if (!snapshot)
         return NULL;
     snapshot->core = machine->core;
-    /* The instruction that runs has not been counted yet: the pipeline is the one before it, too. */
-    snapshot->pipeline = machine->running ? *code_state(machine, machine->running->state) : machine->pipeline;
-    snapshot->stacks = machine->stacks;
-    snapshot->stack_lowest = machine->stack_lowest;
-    snapshot->stack_used = machine->stack_used;
-    snapshot->previous = machine->previous;
-    snapshot->exc_return = machine->exc_return;
-    snapshot->jumped_from = machine->jumped_from;
-    snapshot->jumped_at = machine->jumped_at;
-    snapshot->exclusive = machine->exclusive;
-    snapshot->exclusive_address = machine->exclusive_address;
+    snapshot->history = machine->history;
+    if (machine->running) /* it has not been counted yet: the pipeline is the one before it, too */
+        snapshot->history.pipeline = *code_state(machine, machine->running->state);
     snapshot->group_count = 0;
     snapshot->waits = NULL;
     snapshot->devices = with_devices ? copy_devices(machine) : NULL;
@@ -288,20 +275,11 @@ static void restore_memories(struct machine *machine, const struct snapshot *sna
 static void restore_core(struct machine *machine, const struct core *state)
 {
     struct core *core = &machine->core;
-    const struct core before = *core;
-    *core = *state;
-    core->deadline = before.deadline;
-    core->instruction_limit = before.instruction_limit;
-    core->delivers_faults = before.delivers_faults;
-    core->may_loop = before.may_loop;
-    core->asks_devices = before.asks_devices;
-    core->stops_at = before.stops_at;
-    core->passes_breakpoint = before.passes_breakpoint;
-    core->return_address = before.return_address;
-    core->watch_kinds = before.watch_kinds;
-    core->watch_address = before.watch_address;
-    if (core->fpu_enabled != before.fpu_enabled)
+    const size_t behaves = offsetof(struct core, deadline), behind = offsetof(struct core, interrupts);
+    if (core->fpu_enabled != state->fpu_enabled)
         machine->code_changed = true; /* nodes tell instructions that the FPU's permission stops */
+    memcpy(core, state, behaves);
+    memcpy((char *)core + behind, (const char *)state + behind, sizeof *core - behind);
 }
 
 bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
@@ -312,16 +290,7 @@ bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
     forget_answers(machine);
     restore_memories(machine, snapshot);
     restore_core(machine, &snapshot->core);
-    machine->pipeline = snapshot->pipeline;
-    machine->stacks = snapshot->stacks;
-    machine->stack_lowest = snapshot->stack_lowest;
-    machine->stack_used = snapshot->stack_used;
-    machine->previous = snapshot->previous;
-    machine->exc_return = snapshot->exc_return;
-    machine->jumped_from = snapshot->jumped_from;
-    machine->jumped_at = snapshot->jumped_at;
-    machine->exclusive = snapshot->exclusive;
-    machine->exclusive_address = snapshot->exclusive_address;
+    machine->history = snapshot->history;
     if (machine->waits)
         waits_restore(machine->waits, snapshot->waits);
     machine->oldest_answer = snapshot->core.device_loads;

@@ -92,11 +92,25 @@ struct stacks {
     uint8_t context[CONTEXT_BYTES];
 };
 
+/* What the instructions before the next one have left, beside the core's registers. */
+struct history {
+    struct pipeline pipeline;
+    int64_t jumped_at;   /* core.instructions behind the jump that was taken last */
+    uint32_t jumped_from;/* its address */
+    uint32_t previous;   /* address of the instruction that led to where there is no code */
+    uint32_t exc_return; /* that was branched to */
+    uint32_t exclusive_address;
+    bool exclusive;      /* the local monitor: an LDREX has been executed */
+    uint32_t stack_lowest, stack_used; /* range in which the stack pointer may move unseen, see stacks.c */
+    struct stacks stacks;
+};
+
 struct device;
 enum { DEVICES = 32 };
 
 struct machine {
     struct core core;
+    struct history history;
     struct machine_bus bus;
     struct memory memories[MEMORIES];
     int memory_count;
@@ -105,7 +119,6 @@ struct machine {
     struct prices prices;
     struct prices *tables;    /* further price tables, see machine_set_tables */
     int32_t table_count;      /* with `prices`; 0 if they were never asked for */
-    struct pipeline pipeline; /* what the instruction before the next one has left */
     struct memory_waits *waits; /* what memories add to instructions; NULL if the profile has no rows of memories */
     struct code *code;
     bool baseline;
@@ -125,15 +138,7 @@ struct machine {
     uint64_t requests;   /* levels of their sources */
     bool has_fired;      /* an event has fired since machine_run was called */
     bool told_host;      /* one that the host may be waiting for */
-    uint32_t previous;   /* address of the instruction that led to where there is no code */
-    uint32_t exc_return; /* that was branched to */
-    uint32_t jumped_from;/* address of the jump that was taken last, and core.instructions behind it */
-    int64_t jumped_at;
-    uint32_t stack_lowest, stack_used; /* range in which the stack pointer may move unseen, see stacks.c */
-    struct stacks stacks;
     struct calls *calls; /* of watched functions; NULL while none is watched, see calls.c */
-    bool exclusive;      /* the local monitor: an LDREX has been executed */
-    uint32_t exclusive_address;
     uint16_t standing;           /* number of the pipeline states before the next instruction, if `pipeline` is one */
     const struct node *running;  /* the instruction that runs, while a device or whoever watches calls is asked */
     struct known_answers known;

@@ -164,8 +164,8 @@ bool load_exclusive(struct machine *machine, const struct instruction *instructi
     if (!is_aligned(machine, address, size, instruction->n, CAUSE_EXCLUSIVE)
         || !load(machine, address, size, &core->r[instruction->d]))
         return false;
-    machine->exclusive = true;
-    machine->exclusive_address = address;
+    machine->history.exclusive = true;
+    machine->history.exclusive_address = address;
     return true;
 }
 
@@ -175,8 +175,8 @@ bool store_exclusive(struct machine *machine, const struct instruction *instruct
     uint32_t address = core->r[instruction->n] + instruction->immediate;
     if (!is_aligned(machine, address, size, instruction->n, CAUSE_EXCLUSIVE))
         return false;
-    bool passes = machine->exclusive && machine->exclusive_address == address;
-    machine->exclusive = false;
+    bool passes = machine->history.exclusive && machine->history.exclusive_address == address;
+    machine->history.exclusive = false;
     if (passes && !store(machine, address, size, core->r[instruction->a]))
         return false;
     core->r[instruction->d] = !passes;
