@@ -58,22 +58,23 @@ uint32_t part_of_word(uint32_t word, uint32_t offset, uint32_t size)
     return word >> 8 * (offset & 3) & UINT32_MAX >> 8 * (4 - size);
 }
 
-uint32_t read_by_bytes(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size,
-    uint8_t (*read)(struct machine *machine, struct device *device, uint32_t offset))
+uint32_t read_by_words(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
+{
+    return part_of_word(device->read_word(machine, device, offset & ~3u), offset, size);
+}
+
+uint32_t read_by_bytes(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
 {
     uint32_t value = 0;
     for (uint32_t i = 0; i < size; i++)
-        value |= (uint32_t)read(machine, device, offset + i) << 8 * i;
+        value |= (uint32_t)device->read_byte(machine, device, offset + i) << 8 * i;
     return value;
 }
 
-void write_by_bytes(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value,
-    void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint8_t value))
+void write_by_bytes(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
 {
     for (uint32_t i = 0; i < size; i++)
-        write(machine, device, offset + i, (uint8_t)(value >> 8 * i));
+        device->write_byte(machine, device, offset + i, (uint8_t)(value >> 8 * i));
 }
 
 void tell_host(struct machine *machine)

@@ -401,7 +401,7 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
     struct dma *dma = (struct dma *)device;
     uint32_t value = 0;
     if (offset - DCHPRI < CHANNELS)
-        return read_by_bytes(machine, device, offset, size, read_priority);
+        return read_by_bytes(machine, device, offset, size);
     if (offset < DESCRIPTORS)
         return part_of_word(read_word(machine, dma, offset & ~3u), offset, size);
     if (offset - DESCRIPTORS + size <= sizeof dma->descriptors)
@@ -482,7 +482,7 @@ static void write_register(
     struct dma *dma = (struct dma *)device;
     const uint32_t shift = 8 * (offset & 3);
     if (is_command(offset) || offset - DCHPRI < CHANNELS)
-        write_by_bytes(machine, device, offset, size, value, write_byte);
+        write_by_bytes(machine, device, offset, size, value);
     else if (offset < DESCRIPTORS)
         write_word(dma, offset & ~3u, value << shift, UINT32_MAX >> 8 * (4 - size) << shift);
     else
@@ -574,7 +574,7 @@ bool machine_add_dma(struct machine *machine, struct machine_dma connections)
     }
     dma->device = (struct device){
         .base = connections.base, .bytes = REGISTER_BYTES, .read = read_register, .write = write_register,
-        .reset = reset};
+        .reset = reset, .read_byte = read_priority, .write_byte = write_byte};
     dma->event = (struct event){.fire = go_on, .owner = dma};
     dma->connections = connections;
     multiplexer->device = (struct device){

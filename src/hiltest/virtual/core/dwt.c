@@ -83,21 +83,11 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
     if (offset != CYCCNT)
         return 0;
     advance(machine, dwt);
-    keep_reading(machine, dwt);
-    if (size == 4 && is_counting(dwt) && is_polled(&machine->core, dwt))
-        count_answer(machine, 1);
+    if (is_polled(&machine->core, dwt))
+        add_reading(dwt->readings)->count = dwt->count; /* such readings have nothing timed between them */
+    else
+        keep_reading(machine, dwt);
     return part_of_word(dwt->count, 0, size);
-}
-
-/* Nothing is successive across readings that were answered without the counter. */
-static void repeat(struct machine *machine, struct device *device, uint32_t offset, uint32_t place, int64_t repeats)
-{
-    struct dwt *dwt = (struct dwt *)device;
-    for (int64_t i = 0; offset == CYCCNT && i < repeats && i < READINGS; i++)
-        add_reading(dwt->readings);
-    dwt->place = place;
-    dwt->read_at = machine->core.cycles;
-    dwt->polls = POLLS;
 }
 
 static void write_register(
@@ -147,7 +137,7 @@ bool machine_add_dwt(struct machine *machine)
         return false;
     }
     dwt->device = (struct device){
-        .base = DWT_BASE, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .repeat = repeat,
+        .base = DWT_BASE, .bytes = PAGE_BYTES, .read = read_register, .write = write_register,
         .reset = reset, .destroy = destroy};
     dwt->readings = readings;
     return add_device(machine, &dwt->device, sizeof *dwt);

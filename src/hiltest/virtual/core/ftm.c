@@ -480,12 +480,12 @@ static uint32_t read_word(struct ftm *ftm, uint32_t offset)
     }
 }
 
-static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
+static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset)
 {
     struct ftm *ftm = (struct ftm *)device;
     advance(machine, ftm);
     hold_level(machine, ftm);
-    return part_of_word(read_word(ftm, offset & ~3u), offset, size);
+    return read_word(ftm, offset);
 }
 
 static void write_control(struct machine *machine, struct ftm *ftm, uint32_t value)
@@ -608,7 +608,8 @@ bool machine_add_ftm(struct machine *machine, uint32_t base, struct machine_ftm 
         return false;
     }
     ftm->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
+        .base = base, .bytes = PAGE_BYTES, .read = read_by_words, .write = write_register, .reset = reset,
+        .read_word = read_register};
     ftm->edge = (struct event){.fire = pass_edge, .owner = ftm};
     ftm->connections = connections;
     return add_device(machine, &ftm->device, sizeof *ftm);

@@ -218,24 +218,14 @@ static void write_byte(struct machine *machine, struct device *device, uint32_t 
     }
 }
 
-static uint32_t read_registers(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return read_by_bytes(machine, device, offset, size, read_byte);
-}
-
-static void write_registers(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
-{
-    write_by_bytes(machine, device, offset, size, value, write_byte);
-}
-
 bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections)
 {
     struct i2c *i2c = calloc(1, sizeof *i2c);
     if (!i2c)
         return false;
     i2c->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_registers, .write = write_registers, .reset = reset};
+        .base = base, .bytes = PAGE_BYTES, .read = read_by_bytes, .write = write_by_bytes, .reset = reset,
+        .read_byte = read_byte, .write_byte = write_byte};
     i2c->connections = connections;
     i2c->completion = (struct event){.fire = complete_byte, .owner = i2c};
     return add_device(machine, &i2c->device, sizeof *i2c);

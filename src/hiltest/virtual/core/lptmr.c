@@ -99,8 +99,9 @@ static void reset(struct machine *machine, struct device *device)
     drive(machine, (struct lptmr *)device);
 }
 
-static uint32_t read_word(struct machine *machine, struct lptmr *lptmr, uint32_t offset)
+static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)
 {
+    struct lptmr *lptmr = (struct lptmr *)device;
     switch (offset) {
     case CSR:
         advance(machine, lptmr);
@@ -112,11 +113,6 @@ static uint32_t read_word(struct machine *machine, struct lptmr *lptmr, uint32_t
     case CNR: return (uint32_t)lptmr->latched;
     default: return 0;
     }
-}
-
-static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return part_of_word(read_word(machine, (struct lptmr *)device, offset & ~3u), offset, size);
 }
 
 static void write_register(
@@ -155,7 +151,8 @@ bool machine_add_lptmr(struct machine *machine, uint32_t base, struct machine_lp
         return false;
     }
     lptmr->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
+        .base = base, .bytes = PAGE_BYTES, .read = read_by_words, .write = write_register, .reset = reset,
+        .read_word = read_word};
     lptmr->compare = (struct event){.fire = leave_compare, .owner = lptmr};
     lptmr->connections = connections;
     return add_device(machine, &lptmr->device, sizeof *lptmr);

@@ -308,7 +308,7 @@ bool machine_add_system_control(struct machine *machine, struct machine_system_c
 bool machine_add_dwt(struct machine *machine);
 void machine_set_counter(struct machine *machine, bool is_present);
 /* A reading of CYCCNT, and what devices have answered to loads since the reading before, -1 if they were too many.
- * Without a snapshot, which is of before the instruction, the core has answered it, in a loop that polls the counter. */
+ * The snapshot is of before the instruction; it is NULL if a loop polls the counter. */
 enum { MOST_ANSWERS = 1000 };
 struct machine_reading {
     struct snapshot *snapshot;

@@ -204,12 +204,12 @@ static bool read_device(struct machine *machine, uint32_t address, uint32_t size
     bool refused = false;
     struct device *device = device_at(machine, address, size);
     expect_answer(machine, address, size);
-    if (!device || device->repeat)
+    if (!device)
         tell_repeats(machine);
     *value = read_bus(machine, device, address, size, &refused);
     if (refused)
         return refuse(machine, CAUSE_READ_REFUSED, address, size);
-    remember_answer(machine, device, address, size, *value);
+    remember_answer(machine, address, size, *value);
     machine->answers[machine->core.device_loads++ % ANSWERS] = *value;
     return true;
 }

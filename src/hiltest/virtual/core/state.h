@@ -53,9 +53,7 @@ enum { KNOWN_ANSWERS = 32, FIRST_PATIENCE = 8, DEVICE_BYTES = 0x100000, DEVICE_P
 struct known_answer {
     int64_t era;         /* it is not known any more if this is not that of all */
     uint32_t address, size, place, value;
-    int32_t step;        /* by which the answer changes each cycle */
-    int64_t cycle;       /* of the load */
-    int64_t until;       /* cycle at which it changes otherwise */
+    int64_t until;       /* cycle at which it may change */
     int32_t reads;       /* that were answered by it */
     int32_t patience;    /* after so many, see whether they come from a loop that waits */
     bool is_told;        /* the device wants to know of repetitions */
@@ -74,8 +72,7 @@ struct known_answers {
     int64_t asked;       /* how often devices have been asked */
     int64_t soonest;     /* the first `until` of answers that were recalled, see loops.c */
     uint8_t declared;    /* of the load that a device is asked for */
-    int32_t step;        /* what the device has said about the answer */
-    int64_t until;
+    int64_t until;       /* cycle at which its answer may change, as the device has said */
 };
 
 struct code; /* decoded instructions, see code.h */
@@ -164,12 +161,9 @@ void open_page(struct machine *machine, const struct memory *memory, uint32_t of
 bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
 /* A device is about to be asked; keep its answer. */
 void expect_answer(struct machine *machine, uint32_t address, uint32_t size);
-void remember_answer(
-    struct machine *machine, const struct device *device, uint32_t address, uint32_t size, uint32_t value);
-/* For a device that is being read: the answer holds up to a cycle; and it changes by `step` each cycle, although it is not
- * declared as steady. */
+void remember_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
+/* For a device that is being read: the answer holds up to a cycle. */
 void hold_answer(struct machine *machine, int64_t until);
-void count_answer(struct machine *machine, int32_t step);
 /* Devices may have changed: ask them again. */
 void forget_answers(struct machine *machine);
 /* Tell devices of repeated loads, before anything else that they get to know. */

@@ -115,8 +115,9 @@ static bool is_system_priority(uint32_t offset)
     return offset >= SHPR && offset < SHPR_END;
 }
 
-static uint32_t read_word(struct machine *machine, const struct system_control *control, uint32_t offset)
+static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)
 {
+    const struct system_control *control = (const struct system_control *)device;
     const struct core *core = &machine->core;
     if (offset >= ISER && offset < IABR_END)
         return read_interrupts(core, offset);
@@ -140,11 +141,6 @@ static uint32_t read_word(struct machine *machine, const struct system_control *
     case FPDSCR: return core->floating_default;
     default: return control->stored[offset / 4];
     }
-}
-
-static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return part_of_word(read_word(machine, (struct system_control *)device, offset & ~3u), offset, size);
 }
 
 /* -- writes ------------------------------------------------------------------------------------------------------- */
@@ -210,9 +206,7 @@ static void write_stored(struct machine *machine, struct system_control *control
     struct core *core = &machine->core;
     control->stored[offset / 4] = value;
     switch (offset) {
-    case CPACR:
-        machine_set_fpu(machine, (value & CPACR_FPU) == CPACR_FPU);
-        break;
+    case CPACR: machine_set_fpu(machine, (value & CPACR_FPU) == CPACR_FPU); break;
     case SCR:
         core->sleeps_on_exit = value & SCR_SLEEPONEXIT;
         core->sleeps_deeply = value & SCR_SLEEPDEEP;
@@ -223,11 +217,8 @@ static void write_stored(struct machine *machine, struct system_control *control
         core->divide_traps = value & CCR_DIV_0_TRP;
         core->unaligned_traps = value & CCR_UNALIGN_TRP;
         break;
-    case DEMCR:
-        enable_trace(machine, value & DEMCR_TRCENA);
-        break;
-    default:
-        break;
+    case DEMCR: enable_trace(machine, value & DEMCR_TRCENA); break;
+    default: break;
     }
 }
 
@@ -255,7 +246,7 @@ static void write_part(
 {
     uint32_t word = offset & ~3u, shift = 8 * (offset & 3), mask = UINT32_MAX >> 8 * (4 - size) << shift;
     bool clears = word == CFSR || word == HFSR;
-    uint32_t rest = size == 4 || clears ? 0 : read_word(machine, control, word) & ~mask;
+    uint32_t rest = size == 4 || clears ? 0 : read_word(machine, &control->device, word) & ~mask;
     write_word(machine, control, word, rest | value << shift);
 }
 
@@ -294,7 +285,8 @@ bool machine_add_system_control(struct machine *machine, struct machine_system_c
     if (!control)
         return false;
     control->device = (struct device){
-        .base = SYSTEM_CONTROL, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
+        .base = SYSTEM_CONTROL, .bytes = PAGE_BYTES, .read = read_by_words, .write = write_register,
+        .reset = reset, .read_word = read_word};
     control->connections = connections;
     return add_device(machine, &control->device, sizeof *control);
 }

@@ -71,8 +71,9 @@ static void write_control(struct machine *machine, struct systick *timer, uint32
 }
 
 /* Answer a word register; a reading of CSR clears COUNTFLAG. */
-static uint32_t read_word(struct machine *machine, struct systick *timer, uint32_t offset)
+static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)
 {
+    struct systick *timer = (struct systick *)device;
     uint32_t control = timer->flag ? timer->control | CSR_COUNTFLAG : timer->control;
     switch (offset) {
     case CSR:
@@ -80,18 +81,10 @@ static uint32_t read_word(struct machine *machine, struct systick *timer, uint32
             machine_load_changed(machine);
         timer->flag = false;
         return control;
-    case RVR:
-        return timer->reload;
-    case CVR:
-        return count_of(machine, timer);
-    default:
-        return CALIB_VALUE;
+    case RVR: return timer->reload;
+    case CVR: return count_of(machine, timer);
+    default: return CALIB_VALUE;
     }
-}
-
-static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return part_of_word(read_word(machine, (struct systick *)device, offset & ~3u), offset, size);
 }
 
 /* Any write to CVR clears the count. */
@@ -120,7 +113,8 @@ bool machine_add_systick(struct machine *machine, int32_t clock)
     if (!timer)
         return false;
     timer->device = (struct device){
-        .base = SYSTICK_BASE, .bytes = REGISTER_BYTES, .read = read_register, .write = write_register, .reset = reset};
+        .base = SYSTICK_BASE, .bytes = REGISTER_BYTES, .read = read_by_words, .write = write_register,
+        .reset = reset, .read_word = read_word};
     timer->expiry = (struct event){.fire = expire, .owner = timer};
     timer->clock = clock;
     return add_device(machine, &timer->device, sizeof *timer);

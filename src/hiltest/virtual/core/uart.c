@@ -218,23 +218,14 @@ static uint8_t read_register(struct machine *machine, struct device *device, uin
     case S1:
         uart->flags_seen = uart->flags;
         return status_of(uart);
-    case D:
-        return read_data(machine, uart);
+    case D: return read_data(machine, uart);
     case SFIFO:
         return (uint8_t)(uart->registers[SFIFO] | (uart->receive.count ? 0 : SFIFO_RXEMPT)
             | (uart->transmit.count ? 0 : SFIFO_TXEMPT));
-    case TCFIFO:
-        return (uint8_t)uart->transmit.count;
-    case RCFIFO:
-        return (uint8_t)uart->receive.count;
-    default:
-        return offset < REGISTERS ? uart->registers[offset] : 0;
+    case TCFIFO: return (uint8_t)uart->transmit.count;
+    case RCFIFO: return (uint8_t)uart->receive.count;
+    default: return offset < REGISTERS ? uart->registers[offset] : 0;
     }
-}
-
-static uint32_t read_registers(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return read_by_bytes(machine, device, offset, size, read_register);
 }
 
 /* Room for the byte at the host is reserved here, so that no event needs memory. */
@@ -256,9 +247,7 @@ static void write_register(struct machine *machine, struct device *device, uint3
 {
     struct uart *uart = (struct uart *)device;
     switch (offset) {
-    case D:
-        write_data(machine, uart, value);
-        break;
+    case D: write_data(machine, uart, value); break;
     case CFIFO:
         if (value & CFIFO_TXFLUSH)
             uart->transmit.count = 0;
@@ -266,25 +255,16 @@ static void write_register(struct machine *machine, struct device *device, uint3
             uart->receive.count = 0;
         uart->registers[CFIFO] = value & 0x07;
         break;
-    case SFIFO:
-        uart->registers[SFIFO] &= (uint8_t)(~value & SFIFO_FLAGS);
-        break;
+    case SFIFO: uart->registers[SFIFO] &= (uint8_t)(~value & SFIFO_FLAGS); break;
     case PFIFO:
         uart->registers[PFIFO] = (uint8_t)((value & PFIFO_ENABLED) | (uart->registers[PFIFO] & PFIFO_SIZES));
         break;
-    case S1: case TCFIFO: case RCFIFO:
-        break;
+    case S1: case TCFIFO: case RCFIFO: break;
     default:
         if (offset < REGISTERS)
             uart->registers[offset] = value;
     }
     drive(machine, uart);
-}
-
-static void write_registers(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
-{
-    write_by_bytes(machine, device, offset, size, value, write_register);
 }
 
 /* -- the host ----------------------------------------------------------------------------------------------------- */
@@ -314,8 +294,8 @@ bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uar
     if (!uart)
         return false;
     uart->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_registers, .write = write_registers, .reset = reset,
-        .destroy = destroy, .restore = restore};
+        .base = base, .bytes = PAGE_BYTES, .read = read_by_bytes, .write = write_by_bytes, .reset = reset,
+        .read_byte = read_register, .write_byte = write_register, .destroy = destroy, .restore = restore};
     uart->connections = connections;
     uart->expected_byte = -1;
     uart->arrival = (struct event){.fire = arrive, .owner = uart};
