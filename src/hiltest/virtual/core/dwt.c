@@ -83,10 +83,10 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
     if (offset != CYCCNT)
         return 0;
     advance(machine, dwt);
-    if (is_polled(&machine->core, dwt))
-        add_reading(dwt->readings)->count = dwt->count; /* such readings have nothing timed between them */
-    else
+    if (!is_polled(&machine->core, dwt))
         keep_reading(machine, dwt);
+    else if (dwt->polls == POLLS)
+        add_reading(dwt->readings); /* which ends a succession: what runs between polled readings is not kept */
     return part_of_word(dwt->count, 0, size);
 }
 

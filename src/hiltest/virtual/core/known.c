@@ -32,15 +32,14 @@ bool machine_declare_page(struct machine *machine, uint32_t base, const uint8_t 
     return true;
 }
 
-/* What all bytes of an access have in common: the bits of enum device_byte. */
+/* What all bytes of an access have in common: the bits of enum device_byte; nothing if they are of two pages. */
 static uint8_t declared(const struct machine *machine, uint32_t address, uint32_t size)
 {
-    const uint8_t *page = declared_page(machine, address);
-    uint8_t common = page ? page[address % PAGE_BYTES] : 0;
-    for (uint32_t byte = 1; byte < size; byte++) {
-        page = declared_page(machine, address + byte);
-        common &= page ? page[(address + byte) % PAGE_BYTES] : 0;
-    }
+    const uint32_t offset = address % PAGE_BYTES;
+    const uint8_t *page = offset + size <= PAGE_BYTES ? declared_page(machine, address) : NULL;
+    uint8_t common = page ? page[offset] : 0;
+    for (uint32_t byte = 1; page && byte < size; byte++)
+        common &= page[offset + byte];
     return common;
 }
 
