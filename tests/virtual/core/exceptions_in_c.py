@@ -26,7 +26,8 @@ def exception_library() -> tuple[Any, Any]:
     """Return `inner_library`, with what state.h declares."""
     ffi, library = inner_library()
     text = "".join((SOURCES / name).read_text() for name in ("events.h", "state.h"))
-    declarations = re.sub(r"^(#|static const ).*$", "", text, flags=re.MULTILINE)
+    declarations = re.sub(r"static inline [^{]*\{[^}]*\}", "", text)
+    declarations = re.sub(r"^(#|static const ).*$", "", declarations, flags=re.MULTILINE)
     ffi.cdef(declarations, override=True)
     return ffi, library
 

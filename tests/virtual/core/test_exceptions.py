@@ -108,7 +108,7 @@ def test_a_return_to_thread_mode_sleeps_where_firmware_has_set_sleeponexit(machi
 def test_state_whose_frame_is_gone_is_dropped(machine: Machine, place: int) -> None:
     flash, ram = bytes(machine.flash), bytes(machine.ram)
     machine.core.lazy_frame = place
-    machine.call("floating_point_runs")
+    machine.call("machine_save_floats")
     assert machine.core.lazy_frame == 0
     assert (bytes(machine.flash), bytes(machine.ram)) == (flash, ram)
 

@@ -202,10 +202,8 @@ static struct machine_call *new_call(struct calls *calls)
 
 static uint32_t word_at(struct machine *machine, const struct machine_function *function)
 {
-    uint8_t bytes[4] = {0};
-    if (function->look_size > sizeof bytes || !machine_read(machine, function->looks_at, function->look_size, bytes))
-        return 0;
-    return bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+    uint32_t word = 0, size = function->look_size;
+    return size <= sizeof word && machine_read(machine, function->looks_at, size, (uint8_t *)&word) ? word : 0;
 }
 
 /* A call has returned at a cycle; `place` is the instruction that did it. */

@@ -43,10 +43,6 @@ struct calendar {
 void plan_event(struct machine *machine, struct event *event, int64_t cycle);
 void plan_event_at_tick(struct machine *machine, struct event *event, int32_t clock, int64_t tick);
 void cancel_event(struct machine *machine, struct event *event);
-/* Cycle of the next event, or NEVER. */
-int64_t next_event_cycle(const struct machine *machine);
-/* Fire every event that is due at core.cycles. */
-void fire_due_events(struct machine *machine);
 /* Ticks of a clock now. */
 int64_t ticks_now(const struct machine *machine, int32_t clock);
 /* Have a clock tick that stands still otherwise: it counts pulses. */

@@ -66,18 +66,6 @@ static inline uint32_t add_setting_flags(struct core *core, uint32_t a, uint32_t
     (core->cycles = cycles, core->instructions = instructions, core->r[PC] = node->address, \
      core->it_state = node->it_state, machine->running = node)
 
-static inline const uint8_t *plain_bytes(struct machine *machine, uint32_t address, uint32_t size)
-{
-    const uint8_t *page = machine->readable[address >> PAGE_BITS];
-    return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
-}
-
-static inline uint8_t *writable_bytes(struct machine *machine, uint32_t address, uint32_t size)
-{
-    uint8_t *page = machine->writable[address >> PAGE_BITS];
-    return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
-}
-
 /* CCR.UNALIGN_TRP: halfwords and words at other addresses than multiples of their size fault. */
 static bool is_trapped(struct machine *machine, const struct node *node, uint32_t address, uint32_t size)
 {
@@ -153,7 +141,7 @@ static inline void follow_stack(struct machine *machine, const struct node *node
 static void prepare_floating_point(struct machine *machine)
 {
     struct core *core = &machine->core;
-    floating_point_runs(machine);
+    machine_save_floats(machine);
     if (core->floating_control & STACKS_FLOATS && !(core->control & FPU_ACTIVE)) {
         core->control |= FPU_ACTIVE;
         core->fpscr = (core->fpscr & ~ROUNDING_BITS) | (core->floating_default & ROUNDING_BITS);
@@ -407,7 +395,7 @@ static int64_t nearest(const struct machine *machine, int64_t horizon)
 {
     if (machine->looks)
         return INT64_MIN;
-    int64_t event = next_event_cycle(machine);
+    int64_t event = machine_next_event(machine);
     if (event < horizon)
         horizon = event;
     return machine->core.deadline < horizon ? machine->core.deadline : horizon;
@@ -812,8 +800,8 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
                 cycles += transfer_wait(machine, node, address, cycles);
             break;
         }
-        case OP_VLDM: FLOAT_IS_READY(); TRANSFER(load_float_registers(machine, i)); break;
-        case OP_VSTM: FLOAT_IS_READY(); TRANSFER(store_float_registers(machine, i)); break;
+        case OP_VLDM: FLOAT_IS_READY(); TRANSFER(load_floats(machine, i)); break;
+        case OP_VSTM: FLOAT_IS_READY(); TRANSFER(store_floats(machine, i)); break;
         default:
             if (i->uses_fpu) {
                 FLOAT_IS_READY();

@@ -101,14 +101,10 @@ static bool rounds_up(struct split magnitude, bool negative, uint32_t mode)
 {
     const uint64_t half = (uint64_t)1 << 63;
     switch (mode) {
-    case NEAREST:
-        return magnitude.fraction > half || (magnitude.fraction == half && (magnitude.integer & 1) != 0);
-    case UPWARD:
-        return magnitude.fraction != 0 && !negative;
-    case DOWNWARD:
-        return magnitude.fraction != 0 && negative;
-    default:
-        return false;
+    case NEAREST: return magnitude.fraction > half || (magnitude.fraction == half && (magnitude.integer & 1) != 0);
+    case UPWARD: return magnitude.fraction != 0 && !negative;
+    case DOWNWARD: return magnitude.fraction != 0 && negative;
+    default: return false;
     }
 }
 

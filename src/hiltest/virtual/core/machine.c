@@ -113,11 +113,6 @@ void machine_set_fpu(struct machine *machine, bool enabled)
     }
 }
 
-void machine_save_floats(struct machine *machine)
-{
-    floating_point_runs(machine);
-}
-
 void machine_flush_pipeline(struct machine *machine)
 {
     memset(&machine->history.pipeline, 0, sizeof machine->history.pipeline);
@@ -237,7 +232,7 @@ int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon
 static bool sleep_on(struct machine *machine)
 {
     struct core *core = &machine->core;
-    int64_t event = next_event_cycle(machine), target = core->deadline < event ? core->deadline : event;
+    int64_t event = machine_next_event(machine), target = core->deadline < event ? core->deadline : event;
     if (core->sleeps_deeply || core->leaves_sleep || core->gated || target == NEVER
         || !machine_can_ever_wake(machine, machine_ceiling(machine, !core->waits_for_event)))
         return false;
@@ -269,7 +264,7 @@ static int32_t run(struct machine *machine)
     look_at_stack(machine, true, core->r[15]); /* somebody may have set the stack pointer */
     machine->has_fired = machine->told_host = false;
     for (;;) {
-        fire_due_events(machine);
+        machine_fire_events(machine);
         if (concerns_host(machine))
             return STOP_HOST;
         if (core->watch_kinds)
@@ -285,12 +280,12 @@ static int32_t run(struct machine *machine)
         }
         if (core->fault.kind)
             return STOP_FAULT;
-        if (core->cycles >= earliest(core->deadline, next_event_cycle(machine), slice_end))
+        if (core->cycles >= earliest(core->deadline, machine_next_event(machine), slice_end))
             continue; /* it has passed on the way into an exception */
         if (core->instructions >= core->instruction_limit)
             return STOP_STEP;
         int32_t reason = machine->known.polled
-            ? pass_turns(machine, earliest(core->deadline, next_event_cycle(machine), slice_end))
+            ? pass_turns(machine, earliest(core->deadline, machine_next_event(machine), slice_end))
             : go_on(machine, core->instruction_limit == INT64_MAX ? slice_end : INT64_MIN);
         if (reason >= 0)
             return reason;

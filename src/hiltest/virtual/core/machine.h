@@ -244,7 +244,7 @@ void machine_set_clock(
     struct machine *machine, int32_t clock, int64_t since, int64_t ticks, int64_t remainder, int64_t numerator,
     int64_t denominator);
 /* Cycle of the next event of a peripheral in C, INT64_MAX if none is planned; and fire those that are due. */
-int64_t machine_next_event(struct machine *machine);
+int64_t machine_next_event(const struct machine *machine);
 void machine_fire_events(struct machine *machine);
 
 /* Peripherals in C, by their first address: whether their clock gate is open, their state after a reset of the chip,
@@ -394,7 +394,7 @@ void machine_set_request(struct machine *machine, int32_t source, bool level);
 
 /* Run until there is a reason to stop (enum stop_reason). Takes pending exceptions before an instruction. */
 int32_t machine_run(struct machine *machine);
-/* Save floating-point state that an exception has left to be saved. */
+/* Save floating-point state that an exception has left to be saved, if there is any, and count that. */
 void machine_save_floats(struct machine *machine);
 /* Empty the pipeline: nothing overlaps across what happens now. */
 void machine_flush_pipeline(struct machine *machine);
@@ -467,8 +467,8 @@ struct machine_path {
     uint64_t entries;    /* how often it was called, tail calls included */
     int64_t idle_cycles; /* asleep */
 };
-/* All executions of an instruction on a path, without waits for memories. Two of them may differ in `row`, if an IT
- * block skips it or code was rewritten. */
+/* Executions of an instruction on a path, without waits for memories. There is one for each state of the pipeline that
+ * it found, and for each row, if an IT block skips it or code was rewritten. */
 struct machine_cost {
     uint32_t path, address;
     int32_t row;

@@ -156,6 +156,11 @@ int32_t machine_execution_priority(struct machine *machine, int32_t ceiling)
     return urgent;
 }
 
+static bool preempts(struct machine *machine, int32_t exception, int32_t ceiling)
+{
+    return machine_preemption_priority(machine, exception) < machine_execution_priority(machine, ceiling);
+}
+
 /* -- the one that comes first ------------------------------------------------------------------------------------- */
 
 /* Bits of a word of exceptions that are pending and enabled. */
@@ -183,18 +188,13 @@ static int32_t first_ready(const struct core *core)
 int32_t machine_most_urgent(struct machine *machine, int32_t ceiling)
 {
     int32_t first = first_ready(&machine->core);
-    if (first == EXCEPTION_NONE || machine_preemption_priority(machine, first) >= ceiling)
-        return EXCEPTION_NONE;
-    return first;
+    return first != EXCEPTION_NONE && machine_preemption_priority(machine, first) < ceiling ? first : EXCEPTION_NONE;
 }
 
 int32_t machine_next_exception(struct machine *machine, int32_t ceiling)
 {
     int32_t first = first_ready(&machine->core);
-    if (first == EXCEPTION_NONE)
-        return EXCEPTION_NONE;
-    bool preempts = machine_preemption_priority(machine, first) < machine_execution_priority(machine, ceiling);
-    return preempts ? first : EXCEPTION_NONE;
+    return first != EXCEPTION_NONE && preempts(machine, first, ceiling) ? first : EXCEPTION_NONE;
 }
 
 /* -- entries and returns ------------------------------------------------------------------------------------------ */
@@ -236,23 +236,14 @@ void end_exception(struct core *core)
         include(core->pending, exception);
 }
 
-static bool preempts(struct machine *machine, int32_t exception, int32_t ceiling)
-{
-    return machine_preemption_priority(machine, exception) < machine_execution_priority(machine, ceiling);
-}
-
 bool machine_can_ever_wake(struct machine *machine, int32_t ceiling)
 {
     const struct core *core = &machine->core;
     if (preempts(machine, EXCEPTION_SYSTICK, ceiling))
         return true;
     for (int32_t word = 0; word < EXCEPTION_WORDS; word++)
-        for (uint32_t bits = core->enabled[word] | core->pending[word]; bits; bits &= bits - 1) {
-            int32_t bit = 0;
-            while (!(bits >> bit & 1))
-                bit++;
-            if (preempts(machine, 32 * word + bit, ceiling))
+        for (uint32_t bits = core->enabled[word] | core->pending[word]; bits; bits &= bits - 1)
+            if (preempts(machine, 32 * word + lowest_bit(bits), ceiling))
                 return true;
-        }
     return false;
 }

@@ -82,18 +82,13 @@ static int32_t own_cycles(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
     switch (instruction->row) {
-    case ROW_multiple_base:
-        return prices->value[ROW_multiple_base] + instruction->words;
-    case ROW_fp_divide:
-        return 1; /* it is issued; the FPU is busy from here on */
-    case ROW_fp_accumulate:
-        return prices->value[ROW_fp_accumulate] - hidden_cycles(prices);
-    case ROW_load:
-        return load_cycles(prices, instruction, state);
+    case ROW_multiple_base: return prices->value[ROW_multiple_base] + instruction->words;
+    case ROW_fp_divide: return 1; /* it is issued; the FPU is busy from here on */
+    case ROW_fp_accumulate: return prices->value[ROW_fp_accumulate] - hidden_cycles(prices);
+    case ROW_load: return load_cycles(prices, instruction, state);
     case ROW_store: /* it fills the second cycle of a load */
         return prices->value[state->before == ROW_load ? ROW_store_behind_load : ROW_store];
-    default:
-        return prices->value[instruction->row];
+    default: return prices->value[instruction->row];
     }
 }
 
@@ -180,14 +175,10 @@ static int32_t address_wait(
 static int32_t late_fetch(const struct prices *prices, uint8_t late)
 {
     switch (late) {
-    case LATE_SLOW:
-        return prices->value[ROW_fetch_late];
-    case LATE_FLOATING_POINT:
-        return prices->value[ROW_fetch_late_fp];
-    case LATE_INTEGER:
-        return prices->value[ROW_fetch_late_integer];
-    default:
-        return 0;
+    case LATE_SLOW: return prices->value[ROW_fetch_late];
+    case LATE_FLOATING_POINT: return prices->value[ROW_fetch_late_fp];
+    case LATE_INTEGER: return prices->value[ROW_fetch_late_integer];
+    default: return 0;
     }
 }
 

@@ -3,6 +3,7 @@
 #define HILTEST_STATE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "events.h"
@@ -144,6 +145,19 @@ struct machine {
     int64_t oldest_answer;       /* number of the first that was kept */
 };
 
+/* The bytes of a range that loads may read, or stores may write, at once; NULL if there are none, or it crosses a page. */
+static inline const uint8_t *plain_bytes(const struct machine *machine, uint32_t address, uint32_t size)
+{
+    const uint8_t *page = machine->readable[address >> PAGE_BITS];
+    return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
+}
+
+static inline uint8_t *writable_bytes(const struct machine *machine, uint32_t address, uint32_t size)
+{
+    uint8_t *page = machine->writable[address >> PAGE_BITS];
+    return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
+}
+
 /* memory.c: accesses of the core. On a fault core.fault is set and they return false; nothing is written then. */
 bool load(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
 bool store(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
@@ -208,8 +222,6 @@ void note_fault(
 bool take_exception(struct machine *machine);
 /* Return from the exception that runs by an EXC_RETURN; `place` is the branch. False: core.fault is set. */
 bool leave_exception(struct machine *machine, uint32_t exc_return, uint32_t place);
-/* Save lazily stacked floating-point state, if there is any, and count it: a floating-point instruction runs. */
-void floating_point_runs(struct machine *machine);
 /* Whether an exception would wake the core from WFI (PRIMASK does not hold it back) or, for_event, from WFE. */
 bool is_woken(struct machine *machine, bool for_event);
 

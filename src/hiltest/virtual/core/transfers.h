@@ -21,7 +21,5 @@ bool store_exclusive(struct machine *machine, const struct instruction *instruct
 /* VLDR and VSTR, VLDM and VSTM. */
 bool load_floats(struct machine *machine, const struct instruction *instruction);
 bool store_floats(struct machine *machine, const struct instruction *instruction);
-bool load_float_registers(struct machine *machine, const struct instruction *instruction);
-bool store_float_registers(struct machine *machine, const struct instruction *instruction);
 
 #endif
