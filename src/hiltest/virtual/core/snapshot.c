@@ -2,8 +2,7 @@
  *
  * Pages are shared by all snapshots in which they are alike. A page of a memory has a copy from the moment a snapshot is
  * taken until the page is written; the first store to it after a snapshot is looked at for that reason. So a snapshot
- * copies only pages that were written since the one before it. Groups of pages are shared in the same way, so that a
- * snapshot costs little more than the groups with such pages.
+ * copies only pages that were written since the one before it.
  */
 #include <stddef.h>
 #include <stdlib.h>
@@ -24,8 +23,8 @@ struct snapshot {
     const struct machine *machine;
     int memory_count;
     struct snapshot_memory memories[MEMORIES];
-    uint32_t group_count;
-    struct page_group *groups[]; /* of all memories, one after the other */
+    uint32_t page_count;
+    struct page *pages[]; /* of all memories, one after the other */
 };
 
 /* -- pages ------------------------------------------------------------------------------------------------------- */
@@ -36,40 +35,22 @@ static void release(struct page *page)
         free(page);
 }
 
-static void release_group(struct page_group *group)
-{
-    if (!group || --group->holders)
-        return;
-    for (uint32_t page = 0; page < group->count; page++)
-        release(group->pages[page]);
-    free(group);
-}
-
 static uint32_t pages_of(const struct memory *memory)
 {
     return memory->size / PAGE_BYTES;
 }
 
-static uint32_t groups_of(const struct memory *memory)
-{
-    return (pages_of(memory) + GROUP_PAGES - 1) / GROUP_PAGES;
-}
-
 bool begin_copies(struct memory *memory)
 {
     memory->copies = calloc(pages_of(memory), sizeof *memory->copies);
-    memory->groups = calloc(groups_of(memory), sizeof *memory->groups);
-    return memory->copies && memory->groups;
+    return memory->copies;
 }
 
 void destroy_copies(struct memory *memory)
 {
     for (uint32_t page = 0; memory->copies && page < pages_of(memory); page++)
         release(memory->copies[page]);
-    for (uint32_t group = 0; memory->groups && group < groups_of(memory); group++)
-        release_group(memory->groups[group]);
     free(memory->copies);
-    free(memory->groups);
 }
 
 void drop_copies(struct machine *machine, struct memory *memory, uint32_t offset, uint32_t size)
@@ -81,8 +62,6 @@ void drop_copies(struct machine *machine, struct memory *memory, uint32_t offset
             continue;
         release(memory->copies[page]);
         memory->copies[page] = NULL;
-        release_group(memory->groups[page / GROUP_PAGES]);
-        memory->groups[page / GROUP_PAGES] = NULL;
         open_page(machine, memory, page * PAGE_BYTES);
     }
 }
@@ -100,29 +79,6 @@ static struct page *copy_of(struct machine *machine, struct memory *memory, uint
     memory->copies[page] = copy;
     machine->writable[memory->base / PAGE_BYTES + page] = NULL; /* the first store to it has to be looked at */
     return copy;
-}
-
-/* Return the copies of a group, which are made if they are not there. NULL if there is no room for them. */
-static struct page_group *group_of(struct machine *machine, struct memory *memory, uint32_t number)
-{
-    if (memory->groups[number])
-        return memory->groups[number];
-    struct page_group *group = malloc(sizeof *group);
-    if (!group)
-        return NULL;
-    group->holders = 1;
-    group->count = 0;
-    for (uint32_t page = number * GROUP_PAGES; page < pages_of(memory) && group->count < GROUP_PAGES; page++) {
-        struct page *copy = copy_of(machine, memory, page);
-        if (!copy) {
-            release_group(group);
-            return NULL;
-        }
-        copy->holders++;
-        group->pages[group->count++] = copy;
-    }
-    memory->groups[number] = group;
-    return group;
 }
 
 /* Whether two states of a page differ in bytes that were decoded as instructions. */
@@ -149,24 +105,13 @@ static void restore_page(struct machine *machine, struct memory *memory, uint32_
     open_page(machine, memory, page * PAGE_BYTES);
 }
 
-static void restore_group(struct machine *machine, struct memory *memory, uint32_t number, struct page_group *group)
-{
-    if (memory->groups[number] == group)
-        return;
-    for (uint32_t page = 0; page < group->count; page++)
-        restore_page(machine, memory, number * GROUP_PAGES + page, group->pages[page]);
-    release_group(memory->groups[number]);
-    memory->groups[number] = group;
-    group->holders++;
-}
-
 /* -- machines ---------------------------------------------------------------------------------------------------- */
 
-static uint32_t count_groups(const struct machine *machine)
+static uint32_t count_pages(const struct machine *machine)
 {
     uint32_t count = 0;
     for (int i = 0; i < machine->memory_count; i++)
-        count += groups_of(&machine->memories[i]);
+        count += pages_of(&machine->memories[i]);
     return count;
 }
 
@@ -185,12 +130,12 @@ static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
     for (int i = 0; i < machine->memory_count; i++) {
         struct memory *memory = &machine->memories[i];
         snapshot->memories[i] = (struct snapshot_memory){memory->base, memory->size, memory->writable};
-        for (uint32_t number = 0; number < groups_of(memory); number++) {
-            struct page_group *group = group_of(machine, memory, number);
-            if (!group)
+        for (uint32_t page = 0; page < pages_of(memory); page++) {
+            struct page *copy = copy_of(machine, memory, page);
+            if (!copy)
                 return false;
-            group->holders++;
-            snapshot->groups[snapshot->group_count++] = group;
+            copy->holders++;
+            snapshot->pages[snapshot->page_count++] = copy;
         }
     }
     snapshot->memory_count = machine->memory_count;
@@ -199,14 +144,14 @@ static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
 
 struct snapshot *machine_snapshot(struct machine *machine, bool with_devices)
 {
-    struct snapshot *snapshot = malloc(sizeof *snapshot + count_groups(machine) * sizeof *snapshot->groups);
+    struct snapshot *snapshot = malloc(sizeof *snapshot + count_pages(machine) * sizeof *snapshot->pages);
     if (!snapshot)
         return NULL;
     snapshot->core = machine->core;
     snapshot->history = machine->history;
     if (machine->running) /* it has not been counted yet: the pipeline is the one before it, too */
         snapshot->history.pipeline = *code_state(machine, machine->running->state);
-    snapshot->group_count = 0;
+    snapshot->page_count = 0;
     snapshot->waits = NULL;
     snapshot->devices = with_devices ? copy_devices(machine) : NULL;
     snapshot->machine = machine;
@@ -221,8 +166,8 @@ void machine_forget_snapshot(struct snapshot *snapshot)
 {
     if (!snapshot)
         return;
-    for (uint32_t i = 0; i < snapshot->group_count; i++)
-        release_group(snapshot->groups[i]);
+    for (uint32_t i = 0; i < snapshot->page_count; i++)
+        release(snapshot->pages[i]);
     free(snapshot->waits);
     free(snapshot->devices);
     free(snapshot);
@@ -230,17 +175,16 @@ void machine_forget_snapshot(struct snapshot *snapshot)
 
 bool machine_read_snapshot(const struct snapshot *snapshot, uint32_t address, uint32_t size, uint8_t *bytes)
 {
-    struct page_group *const *groups = snapshot->groups;
+    struct page *const *pages = snapshot->pages;
     for (int i = 0; i < snapshot->memory_count; i++) {
         const struct snapshot_memory *memory = &snapshot->memories[i];
         uint32_t offset = address - memory->base;
         if (address >= memory->base && (uint64_t)offset + size <= memory->size) {
             for (uint32_t byte = 0; byte < size; byte++, offset++)
-                bytes[byte] = groups[offset / GROUP_BYTES]->pages[offset / PAGE_BYTES % GROUP_PAGES]
-                    ->bytes[offset % PAGE_BYTES];
+                bytes[byte] = pages[offset / PAGE_BYTES]->bytes[offset % PAGE_BYTES];
             return true;
         }
-        groups += (memory->size + GROUP_BYTES - 1) / GROUP_BYTES;
+        pages += memory->size / PAGE_BYTES;
     }
     return false;
 }
@@ -265,10 +209,10 @@ static bool has_same_memories(const struct machine *machine, const struct snapsh
 
 static void restore_memories(struct machine *machine, const struct snapshot *snapshot)
 {
-    struct page_group *const *group = snapshot->groups;
+    struct page *const *copy = snapshot->pages;
     for (int i = 0; i < machine->memory_count; i++)
-        for (uint32_t number = 0; number < groups_of(&machine->memories[i]); number++)
-            restore_group(machine, &machine->memories[i], number, *group++);
+        for (uint32_t page = 0; page < pages_of(&machine->memories[i]); page++)
+            restore_page(machine, &machine->memories[i], page, *copy++);
 }
 
 /* Restore the core apart from how `machine_run` behaves. */

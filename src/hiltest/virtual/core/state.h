@@ -23,14 +23,6 @@ struct page {
     uint8_t bytes[PAGE_BYTES];
 };
 
-/* Pages that lie side by side; those of most groups are the same in many snapshots. */
-enum { GROUP_PAGES = 16, GROUP_BYTES = GROUP_PAGES * PAGE_BYTES };
-struct page_group {
-    int64_t holders;
-    uint32_t count;
-    struct page *pages[GROUP_PAGES];
-};
-
 struct memory {
     uint32_t base, size;
     bool writable;
@@ -38,7 +30,6 @@ struct memory {
     uint8_t *has_code; /* for each halfword: whether it was decoded as part of an instruction */
     struct machine_executions *executions; /* for each halfword, see counts.c, or NULL */
     struct page **copies; /* for each page: the copy that equals its bytes, or NULL if there is none, see snapshot.c */
-    struct page_group **groups; /* for each group of pages: the copies, or NULL if one of them is missing */
 };
 
 struct watchpoint {
