@@ -175,10 +175,7 @@ void calls_destroy(struct machine *machine)
 
 /* -- time, and what is done --------------------------------------------------------------------------------------- */
 
-static int64_t now(const struct machine *machine)
-{
-    return machine->core.cycles - machine->calls->paused_cycles;
-}
+static int64_t now(const struct machine *machine) { return machine->core.cycles - machine->calls->paused_cycles; }
 
 static struct thread *current_thread(const struct machine *machine)
 {
@@ -331,10 +328,7 @@ static struct arrival arrival_of(const struct machine *machine)
     return (struct arrival){has_jumped, machine->history.jumped_from};
 }
 
-static bool writes_link(const struct instruction *instruction)
-{
-    return instruction->core_writes >> LINK & 1;
-}
+static bool writes_link(const struct instruction *instruction) { return instruction->core_writes >> LINK & 1; }
 
 static bool is_by_call(struct machine *machine, const struct arrival *arrival)
 {

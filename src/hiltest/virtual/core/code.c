@@ -206,10 +206,7 @@ static uint16_t first_operation(const struct machine *machine, const struct node
     return reads_pc && !instruction->uses_fpu ? OP_READS_PC : instruction->operation;
 }
 
-uint32_t code_count(const struct machine *machine)
-{
-    return machine->code->count;
-}
+uint32_t code_count(const struct machine *machine) { return machine->code->count; }
 
 struct node *code_node(struct machine *machine, uint32_t number)
 {

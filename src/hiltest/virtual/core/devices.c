@@ -3,17 +3,18 @@
 #include <stdlib.h>
 #include <string.h>
 
-bool add_device(struct machine *machine, struct device *device, size_t size)
+struct device *add_device(struct machine *machine, const struct device *device, size_t size)
 {
-    if (machine->device_count == DEVICES) {
-        free(device);
-        return false;
-    }
-    device->is_clocked = true;
-    device->size = size;
-    machine->devices[machine->device_count++] = device;
-    device->reset(machine, device);
-    return true;
+    struct device *copy = machine->device_count < DEVICES ? malloc(size) : NULL;
+    if (!copy)
+        return NULL;
+    memcpy(copy, device, size);
+    copy->is_clocked = true;
+    copy->size = size;
+    machine->devices[machine->device_count++] = copy;
+    if (copy->reset)
+        copy->reset(machine, copy);
+    return copy;
 }
 
 void forget_devices(struct machine *machine)
@@ -77,10 +78,7 @@ void write_by_bytes(struct machine *machine, struct device *device, uint32_t off
         device->write_byte(machine, device, offset + i, (uint8_t)(value >> 8 * i));
 }
 
-void tell_host(struct machine *machine)
-{
-    machine->told_host = true;
-}
+void tell_host(struct machine *machine) { machine->told_host = true; }
 
 void machine_set_clocked(struct machine *machine, uint32_t base, bool is_clocked)
 {
@@ -92,7 +90,7 @@ void machine_set_clocked(struct machine *machine, uint32_t base, bool is_clocked
 void machine_reset_device(struct machine *machine, uint32_t base)
 {
     struct device *device = device_of(machine, base);
-    if (device)
+    if (device && device->reset)
         device->reset(machine, device);
 }
 

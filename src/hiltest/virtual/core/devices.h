@@ -10,11 +10,11 @@
 struct device {
     uint32_t base;   /* address of its page, or of the part of one that it answers for */
     uint32_t bytes;  /* how many it answers for from there on */
-    size_t size;     /* of its own structure, see add_device */
+    size_t size;     /* of its own structure */
     bool is_clocked; /* whether its clock gate is open; otherwise the bus refuses the access and says why */
     uint32_t (*read)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
     void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value);
-    void (*reset)(struct machine *machine, struct device *device); /* state after a reset of the chip */
+    void (*reset)(struct machine *machine, struct device *device); /* state after a reset of the chip; or NULL */
     uint8_t (*read_byte)(struct machine *machine, struct device *device, uint32_t offset); /* see read_by_bytes */
     void (*write_byte)(struct machine *machine, struct device *device, uint32_t offset, uint8_t value);
     uint32_t (*read_word)(struct machine *machine, struct device *device, uint32_t offset); /* see read_by_words */
@@ -23,10 +23,9 @@ struct device {
     void (*restore)(struct device *device, const void *state);
 };
 
-/* Have a device answer for its page, from its state after a reset on. The machine owns it from now on and frees it.
- * False if there is no room: it is freed at once. A snapshot copies its structure of so many bytes: what it points to
- * never changes, or `restore` sees to it. */
-bool add_device(struct machine *machine, struct device *device, size_t size);
+/* Have a copy of a device answer for its page, from its state after a reset on; NULL if there is no room. A snapshot
+ * copies its structure of so many bytes as well: what it points to never changes, or `restore` sees to it. */
+struct device *add_device(struct machine *machine, const struct device *device, size_t size);
 /* The device that answers for all bytes of an access, the first of them, if one does and its gate is open. */
 struct device *device_at(const struct machine *machine, uint32_t address, uint32_t size);
 /* The device that begins at an address, or NULL. */

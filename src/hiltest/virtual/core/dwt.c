@@ -29,10 +29,7 @@ struct dwt {
     int32_t polls;  /* so many like it came before */
 };
 
-static bool is_counting(const struct dwt *dwt)
-{
-    return dwt->is_traced && dwt->is_enabled && !dwt->is_absent;
-}
+static bool is_counting(const struct dwt *dwt) { return dwt->is_traced && dwt->is_enabled && !dwt->is_absent; }
 
 /* Count up to now. */
 static void advance(const struct machine *machine, struct dwt *dwt)
@@ -129,18 +126,15 @@ static void destroy(struct device *device)
 
 bool machine_add_dwt(struct machine *machine)
 {
-    struct dwt *dwt = calloc(1, sizeof *dwt);
-    struct readings *readings = calloc(1, sizeof *readings);
-    if (!dwt || !readings) {
-        free(dwt);
-        free(readings);
-        return false;
-    }
-    dwt->device = (struct device){
-        .base = DWT_BASE, .bytes = PAGE_BYTES, .read = read_register, .write = write_register,
-        .reset = reset, .destroy = destroy};
-    dwt->readings = readings;
-    return add_device(machine, &dwt->device, sizeof *dwt);
+    const struct dwt dwt = {
+        .device = {
+            .base = DWT_BASE, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset,
+            .destroy = destroy},
+        .readings = calloc(1, sizeof *dwt.readings)};
+    if (dwt.readings && add_device(machine, &dwt.device, sizeof dwt))
+        return true;
+    free(dwt.readings);
+    return false;
 }
 
 void machine_set_counter(struct machine *machine, bool is_present)

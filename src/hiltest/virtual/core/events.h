@@ -16,14 +16,18 @@ struct clock {
     int64_t since, ticks, remainder, numerator, denominator;
 };
 
+static inline int64_t earlier(int64_t a, int64_t b) { return a < b ? a : b; }
+
 int64_t clock_ticks(const struct clock *clock, int64_t cycle);
 /* First cycle at which so many ticks have passed; NEVER while the clock stands still. */
 int64_t clock_cycle(const struct clock *clock, int64_t tick);
 
-/* An entry of the calendar, which its peripheral owns. All of it is zero at first, but for `fire`. */
+/* The structure whose member FIELD is an event. */
+#define OWNER(EVENT, TYPE, FIELD) ((TYPE *)(void *)((char *)(EVENT) - offsetof(TYPE, FIELD)))
+
+/* An entry of the calendar, which lies in the structure of its peripheral. All of it is zero at first, but for `fire`. */
 struct event {
     void (*fire)(struct machine *machine, struct event *event);
-    void *owner;
     int64_t cycle;
     int64_t tick;     /* of `clock`, unless that is NO_CLOCK: the cycle follows the clock's rate */
     int32_t clock;

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "float.h"
-#include "nvic.h"
 #include "registers.h"
 #include "stacks.h"
 

@@ -6,8 +6,6 @@
 #include "float.h"
 #include "integer.h"
 #include "stacks.h"
-#include "system.h"
-#include "transfers.h"
 
 #ifndef WAITS
 #define WAITS false
@@ -43,10 +41,7 @@ bool machine_skips(struct machine *machine)
 }
 #endif
 
-static inline void set_nz(struct core *core, uint32_t result)
-{
-    core->negative = core->zero = result;
-}
+static inline void set_nz(struct core *core, uint32_t result) { core->negative = core->zero = result; }
 
 /* AddWithCarry (DDI 0403E, A2.2.1). */
 static inline uint32_t add_setting_flags(struct core *core, uint32_t a, uint32_t b, uint32_t carry)
@@ -395,10 +390,7 @@ static int64_t nearest(const struct machine *machine, int64_t horizon)
 {
     if (machine->looks)
         return INT64_MIN;
-    int64_t event = machine_next_event(machine);
-    if (event < horizon)
-        horizon = event;
-    return machine->core.deadline < horizon ? machine->core.deadline : horizon;
+    return earlier(horizon, earlier(machine->core.deadline, machine_next_event(machine)));
 }
 
 /* Return the node that execution goes on with, or NULL if `machine_run` has to make room or find a fault first. */

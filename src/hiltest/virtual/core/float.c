@@ -43,15 +43,9 @@ struct format {
 static const struct format single_format = {FRACTION_BITS, 1 - EXPONENT_BIAS, SPECIAL_EXPONENT};
 static const struct format half_format = {HALF_FRACTION_BITS, -14, HALF_SPECIAL_EXPONENT};
 
-static uint32_t rounding_mode(uint32_t fpscr)
-{
-    return (fpscr & FPSCR_ROUNDING) >> 22;
-}
+static uint32_t rounding_mode(uint32_t fpscr) { return (fpscr & FPSCR_ROUNDING) >> 22; }
 
-static uint32_t sign_of(bool negative)
-{
-    return negative ? sign_bit : 0;
-}
+static uint32_t sign_of(bool negative) { return negative ? sign_bit : 0; }
 
 static uint32_t invalid(uint32_t *fpscr)
 {
@@ -183,10 +177,7 @@ static struct value unpack(uint32_t bits, uint32_t *fpscr)
     return value;
 }
 
-static bool is_nan(struct value value)
-{
-    return value.kind == KIND_QUIET || value.kind == KIND_SIGNALING;
-}
+static bool is_nan(struct value value) { return value.kind == KIND_QUIET || value.kind == KIND_SIGNALING; }
 
 /* Return the result of an operation with a NaN among its operands: the first signaling one, else the first quiet one
  * (FPProcessNaNs, FPProcessNaNs3, FPProcessNaN). */
@@ -210,10 +201,7 @@ static uint32_t pack(struct value value, uint32_t *fpscr)
 }
 
 /* An exact zero as the sum of numbers with different signs. */
-static uint32_t zero_sum(uint32_t fpscr)
-{
-    return sign_of(rounding_mode(fpscr) == DOWNWARD);
-}
+static uint32_t zero_sum(uint32_t fpscr) { return sign_of(rounding_mode(fpscr) == DOWNWARD); }
 
 /* Add two numbers. Only if their exponents differ by at most 1 may many leading bits cancel out; then no bit is shifted
  * out, since mantissas have at most 48 bits. */

@@ -9,7 +9,6 @@
 #include <string.h>
 
 #include "execute.h"
-#include "transfers.h"
 
 enum { MOST_STEPS = 256, MOST_WORDS = 64, WORD_BYTES = 4, MOST_PATIENCE = 1024 };
 

@@ -51,15 +51,9 @@ void machine_destroy(struct machine *machine)
     free(machine);
 }
 
-struct core *machine_core(struct machine *machine)
-{
-    return &machine->core;
-}
+struct core *machine_core(struct machine *machine) { return &machine->core; }
 
-void machine_connect(struct machine *machine, struct machine_bus bus)
-{
-    machine->bus = bus;
-}
+void machine_connect(struct machine *machine, struct machine_bus bus) { machine->bus = bus; }
 
 bool machine_set_price(struct machine *machine, const char *row, int32_t value)
 {
@@ -232,7 +226,7 @@ int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon
 static bool sleep_on(struct machine *machine)
 {
     struct core *core = &machine->core;
-    int64_t event = machine_next_event(machine), target = core->deadline < event ? core->deadline : event;
+    const int64_t target = earlier(core->deadline, machine_next_event(machine));
     if (core->sleeps_deeply || core->leaves_sleep || core->gated || target == NEVER
         || !machine_can_ever_wake(machine, machine_ceiling(machine, !core->waits_for_event)))
         return false;
@@ -248,12 +242,6 @@ static bool concerns_host(const struct machine *machine)
 {
     int32_t stops_at = machine->core.stops_at;
     return (stops_at == HOST_ANY && machine->has_fired) || (stops_at == HOST_BYTES && machine->told_host);
-}
-
-static int64_t earliest(int64_t a, int64_t b, int64_t c)
-{
-    int64_t earlier = a < b ? a : b;
-    return earlier < c ? earlier : c;
 }
 
 static int32_t run(struct machine *machine)
@@ -280,12 +268,13 @@ static int32_t run(struct machine *machine)
         }
         if (core->fault.kind)
             return STOP_FAULT;
-        if (core->cycles >= earliest(core->deadline, machine_next_event(machine), slice_end))
+        const int64_t until = earlier(slice_end, earlier(core->deadline, machine_next_event(machine)));
+        if (core->cycles >= until)
             continue; /* it has passed on the way into an exception */
         if (core->instructions >= core->instruction_limit)
             return STOP_STEP;
         int32_t reason = machine->known.polled
-            ? pass_turns(machine, earliest(core->deadline, machine_next_event(machine), slice_end))
+            ? pass_turns(machine, until)
             : go_on(machine, core->instruction_limit == INT64_MAX ? slice_end : INT64_MIN);
         if (reason >= 0)
             return reason;

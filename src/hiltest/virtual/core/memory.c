@@ -160,10 +160,7 @@ void unmark_code(struct machine *machine)
 
 /* -- accesses of the core --------------------------------------------------------------------------------------- */
 
-static bool is_within(uint32_t address, uint32_t base, uint32_t size)
-{
-    return address - base < size;
-}
+static bool is_within(uint32_t address, uint32_t base, uint32_t size) { return address - base < size; }
 
 /* Whether the bus answers for an address; a machine without a bus has memories alone. */
 static bool is_device(const struct machine *machine, uint32_t address)

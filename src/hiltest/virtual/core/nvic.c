@@ -1,5 +1,5 @@
 /* Which exceptions are pending, enabled and active, and which of them may be taken (DDI 0403E, B1.5.4 and B3.4). */
-#include "nvic.h"
+#include "state.h"
 
 enum { PRIORITY_NMI = -2, PRIORITY_HARD_FAULT = -1 };
 /* In the first word of a set: the exceptions that no register of the NVIC disables, and the first interrupts. */
@@ -13,10 +13,7 @@ static bool holds(const uint32_t set[EXCEPTION_WORDS], int32_t exception)
     return (set[exception / 32] >> exception % 32 & 1) != 0;
 }
 
-static void include(uint32_t set[EXCEPTION_WORDS], int32_t exception)
-{
-    set[exception / 32] |= 1u << exception % 32;
-}
+static void include(uint32_t set[EXCEPTION_WORDS], int32_t exception) { set[exception / 32] |= 1u << exception % 32; }
 
 static void exclude(uint32_t set[EXCEPTION_WORDS], int32_t exception)
 {

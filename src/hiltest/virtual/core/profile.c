@@ -332,10 +332,7 @@ const struct machine_cost *machine_cost(struct machine *machine, uint32_t number
     return machine->profile && number < machine->profile->cost_count ? &machine->profile->costs[number] : NULL;
 }
 
-const char *machine_row_name(int32_t row)
-{
-    return row >= 0 && row < INSTRUCTION_ROWS ? ROW_NAMES[row] : "";
-}
+const char *machine_row_name(int32_t row) { return row >= 0 && row < INSTRUCTION_ROWS ? ROW_NAMES[row] : ""; }
 
 void profile_destroy(struct machine *machine)
 {

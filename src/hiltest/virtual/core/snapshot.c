@@ -35,10 +35,7 @@ static void release(struct page *page)
         free(page);
 }
 
-static uint32_t pages_of(const struct memory *memory)
-{
-    return memory->size / PAGE_BYTES;
-}
+static uint32_t pages_of(const struct memory *memory) { return memory->size / PAGE_BYTES; }
 
 bool begin_copies(struct memory *memory)
 {
@@ -189,10 +186,7 @@ bool machine_read_snapshot(const struct snapshot *snapshot, uint32_t address, ui
     return false;
 }
 
-const struct core *machine_snapshot_core(const struct snapshot *snapshot)
-{
-    return &snapshot->core;
-}
+const struct core *machine_snapshot_core(const struct snapshot *snapshot) { return &snapshot->core; }
 
 static bool has_same_memories(const struct machine *machine, const struct snapshot *snapshot)
 {

@@ -1,4 +1,4 @@
-#include "system.h"
+#include "execute.h"
 
 /* Numbers of special registers (SYSm). */
 enum {
@@ -9,10 +9,7 @@ enum {
 static const uint32_t APSR_BITS = 0xF80F0000u;
 enum { NOT_PRIVILEGED = 1, FPU_ACTIVE = 4 };
 
-static bool is_privileged(const struct core *core)
-{
-    return core->exception != 0 || !(core->control & NOT_PRIVILEGED);
-}
+static bool is_privileged(const struct core *core) { return core->exception != 0 || !(core->control & NOT_PRIVILEGED); }
 
 uint32_t read_special(struct machine *machine, uint32_t number)
 {

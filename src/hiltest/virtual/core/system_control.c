@@ -1,9 +1,6 @@
 /* The System Control Space: registers of the NVIC and of the SCB (DDI 0403E, B3.2 and B3.4). SysTick has a file of its
  * own, and answers before this page is asked. */
-#include <stdlib.h>
-
 #include "devices.h"
-#include "nvic.h"
 
 enum { ICTR = 0x004, ISER = 0x100, ICER = 0x180, ISPR = 0x200, ICPR = 0x280, IABR = 0x300, IABR_END = 0x380 };
 enum { IPR = 0x400, CPUID = 0xD00, ICSR = 0xD04, VTOR = 0xD08, AIRCR = 0xD0C, SCR = 0xD10, CCR = 0xD14 };
@@ -110,10 +107,7 @@ static bool is_interrupt_priority(const struct core *core, uint32_t offset)
     return offset >= IPR && offset < IPR + (uint32_t)core->interrupts;
 }
 
-static bool is_system_priority(uint32_t offset)
-{
-    return offset >= SHPR && offset < SHPR_END;
-}
+static bool is_system_priority(uint32_t offset) { return offset >= SHPR && offset < SHPR_END; }
 
 static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)
 {
@@ -281,12 +275,10 @@ static void reset(struct machine *machine, struct device *device)
 
 bool machine_add_system_control(struct machine *machine, struct machine_system_control connections)
 {
-    struct system_control *control = calloc(1, sizeof *control);
-    if (!control)
-        return false;
-    control->device = (struct device){
-        .base = SYSTEM_CONTROL, .bytes = PAGE_BYTES, .read = read_by_words, .write = write_register,
-        .reset = reset, .read_word = read_word};
-    control->connections = connections;
-    return add_device(machine, &control->device, sizeof *control);
+    const struct system_control control = {
+        .device = {
+            .base = SYSTEM_CONTROL, .bytes = PAGE_BYTES, .read = read_by_words, .read_word = read_word,
+            .write = write_register, .reset = reset},
+        .connections = connections};
+    return add_device(machine, &control.device, sizeof control);
 }

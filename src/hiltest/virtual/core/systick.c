@@ -1,6 +1,4 @@
 /* SysTick, the 24-bit system timer (DDI 0403E, B3.3). It counts the core clock, whatever CLKSOURCE is written. */
-#include <stdlib.h>
-
 #include "devices.h"
 
 enum { CSR = 0x0, RVR = 0x4, CVR = 0x8, REGISTER_BYTES = 0x10 };
@@ -41,7 +39,7 @@ static void start(struct machine *machine, struct systick *timer, uint32_t count
 
 static void expire(struct machine *machine, struct event *event)
 {
-    struct systick *timer = event->owner;
+    struct systick *timer = OWNER(event, struct systick, expiry);
     timer->flag = true;
     timer->held = 0;
     if (timer->control & CSR_TICKINT)
@@ -109,13 +107,10 @@ static void write_register(
 
 bool machine_add_systick(struct machine *machine, int32_t clock)
 {
-    struct systick *timer = calloc(1, sizeof *timer);
-    if (!timer)
-        return false;
-    timer->device = (struct device){
-        .base = SYSTICK_BASE, .bytes = REGISTER_BYTES, .read = read_by_words, .write = write_register,
-        .reset = reset, .read_word = read_word};
-    timer->expiry = (struct event){.fire = expire, .owner = timer};
-    timer->clock = clock;
-    return add_device(machine, &timer->device, sizeof *timer);
+    const struct systick timer = {
+        .device = {
+            .base = SYSTICK_BASE, .bytes = REGISTER_BYTES, .read = read_by_words, .read_word = read_word,
+            .write = write_register, .reset = reset},
+        .expiry.fire = expire, .clock = clock};
+    return add_device(machine, &timer.device, sizeof timer);
 }

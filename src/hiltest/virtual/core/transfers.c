@@ -1,4 +1,4 @@
-#include "transfers.h"
+#include "execute.h"
 
 #include <string.h>
 
