@@ -241,7 +241,7 @@ bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
 
 struct machine *machine_like(const struct machine *machine)
 {
-    struct machine *other = machine_create(machine->baseline);
+    struct machine *other = machine_create();
     if (!other)
         return NULL;
     other->prices = machine->prices;
