@@ -249,22 +249,18 @@ static struct value multiply_values(struct value a, struct value b)
     return product;
 }
 
-uint32_t general_add(uint32_t a, uint32_t b, uint32_t *fpscr)
-{
-    const struct value values[] = {unpack(a, fpscr), unpack(b, fpscr)};
-    if (is_nan(values[0]) || is_nan(values[1]))
-        return propagate_nan(values, 2, fpscr);
-    return add_values(values[0], values[1], fpscr);
-}
-
-uint32_t general_subtract(uint32_t a, uint32_t b, uint32_t *fpscr)
+static uint32_t add_or_subtract(uint32_t a, uint32_t b, bool subtracts, uint32_t *fpscr)
 {
     struct value values[] = {unpack(a, fpscr), unpack(b, fpscr)};
     if (is_nan(values[0]) || is_nan(values[1]))
         return propagate_nan(values, 2, fpscr); /* with the sign that it has */
-    values[1].negative = !values[1].negative;
+    values[1].negative = values[1].negative != subtracts;
     return add_values(values[0], values[1], fpscr);
 }
+
+uint32_t general_add(uint32_t a, uint32_t b, uint32_t *fpscr) { return add_or_subtract(a, b, false, fpscr); }
+
+uint32_t general_subtract(uint32_t a, uint32_t b, uint32_t *fpscr) { return add_or_subtract(a, b, true, fpscr); }
 
 uint32_t general_multiply(uint32_t a, uint32_t b, uint32_t *fpscr)
 {

@@ -64,8 +64,11 @@ static void *with_room(
     return moved;
 }
 
-static void destroy(struct profile *profile)
+void profile_destroy(struct machine *machine)
 {
+    struct profile *profile = machine->profile;
+    machine->profile = NULL;
+    machine->profiles = false;
     if (!profile)
         return;
     free(profile->code);
@@ -295,16 +298,16 @@ bool machine_begin_profile(
     struct profile *profile = calloc(1, sizeof *profile);
     if (!profile)
         return false;
+    machine->profile = profile;
     profile->code = malloc((count ? count : 1) * sizeof *profile->code);
     if (!profile->code || add_path(profile, NO_FUNCTION, 0) != 0 || add_path(profile, function, 0) != ROOT) {
-        destroy(profile);
+        profile_destroy(machine);
         return false;
     }
     memcpy(profile->code, code, count * sizeof *code);
     profile->code_count = count;
     profile->paths[ROOT].shown.entries = 1;
     profile->idle_cycles = machine->core.idle_cycles;
-    machine->profile = profile;
     machine->path = ROOT;
     machine->profiles = true;
     return true;
@@ -333,10 +336,3 @@ const struct machine_cost *machine_cost(struct machine *machine, uint32_t number
 }
 
 const char *machine_row_name(int32_t row) { return row >= 0 && row < INSTRUCTION_ROWS ? ROW_NAMES[row] : ""; }
-
-void profile_destroy(struct machine *machine)
-{
-    destroy(machine->profile);
-    machine->profile = NULL;
-    machine->profiles = false;
-}
