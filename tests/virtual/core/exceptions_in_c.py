@@ -55,7 +55,7 @@ class Machine:
         self.flash = self._memory(0, FLASH_BYTES, writable=False)
         self.ram = self._memory(RAM, RAM_BYTES, writable=True)
         for row, value in prices.items():
-            assert self._library.machine_set_price(self.pointer, row.encode(), value)
+            assert self._library.machine_set_price(self.pointer, 0, row.encode(), value)
         core = self.core
         core.interrupts = INTERRUPTS
         core.priority_mask = 0xF0

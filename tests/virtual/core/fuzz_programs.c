@@ -109,7 +109,7 @@ static struct machine *new_machine(void)
     machine_connect(machine, (struct machine_bus){machine, read_device, write_device});
     static const char *const prices[] = {"data", "load", "store", "branch", "refill_direct", "fp", "exception_entry"};
     for (size_t i = 0; i < sizeof prices / sizeof prices[0]; i++)
-        machine_set_price(machine, prices[i], (int32_t)random_below(4));
+        machine_set_price(machine, 0, prices[i], (int32_t)random_below(4));
     return machine;
 }
 

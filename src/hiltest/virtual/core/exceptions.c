@@ -18,10 +18,6 @@ enum {
 #define EXC_RETURN 0xFFFFFFE1u /* the bits that are always set (B1.5.8) */
 enum { RETURN_PROCESS_STACK = 1 << 2, RETURN_THREAD = 1 << 3, RETURN_BASIC_FRAME = 1 << 4 };
 
-/* FPCCR (B3.2.21). */
-#define FPCCR_ASPEN (1u << 31)
-#define FPCCR_LSPEN (1u << 30)
-
 /* -- faults ------------------------------------------------------------------------------------------------------- */
 
 #define CFSR_BFARVALID (1u << 15)

@@ -5,6 +5,7 @@
 
 #include "float.h"
 #include "integer.h"
+#include "registers.h"
 #include "stacks.h"
 
 #ifndef WAITS
@@ -12,9 +13,7 @@
 #define EXECUTE execute
 #endif
 
-enum { LINK = 14, PC = 15, FPU_ACTIVE = 4 };
-static const uint32_t STACKS_FLOATS = 1u << 31; /* FPCCR.ASPEN */
-static const uint32_t ROUNDING_BITS = 0x07C00000;
+enum { LINK = 14, PC = 15 };
 
 /* -- conditions and flags ---------------------------------------------------------------------------------------- */
 
@@ -137,15 +136,15 @@ static void prepare_floating_point(struct machine *machine)
 {
     struct core *core = &machine->core;
     machine_save_floats(machine);
-    if (core->floating_control & STACKS_FLOATS && !(core->control & FPU_ACTIVE)) {
-        core->control |= FPU_ACTIVE;
-        core->fpscr = (core->fpscr & ~ROUNDING_BITS) | (core->floating_default & ROUNDING_BITS);
+    if (core->floating_control & FPCCR_ASPEN && !(core->control & CONTROL_FPCA)) {
+        core->control |= CONTROL_FPCA;
+        core->fpscr = (core->fpscr & ~FPDSCR_BITS) | (core->floating_default & FPDSCR_BITS);
     }
 }
 
 static bool floating_point_is_ready(const struct core *core)
 {
-    return !core->lazy_frame && (core->control & FPU_ACTIVE || !(core->floating_control & STACKS_FLOATS));
+    return !core->lazy_frame && (core->control & CONTROL_FPCA || !(core->floating_control & FPCCR_ASPEN));
 }
 
 static inline uint32_t negated(uint32_t value) { return value ^ 0x80000000u; }

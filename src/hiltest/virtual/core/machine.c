@@ -54,10 +54,12 @@ struct core *machine_core(struct machine *machine) { return &machine->core; }
 
 void machine_connect(struct machine *machine, struct machine_bus bus) { machine->bus = bus; }
 
-bool machine_set_price(struct machine *machine, const char *row, int32_t value)
+bool machine_set_price(struct machine *machine, int32_t table, const char *row, int32_t value)
 {
+    if (table && (table < 0 || table >= machine->table_count))
+        return false;
     machine->code_changed = machine->looks = true;
-    return set_price(&machine->prices, row, value);
+    return set_price(table ? &machine->tables[table - 1] : &machine->prices, row, value);
 }
 
 bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value)

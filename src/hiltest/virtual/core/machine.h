@@ -223,8 +223,9 @@ bool machine_write(struct machine *machine, uint32_t address, uint32_t size, con
 /* Whether a range is writable memory, where a stack may be. */
 bool machine_holds_stack(struct machine *machine, uint32_t address, uint32_t size);
 
-/* Set a row of the timing profile [cycles]; false if the name is of no row. To be set before anything runs. */
-bool machine_set_price(struct machine *machine, const char *row, int32_t value);
+/* Set a row of the timing profile [cycles], in table 0, or in another one that machine_set_tables has made; false if the
+ * name is of no row. To be set before anything runs. */
+bool machine_set_price(struct machine *machine, int32_t table, const char *row, int32_t value);
 /* Have memories add cycles by a row of the profile's table [memory]. False if the name is of no row, the value is out
  * of its range, or there is no memory. To be set before anything runs. */
 bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value);
@@ -577,8 +578,6 @@ struct slice {
 /* Have `count` price tables, the machine's own as table 0; the others are equal to it at first. Only
  * `machine_count_again` counts by the others. False if they are too many, or there is no memory for them. */
 bool machine_set_tables(struct machine *machine, int32_t count);
-/* Set a row of table 1 or another one. False if the name is of no row. */
-bool machine_set_table_price(struct machine *machine, int32_t table, const char *row, int32_t value);
 /* Execute a slice again, and add its cycles by each table to `totals`. Devices answer what they answered, and nothing
  * interrupts. False, and nothing is added, if table 0 does not give the slice's cycles and instructions: an exception
  * came between, or the processor slept. The machine needs the memories of the one that executed it first. */

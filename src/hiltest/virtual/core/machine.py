@@ -103,7 +103,7 @@ class Machine:
         self._bus: list[Any] = []
         for name, row in profile.rows.items():
             # Rows that no instruction has, such as the doubt about all of them, are not the core's.
-            lib.machine_set_price(self.handle, name.encode(), row.value)
+            lib.machine_set_price(self.handle, 0, name.encode(), row.value)
         for name, row in profile.memory.items():
             if not lib.machine_set_memory_row(self.handle, name.encode(), row.value):
                 raise ConfigError(f"{profile.name}: memory.{name} of {row.value} is not supported")

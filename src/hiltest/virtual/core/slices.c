@@ -18,14 +18,6 @@ bool machine_set_tables(struct machine *machine, int32_t count)
     return true;
 }
 
-bool machine_set_table_price(struct machine *machine, int32_t table, const char *row, int32_t value)
-{
-    if (table < 1 || table >= machine->table_count)
-        return false;
-    machine->code_changed = machine->looks = true;
-    return set_price(&machine->tables[table - 1], row, value);
-}
-
 bool machine_answers(struct machine *machine, int64_t first, int32_t count, uint32_t *answers)
 {
     const int64_t loads = machine->core.device_loads;

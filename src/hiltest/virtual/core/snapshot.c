@@ -18,7 +18,8 @@ struct snapshot_memory {
 struct snapshot {
     struct core core;
     struct history history;
-    struct memory_waits *waits; /* NULL if memories add none */
+    bool has_waits; /* of memories */
+    struct memory_waits waits;
     struct device_states *devices; /* of `machine`, or NULL */
     const struct machine *machine;
     int memory_count;
@@ -112,16 +113,6 @@ static uint32_t count_pages(const struct machine *machine)
     return count;
 }
 
-static bool copy_waits(const struct machine *machine, struct snapshot *snapshot)
-{
-    if (!machine->waits)
-        return true;
-    snapshot->waits = malloc(sizeof *snapshot->waits);
-    if (snapshot->waits)
-        *snapshot->waits = *machine->waits;
-    return snapshot->waits;
-}
-
 static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
 {
     for (int i = 0; i < machine->memory_count; i++) {
@@ -149,10 +140,12 @@ struct snapshot *machine_snapshot(struct machine *machine, bool with_devices)
     if (machine->running) /* it has not been counted yet: the pipeline is the one before it, too */
         snapshot->history.pipeline = *code_state(machine, machine->running->state);
     snapshot->page_count = 0;
-    snapshot->waits = NULL;
+    snapshot->has_waits = machine->waits;
+    if (machine->waits)
+        snapshot->waits = *machine->waits;
     snapshot->devices = with_devices ? copy_devices(machine) : NULL;
     snapshot->machine = machine;
-    if (!copy_waits(machine, snapshot) || !copy_memories(machine, snapshot) || (with_devices && !snapshot->devices)) {
+    if (!copy_memories(machine, snapshot) || (with_devices && !snapshot->devices)) {
         machine_forget_snapshot(snapshot);
         return NULL;
     }
@@ -165,7 +158,6 @@ void machine_forget_snapshot(struct snapshot *snapshot)
         return;
     for (uint32_t i = 0; i < snapshot->page_count; i++)
         release(snapshot->pages[i]);
-    free(snapshot->waits);
     free(snapshot->devices);
     free(snapshot);
 }
@@ -230,7 +222,7 @@ bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
     restore_core(machine, &snapshot->core);
     machine->history = snapshot->history;
     if (machine->waits)
-        waits_restore(machine->waits, snapshot->waits);
+        waits_restore(machine->waits, snapshot->has_waits ? &snapshot->waits : NULL);
     machine->oldest_answer = snapshot->core.device_loads;
     if (snapshot->devices)
         restore_devices(machine, snapshot->devices);

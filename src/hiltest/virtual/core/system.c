@@ -1,4 +1,5 @@
 #include "execute.h"
+#include "registers.h"
 
 /* Numbers of special registers (SYSm). */
 enum {
@@ -7,9 +8,8 @@ enum {
     WITH_IPSR = 1, WITH_EPSR = 2, WITHOUT_APSR = 4,
 };
 static const uint32_t APSR_BITS = 0xF80F0000u;
-enum { NOT_PRIVILEGED = 1, FPU_ACTIVE = 4 };
 
-static bool is_privileged(const struct core *core) { return core->exception != 0 || !(core->control & NOT_PRIVILEGED); }
+static bool is_privileged(const struct core *core) { return core->exception != 0 || !(core->control & CONTROL_NPRIV); }
 
 uint32_t read_special(struct machine *machine, uint32_t number)
 {

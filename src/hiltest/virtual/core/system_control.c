@@ -1,6 +1,7 @@
 /* The System Control Space: registers of the NVIC and of the SCB (DDI 0403E, B3.2 and B3.4). SysTick has a file of its
  * own, and answers before this page is asked. */
 #include "devices.h"
+#include "registers.h"
 
 enum { ICTR = 0x004, ISER = 0x100, ICER = 0x180, ISPR = 0x200, ICPR = 0x280, IABR = 0x300, IABR_END = 0x380 };
 enum { IPR = 0x400, CPUID = 0xD00, ICSR = 0xD04, VTOR = 0xD08, AIRCR = 0xD0C, SCR = 0xD10, CCR = 0xD14 };
@@ -13,7 +14,6 @@ enum { AIRCR_SYSRESETREQ = 4, AIRCR_KEY = 0x05FA, AIRCR_PRIGROUP_SHIFT = 8, STIR
 enum { SCR_SLEEPONEXIT = 2, SCR_SLEEPDEEP = 4, SCR_SEVONPEND = 16 };
 enum { CCR_NONBASETHRDENA = 1, CCR_UNALIGN_TRP = 8, CCR_DIV_0_TRP = 16, CCR_STKALIGN = 512 };
 enum { VTOR_RESERVED = 0x7F, FPCCR_LSPACT = 1, DEMCR_TRCENA = 1 << 24, CPACR_FPU = 0xF << 20 };
-enum { FPDSCR_BITS = 0x07C00000 }; /* AHP, DN, FZ, RMode */
 static const uint32_t SYSTEM_CONTROL = 0xE000E000, CPUID_VALUE = 0x410FC241; /* Cortex-M4 r0p1 */
 static const uint32_t AIRCR_READ_KEY = 0xFA050000;
 
