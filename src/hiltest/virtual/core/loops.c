@@ -151,7 +151,7 @@ static int32_t execute_turn(struct machine *machine, struct turn *turn, int64_t 
 /* Whether a turn has changed nothing but counts. */
 static bool has_same_state(struct machine *machine, const struct turn *turn)
 {
-    const size_t first = offsetof(struct core, r), bytes = sizeof turn->core - first;
+    const size_t first = offsetof(struct core, r), bytes = offsetof(struct core, deadline) - first;
     const struct history *now = &machine->history, *before = &turn->history;
     return memcmp((const char *)&machine->core + first, (const char *)&turn->core + first, bytes) == 0
         && memcmp(&now->pipeline, &before->pipeline, sizeof now->pipeline) == 0

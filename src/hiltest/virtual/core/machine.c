@@ -119,7 +119,7 @@ void machine_flush_pipeline(struct machine *machine)
 void machine_reset(struct machine *machine)
 {
     struct core *core = &machine->core;
-    memset(core->r, 0, sizeof *core - offsetof(struct core, r));
+    memset(core->r, 0, offsetof(struct core, taken) - offsetof(struct core, r));
     core->passes_breakpoint = false;
     core->watch_kinds = 0;
     core->r[14] = 0xFFFFFFFF;

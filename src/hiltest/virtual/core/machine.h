@@ -82,24 +82,6 @@ struct core {
     int64_t memory_cycles; /* cycles in which instructions waited for memories */
     int64_t passed;        /* of the instructions, those in turns of loops that were counted, not executed */
     int64_t device_loads;  /* loads that devices have answered since power-on, without the one that runs */
-    uint32_t taken[8];     /* exceptions that were entered since power-on, as below */
-
-    /* How `machine_run` behaves: no part of a snapshot. */
-    int64_t deadline;      /* `machine_run` returns before the first instruction that begins at or after this cycle;
-                              a callback may lower it */
-    int64_t instruction_limit; /* see STOP_STEP */
-    bool delivers_faults;  /* STOP_RETURNED is not for firmware: a jump there is a fault */
-    int32_t stops_at;      /* enum host_event: which events of peripherals in C have machine_run return */
-    bool leaves_sleep;     /* STOP_SLEEP in any sleep, as with `sleeps_deeply` */
-    bool may_loop;         /* a branch to itself passes the time until the deadline */
-    bool tells_returns;
-    bool asks_devices;     /* devices are asked although their answers are known, for tests */
-    bool passes_breakpoint; /* the next instruction executes though there is a breakpoint; that, or an exception's
-                               entry, clears this */
-    uint32_t return_address;
-    uint32_t watch_kinds;  /* enum watch_kind: those of the watchpoint that was met first since this was set to 0 */
-    uint32_t watch_address;/* first byte of it that was accessed */
-
     int32_t interrupts;    /* external interrupts that the part has */
     uint32_t priority_mask;/* implemented bits of a priority byte */
 
@@ -146,6 +128,24 @@ struct core {
     bool gated;            /* it is in a sleep that no interrupt ends */
     bool sleeps_deeply;    /* SCR.SLEEPDEEP: sleep is left to whoever called machine_run; otherwise time passes in it */
     struct machine_fault fault;
+
+    uint32_t taken[8];     /* exceptions that were entered since power-on, as above */
+
+    /* How `machine_run` behaves: no part of a snapshot. */
+    int64_t deadline;      /* `machine_run` returns before the first instruction that begins at or after this cycle;
+                              a callback may lower it */
+    int64_t instruction_limit; /* see STOP_STEP */
+    bool delivers_faults;  /* STOP_RETURNED is not for firmware: a jump there is a fault */
+    int32_t stops_at;      /* enum host_event: which events of peripherals in C have machine_run return */
+    bool leaves_sleep;     /* STOP_SLEEP in any sleep, as with `sleeps_deeply` */
+    bool may_loop;         /* a branch to itself passes the time until the deadline */
+    bool tells_returns;
+    bool asks_devices;     /* devices are asked although their answers are known, for tests */
+    bool passes_breakpoint; /* the next instruction executes though there is a breakpoint; that, or an exception's
+                               entry, clears this */
+    uint32_t return_address;
+    uint32_t watch_kinds;  /* enum watch_kind: those of the watchpoint that was met first since this was set to 0 */
+    uint32_t watch_address;/* first byte of it that was accessed */
 };
 
 /* Events that a host waits for: none, bytes that were sent to it, or any. */

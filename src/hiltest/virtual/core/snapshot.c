@@ -205,11 +205,9 @@ static void restore_memories(struct machine *machine, const struct snapshot *sna
 static void restore_core(struct machine *machine, const struct core *state)
 {
     struct core *core = &machine->core;
-    const size_t behaves = offsetof(struct core, deadline), behind = offsetof(struct core, interrupts);
     if (core->fpu_enabled != state->fpu_enabled)
         machine->code_changed = true; /* nodes tell instructions that the FPU's permission stops */
-    memcpy(core, state, behaves);
-    memcpy((char *)core + behind, (const char *)state + behind, sizeof *core - behind);
+    memcpy(core, state, offsetof(struct core, deadline));
 }
 
 bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
