@@ -21,7 +21,7 @@ def test_fits_per_second(report: Report) -> None:
         pytest.skip(reason)
     points = in_c.points_ut(Model(1, POINTS, 2.5), 0, INSTANCES)
     ways = {
-        "single": (lambda: [fit_direct(each) for each in points[:SINGLE]], SINGLE),
+        "single": (lambda: [fit_direct(point) for point in points[:SINGLE]], SINGLE),
         "batch": (lambda: fit_quadrics(points), INSTANCES),
         "kernel": (lambda: in_c.fit_quadrics(points), INSTANCES),
     }

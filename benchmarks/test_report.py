@@ -25,7 +25,7 @@ def large_run() -> Run:
         check(f"family_{k % 25}.thing_{k}.quantity", 1.2345, unit="deg", limit=Limit(max=2), test="test_it.py::test_it")
         for k in range(MEASUREMENTS - len(CALIBRATORS))
     ] + [check(f"heading.{name}.max", 0.9, unit="deg", limit=Limit(max=1.8)) for name in CALIBRATORS]
-    found.measurements.update((each.name, each) for each in measurements)
+    found.measurements.update((measurement.name, measurement) for measurement in measurements)
     columns = (Column("heading", "deg"), Column("level"), *(Column(f"error.{name}", "deg") for name in CALIBRATORS))
     rows = tuple((6.0 * pose, pose % 5 == 0, *(0.01 * pose for _ in CALIBRATORS)) for pose in range(POSES))
     found.tables["heading.poses"] = Table("heading.poses", columns, rows)

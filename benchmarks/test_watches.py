@@ -51,7 +51,7 @@ def test_watching(
         watched_s.append(time.process_time() - began)
 
     benchmark.pedantic(run_watched, setup=run_plain, rounds=PAIRS)
-    calls = sum(len(watch.calls(each)) for each in functions)
+    calls = sum(len(watch.calls(function)) for function in functions)
     ratio = median(each / beside for each, beside in zip(watched_s, plain_s, strict=True))
     report(f"NXP's sensor fusion, {len(functions)} watched, {calls / watch.cycles * 120e6:.0f} calls a second",
            ratio, "x time", "at most 1.03")  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import re
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import click
 import hiltest
 from hiltest.cli import every_command
 from hiltest.documents import DOCUMENTS, schema_file
+from hiltest.json_schema import field_descriptions
 
 PAGE = Path(__file__).with_name("json.md")
 PACKAGE = Path(hiltest.__file__).parent
@@ -56,15 +58,16 @@ The page is written by `python docs/documents.py`.
 def schemas_of(command: click.Command) -> list[str]:
     """Return the schemas that the help of a command's --json names."""
     options = (each for each in command.params if isinstance(each, click.Option) and "--json" in each.opts)
-    told = next((each.help or "" for each in options), "")
+    told = next((option.help or "" for option in options), "")
     return re.findall(r"hiltest\.[a-z-]+/\d+", told)
 
 
-def meanings(kind: type) -> Iterator[tuple[str, str]]:
-    """Yield the names of attributes and what they mean, as the docstring of a class has them."""
-    told = inspect.cleandoc(kind.__doc__ or "").partition("Attributes\n----------\n")[2]
-    for names, meaning in re.findall(r"^(\w[\w, ]*) : .*\n((?:    .*\n?)+)", told + "\n", re.M):
-        yield ", ".join(f"`{each}`" for each in names.split(", ")), " ".join(meaning.split()).replace("``", "`")
+def meanings(kind: type) -> Iterator[str]:
+    """Yield the name of each field, with what it means where the class says it."""
+    described = field_descriptions(kind)
+    for field in dataclasses.fields(kind):
+        text = described.get(field.name, "").replace("``", "`")
+        yield f"`{field.name}`" + (f": {text}" if text else "")
 
 
 def page() -> str:
@@ -74,7 +77,7 @@ def page() -> str:
     for name, schema in [*rows, ("any", "hiltest.error/1")]:
         file = schema_file(schema).relative_to(PACKAGE.parent)
         kind = DOCUMENTS.get(schema)
-        keys = [f"{names}: {meaning}" for names, meaning in meanings(kind)] if kind else []
+        keys = list(meanings(kind)) if kind else []
         more = f"[{PAGES[schema]}]({PAGES[schema]})" if schema in PAGES else ""
         summary = (inspect.cleandoc(kind.__doc__ or "").splitlines()[0].replace("``", "`"),) if kind else ()
         told = "<br>".join([*summary, *keys, *([more] if more else [])])

@@ -51,9 +51,9 @@ def page() -> str:
 
 def _section(section: Section, kinds: list[Kind], limits: dict[str, Limit]) -> Iterator[str]:
     yield from (f"## {section}", "", f"Out of its limit, with no known cause: {NEXT_STEP[section]}", "")
-    others = groupby(sorted((each for each in kinds if each.next_step), key=lambda each: each.next_step), _step)
+    others = groupby(sorted((each for each in kinds if each.next_step), key=lambda kind: kind.next_step), _step)
     for step, members in others:
-        yield f"- {', '.join(f'`{each.name}`' for each in members)}: {step}"
+        yield f"- {', '.join(f'`{member.name}`' for member in members)}: {step}"
     yield from [""] * any(each.next_step for each in kinds)
     yield "| measurement | unit | better | meaning | limit | tolerance | reason | deviation |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"

@@ -46,7 +46,7 @@ def small_run(plan: Plan) -> Run:
 
 def picture(run: Run) -> str:
     """Return the study's plot as an SVG file that stands alone: its caption, its key and its style are in it."""
-    (name,) = {each.name.split(".")[1] for each in run.tables}
+    (name,) = {table.name.split(".")[1] for table in run.tables}
     plan, figure = PLANS[name], study_of(name).draw(run)
     caption = f"{figure.title}: {plan.instances} instances" + (f" of {plan.points} points" if plan.points else "")
     key, lines = _key(figure)

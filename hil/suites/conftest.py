@@ -188,7 +188,7 @@ def tumble(
 def judged(board: Board, hil_settings: Settings) -> list[str]:
     """Calibrators that are measured: in the gate set those that are there to be used."""
     for_comparison = FOR_COMPARISON if hil_settings.suite == "gate" else frozenset[str]()
-    return [each for each in board.identity.calibrators if each not in for_comparison]
+    return [calibrator for calibrator in board.identity.calibrators if calibrator not in for_comparison]
 
 
 @pytest.fixture(scope="session")

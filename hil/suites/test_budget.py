@@ -69,9 +69,9 @@ def test_error_against_budget(efforts: list[Effort], known_angles: KnownAngles, 
         {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": ""}
         | {"sphere": "", "mean_error": "deg", "max_error": "deg"},
         [
-            [each.calibrator, each.points, str(each.kind), each.effort, each.cycles, each.fit.status.name,
-             each.fit.is_sphere, *mean_and_max_deg(known_angles, each)]
-            for each in efforts
+            [effort.calibrator, effort.points, str(effort.kind), effort.effort, effort.cycles, effort.fit.status.name,
+             effort.fit.is_sphere, *mean_and_max_deg(known_angles, effort)]
+            for effort in efforts
         ],
     )
 
@@ -80,7 +80,7 @@ def test_error_within_the_budget_of_the_thesis(
     board: Board, efforts: list[Effort], sizes: tuple[int, ...], calibrators: tuple[str, ...],
     known_angles: KnownAngles, measure: Measure,
 ) -> None:
-    unit = {each.calibrator: each.kind.unit for each in efforts}
+    unit = {effort.calibrator: effort.kind.unit for effort in efforts}
     for size in sizes:
         for name in calibrators:
             try:

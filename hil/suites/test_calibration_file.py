@@ -63,7 +63,7 @@ def judge_turns(
     # The table's own angle enters at both ends. A file that knows the bias alone has the data sheet's sensitivity.
     table = Limit(max=TURN_DEG + 2.0 * rig.turntable.uncertainty_deg)
     limit = (measure.limit("gyroscope.turn_error") or table) if part.method != "rest" else None
-    off_deg = [np.array(part.matrix) @ each.turn.integral - each.turn.turned_deg for each in turns]
+    off_deg = [np.array(part.matrix) @ turn.turn.integral - turn.turn.turned_deg for turn in turns]
     measure(f"gyroscope.{NAME}.{name}", max(float(np.linalg.norm(each)) for each in off_deg), "deg", limit=limit)
 
 

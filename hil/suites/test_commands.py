@@ -305,14 +305,14 @@ def test_a_face_that_is_wrong_is_refused(board: Board, wrong: str, status: Accel
     up = poses[Face.MINUS_X]
     changed = {
         "none": poses,
-        "missing": [each for each in poses if each is not up],
+        "missing": [pose for pose in poses if pose is not up],
         "repeated": [*poses, up],
-        "misplaced": [with_gravity(each, poses[Face.PLUS_Y].accelerometer) if each is up else each for each in poses],
+        "misplaced": [with_gravity(pose, poses[Face.PLUS_Y].accelerometer) if pose is up else pose for pose in poses],
         "askew by 30 degrees": [
-            with_gravity(each, COUNTS_PER_G * np.array([-np.sqrt(0.75), 0.5, 0.0])) if each is up else each
-            for each in poses
+            with_gravity(pose, COUNTS_PER_G * np.array([-np.sqrt(0.75), 0.5, 0.0])) if pose is up else pose
+            for pose in poses
         ],
-        "moving": [with_gravity(each, each.accelerometer, spread=100.0) if each is up else each for each in poses],
+        "moving": [with_gravity(pose, pose.accelerometer, spread=100.0) if pose is up else pose for pose in poses],
     }[wrong]
     board.session.request(UploadPoses(0, changed))
     found = board.session.request(FitAccelerometer(len(changed), "six-position")).solution

@@ -48,7 +48,7 @@ def drive(
         dip_deg=rig.field.dip_deg,
     )
     return measure_driving(
-        board, turntable, begins_s=min(each.begins_s for each in rig.world.disturbances.values()),
+        board, turntable, begins_s=min(disturbance.begins_s for disturbance in rig.world.disturbances.values()),
         slot=calibrations[CALIBRATOR].slot, noise=noise, readings=rig.procedure.readings_per_pose,
     )
 
@@ -94,7 +94,7 @@ def test_headings_over_time(drive: DrivingResult, measure: Measure) -> None:
         {"time": "s", "heading": "deg"} | dict.fromkeys(fields_ut, "uT") | dict.fromkeys(drive.headings, "deg"),
         zip(
             drive.motion.time_s.tolist(), (pose.heading_deg for pose in truth), *fields_ut.values(),
-            *(map(cell, each.error_deg.tolist()) for each in drive.headings.values()), strict=True,
+            *(map(cell, heading.error_deg.tolist()) for heading in drive.headings.values()), strict=True,
         ),
     )
 
@@ -117,7 +117,7 @@ def test_what_a_calibration_from_disturbed_points_is_worth(
     rows = []
     for name, stages in driven.begun_disturbed.items():
         measure(f"driving.{name}.calibrated_max", worst(disturbed(stages)[-1].stage.fit), "deg")
-        after = [each for each in stages if not each.disturbed]
+        after = [stage for stage in stages if not stage.disturbed]
         right = [worst(each.stage.fit) <= RIGHT_DEG for each in after]
         first = next((at for at in range(len(after)) if all(right[at:])), None)
         measure(f"driving.{name}.recalibrated_after", after[-1 if first is None else first].time_s, "s",
@@ -127,9 +127,9 @@ def test_what_a_calibration_from_disturbed_points_is_worth(
     for begun, found in (("before", driven.begun_before), ("disturbed", driven.begun_disturbed)):
         for name, stages in found.items():
             rows += [
-                [name, begun, each.disturbed, each.time_s, each.stage.state.elements, each.stage.state.held,
-                 each.stage.state.accepted, each.stage.state.fit_error_percent, worst(each.stage.fit)]
-                for each in stages
+                [name, begun, stage.disturbed, stage.time_s, stage.stage.state.elements, stage.stage.state.held,
+                 stage.stage.state.accepted, stage.stage.state.fit_error_percent, worst(stage.stage.fit)]
+                for stage in stages
             ]
     measure.table(
         "driving.stages",
@@ -140,7 +140,7 @@ def test_what_a_calibration_from_disturbed_points_is_worth(
 
 
 def disturbed(stages: list[DrivenStage]) -> list[DrivenStage]:
-    return [each for each in stages if each.disturbed]
+    return [stage for stage in stages if stage.disturbed]
 
 
 def cell(value: float) -> float | None:

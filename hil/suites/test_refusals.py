@@ -213,7 +213,7 @@ def kept(board: Board) -> dict[str, bytes]:
         Points(0, 80), Poses(0, 20), GetGyroscope(), GetCalibration(slot), GetAccelerometer(slot),
         *map(StreamState, board.identity.stream_calibrators),
     ]  # fmt: skip
-    found = {str(each): answer(board, each.code, each.payload())[1] for each in requests}
+    found = {str(request): answer(board, request.code, request.payload())[1] for request in requests}
     return {name: data[:-8] if name.startswith("StreamState") else data for name, data in found.items()}
 
 
@@ -246,7 +246,7 @@ def test_a_wrong_field_or_length_is_refused_by_its_status_and_changes_nothing(
     gyroscope, sensors = board.session.request(GetGyroscope()), board.session.request(Sensors())
     prepare(board)
     before = kept(board)
-    found = [each for case in cases(board) for each in contradictions(board, case, before)]
+    found = [contradiction for case in cases(board) for contradiction in contradictions(board, case, before)]
     assert board.session.request(Sensors()) == sensors
     board.session.request(SetGyroscope(gyroscope.matrix, gyroscope.bias))
     assert answer(board, Reset.code, b"\0")[0] is LENGTH

@@ -59,7 +59,7 @@ def test_spreads_are_the_noise_of_the_sensors(board: Board, stage: Stage, readin
         ("magnetometer", truth.magnetometer_sigma_ut * COUNTS_PER_UT, ROUNDING_COUNTS),
         ("accelerometer", truth.accelerometer_sigma_g / G_PER_COUNT, ACCELEROMETER_ROUNDING_COUNTS),
     ):
-        spreads = np.array([getattr(each, name).spread for each in replies])
+        spreads = np.array([getattr(reply, name).spread for reply in replies])
         ratio = math.sqrt((spreads**2).mean()) / math.hypot(sigma, rounding)
         uncertainty = 1.0 / math.sqrt(2.0 * spreads.size * (readings - 1))
         assert abs(ratio - 1.0) < SIGMAS * uncertainty, (
@@ -86,8 +86,8 @@ def test_temperature_is_the_worlds_and_follows_it(board: Board, stage: Stage) ->
     answered, true = [], []
     for _ in range(2):
         answered.append([
-            board.session.request(Read(each.sensor_id, 1)).die_temperature_degc
-            for each in board.sensors if each.present
+            board.session.request(Read(sensor.sensor_id, 1)).die_temperature_degc
+            for sensor in board.sensors if sensor.present
         ])
         true.append(stage.temperature_degc)
         board.sleep(WARM_UP_S)
@@ -102,7 +102,7 @@ def test_every_magnetometer_has_the_bodys_axes(board: Board, stage: Stage, rig: 
     fields = []
     for pose in poses:
         stage.turn_to(pose)
-        replies = [board.session.request(Read(each.sensor_id, 16)) for each in magnetometers]
+        replies = [board.session.request(Read(magnetometer.sensor_id, 16)) for magnetometer in magnetometers]
         fields.append([reply.counts.mean(axis=0) / COUNTS_PER_UT for reply in replies])
     stage.turn_to(poses[0])
     changes = np.diff(np.array(fields), axis=0)
@@ -124,7 +124,7 @@ def test_the_gyroscope_has_the_bodys_axes(board: Board, stage: Stage, rig: Rig) 
 
 
 def test_offsets_that_an_earlier_firmware_left_in_the_sensors_do_not_enter(board: Board, stage: Stage) -> None:
-    selected = {each.kind: each for each in board.sensors if each.selected and each.present}
+    selected = {sensor.kind: sensor for sensor in board.sensors if sensor.selected and sensor.present}
     before = board.session.request(Average(32))
     magnetometer, accelerometer = selected[SensorKind.MAGNETOMETER], selected[SensorKind.ACCELEROMETER]
     if magnetometer.name.startswith("MAG3110"):

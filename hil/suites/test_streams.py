@@ -46,12 +46,12 @@ def test_what_is_known_on_the_way(
     # stage is in a slot too, and what the board answered under it is heading.<name>.max.
     rows = []
     for name, run in streams.items():
-        for each in run.stages:
-            errors = heading_errors_deg(known_angles, each.fit, accelerometer_fit)
+        for stage in run.stages:
+            errors = heading_errors_deg(known_angles, stage.fit, accelerometer_fit)
             worst, mean = (None, None) if errors is None else (float(abs(errors).max()), float(abs(errors).mean()))
-            state = each.state
+            state = stage.state
             rows.append([
-                name, each.points, state.fit.name, state.is_sphere, state.held, state.elements, state.accepted,
+                name, stage.points, state.fit.name, state.is_sphere, state.held, state.elements, state.accepted,
                 state.fit_error_percent, worst, mean,
             ])
     measure.table(

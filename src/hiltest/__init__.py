@@ -38,14 +38,14 @@ def cycles(
 
     Parameters
     ----------
-    elf : str or Path, optional
+    elf
         Any program for a Cortex-M4; by default the packaged firmware.
-    profile : str, optional
+    profile
         Timing profile; by default ``cortex-m4-trm/2``.
-    memory : str, optional
+    memory
         Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default what the
         ELF needs, where that is something else.
-    clock_hz : float, optional
+    clock_hz
         Core clock that the functions are called at [Hz], by default 120 MHz: cycles do not depend on it, seconds do.
 
     Returns

@@ -134,7 +134,7 @@ def rotation_body_from_ned(pose: Pose) -> Matrix:
 
     Parameters
     ----------
-    pose : Pose
+    pose
         Attitude; any angles, also beyond +-90 degrees of pitch.
 
     Returns
@@ -150,7 +150,7 @@ def pose_from_rotation(rotation: ArrayLike) -> Pose:
 
     Parameters
     ----------
-    rotation : array_like, shape (3, 3)
+    rotation : shape (3, 3)
         Takes earth-frame components to body-frame components.
 
     Returns

@@ -43,9 +43,9 @@ def rig_file(start: Path, named: str | None) -> Path:
 
     Parameters
     ----------
-    start : Path
+    start
         Folder that relative names and ``hil/rigs`` are looked up in.
-    named : str or None
+    named
         A path, or the bare name of a rig in ``hil/rigs``; None for the default rig.
 
     Raises

@@ -99,9 +99,9 @@ def _system_compiler(cc: str | None, path: str | None) -> tuple[tuple[str, ...],
 
     Parameters
     ----------
-    cc : str or None
+    cc
         Value of CC, which is the only candidate if it is set.
-    path : str or None
+    path
         Where commands are looked for; it is the environment's, and makes the cached answer one for this environment.
     """
     candidates = [("cc",), ("gcc",), ("clang",)] if cc is None else [tuple(shlex.split(cc))]
@@ -185,13 +185,13 @@ def compiled(library: Path, sources: Sequence[Path], flags: Sequence[str] = (), 
 
     Parameters
     ----------
-    library : Path
+    library
         What is made, of the sources alone; an older one goes if that fails.
-    sources : sequence of Path
+    sources
         C files, and the headers that they include.
-    flags : sequence of str
+    flags
         For the compiler, beside its usual ones.
-    exports : str
+    exports
         Pattern for the names of the functions that the library shows to others; empty for all of them.
 
     Returns
@@ -293,10 +293,9 @@ def loaded(
 
     Parameters
     ----------
-    library : Path
-    sources : sequence of Path
+    sources
         What it must have been built from.
-    kind : type, optional
+    kind
         Class of ctypes: whether a call lets other threads of Python run.
 
     Returns

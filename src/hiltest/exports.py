@@ -12,9 +12,9 @@ def when_used(package: str, modules: Mapping[str, str]) -> Callable[[str], objec
 
     Parameters
     ----------
-    package : str
+    package
         Its ``__name__``.
-    modules : mapping of str to str
+    modules
         Module, inside the package, of each exported name; the name itself where the module is what is exported.
     """
 

@@ -47,28 +47,28 @@ class Measure:
 
         Parameters
         ----------
-        name : str
+        name
             Dotted, unique in the run: ``heading.direct.max``.
-        value : float, int, Counted or None
+        value
             None when this board cannot offer it. On a virtual board, which can offer everything,
             None under a limit ends the run with exit code 22. What a function cost, as
             ``cycles(elf).call(...)`` returns it, brings its unit and cycle model.
-        unit : str
+        unit
             The one that the rig file gives its limit in, if it does.
-        limit : Limit, optional
+        limit
             For a name that the rig file gives no limit: where it gives one, that is the one that holds.
-        not_checked : str, optional
+        not_checked
             Why a limit cannot be applied here; the run then ends with exit code 22.
-        not_offered : str, optional
+        not_offered
             Why there is no value, where that follows from another result of the run: what an iteration costs when
             none was needed. A comparison then shows the reason, and does not miss the measurement.
-        volatile : bool
+        volatile
             Whether two runs of the same seed may differ in it.
-        cycle_model : str, optional
+        cycle_model
             Needed for unit ``cycle``: what counted.
-        band : CycleRange, optional
+        band
             Uncertainty range of a virtual board's cycles.
-        note : str, optional
+        note
             What the number is of, where its name does not say it.
 
         Returns
@@ -108,11 +108,11 @@ class Measure:
 
         Parameters
         ----------
-        name : str
+        name
             Unique in the run.
-        columns : mapping of str to str
+        columns
             Column name to unit, in order.
-        rows : iterable of iterable
+        rows
             One cell per column.
 
         Raises
@@ -203,14 +203,14 @@ class Cycles:
 
         Parameters
         ----------
-        elf : str or Path, optional
+        elf
             Any program for a Cortex-M4, relative to pytest's root folder; by default the firmware
             under test: that of ``--hil-firmware``, or the packaged one.
-        profile : str, optional
+        profile
             Timing profile; by default ``cortex-m4-trm/2``.
-        memory : str, optional
+        memory
             Memories of another part, as `hiltest.cycles` takes them.
-        clock_hz : float, optional
+        clock_hz
             Core clock that the functions are called at [Hz], by default 120 MHz.
 
         Raises

@@ -43,18 +43,17 @@ def each_done(
 
     Parameters
     ----------
-    do : callable
+    do
         Called with what all pieces have in common and a piece's number. With both, it can be pickled.
-    common : object
-    pieces : iterable of int
+    pieces
         Each number once.
-    jobs : int or str
+    jobs
         How many pieces at a time on this machine, or the address of a dask scheduler whose workers do them.
-    kept : str
+    kept
         What is left of the pieces that are done when the others cannot be, for the message.
-    starts_process : bool, optional
+    starts_process
         Whether `do` only waits for a process that it starts: then it needs none of its own beside.
-    asked_to_end : callable, optional
+    asked_to_end
         Whether to begin no more pieces. Those begun on this machine are waited for, those sent elsewhere dropped.
 
     Raises

@@ -17,7 +17,7 @@ def ask(text: str) -> str:
 
     Parameters
     ----------
-    text : str
+    text
         What a `Question` has beside it is shown, and kept up to date, behind the text until the line is typed: at a
         terminal alone, elsewhere it is a text as any other.
 

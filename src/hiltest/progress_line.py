@@ -44,13 +44,13 @@ class ProgressLine:
 
     Parameters
     ----------
-    writer : Writer
+    writer
         The terminal.
-    shown : bool
+    shown
         Whether it is one: then the progress is drawn behind what stands on the line, five times a second at most.
-    say : callable, optional
+    say
         Where it is none, this prints a line of its own, every half minute at most.
-    room : callable, optional
+    room
         Returns how many columns are left on the current line; by default all but one of the terminal's.
     """
 

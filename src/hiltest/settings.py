@@ -120,7 +120,7 @@ def make_folder(folder: Path) -> None:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     except OSError as error:
-        file = next((each for each in (folder, *folder.parents) if each.is_file()), None)
+        file = next((parent for parent in (folder, *folder.parents) if parent.is_file()), None)
         reason = f"{file} is a file" if file else error.strerror or str(error)
         raise ConfigError(f"cannot write to the folder {folder}: {reason}; name another one with --out") from error
 

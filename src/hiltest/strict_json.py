@@ -37,10 +37,9 @@ def read_json(path: Path, *, otherwise: str, largest_bytes: int = LARGEST_BYTES)
 
     Parameters
     ----------
-    path : Path
-    otherwise : str
+    otherwise
         What to do when it is refused; ends the message.
-    largest_bytes : int, optional
+    largest_bytes
         A larger file is refused before it is read.
 
     Raises

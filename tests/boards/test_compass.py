@@ -121,7 +121,7 @@ def test_a_heading_that_goes_on_moving_is_not_settled(far_end: Callable[..., Far
     with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
         settled = wait_until_settled(board, frame_of(rig))
     assert not settled.is_settled
-    assert settled.took_s == pytest.approx(1.0, abs=0.25), "the longest, in windows of 0.2 s"
+    assert 1.0 <= settled.took_s < 1.25, "five windows of 0.2 s, although the line makes them a little longer"
 
 
 def test_a_heading_that_the_line_has_changed_does_not_count(far_end: Callable[..., FarEnd], rig: Rig) -> None:

@@ -1,4 +1,4 @@
-"""A program on two boards: one that knows what devices answer while it waits, and one that asks them each time."""
+"""A program on two boards: one that passes the turns of loops which wait, and one that executes each turn."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Outcome:
 
 
 def outcome(
-    elf: Path, until_s: float, *, asks_devices: bool, sendings: Sequence[Sending] = (), profile: str = DEFAULT_PROFILE
+    elf: Path, until_s: float, *, executes_all: bool, sendings: Sequence[Sending] = (), profile: str = DEFAULT_PROFILE
 ) -> Outcome:
     """Run a program until a virtual time; SW2 is pressed for the third quarter of it.
 
@@ -61,7 +61,7 @@ def outcome(
     part = Part(0x1D)
     board = VirtualK64F(elf, i2c0=[part], profile=profile)
     processor, core = board.processor, board.processor.core
-    core.asks_devices = asks_devices
+    core.executes_all = executes_all
     watch = ExecutionWatch(processor)
     sent: list[tuple[int, bytes]] = []
     told: list[str] = []
@@ -98,7 +98,7 @@ def assert_same_both_ways(
 ) -> Outcome:
     """Run both ways, compare, and return the outcome."""
     knowing, asking = (
-        outcome(elf, until_s, asks_devices=asks, sendings=sendings, profile=profile) for asks in (False, True)
+        outcome(elf, until_s, executes_all=asks, sendings=sendings, profile=profile) for asks in (False, True)
     )
     assert knowing == asking
     return knowing

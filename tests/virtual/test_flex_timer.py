@@ -319,7 +319,7 @@ def test_a_loop_that_polls_goes_on_at_the_edge(build_c: Build, body: str, counts
     board.run_until(202_000 / BUS_HZ)
     assert word(board, "first") in counts
     assert word(board, "second") == 20
-    assert outcome(elf, 0.005, asks_devices=False) == outcome(elf, 0.005, asks_devices=True)
+    assert outcome(elf, 0.005, executes_all=False) == outcome(elf, 0.005, executes_all=True)
 
 
 @pytest.mark.parametrize("seed", range(80))

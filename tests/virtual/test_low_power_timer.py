@@ -122,7 +122,7 @@ def test_a_loop_that_polls_goes_on_at_the_end_of_a_round(build_c: Build, control
     board = VirtualK64F(elf)
     board.run_until(0.01)  # 125 000 counts of a quarter of 50 MHz; 65 536 are a round of the counter
     assert word(board, "count") in counts
-    assert outcome(elf, 0.005, asks_devices=False) == outcome(elf, 0.005, asks_devices=True)
+    assert outcome(elf, 0.005, executes_all=False) == outcome(elf, 0.005, executes_all=True)
 
 
 def test_a_compare_value_that_is_behind_the_count_is_met_in_the_next_round_of_all_counts(build_c: Build) -> None:

@@ -85,10 +85,10 @@ def test_the_shipped_firmware_runs_the_same() -> None:
 
 @pytest.mark.parametrize("loop", [
     "poll_status", "two_registers", "wait_count_flag", "wait_unmodelled", "wait_in_calls", "wait_dma_sending",
-    "poll_crc",
+    "poll_crc", "wait_for_interrupt",
 ])  # fmt: skip
 @pytest.mark.parametrize("profile", ["cortex-m4-trm/2", "cortex-m4-k64f/2"])
-def test_most_of_a_wait_for_a_register_is_not_executed(build: Build, loop: str, profile: str) -> None:
+def test_most_of_a_wait_is_not_executed(build: Build, loop: str, profile: str) -> None:
     board = VirtualK64F(build(WAITS, "-O2", f"-DLOOP={loop}"), profile=profile)
     board.tell(lambda _unmodelled: None)
     board.run_until(0.02)
@@ -142,9 +142,9 @@ def test_a_timed_function_is_found_among_the_readings_of_the_counter_as_if_every
 ) -> None:
     elf = build_c(TIMED % (inside, behind), "-O2")
     found = []
-    for asks_devices in (False, True):
+    for executes_all in (False, True):
         board = VirtualK64F(elf)
-        board.processor.core.asks_devices = asks_devices
+        board.processor.core.executes_all = executes_all
         watch = board.watch_calls(["work"])
         board.run_until(0.006)
         words = [word(board, name) for name in ("cost", "overhead", "done")]

@@ -129,9 +129,9 @@ def test_waiting_for_its_count_ends_at_the_same_cycle_if_it_is_asked_each_time(b
         f"while (((unsigned)HALF(0x40052010) << 16 | HALF(0x40052012)) < {count}u) {{}} sources = 1;"
     )
     ends = []
-    for asks_devices in (False, True):
+    for executes_all in (False, True):
         board = VirtualK64F(build_c(program(f"(void)refresh; {body}")))
-        board.processor.core.asks_devices = asks_devices
+        board.processor.core.executes_all = executes_all
         board.run_until(0.006)
         ends.append((board.cycles, board.instructions, board.processor.registers.general.read()))
         assert word(board, "sources") == 1

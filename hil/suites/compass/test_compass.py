@@ -114,9 +114,9 @@ def test_headings_settle(after: CompassHeadings, compass: CompassBoard, measure:
     measure("device.settle_time", float(after.settle_s.max()), "s", note="; ".join(compass.remarks()))
     measure("device.unsettled", after.unsettled, "")
     measure("device.unconfirmed", after.unconfirmed, "")
-    streams = [each for each in compass.interfaces.values() if isinstance(each, StreamInterface)]
+    streams = [interface for interface in compass.interfaces.values() if isinstance(interface, StreamInterface)]
     if streams:
-        measure("device.not_understood", min(each.not_understood for each in streams), "")
+        measure("device.not_understood", min(stream.not_understood for stream in streams), "")
 
 
 def test_cycles_of_the_functions_that_the_rig_names(

@@ -42,23 +42,23 @@ def open_board(
 
     Parameters
     ----------
-    rig : Rig
+    rig
         Says which board.
-    firmware : Path, optional
+    firmware
         ELF, Intel HEX or raw binary for a virtual board.
-    port : str, optional
+    port
         Serial port of a real board; wins over the rig's. Without either it is that of the one board that is plugged in.
-    seed : int, optional
+    seed
         Seed of a simulated world; by default the rig's.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
-    base : int, optional
+    base
         Address of a raw binary.
-    watches_execution : bool
+    watches_execution
         Whether it is kept what the firmware executes, as only a virtual board can.
-    tape : Tape, optional
+    tape
         Records what is asked, or answers it from a recording.
-    on_chip : OnChip, optional
+    on_chip
         Of the firmware of a board that has just been flashed.
 
     Raises
@@ -144,7 +144,7 @@ def _opened_board(
 
 def _of_known_sensors(board: Board, rig: Rig) -> Board:
     """Return the board, unless the rig names a sensor that its firmware has no driver of."""
-    names = {kind.name.lower(): [each.name for each in board.sensors if each.kind is kind] for kind in SensorKind}
+    names = {kind.name.lower(): [sensor.name for sensor in board.sensors if sensor.kind is kind] for kind in SensorKind}
     try:
         refuse_unknown_sensors(rig, names)
     except ConfigError:

@@ -92,17 +92,17 @@ class VirtualBench:
 
     Parameters
     ----------
-    rig : Rig
+    rig
         Rig of a virtual board.
-    firmware : Path, optional
+    firmware
         ELF, Intel HEX or raw binary to run; by default the rig's, or the prebuilt one.
-    seed : int, optional
+    seed
         Noise seed; by default the rig's.
-    base : int, optional
+    base
         Address of a raw binary.
-    flash_file : Path, optional
+    flash_file
         Holds the flash from run to run.
-    watches_execution : bool
+    watches_execution
         Whether it is kept what the firmware executes.
 
     Attributes

@@ -60,40 +60,28 @@ class BoardKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The true world of a virtual board.
-
-    Attributes
-    ----------
-    soft_iron : ndarray, shape (3, 3)
-        ``sensed_ut = soft_iron @ field_body_ut + hard_iron_ut``, body frame.
-    hard_iron_ut : ndarray, shape (3,)
-        Zero-flux offset of the part included [uT].
-    field_ut, dip_deg : float
-        Strength and inclination of the earth's field.
-    magnetometer_sigma_ut, accelerometer_sigma_g : float
-        rms noise of one axis of one reading.
-    accelerometer_response : ndarray, shape (3, 3)
-        ``read_g = accelerometer_response @ gravity_g + accelerometer_offset_g``, body frame.
-    accelerometer_offset_g : ndarray, shape (3,)
-    gyroscope_bias_dps : ndarray, shape (3,)
-        Body frame [deg/s].
-    gyroscope_response : ndarray, shape (3, 3)
-        ``felt_dps = gyroscope_response @ rate_dps + bias``, body frame.
-    gyroscope_density_dps : float
-        One-sided noise density of the rate [deg/s/sqrt(Hz)].
-    """
+    """The true world of a virtual board."""
 
     soft_iron: NDArray[np.float64]
+    """Shape (3, 3). ``sensed_ut = soft_iron @ field_body_ut + hard_iron_ut``, body frame."""
     hard_iron_ut: NDArray[np.float64]
+    """Shape (3,). Zero-flux offset of the part included [uT]."""
     field_ut: float
     dip_deg: float
+    """Strength and inclination of the earth's field."""
     magnetometer_sigma_ut: float
     accelerometer_sigma_g: float
+    """rms noise of one axis of one reading."""
     accelerometer_response: NDArray[np.float64]
+    """Shape (3, 3). ``read_g = accelerometer_response @ gravity_g + accelerometer_offset_g``, body frame."""
     accelerometer_offset_g: NDArray[np.float64]
+    """Shape (3,)."""
     gyroscope_bias_dps: NDArray[np.float64]
+    """Shape (3,). Body frame [deg/s]."""
     gyroscope_response: NDArray[np.float64]
+    """Shape (3, 3). ``felt_dps = gyroscope_response @ rate_dps + bias``, body frame."""
     gyroscope_density_dps: float
+    """One-sided noise density of the rate [deg/s/sqrt(Hz)]."""
 
     def read_ut(self, attitude: Pose) -> NDArray[np.float64]:
         """Return what the magnetometer reads in an attitude of the board, without noise, shape (3,) [uT]."""
@@ -109,36 +97,24 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """Declarations of the rig file about bench and parts, for any board.
-
-    Attributes
-    ----------
-    field_ut : float
-        Strength of the local field.
-    magnetometer_sigma_ut : float
-        rms noise of one axis of one reading, of the selected part.
-    wanted : mapping of SensorKind to str
-        Name of the sensor to use for each kind; without a name the first that is present.
-    cycle_model : str or None
-        What the cycle counter of a board on a port counts, when the rig says it.
-    gyroscope_density_dps : float
-        One-sided noise density of the rate [deg/s/sqrt(Hz)].
-    functions : mapping of str to str
-        Function of the firmware that each calibrator is, where the rig names it.
-    rig : str
-        Name of the rig.
-    faults : Faults or None
-        What goes wrong on purpose.
-    """
+    """Declarations of the rig file about bench and parts, for any board."""
 
     field_ut: float
+    """Strength of the local field."""
     magnetometer_sigma_ut: float
+    """rms noise of one axis of one reading, of the selected part."""
     wanted: Mapping[SensorKind, str]
+    """Name of the sensor to use for each kind; without a name the first that is present."""
     cycle_model: str | None = None
+    """What the cycle counter of a board on a port counts, when the rig says it."""
     gyroscope_density_dps: float = 0.025
+    """One-sided noise density of the rate [deg/s/sqrt(Hz)]."""
     functions: Mapping[str, str] = field(default_factory=dict)
+    """Function of the firmware that each calibrator is, where the rig names it."""
     rig: str = ""
+    """Name of the rig."""
     faults: Faults | None = None
+    """What goes wrong on purpose."""
 
     @classmethod
     def of(cls, rig: Rig) -> Declared:
@@ -217,18 +193,12 @@ class StepRecorder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class LinkTerms:
-    """Terms of the link to a board.
-
-    Attributes
-    ----------
-    nonce_seed : int
-        Seed of the nonces of the session.
-    attempts : int
-        How often a request is sent at most.
-    """
+    """Terms of the link to a board."""
 
     nonce_seed: int
+    """Seed of the nonces of the session."""
     attempts: int
+    """How often a request is sent at most."""
 
     def session(
         self, opened: Callable[[], SerialPort], transcript: Transcript | None, tape: Tape, *,
@@ -258,11 +228,10 @@ class Board(ABC):
 
     Parameters
     ----------
-    session : Session
+    session
         Over an open port. The board closes it.
-    description : str
+    description
         One line for people.
-    declared : Declared
 
     Attributes
     ----------
@@ -396,9 +365,9 @@ class Board(ABC):
 
         Parameters
         ----------
-        request : Request
+        request
             Its reply has a `cost`.
-        calibrator : str
+        calibrator
             Name as in the board's identity.
 
         Raises
@@ -416,9 +385,9 @@ class Board(ABC):
 
         Parameters
         ----------
-        request : Request
+        request
             Its reply has `costs`, of the first calls; others may follow that were refused.
-        work : str
+        work
             What is called: a stream calibrator's name and ``.add`` or ``.remove``.
 
         Raises
@@ -457,9 +426,9 @@ class Board(ABC):
 
         Parameters
         ----------
-        cost : RunCost or None
+        cost
             As the firmware reports it.
-        calibrator : str, optional
+        calibrator
             What was timed: the board then knows the readings around its call.
         """
         return None

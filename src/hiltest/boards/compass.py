@@ -60,16 +60,15 @@ class CompassBoard:
 
     Parameters
     ----------
-    port : serial port
+    port
         Open; the board closes it. One with a ``now()`` has a clock of its own.
-    rig : Rig
+    rig
         With a ``[device]`` table.
-    interfaces : mapping of str to interface
+    interfaces
         What understands the firmware, by kind.
-    kind : BoardKind
-    description : str
+    description
         One line for people.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
 
     Attributes
@@ -162,8 +161,7 @@ class CompassBoard:
 
         Parameters
         ----------
-        seconds : float
-        window : sequence of Observation
+        window
             What was said in it.
         """
         if self.now_s() - self._heard_at_s > seconds - _SLICE_S:
@@ -202,7 +200,7 @@ class CompassBoard:
                     observations = interface.feed(data, now_s) if data else ()
                 else:
                     observations = [interface.read(now_s)] if self._is_due(kind, interface, now_s) else ()
-                said += (self._of_source(kind, each) for each in observations)
+                said += (self._of_source(kind, observation) for observation in observations)
         for each in said:
             self.latest.update(each.values)
         self.errors.update(each.error for each in said if each.error)
@@ -232,8 +230,8 @@ class CompassBoard:
     def remarks(self) -> tuple[str, ...]:
         """Return what a reader should know of how the firmware was understood; empty where all is plain."""
         return tuple(
-            each for interface in self.interfaces.values() if isinstance(interface, _Remarking)
-            for each in interface.remarks()
+            remark for interface in self.interfaces.values() if isinstance(interface, _Remarking)
+            for remark in interface.remarks()
         )  # fmt: skip
 
     def position(self) -> str:
@@ -324,13 +322,13 @@ class VirtualCompass(CompassBoard):
 
     Parameters
     ----------
-    bench : VirtualBench
+    bench
         Board, sensors and world.
-    interfaces : mapping of str to interface
+    interfaces
         What understands the firmware, by kind.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
-    tape : Tape, optional
+    tape
         Records what is asked.
     """
 
@@ -436,10 +434,9 @@ class TapedReadings:
 
     Parameters
     ----------
-    tape : Tape
-    kind : str
+    kind
         As the rig names it.
-    target : PolledInterface or None
+    target
         Reads; None in a replay.
     """
 
@@ -447,7 +444,7 @@ class TapedReadings:
         self._tape, self._kind, self._target = tape, kind, target
         units: Mapping[Quantity, str] = tape.ask(
             f"{kind}.offers", {}, Mapping[Quantity, str],
-            lambda: {each: each.unit for each in sorted(target.offers, key=lambda each: each.key)},
+            lambda: {each: each.unit for each in sorted(target.offers, key=lambda offer: offer.key)},
         )
         self.offers = frozenset(units)
 

@@ -38,51 +38,33 @@ _OPENSDA = {0x1357: "P&E Micro", 0x1366: "SEGGER"}
 
 @dataclass(frozen=True, slots=True)
 class Volume:
-    """The mounted drive of a DAPLink, and what its DETAILS.TXT says; empty where it says nothing.
-
-    Attributes
-    ----------
-    path : Path
-    read_only : bool
-        As it is mounted.
-    interface_version : str
-        Of the firmware of the interface chip, such as ``0257``.
-    unique_id : str
-        The same as the serial number on USB.
-    """
+    """The mounted drive of a DAPLink, and what its DETAILS.TXT says; empty where it says nothing."""
 
     path: Path
     read_only: bool = False
+    """As it is mounted."""
     interface_version: str = ""
+    """Of the firmware of the interface chip, such as ``0257``."""
     unique_id: str = ""
+    """The same as the serial number on USB."""
 
 
 @dataclass(frozen=True, slots=True)
 class UsbBoard:
-    """A USB device with serial ports or DAPLink's identity.
-
-    Attributes
-    ----------
-    vendor_id, product_id : int
-    serial_number : str
-        Empty where the device has none.
-    product : str
-        What the device calls itself.
-    ports : tuple of Path
-        Its serial devices; of a DAPLink one, or none where its driver is not there.
-    disks : tuple of str
-        Names of its drives, such as ``sdb``.
-    volume : Volume or None
-        Where one of them is mounted.
-    """
+    """A USB device with serial ports or DAPLink's identity."""
 
     vendor_id: int
     product_id: int
     serial_number: str = ""
+    """Empty where the device has none."""
     product: str = ""
+    """What the device calls itself."""
     ports: tuple[Path, ...] = ()
+    """Its serial devices; of a DAPLink one, or none where its driver is not there."""
     disks: tuple[str, ...] = ()
+    """Names of its drives, such as ``sdb``."""
     volume: Volume | None = None
+    """Where one of them is mounted."""
 
     @property
     def port(self) -> Path | None:
@@ -121,18 +103,12 @@ class UsbBoard:
 
 @dataclass(frozen=True, slots=True)
 class OtherPort:
-    """A serial port that is no board's, and why.
-
-    Attributes
-    ----------
-    port : Path or None
-        None of a DAPLink that has none.
-    device : UsbBoard or None
-        What it belongs to; None of one that is not on USB.
-    """
+    """A serial port that is no board's, and why."""
 
     port: Path | None
+    """None of a DAPLink that has none."""
     device: UsbBoard | None
+    """What it belongs to; None of one that is not on USB."""
 
     @property
     def not_taken(self) -> str:
@@ -158,14 +134,14 @@ def plugged_in(root: Path | None = None) -> PluggedIn:
 
     Parameters
     ----------
-    root : Path, optional
+    root
         Folder with ``sys``, ``proc`` and ``dev``; by default the environment's.
     """
     root = root or machine_root()
     mounts = _mounts(root)
     devices = [device for device in _usb_devices(root, mounts) if device.is_daplink or device.ports]
-    boards = sorted((each for each in devices if not each.not_taken), key=lambda each: each.serial_number)
-    others = [OtherPort(port, each) for each in devices if each.not_taken for port in each.ports or (None,)]
+    boards = sorted((device for device in devices if not device.not_taken), key=lambda device: device.serial_number)
+    others = [OtherPort(port, device) for device in devices if device.not_taken for port in device.ports or (None,)]
     on_usb = {port.name for device in devices for port in device.ports}
     others += [OtherPort(port, None) for port in _ports(root) if port.name not in on_usb]
     return PluggedIn(tuple(boards), tuple(others))
@@ -181,9 +157,9 @@ def choose_board(serial_number: str = "", *, root: Path | None = None) -> UsbBoa
 
     Parameters
     ----------
-    serial_number : str, optional
+    serial_number
         Beginning or all of it; empty for any board.
-    root : Path, optional
+    root
         As of `plugged_in`.
 
     Raises
@@ -194,9 +170,9 @@ def choose_board(serial_number: str = "", *, root: Path | None = None) -> UsbBoa
         When there are several.
     """
     boards = find_boards(root)
-    fitting = [each for each in boards if each.serial_number.startswith(serial_number)]
+    fitting = [board for board in boards if board.serial_number.startswith(serial_number)]
     if not fitting:
-        raise NoBoardError(serial_number, [each.serial_number for each in boards])
+        raise NoBoardError(serial_number, [board.serial_number for board in boards])
     if len(fitting) > 1:
         raise SeveralBoardsError([each.serial_number for each in fitting])
     return fitting[0]
@@ -223,8 +199,8 @@ def _usb_devices(root: Path, mounts: dict[str, tuple[Path, bool]]) -> Iterator[U
         vendor, product = (_identity(folder / name) for name in ("idVendor", "idProduct"))
         if vendor is None or product is None:
             continue  # an interface: it is looked at with its device
-        interfaces = [each for each in _children(folder) if each.name.startswith(f"{folder.name}:")]
-        ttys = [tty for each in interfaces for tty in (*each.glob("tty/*"), *each.glob("tty*/tty/*"))]
+        interfaces = [child for child in _children(folder) if child.name.startswith(f"{folder.name}:")]
+        ttys = [tty for interface in interfaces for tty in (*interface.glob("tty/*"), *interface.glob("tty*/tty/*"))]
         disks = sorted(
             (disk for each in interfaces for disk in each.glob("host*/target*/*/block/*")), key=lambda each: each.name
         )
@@ -232,7 +208,7 @@ def _usb_devices(root: Path, mounts: dict[str, tuple[Path, bool]]) -> Iterator[U
         place = next((each for each in mounted if each), None)
         yield UsbBoard(
             vendor, product, serial_number=_attribute(folder / "serial"), product=_attribute(folder / "product"),
-            ports=tuple(root / "dev" / tty.name for tty in sorted(ttys, key=lambda each: each.name)),
+            ports=tuple(root / "dev" / tty.name for tty in sorted(ttys, key=lambda tty: tty.name)),
             disks=tuple(disk.name for disk in disks), volume=_volume(*place) if place else None,
         )  # fmt: skip
 
@@ -245,7 +221,7 @@ def _ports(root: Path) -> Iterator[Path]:
 
 
 def _partitions(disk: Path) -> list[Path]:
-    return [each for each in _children(disk) if each.name.startswith(disk.name)]
+    return [child for child in _children(disk) if child.name.startswith(disk.name)]
 
 
 def _mounts(root: Path) -> dict[str, tuple[Path, bool]]:

@@ -35,10 +35,9 @@ class FaultyPort:
 
     Parameters
     ----------
-    port : SerialPort
+    port
         Open. What else it offers, such as a clock of its own, is this port's too.
-    faults : Faults
-    baud : int
+    baud
         Line speed that the host has set.
 
     Attributes
@@ -219,11 +218,6 @@ def heard_at(data: bytes, sent_baud: int, heard_baud: int) -> bytes:
 
     It takes a falling edge for a start bit and samples the line in the middle of the nine bits behind it, as it counts
     them; a stop bit that is not there it does not mind, as terminals do not by default.
-
-    Parameters
-    ----------
-    data : bytes
-    sent_baud, heard_baud : int
     """
     levels = [level for byte in data for level in (0, *(byte >> n & 1 for n in range(8)), 1)]
     heard, free = bytearray(), 0

@@ -27,35 +27,21 @@ from hiltest.virtual.processor.call_summary import CallSummary, SolutionSummary
 
 @dataclass(frozen=True, slots=True)
 class LatestSolution:
-    """The last solution of all that the firmware's solvers came to.
-
-    Attributes
-    ----------
-    name : str
-        Of the solver, in the rig.
-    cycles, slices : int
-        How many it took.
-    """
+    """The last solution of all that the firmware's solvers came to."""
 
     name: str
+    """Of the solver, in the rig."""
     cycles: int
     slices: int
+    """How many it took."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlashCost:
-    """What a solution takes with the waits of memories.
-
-    Attributes
-    ----------
-    cycles : int or None
-        None where `refusal` says why.
-    cycle_model : str
-    band : CycleRange or None
-    refusal : str
-    """
+    """What a solution takes with the waits of memories."""
 
     cycles: int | None
+    """None where `refusal` says why."""
     cycle_model: str
     band: CycleRange | None = None
     refusal: str = ""
@@ -88,9 +74,8 @@ class FunctionCosts:
 
     Parameters
     ----------
-    machine : VirtualK64F
+    machine
         Not running.
-    rig : Rig
 
     Raises
     ------
@@ -100,11 +85,12 @@ class FunctionCosts:
 
     def __init__(self, machine: VirtualK64F, rig: Rig) -> None:
         self._machine = machine
-        self._buffer = _sample_buffer(machine, rig)
+        variables = Variables(machine.image)
+        self._buffer = _sample_buffer(variables, rig)
         self._watches: dict[str, tuple[str, CallWatch | SolutionWatch]] = {}
         for name, counted in rig.cycles.items():
             try:
-                self._watches[name] = counted.functions[0], _watch(machine, counted)
+                self._watches[name] = counted.functions[0], _watch(machine, variables, counted)
             except ConfigError as error:
                 raise ConfigError(f"{rig.where('cycles', name)}: cycles.{name}: {error}") from error
 
@@ -159,28 +145,30 @@ class FunctionCosts:
         return FlashCost(counted.cycles, model, flash_range(profile, counted.cycles))
 
 
-def _sample_buffer(machine: VirtualK64F, rig: Rig) -> SampleBuffer | None:
+def _sample_buffer(variables: Variables, rig: Rig) -> SampleBuffer | None:
     described = rig.device and rig.device.memory and rig.device.memory.samples
     if not described:
         return None
     try:
-        return SampleBuffer(described.paths, described.used, Variables(machine.image))
+        return SampleBuffer(described.paths, described.used, variables)
     except ConfigError as error:
         raise ConfigError(f"{rig.where('device', 'memory', 'samples')}: device.memory.samples: {error}") from error
 
 
-def _watch(machine: VirtualK64F, counted: CountedFunctions) -> CallWatch | SolutionWatch:
+def _watch(
+    machine: VirtualK64F, variables: Variables, counted: CountedFunctions
+) -> CallWatch | SolutionWatch:  # fmt: skip
     if counted.ends is None:
         return machine.watch_calls(counted.functions)
-    end = SolutionEnd(_word(machine, counted.ends), EndsWhen(counted.ends_when), counted.ends_bytes)
+    end = SolutionEnd(_word(machine, variables, counted.ends), EndsWhen(counted.ends_when), counted.ends_bytes)
     return machine.watch_solutions(counted.functions, end)
 
 
-def _word(machine: VirtualK64F, ends: str) -> str | int:
+def _word(machine: VirtualK64F, variables: Variables, ends: str) -> str | int:
     """Return the address of a variable by its path, or a symbol and an offset as it is."""
     if "+" in ends or ends in machine.image.symbols:
         return ends
-    place = Variables(machine.image).place(ends)
+    place = variables.place(ends)
     if place.beyond:
         raise ConfigError(f"{ends} is behind a pointer; name a word that stays where it is")
     return place.address

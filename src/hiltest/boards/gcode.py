@@ -58,40 +58,26 @@ class GcodeError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Modals:
-    """Modal state, which holds from line to line.
-
-    Attributes
-    ----------
-    motion : int
-        0, 1 or 80 (none).
-    relative : bool
-        G91.
-    feed_dpm : float or None
-        Last F [deg/min].
-    """
+    """Modal state, which holds from line to line."""
 
     motion: int = 0
+    """0, 1 or 80 (none)."""
     relative: bool = False
+    """G91."""
     feed_dpm: float | None = None
+    """Last F [deg/min]."""
 
 
 @dataclass(frozen=True, slots=True)
 class GcodeBlock:
-    """Request of one line.
-
-    Attributes
-    ----------
-    modals : Modals
-        In force from this line on.
-    axes : dict of str to float
-        Axis words; empty when nothing is to move.
-    dwell_s : float or None
-        G4's, before any motion.
-    """
+    """Request of one line."""
 
     modals: Modals
+    """In force from this line on."""
     axes: dict[str, float]
+    """Axis words; empty when nothing is to move."""
     dwell_s: float | None
+    """G4's, before any motion."""
 
 
 def read_block(line: str, modals: Modals) -> GcodeBlock:
@@ -99,9 +85,9 @@ def read_block(line: str, modals: Modals) -> GcodeBlock:
 
     Parameters
     ----------
-    line : str
+    line
         Upper case, without comments and spaces.
-    modals : Modals
+    modals
         In force before it.
 
     Raises

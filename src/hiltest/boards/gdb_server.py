@@ -24,11 +24,11 @@ class GdbServer:
 
     Parameters
     ----------
-    machine : VirtualK64F
+    machine
         Not running yet.
-    port : int
+    port
         0 for any free one.
-    host : str
+    host
         Address to listen on.
 
     Attributes

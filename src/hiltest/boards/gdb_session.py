@@ -28,8 +28,7 @@ class GdbSession:
 
     Parameters
     ----------
-    machine : VirtualK64F
-    debugger : Debugger
+    debugger
         Of that machine, which is halted at once.
     """
 
@@ -158,7 +157,7 @@ class GdbSession:
     def _continue_as(self, rest: bytes) -> bytes:
         action = rest.partition(b";")[0].partition(b":")[0]
         if action[:1] == b"r":
-            begin, end = (int(each, 16) for each in action[1:].split(b","))
+            begin, end = (int(part, 16) for part in action[1:].split(b","))
             return self._go(step=True, within=range(begin, end))
         if action[:1] not in (b"c", b"C", b"s", b"S"):
             return _REFUSED
@@ -186,7 +185,7 @@ class GdbSession:
         return _OK
 
     def _read(self, rest: bytes) -> bytes:
-        address, size = (int(each, 16) for each in rest.split(b","))
+        address, size = (int(part, 16) for part in rest.split(b","))
         if not 0 <= size <= (LONGEST - 8) // 2:
             return _REFUSED
         return self._access.read(address, size).hex().encode()
@@ -200,7 +199,7 @@ class GdbSession:
         return self._store(where, data)
 
     def _store(self, where: bytes, data: bytes) -> bytes:
-        address, size = (int(each, 16) for each in where.split(b","))
+        address, size = (int(part, 16) for part in where.split(b","))
         if size != len(data):
             return _REFUSED
         if data:

@@ -24,20 +24,13 @@ _INSTALL = "pip install 'hiltest[labgrid]', or put the labgrid-client of another
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place of labgrid.
-
-    Attributes
-    ----------
-    name : str
-    power_cycle : bool
-        Whether it is switched off and on again before its port is opened.
-    options : str
-        Options of pyserial's RFC 2217 client, such as ``ign_set_control``; empty for none.
-    """
+    """A place of labgrid."""
 
     name: str
     power_cycle: bool = False
+    """Whether it is switched off and on again before its port is opened."""
     options: str = ""
+    """Options of pyserial's RFC 2217 client, such as ``ign_set_control``; empty for none."""
 
     def acquire(self) -> bool:
         """Acquire it; says whether that is new: who had acquired it already keeps it.

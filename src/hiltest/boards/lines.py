@@ -236,9 +236,9 @@ class TcpLine:
 
     Parameters
     ----------
-    host : str
+    host
         Address to listen on.
-    port : int
+    port
         0 for any free one.
 
     Raises

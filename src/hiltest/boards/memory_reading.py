@@ -33,7 +33,7 @@ class BoardWire:
 
     Parameters
     ----------
-    machine : VirtualK64F
+    machine
         Not running.
     """
 
@@ -98,13 +98,13 @@ def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: V
 
     Parameters
     ----------
-    rig : Rig
+    rig
         Says where its keys stand.
-    device : MemoryDevice
+    device
         Its ``[device.memory]`` table.
-    image : FirmwareImage
+    image
         The ELF that runs on the board.
-    machine : VirtualK64F or None
+    machine
         The virtual board; None for a real one.
 
     Raises

@@ -12,8 +12,7 @@ def seen_memory_use(machine: VirtualK64F, calls: Mapping[str, tuple[str, int | N
 
     Parameters
     ----------
-    machine : VirtualK64F
-    calls : mapping of str to (str, int or None)
+    calls
         Of each calibrator or other function that was watched: its name in the firmware, and the stack that the deepest
         of its calls took.
     """

@@ -56,8 +56,7 @@ class SerialPortOfBoard:
 
     Parameters
     ----------
-    machine : VirtualK64F
-    uart : Uart, optional
+    uart
         By default UART0.
     """
 
@@ -95,9 +94,7 @@ class _ServedLine:
 
     Parameters
     ----------
-    line : PortLine
-    device : Device
-    keeps : bool
+    keeps
         Whether what the device says before the first program is there is kept for it, or lost.
     """
 
@@ -137,16 +134,16 @@ class PacedBench:
 
     Parameters
     ----------
-    bench : VirtualBench
+    bench
         Not yet powered on; nothing else may run it.
-    line : PortLine
+    line
         Line to the board's serial port. Its opener closes it, after `stop`.
-    others : (PortLine, Device), optional
+    others
         What else is served in the same time, such as a turntable.
-    held : callable, optional
+    held
         Whether the board is still kept in reset, besides for as long as no program has come to a line; asked over and
         over. Without it the board starts at once.
-    until_s : float
+    until_s
         Where its time ends [virtual s].
 
     Attributes
@@ -171,7 +168,7 @@ class PacedBench:
         self._bench = bench
         port = SerialPortOfBoard(bench.machine)
         line.queue.kept = port.bytes_queued
-        self._served = [_ServedLine(line, port, keeps=True), *(_ServedLine(*each, keeps=False) for each in others)]
+        self._served = [_ServedLine(line, port, keeps=True), *(_ServedLine(*other, keeps=False) for other in others)]
         self._clock = threading.Condition()  # guards bench; notified after every step
         self._running = False
         self._longest_step_s = _LONGEST_STEP_S
@@ -297,7 +294,7 @@ class PacedBench:
 
     def _wait_for_bytes(self) -> None:
         """Wait until something comes on a line, but no longer than a step."""
-        sources = [each for served in self._served for each in served.line.sources()]
+        sources = [source for served in self._served for source in served.line.sources()]
         select.select(sources, [], [], _STEP_S)
 
     def _step(self) -> None:

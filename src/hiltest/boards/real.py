@@ -34,15 +34,15 @@ class RealBoard(Board):
 
     Parameters
     ----------
-    url : str
+    url
         Device or pyserial URL.
-    baud : int
+    baud
         Line speed.
-    declared : Declared
+    declared
         What the rig says.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
-    tape : Tape, optional
+    tape
         Records what is asked.
 
     Raises

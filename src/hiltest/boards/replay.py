@@ -51,11 +51,11 @@ class ReplayBoard(Board):
 
     Parameters
     ----------
-    tape : Tape
+    tape
         With a recording.
-    declared : Declared
+    declared
         What the rig says.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
 
     Raises
@@ -99,10 +99,9 @@ class ReplayCompass(CompassBoard):
 
     Parameters
     ----------
-    tape : Tape
+    tape
         With a recording.
-    rig : Rig
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
     """
 

@@ -36,9 +36,9 @@ class SampleChecks:
 
     Parameters
     ----------
-    sensor_name : callable
+    sensor_name
         Names the sensor that is selected for a kind.
-    is_noise_free : callable
+    is_noise_free
         Says whether a sensor of a kind is simulated without noise: then equal samples say nothing.
     """
 
@@ -79,7 +79,7 @@ class SampleChecks:
 
         Parameters
         ----------
-        knocked : int
+        knocked
             How many may be at the end of the range.
 
         Raises

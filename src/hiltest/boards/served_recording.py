@@ -35,9 +35,9 @@ class ServedRecording:
 
     Parameters
     ----------
-    transcript : Transcript
+    transcript
         Of a recorded run.
-    path : Path
+    path
         Where it was read from, for messages.
     """
 
@@ -155,11 +155,9 @@ def serve_recorded(
 
     Parameters
     ----------
-    recording : ServedRecording
-    line : PortLine
-    tell : callable
+    tell
         Is told what happens.
-    ended : callable
+    ended
         Whether to end before that, from the time that it has been served [s].
 
     Raises

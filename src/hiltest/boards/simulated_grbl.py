@@ -39,10 +39,9 @@ class GrblTable:
 
     Parameters
     ----------
-    axes : TableAxes
-    about : str
+    about
         What ``$I`` says of the board on the table.
-    reset : callable
+    reset
         Resets the board: the table's coolant output (M8) is led to its reset pin.
 
     Notes

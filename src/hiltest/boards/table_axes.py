@@ -41,7 +41,7 @@ class TableAxes:
 
     Parameters
     ----------
-    bench : Bench
+    bench
         Its table stands level, heading north.
 
     Attributes

@@ -17,18 +17,12 @@ _TCP = "tcp:"
 @dataclass(frozen=True, slots=True)
 class ServedUart:
     """A port that is asked for: TCP where it has a number, else a pseudo-terminal, with a link to it if it has a path.
-
-    Attributes
-    ----------
-    number : int
-        Of the UART.
-    tcp : int or None
-        0 takes any free port.
-    link : Path or None
     """
 
     number: int
+    """Of the UART."""
     tcp: int | None = None
+    """0 takes any free port."""
     link: Path | None = None
 
     @property

@@ -73,7 +73,7 @@ class _CallCounter:
     @property
     def cycles(self) -> Sequence[int]:
         """Cycles of each."""
-        return [each.elapsed for each in self.calls]
+        return [call.elapsed for call in self.calls]
 
 
 class VirtualBoard(Board):
@@ -81,13 +81,13 @@ class VirtualBoard(Board):
 
     Parameters
     ----------
-    bench : VirtualBench
+    bench
         Board, sensors and world.
-    declared : Declared
+    declared
         What the rig says.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways.
-    tape : Tape, optional
+    tape
         Records what is asked.
     """
 

@@ -40,24 +40,19 @@ class AccelerometerFit:
     """A linear accelerometer calibration: ``gravity_g = gain @ (counts - offset)``.
 
     Body frame (x forward, y right, z down), gravity-positive: a level board has (0, 0, +1).
-
-    Attributes
-    ----------
-    gain : ndarray, shape (3, 3)
-        [g/count].
-    offset : ndarray, shape (3,)
-        [counts].
     """
 
     gain: Reals
+    """Shape (3, 3) [g/count]."""
     offset: Reals
+    """Shape (3,) [counts]."""
 
     def gravity_g(self, counts: ArrayLike) -> Reals:
         """Return the gravity that counts mean.
 
         Parameters
         ----------
-        counts : array_like, shape (..., 3)
+        counts : shape (..., 3)
 
         Returns
         -------
@@ -86,26 +81,17 @@ class AccelerometerStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerSolution:
-    """An accelerometer calibration and how it came about.
-
-    Attributes
-    ----------
-    status : AccelerometerStatus
-    faces : tuple of Face
-        At fault.
-    pose : int or None
-        Index of the first pose at fault.
-    fit : AccelerometerFit
-        `NOMINAL` unless the status is OK.
-    residual_mg : float
-        What the fit leaves of its own poses: how askew the faces were, or rms of the norm less 1 g; 0 without a fit.
-    """
+    """An accelerometer calibration and how it came about."""
 
     status: AccelerometerStatus
     faces: tuple[Face, ...]
+    """At fault."""
     pose: int | None
+    """Index of the first pose at fault."""
     fit: AccelerometerFit
+    """`NOMINAL` unless the status is OK."""
     residual_mg: float
+    """What the fit leaves of its own poses: how askew the faces were, or rms of the norm less 1 g; 0 without a fit."""
 
     @property
     def faces_askew_deg(self) -> float:
@@ -118,7 +104,7 @@ def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
 
     Parameters
     ----------
-    poses : sequence of StillPose
+    poses
         Each face once; poses that are none are left out.
 
     Returns
@@ -187,7 +173,7 @@ def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:
 
     Parameters
     ----------
-    poses : sequence of StillPose
+    poses
         At least 9, gravity from all sides; their faces are not looked at.
 
     Returns

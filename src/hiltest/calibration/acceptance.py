@@ -27,62 +27,44 @@ class FitFigures:
 
     Attributes
     ----------
-    status : FitStatus
-    condition : float or None
-        `hiltest.calibration.conditioning.ellipsoid_condition` of the points.
-    n : int or None
-        Points that the calibrator got.
     residual_percent, axis_ratio, direction_error_deg : float or None
-    radius_ut : float or None
-        None where the unit of the points is not known.
-    change_percent : float or None
-        Step of the hard iron in the middle of the points, of the radius; None where there is none.
-    shape : Shape or None
-        None for an ellipsoid.
-    strong_iron_deg : float or None
-        Direction error of a shape where soft iron stretches the field by a fifth.
-    left_out_percent : float or None
-        Readings that a shape was not fitted to, being too far from it.
     """
 
     status: FitStatus
     condition: float | None = None
+    """`hiltest.calibration.conditioning.ellipsoid_condition` of the points."""
     n: int | None = None
+    """Points that the calibrator got."""
     residual_percent: float | None = None
     axis_ratio: float | None = None
     radius_ut: float | None = None
+    """None where the unit of the points is not known."""
     direction_error_deg: float | None = None
     change_percent: float | None = None
+    """Step of the hard iron in the middle of the points, of the radius; None where there is none."""
     shape: Shape | None = None
+    """None for an ellipsoid."""
     strong_iron_deg: float | None = None
+    """Direction error of a shape where soft iron stretches the field by a fifth."""
     left_out_percent: float | None = None
+    """Readings that a shape was not fitted to, being too far from it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """Reason why a calibration is not good.
-
-    Attributes
-    ----------
-    figure : str
-        Name of the figure that is out of bounds.
-    value : float or str
-        What it is; the status of a fit, and a shape, are words.
-    threshold : float or str
-        The bound it is on the wrong side of.
-    unit : str
-    verdict : Acceptance
-        What this reason alone makes of the calibration.
-    meaning : str
-        In a sentence.
-    """
+    """Reason why a calibration is not good."""
 
     figure: str
+    """Name of the figure that is out of bounds."""
     value: float | str
+    """What it is; the status of a fit, and a shape, are words."""
     threshold: float | str
+    """The bound it is on the wrong side of."""
     unit: str
     verdict: Acceptance
+    """What this reason alone makes of the calibration."""
     meaning: str
+    """In a sentence."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,12 +41,7 @@ _SEEN = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A deviation, and the interval in which the true one is in 68 % of all cases.
-
-    Attributes
-    ----------
-    value, low, high : float
-    """
+    """A deviation, and the interval in which the true one is in 68 % of all cases."""
 
     value: float
     low: float
@@ -59,28 +54,19 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class AllanReading:
-    """Noise figures from the curve of one axis. Rates are in the unit of the log.
-
-    Attributes
-    ----------
-    angle_random_walk : Estimate or None
-        N [unit/sqrt(Hz)]: in deg/s that is deg/sqrt(s), and 60 times as much in deg/sqrt(h).
-    bias_instability : Estimate or None
-        B [unit]; None where the log is too short for it to stand out of the noise: it is then at most
-        `bias_instability_at_most`.
-    rate_random_walk : Estimate or None
-        K [unit/sqrt(s)].
-    lowest : Estimate
-        Smallest deviation of the curve.
-    lowest_at_s : float
-        At which averaging time.
-    """
+    """Noise figures from the curve of one axis. Rates are in the unit of the log."""
 
     angle_random_walk: Estimate | None
+    """N [unit/sqrt(Hz)]: in deg/s that is deg/sqrt(s), and 60 times as much in deg/sqrt(h)."""
     bias_instability: Estimate | None
+    """B [unit]; None where the log is too short for it to stand out of the noise: it is then at most
+    `bias_instability_at_most`."""
     rate_random_walk: Estimate | None
+    """K [unit/sqrt(s)]."""
     lowest: Estimate
+    """Smallest deviation of the curve."""
     lowest_at_s: float
+    """At which averaging time."""
 
     @property
     def bias_instability_at_most(self) -> float:
@@ -96,28 +82,19 @@ class AllanReading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AllanCurve:
-    """Overlapping Allan deviation.
-
-    Attributes
-    ----------
-    tau_s : ndarray, shape (k,)
-        Averaging times.
-    deviation : ndarray, shape (k, axes)
-        In the unit of the log.
-    low, high : ndarray, shape (k, axes)
-        Interval in which the true deviation is in 68 % of all cases.
-    freedom : ndarray, shape (k, axes)
-        Equivalent degrees of freedom of the variance.
-    readings : tuple of AllanReading
-        One an axis.
-    """
+    """Overlapping Allan deviation."""
 
     tau_s: Reals
+    """Shape (k,). Averaging times."""
     deviation: Reals
+    """Shape (k, axes). In the unit of the log."""
     low: Reals
     high: Reals
+    """Shape (k, axes). Interval in which the true deviation is in 68 % of all cases."""
     freedom: Reals
+    """Shape (k, axes). Equivalent degrees of freedom of the variance."""
     readings: tuple[AllanReading, ...]
+    """One an axis."""
 
 
 def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
@@ -125,9 +102,9 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
 
     Parameters
     ----------
-    rates : array_like, shape (n, axes)
+    rates : shape (n, axes)
         At rest, at least 1000 samples.
-    rate_hz : float
+    rate_hz
         Sampling rate.
 
     Raises

@@ -99,20 +99,14 @@ ALL_AXES = tuple(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearMap:
-    """What a sensor makes of a known vector: ``reading = matrix @ known + offset``.
-
-    Attributes
-    ----------
-    matrix : ndarray, shape (3, 3)
-    offset : ndarray, shape (3,)
-        In the unit of the readings.
-    residual : float
-        rms of what it leaves, in parts of the readings' strength.
-    """
+    """What a sensor makes of a known vector: ``reading = matrix @ known + offset``."""
 
     matrix: Array
+    """Shape (3, 3)."""
     offset: Array
+    """Shape (3,). In the unit of the readings."""
     residual: float
+    """rms of what it leaves, in parts of the readings' strength."""
 
     @property
     def is_right(self) -> bool:
@@ -149,11 +143,11 @@ def linear_map(known: ArrayLike, readings: ArrayLike, *, offset: ArrayLike | Non
 
     Parameters
     ----------
-    known : array_like, shape (n, 3)
+    known : shape (n, 3)
         Field or gravity along the board's axes, in any unit.
-    readings : array_like, shape (n, 3)
+    readings : shape (n, 3)
         The sensor's, in any unit.
-    offset : array_like, shape (3,), optional
+    offset : shape (3,)
         Its reading in no field. Without it, it is estimated too, which takes tilted attitudes.
 
     Returns

@@ -31,21 +31,14 @@ _GATE, _TRIM, _PASSES = 3.0, 5.0 * SIGMA, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """A step of the hard iron.
-
-    Attributes
-    ----------
-    row : int
-        First reading after it.
-    step : ndarray, shape (3,)
-        What it adds to the hard iron, in the unit of the readings.
-    percent : float
-        Its length, of the radius.
-    """
+    """A step of the hard iron."""
 
     row: int
+    """First reading after it."""
     step: Array
+    """Shape (3,). What it adds to the hard iron, in the unit of the readings."""
     percent: float
+    """Its length, of the radius."""
 
 
 def find_change(points: ArrayLike) -> Change | None:
@@ -53,7 +46,7 @@ def find_change(points: ArrayLike) -> Change | None:
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : shape (n, 3)
         Readings in the order in which they were taken; fewer than 160 show no step.
 
     Notes

@@ -34,21 +34,14 @@ FURTHEST_CENTRE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Clouds:
-    """Points of instances along leading axes, centred and scaled; of a plane with 2 axes, of space with 3.
-
-    Attributes
-    ----------
-    points : ndarray, shape (..., n, axes)
-        [1].
-    mean : ndarray, shape (..., axes)
-        [counts].
-    scale : ndarray, shape (...)
-        rms distance from the mean [counts]; 1 where it is 0.
-    """
+    """Points of instances along leading axes, centred and scaled; of a plane with 2 axes, of space with 3."""
 
     points: Array
+    """Shape (..., n, axes) [1]."""
     mean: Array
+    """Shape (..., axes) [counts]."""
     scale: Array
+    """Shape (...). rms distance from the mean [counts]; 1 where it is 0."""
 
     @classmethod
     def of(cls, points_counts: ArrayLike) -> Clouds:
@@ -133,7 +126,7 @@ class Reference:
 
         Parameters
         ----------
-        points_counts : array_like, shape (n, 3)
+        points_counts : shape (n, 3)
             Raw points [counts], body frame.
 
         Returns

@@ -32,20 +32,14 @@ LARGEST_CONDITION = 300.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentredPoints:
-    """Points relative to their mean, divided by the rms of their distance from it.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n, 3), or (n, 2) in a plane
-        [1].
-    mean : ndarray, shape (3,) or (2,)
-    scale : float
-        In the unit of what was given, as mean.
-    """
+    """Points relative to their mean, divided by the rms of their distance from it."""
 
     points: Array
+    """Shape (n, 3), or (n, 2) in a plane. [1]."""
     mean: Array
+    """Shape (3,) or (2,)."""
     scale: float
+    """In the unit of what was given, as mean."""
 
     @classmethod
     def of(cls, points: ArrayLike) -> Self | None:
@@ -91,7 +85,7 @@ def ellipsoid_condition(points: ArrayLike) -> float:
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : shape (n, 3)
         In any unit.
 
     Returns

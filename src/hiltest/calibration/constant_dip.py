@@ -20,20 +20,14 @@ _STEPS, _LONGEST_STEP = 30, 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConstantDip:
-    """Rotation that takes directions of the field to the accelerometer's axes.
-
-    Attributes
-    ----------
-    rotation : ndarray, shape (3, 3)
-    spread : float
-        Standard deviation of the dot product of turned field and gravity, both of length 1.
-    spread_unturned : float
-        The same without a rotation.
-    """
+    """Rotation that takes directions of the field to the accelerometer's axes."""
 
     rotation: Array
+    """Shape (3, 3)."""
     spread: float
+    """Standard deviation of the dot product of turned field and gravity, both of length 1."""
     spread_unturned: float
+    """The same without a rotation."""
 
     @property
     def angle_deg(self) -> float:
@@ -48,7 +42,7 @@ def fit_constant_dip(field: ArrayLike, gravity: ArrayLike) -> ConstantDip:
 
     Parameters
     ----------
-    field, gravity : array_like, shape (n, 3)
+    field, gravity : shape (n, 3)
         Corrected readings of length 1 at the same instants, each in the axes of its own sensor; attitudes all round.
 
     Notes

@@ -71,7 +71,7 @@ def fit_corrected(points_counts: ArrayLike) -> MagnetometerFit:
 
     Parameters
     ----------
-    points_counts : array_like, shape (n, 3)
+    points_counts : shape (n, 3)
         Raw points [counts], body frame, with noise of one variance on all axes.
 
     Returns
@@ -115,9 +115,8 @@ def calibration_from_sums(sums: Array, *, unbiased: bool) -> tuple[Array, Array]
 
     Parameters
     ----------
-    sums : ndarray, shape (5, 5, 5)
+    sums : shape (5, 5, 5)
         `power_sums` of points about their middle, of size 1. Those of parts of a log add up to those of the whole.
-    unbiased : bool
 
     Returns
     -------

@@ -39,9 +39,9 @@ def noise_exponents(theta: Reals, sizes: Sequence[int]) -> list[int]:
 
     Parameters
     ----------
-    theta : ndarray, shape (n + 1,)
+    theta : shape (n + 1,)
         Integral of the rate, one a sample.
-    sizes : sequence of int
+    sizes
         Increasing.
 
     Notes
@@ -94,7 +94,7 @@ def interval(deviation: ArrayLike, freedom: ArrayLike) -> tuple[Reals, Reals]:
     """Return the ends of the interval in which the true deviation is in `CONFIDENCE` of all cases."""
     half = np.asarray(freedom, dtype=np.float64) / 2.0
     tails = 0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE
-    high, low = (np.asarray(deviation * np.sqrt(half / gammaincinv(half, each))) for each in tails)
+    high, low = (np.asarray(deviation * np.sqrt(half / gammaincinv(half, tail))) for tail in tails)
     return low, high
 
 

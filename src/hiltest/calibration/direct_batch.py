@@ -23,24 +23,16 @@ _AT_ONCE = 128  # instances whose rows and normal equations lie in the processor
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuadricBatch:
-    """Least-squares quadrics of unit trace, ``(p - centre)' shape (p - centre) = level``, whatever they are.
-
-    Attributes
-    ----------
-    shape : ndarray, shape (..., 3, 3)
-        Symmetric [1].
-    centre : ndarray, shape (..., 3)
-        [counts]; not finite where `shape` is singular.
-    level : ndarray, shape (...)
-        [counts^2].
-    coverage : ndarray, shape (...)
-        As of `MagnetometerFit`.
-    """
+    """Least-squares quadrics of unit trace, ``(p - centre)' shape (p - centre) = level``, whatever they are."""
 
     shape: Array
+    """Shape (..., 3, 3). Symmetric [1]."""
     centre: Array
+    """Shape (..., 3) [counts]; not finite where `shape` is singular."""
     level: Array
+    """Shape (...) [counts^2]."""
     coverage: Array
+    """Shape (...). As of `MagnetometerFit`."""
 
     @property
     def is_ellipsoid(self) -> NDArray[np.bool_]:
@@ -57,7 +49,7 @@ def fit_direct_batch(points_counts: ArrayLike) -> BatchFit:
 
     Parameters
     ----------
-    points_counts : array_like, shape (..., n, 3)
+    points_counts : shape (..., n, 3)
         Raw points [counts], body frame.
 
     Returns
@@ -91,7 +83,7 @@ def fit_quadrics(points_counts: ArrayLike) -> QuadricBatch:
 
     Parameters
     ----------
-    points_counts : array_like, shape (..., n, 3)
+    points_counts : shape (..., n, 3)
         At least 9 points [counts] an instance.
 
     Notes
@@ -137,7 +129,7 @@ def _solved(products: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    products : ndarray, shape (m, 10, 10)
+    products : shape (m, 10, 10)
         ``[[M, w], [w', .]]``.
 
     Returns

@@ -28,18 +28,12 @@ _NO_DIRECTION_DEG = 90.0
 
 @dataclass(frozen=True, slots=True)
 class DirectionError:
-    """Predicted error of calibrated directions, rms over the sphere.
-
-    Attributes
-    ----------
-    spread_deg : float
-        Standard deviation: what another log of the same length would change.
-    bias_deg : float
-        What every draw does alike, because noise in the points is noise in the equations too. Does not fall with n.
-    """
+    """Predicted error of calibrated directions, rms over the sphere."""
 
     spread_deg: float
+    """Standard deviation: what another log of the same length would change."""
     bias_deg: float
+    """What every draw does alike, because noise in the points is noise in the equations too. Does not fall with n."""
 
     @property
     def rms_deg(self) -> float:
@@ -54,10 +48,9 @@ def predicted_direction_error(
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : shape (n, 3)
         Points that the calibration was fitted to, in its unit, in the order in which they were read.
-    fit : MagnetometerFit
-    unbiased : bool
+    unbiased
         The calibrator has taken the bias of noise out already, as `corrected` does with its steps.
 
     Returns

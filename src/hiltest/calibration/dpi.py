@@ -30,29 +30,20 @@ _LAST_PIVOT_LIMIT = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DpiFit:
-    """Calibration of a magnetometer against gravity.
-
-    Attributes
-    ----------
-    calibration : MagnetometerFit
-        Its status is ELLIPSOID when there is a calibration; soft_iron is no symmetric matrix, and takes the field's
-        direction to that of the accelerometer's axes. Coverage: see `COVERAGE_LIMIT`.
-    n_used : int
-        Rows of the least squares: all that were given.
-    dip_deg : float
-        Inclination of the field, as the data have it, positive where it points down; NaN without a calibration.
-    strength_counts : float
-        ``det(soft_iron)^(-1/3)``, with the scale that gives norm 1: the field's strength as the sensor shows it, if
-        its soft iron has determinant 1; NaN without a calibration.
-    standard_error : float
-        Standard error of the dot product of one row, in parts of the field's strength; NaN when there is none.
-    """
+    """Calibration of a magnetometer against gravity."""
 
     calibration: MagnetometerFit
+    """Its status is ELLIPSOID when there is a calibration; soft_iron is no symmetric matrix, and takes the field's
+    direction to that of the accelerometer's axes. Coverage: see `COVERAGE_LIMIT`."""
     n_used: int
+    """Rows of the least squares: all that were given."""
     dip_deg: float = math.nan
+    """Inclination of the field, as the data have it, positive where it points down; NaN without a calibration."""
     strength_counts: float = math.nan
+    """``det(soft_iron)^(-1/3)``, with the scale that gives norm 1: the field's strength as the sensor shows it, if
+    its soft iron has determinant 1; NaN without a calibration."""
     standard_error: float = math.nan
+    """Standard error of the dot product of one row, in parts of the field's strength; NaN when there is none."""
 
     @property
     def status(self) -> FitStatus:
@@ -67,13 +58,13 @@ def fit_dpi(
 
     Parameters
     ----------
-    magnetometer_counts : array_like, shape (n, 3)
+    magnetometer_counts : shape (n, 3)
         Readings, or means at still poses [counts], body frame.
-    gravity_g : array_like, shape (n, 3)
+    gravity_g : shape (n, 3)
         Gravity of a calibrated accelerometer at the same instants [g], body frame, positive down.
-    readings : int
+    readings
         Readings in the mean of each row. At least 300 rows of fewer than 16 readings are needed, or 38 of 16 and more.
-    dip_deg : float, optional
+    dip_deg
         Inclination of the field [deg], positive where it points down. Without it, it is estimated.
 
     Returns

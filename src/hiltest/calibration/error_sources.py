@@ -31,32 +31,22 @@ class Source(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSource:
-    """One source, as large as it explains the vectors best.
-
-    Attributes
-    ----------
-    source : Source
-    size : ndarray, shape (3,)
-        Offset, in parts of the known vectors' length; scale of each axis less 1; rotation about each axis [deg]; the
-        elements yz, zx and xy of the soft iron; a constant turn about the vertical in the last [deg].
-    gain, shift : ndarray, shape (3, 3) and (3,)
-        ``vector @ gain.T - shift`` is a calibrated vector without it and without a common factor; a constant turn,
-        which is another at each attitude, has no such gain.
-    undone : ndarray, shape (n, 3)
-        The vectors without it.
-    mean_square : float
-        Of what it leaves of the vectors' error.
-    criterion : float
-        Bayesian information criterion, which counts the parameters: the smallest is the best explanation.
-    """
+    """One source, as large as it explains the vectors best."""
 
     source: Source
     size: Array
+    """Shape (3,). Offset, in parts of the known vectors' length; scale of each axis less 1; rotation about each
+    axis [deg]; the elements yz, zx and xy of the soft iron; a constant turn about the vertical in the last [deg]."""
     gain: Array
     shift: Array
+    """Shape (3, 3) and (3,). ``vector @ gain.T - shift`` is a calibrated vector without it and without a common
+    factor; a constant turn, which is another at each attitude, has no such gain."""
     undone: Array
+    """Shape (n, 3). The vectors without it."""
     mean_square: float
+    """Of what it leaves of the vectors' error."""
     criterion: float
+    """Bayesian information criterion, which counts the parameters: the smallest is the best explanation."""
 
 
 def error_sources(known: ArrayLike, calibrated: ArrayLike, *, down: ArrayLike | None = None) -> list[ErrorSource]:
@@ -64,9 +54,9 @@ def error_sources(known: ArrayLike, calibrated: ArrayLike, *, down: ArrayLike | 
 
     Parameters
     ----------
-    known, calibrated : array_like, shape (n, 3)
+    known, calibrated : shape (n, 3)
         Vectors along the board's axes, n >= 3. A common factor of the calibrated ones does not count: it turns none.
-    down : array_like, shape (n, 3), optional
+    down : shape (n, 3)
         Known direction of gravity; with it a constant turn about it is one of the sources.
     """
     wanted = np.asarray(known, dtype=np.float64)
@@ -79,7 +69,7 @@ def error_sources(known: ArrayLike, calibrated: ArrayLike, *, down: ArrayLike | 
     sources = [_offset(wanted, given), scale if is_scale else soft_iron, _rotation(wanted, given)]
     if down is not None:
         sources.append(_constant_turn(wanted, given, np.asarray(down, dtype=np.float64)))
-    return sorted(sources, key=lambda each: each.criterion)
+    return sorted(sources, key=lambda source: source.criterion)
 
 
 def _offset(wanted: Array, given: Array) -> ErrorSource:
@@ -101,7 +91,7 @@ def _soft_iron(wanted: Array, given: Array) -> ErrorSource:
     x, y, z = wanted.T
     none = np.zeros_like(x)
     columns = [(x, none, none), (none, y, none), (none, none, z), (none, z, y), (z, none, x), (y, x, none)]
-    design = np.stack([np.column_stack(each).ravel() for each in columns], axis=1)
+    design = np.stack([np.column_stack(column).ravel() for column in columns], axis=1)
     xx, yy, zz, yz, zx, xy = _solve(design, given)
     size: Array = 3.0 * np.array([yz, zx, xy]) / ((xx + yy + zz) or 1.0)
     matrix = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])

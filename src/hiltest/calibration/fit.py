@@ -38,29 +38,20 @@ _WITHOUT_A_FIT = frozenset(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MagnetometerFit:
-    """A magnetometer calibration and how it came about.
-
-    Attributes
-    ----------
-    status : FitStatus
-    is_sphere : bool
-        This is a sphere fit: the ellipsoid was refused, or a stream calibrator has not come to it yet.
-    iterations : int
-        Sweeps of the firmware's solver; 0 for a closed form and for a float64 reference.
-    soft_iron : ndarray, shape (3, 3)
-        [1/count]; ``soft_iron @ (counts - hard_iron)`` has norm 1 for a good point. Symmetric from a fit of norms.
-    hard_iron : ndarray, shape (3,)
-        [counts], body frame.
-    coverage : float
-        Largest ``M_ii / d_i`` of the normal equations' pivots [1], 0 when the calibrator has none.
-    """
+    """A magnetometer calibration and how it came about."""
 
     status: FitStatus
     is_sphere: bool
+    """This is a sphere fit: the ellipsoid was refused, or a stream calibrator has not come to it yet."""
     iterations: int
+    """Sweeps of the firmware's solver; 0 for a closed form and for a float64 reference."""
     soft_iron: Array
+    """Shape (3, 3) [1/count]; ``soft_iron @ (counts - hard_iron)`` has norm 1 for a good point. Symmetric from a
+    fit of norms."""
     hard_iron: Array
+    """Shape (3,) [counts], body frame."""
     coverage: float = 0.0
+    """Largest ``M_ii / d_i`` of the normal equations' pivots [1], 0 when the calibrator has none."""
 
     @property
     def has_fit(self) -> bool:
@@ -138,7 +129,7 @@ def largest_pivot_ratio(normal: Array) -> float:
 
     Parameters
     ----------
-    normal : ndarray, shape (n, n)
+    normal : shape (n, n)
         Symmetric, positive semidefinite; its order of rows matters.
 
     Returns

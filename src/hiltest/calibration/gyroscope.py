@@ -41,18 +41,12 @@ class TurnsStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroscopeFit:
-    """Gyroscope calibration: ``rate_dps = matrix @ (counts - bias)``, body frame.
-
-    Attributes
-    ----------
-    matrix : ndarray, shape (3, 3)
-        [deg/s/count]
-    bias : ndarray, shape (3,)
-        [counts]
-    """
+    """Gyroscope calibration: ``rate_dps = matrix @ (counts - bias)``, body frame."""
 
     matrix: Reals
+    """Shape (3, 3) [deg/s/count]"""
     bias: Reals
+    """Shape (3,) [counts]"""
 
     def rate_dps(self, counts: Reals) -> Reals:
         """Return the rates of readings, shape (3,) or (n, 3) [deg/s]."""
@@ -66,31 +60,21 @@ class GyroscopeFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroscopeTurn:
-    """One turn: what the table did, and what the gyroscope gave from before it until after it.
-
-    Attributes
-    ----------
-    turned_deg : ndarray, shape (3,)
-        About the body axes: all of it about one axis, which did not move.
-    total : ndarray, shape (3,)
-        Sum of all samples [counts]; of integers exact.
-    n : int
-        Samples.
-    duration_s : float
-        From the first sample to the last, by the board's clock.
-    bias_before, bias_after : ndarray, shape (3,)
-        Means of the rests around the turn [counts].
-    share : float
-        Where between the middles of the two rests the middle of the turn lies, 0 to 1.
-    """
+    """One turn: what the table did, and what the gyroscope gave from before it until after it."""
 
     turned_deg: Reals
+    """Shape (3,). About the body axes: all of it about one axis, which did not move."""
     total: NDArray[np.int64] | Reals
+    """Shape (3,). Sum of all samples [counts]; of integers exact."""
     n: int
+    """Samples."""
     duration_s: float
+    """From the first sample to the last, by the board's clock."""
     bias_before: Reals
     bias_after: Reals
+    """Shape (3,). Means of the rests around the turn [counts]."""
     share: float = 0.5
+    """Where between the middles of the two rests the middle of the turn lies, 0 to 1."""
 
     @property
     def bias(self) -> Reals:
@@ -116,23 +100,15 @@ class GyroscopeTurn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnsFit:
-    """Result of a fit of turns.
-
-    Attributes
-    ----------
-    status : TurnsStatus
-    at_fault : int or None
-        Index of the turn that is too small.
-    matrix : ndarray, shape (3, 3)
-        [deg/s/count]; zero unless the status is OK.
-    residual_deg : float
-        rms of ``matrix @ integral - turned_deg`` over all turns; three turns are met exactly.
-    """
+    """Result of a fit of turns."""
 
     status: TurnsStatus
     at_fault: int | None
+    """Index of the turn that is too small."""
     matrix: Reals
+    """Shape (3, 3) [deg/s/count]; zero unless the status is OK."""
     residual_deg: float
+    """rms of ``matrix @ integral - turned_deg`` over all turns; three turns are met exactly."""
 
 
 def fit_turns(turns: Sequence[GyroscopeTurn]) -> TurnsFit:
@@ -140,7 +116,7 @@ def fit_turns(turns: Sequence[GyroscopeTurn]) -> TurnsFit:
 
     Parameters
     ----------
-    turns : sequence of GyroscopeTurn
+    turns
         At least three, about axes that span; each at least a quarter turn.
 
     Returns

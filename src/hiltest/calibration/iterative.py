@@ -27,7 +27,7 @@ def fit_iterative(points_counts: ArrayLike) -> MagnetometerFit:
 
     Parameters
     ----------
-    points_counts : array_like, shape (n, 3)
+    points_counts : shape (n, 3)
         Raw points [counts], body frame; at least 9.
 
     Returns

@@ -21,21 +21,14 @@ _FEWEST_BINS = 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseDensity:
-    """One-sided noise density in a band.
-
-    Attributes
-    ----------
-    per_axis : ndarray, shape (k,)
-        In the unit of the samples over sqrt(Hz).
-    together : float
-        Root of the mean of the axes' spectra: three axes are known better than one.
-    relative_uncertainty : float
-        Standard uncertainty of `together`, of its value.
-    """
+    """One-sided noise density in a band."""
 
     per_axis: Reals
+    """Shape (k,). In the unit of the samples over sqrt(Hz)."""
     together: float
+    """Root of the mean of the axes' spectra: three axes are known better than one."""
     relative_uncertainty: float
+    """Standard uncertainty of `together`, of its value."""
 
 
 def noise_density(samples: ArrayLike, *, rate_hz: float) -> NoiseDensity:
@@ -43,9 +36,9 @@ def noise_density(samples: ArrayLike, *, rate_hz: float) -> NoiseDensity:
 
     Parameters
     ----------
-    samples : array_like, shape (n, k)
+    samples : shape (n, k)
         One column an axis.
-    rate_hz : float
+    rate_hz
         At which they were taken.
 
     Raises

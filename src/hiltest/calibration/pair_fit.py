@@ -25,18 +25,13 @@ _LEAST_SCATTER = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairFit:
-    """Calibrations of a magnetometer and an accelerometer on one board.
-
-    Attributes
-    ----------
-    magnetometer : MagnetometerFit
-        Unless it is from norms alone, soft_iron is no symmetric matrix: it takes readings to the accelerometer's axes.
-    accelerometer : AccelerometerFit
-        In the unit of its readings; its gain is symmetric. What it calls gravity has the sign of the readings.
-    """
+    """Calibrations of a magnetometer and an accelerometer on one board."""
 
     magnetometer: MagnetometerFit
+    """Unless it is from norms alone, soft_iron is no symmetric matrix: it takes readings to the accelerometer's
+    axes."""
     accelerometer: AccelerometerFit
+    """In the unit of its readings; its gain is symmetric. What it calls gravity has the sign of the readings."""
 
     @property
     def is_ellipsoid(self) -> bool:
@@ -64,7 +59,7 @@ def fit_norms(points: ArrayLike, acceleration: ArrayLike) -> PairFit:
 
     Parameters
     ----------
-    points, acceleration : array_like, shape (n, 3)
+    points, acceleration : shape (n, 3)
         Readings of magnetometer and accelerometer at the same instants, in any units, each in its sensor's axes.
 
     Returns
@@ -151,9 +146,9 @@ def held_out_dip_deg(method: PairMethod, points: ArrayLike, acceleration: ArrayL
 
     Parameters
     ----------
-    method : callable
+    method
         As in `PAIR_METHODS`.
-    points, acceleration : array_like, shape (n, 3)
+    points, acceleration : shape (n, 3)
         Pairs in the order in which they were read.
 
     Returns

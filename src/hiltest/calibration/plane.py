@@ -18,21 +18,14 @@ RING = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane through readings.
-
-    Attributes
-    ----------
-    middle : ndarray, shape (3,)
-        Mean of the readings, in their unit.
-    axes : ndarray, shape (3, 3)
-        A rotation; rows are unit vectors in the sensor's axes: two in the plane, then its normal.
-    thickness : float
-        rms distance of the readings from it, in their unit.
-    """
+    """A plane through readings."""
 
     middle: Array
+    """Shape (3,). Mean of the readings, in their unit."""
     axes: Array
+    """Shape (3, 3). A rotation; rows are unit vectors in the sensor's axes: two in the plane, then its normal."""
     thickness: float
+    """rms distance of the readings from it, in their unit."""
 
     @classmethod
     def of(cls, points: Array) -> Plane:

@@ -11,21 +11,14 @@ from hiltest.calibration.fit import SMALLEST_DETERMINANT, Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quadric:
-    """All p with ``p' shape p + linear . p + constant = 0``, the trace of shape being 1.
-
-    Attributes
-    ----------
-    shape : ndarray, shape (3, 3)
-        Symmetric [1].
-    linear : ndarray, shape (3,)
-        [counts].
-    constant : float
-        [counts^2].
-    """
+    """All p with ``p' shape p + linear . p + constant = 0``, the trace of shape being 1."""
 
     shape: Array
+    """Shape (3, 3). Symmetric [1]."""
     linear: Array
+    """Shape (3,) [counts]."""
     constant: float
+    """[counts^2]."""
 
 
 def quadric_from_coefficients(coefficients: Array, *, unit: float) -> Quadric | None:
@@ -33,9 +26,9 @@ def quadric_from_coefficients(coefficients: Array, *, unit: float) -> Quadric | 
 
     Parameters
     ----------
-    coefficients : ndarray, shape (10,)
+    coefficients : shape (10,)
         Coefficients of x^2, y^2, z^2, xy, xz, yz, x, y, z, 1, in any common scale.
-    unit : float
+    unit
         What the coordinates were divided by [counts].
 
     Returns

@@ -17,9 +17,8 @@ def residual_percent(points_counts: ArrayLike, fit: MagnetometerFit) -> float:
 
     Parameters
     ----------
-    points_counts : array_like, shape (n, 3)
+    points_counts : shape (n, 3)
         Raw points [counts], body frame, n >= 1.
-    fit : MagnetometerFit
 
     Notes
     -----
@@ -40,8 +39,7 @@ def rotation_left_deg(fit: MagnetometerFit, distortion: ArrayLike) -> float:
 
     Parameters
     ----------
-    fit : MagnetometerFit
-    distortion : array_like, shape (3, 3)
+    distortion : shape (3, 3)
         True soft iron: takes the field to the field at the part [1]; det > 0.
 
     Notes
@@ -61,8 +59,7 @@ def offset_error_ut(fit: MagnetometerFit, hard_iron_ut: ArrayLike) -> float:
 
     Parameters
     ----------
-    fit : MagnetometerFit
-    hard_iron_ut : array_like, shape (3,)
+    hard_iron_ut : shape (3,)
         True hard iron in the body frame [uT].
     """
     return float(np.linalg.norm(fit.hard_iron / COUNTS_PER_UT - np.asarray(hard_iron_ut, dtype=np.float64)))
@@ -82,7 +79,7 @@ def direction_difference_rms_deg(first: MagnetometerFit, second: MagnetometerFit
 
     Parameters
     ----------
-    first, second : MagnetometerFit
+    first, second
         Calibrations of one sensor; `second` must be invertible.
 
     Notes
@@ -99,10 +96,9 @@ def direction_error_rms_deg(fit: MagnetometerFit, counts: ArrayLike, directions:
 
     Parameters
     ----------
-    fit : MagnetometerFit
-    counts : array_like, shape (n, 3)
+    counts : shape (n, 3)
         Raw readings [counts].
-    directions : array_like, shape (n, 3)
+    directions : shape (n, 3)
         True field directions of the readings, unit vectors in the body frame.
     """
     got = fit.corrected(counts)

@@ -22,29 +22,19 @@ _QUARTILE, _OF_DEVIATION = 25.0, 0.3186
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """How a log moved first.
-
-    Attributes
-    ----------
-    start : int
-        First sample of the window in which it shows.
-    axis : int
-    change : float
-        From the mean of the window before, in the unit of the log.
-    samples : int
-        Length of the windows.
-    times : float
-        Of the deviation of such a change in noise.
-    rest : tuple of int
-        Longest part without a motion: its first sample, and the first one behind it.
-    """
+    """How a log moved first."""
 
     start: int
+    """First sample of the window in which it shows."""
     axis: int
     change: float
+    """From the mean of the window before, in the unit of the log."""
     samples: int
+    """Length of the windows."""
     times: float
+    """Of the deviation of such a change in noise."""
     rest: tuple[int, int]
+    """Longest part without a motion: its first sample, and the first one behind it."""
 
 
 def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
@@ -52,8 +42,7 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
 
     Parameters
     ----------
-    rates : ndarray, shape (n, axes)
-    rate_hz : float
+    rates : shape (n, axes)
 
     Notes
     -----
@@ -67,7 +56,7 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
     if not starts:
         return None
     # Of two windows that show the same motion, the shorter one tells its beginning.
-    before, size = min(starts, key=lambda each: (each[0] + 2) * each[1])
+    before, size = min(starts, key=lambda start: (start[0] + 2) * start[1])
     changes, times = moved[size]
     axis = int(np.argmax(times[before]))
     return Motion((before + 1) * size, axis, float(changes[before, axis]), size, float(times[before, axis]),

@@ -57,7 +57,7 @@ def outliers(points: ArrayLike) -> Mask:
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : shape (n, 3)
         Readings in the order in which they were taken, in any unit.
 
     Returns

@@ -15,23 +15,16 @@ _CLEARLY_LESS = 0.5
 
 @dataclass(frozen=True, slots=True)
 class SensorAxes:
-    """Axes of both sensors; None where the attitudes do not show them.
-
-    Attributes
-    ----------
-    dip_may_be_opposite : bool
-        The same readings are those of right axes in a field of the opposite dip.
-    dip_is_opposite : bool
-        They are, and they are not those of any axes in the declared one.
-    is_level : bool
-        All attitudes are level: a turn of the part about z is then the same as one of the board.
-    """
+    """Axes of both sensors; None where the attitudes do not show them."""
 
     magnetometer: Axes | None
     accelerometer: Axes | None
     dip_may_be_opposite: bool = False
+    """The same readings are those of right axes in a field of the opposite dip."""
     dip_is_opposite: bool = False
+    """They are, and they are not those of any axes in the declared one."""
     is_level: bool = False
+    """All attitudes are level: a turn of the part about z is then the same as one of the board."""
 
     @property
     def explain_headings(self) -> bool:
@@ -67,11 +60,11 @@ def sensor_axes(
 
     Parameters
     ----------
-    field, gravity : ndarray, shape (n, 3)
+    field, gravity : shape (n, 3)
         Known vectors along the board's axes at each attitude, gravity of length 1.
-    magnetometer, accelerometer : ndarray, shape (n, 3)
+    magnetometer, accelerometer : shape (n, 3)
         Readings [counts].
-    hard_iron : ndarray, shape (3,), optional
+    hard_iron : shape (3,)
         Of a calibration. It counts where the attitudes are all level: these do not show it.
 
     Notes

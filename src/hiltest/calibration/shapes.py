@@ -44,27 +44,19 @@ class Shape(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeFit:
-    """Result of a shape.
-
-    Attributes
-    ----------
-    fit : MagnetometerFit
-        Status ELLIPSOID; TOO_FEW_POINTS, SINGULAR or NOT_CONVERGED without a fit. In a plane the centre is in it, and
-        along its normal nothing is corrected.
-    plane : Plane or None
-        Of a shape in a plane.
-    arc_deg : float or None
-        What the turn in a plane shows of the circle: all but the largest gap.
-    error, error_strong_iron : DirectionError or None
-        Of directions all over the sphere, or over the circle, where soft iron beyond what the readings show has a
-        standard deviation of 3 %, as boards have, or of 10 %.
-    """
+    """Result of a shape."""
 
     fit: MagnetometerFit
+    """Status ELLIPSOID; TOO_FEW_POINTS, SINGULAR or NOT_CONVERGED without a fit. In a plane the centre is in it,
+    and along its normal nothing is corrected."""
     plane: Plane | None = None
+    """Of a shape in a plane."""
     arc_deg: float | None = None
+    """What the turn in a plane shows of the circle: all but the largest gap."""
     error: DirectionError | None = None
     error_strong_iron: DirectionError | None = None
+    """Of directions all over the sphere, or over the circle, where soft iron beyond what the readings show has a
+    standard deviation of 3 %, as boards have, or of 10 %."""
 
 
 # Standard deviation of the shape's terms. With 3 % of soft iron a ridge of 1 % is off by 1.1 deg on 40 % of a sphere
@@ -89,10 +81,9 @@ def fit_shape(points: ArrayLike, shape: Shape, *, field: float | None = None) ->
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : shape (n, 3)
         In the order in which they were read.
-    shape : Shape
-    field : float, optional
+    field
         Strength of the field where it is known, in the unit of the points; of the part in the plane for a turn in it.
     """
     given = points_array(points)
@@ -126,7 +117,7 @@ def allowed_shape(points: ArrayLike) -> Shape:
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : shape (n, 3)
 
     Notes
     -----

@@ -29,18 +29,12 @@ _NAMED_FROM = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """A cap of the sphere without a point.
-
-    Attributes
-    ----------
-    direction : tuple of float
-        Of its middle, a unit vector in the sensor's axes.
-    radius_deg : float
-        Angle from there to the nearest point.
-    """
+    """A cap of the sphere without a point."""
 
     direction: tuple[float, float, float]
+    """Of its middle, a unit vector in the sensor's axes."""
     radius_deg: float
+    """Angle from there to the nearest point."""
 
     @property
     def axes(self) -> str:
@@ -68,7 +62,7 @@ def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    corrected : array_like, shape (n, 3)
+    corrected : shape (n, 3)
         Calibrated points, seen from the origin; length does not matter.
 
     Notes

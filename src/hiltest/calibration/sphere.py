@@ -20,11 +20,11 @@ def fit_sphere(
 
     Parameters
     ----------
-    points_counts : array_like, shape (n, 3)
+    points_counts : shape (n, 3)
         Raw points [counts], body frame.
-    status : FitStatus
+    status
         Why there is no ellipsoid; it becomes the status of the result.
-    coverage : float
+    coverage
         Stored in the result.
 
     Returns

@@ -70,10 +70,6 @@ class StillPose:
         Means.
     magnetometer_spread, accelerometer_spread : ndarray, shape (3,), or None
         None for a single sample.
-    readings : int
-        Readings of each sensor.
-    face : Face
-        What the pose was meant to be.
     """
 
     magnetometer: Reals
@@ -81,4 +77,6 @@ class StillPose:
     accelerometer: Reals
     accelerometer_spread: Reals | None
     readings: int
+    """Readings of each sensor."""
     face: Face = Face.NONE
+    """What the pose was meant to be."""

@@ -86,7 +86,7 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     after = accept(before, runs, names, because=because, when_utc=utc_now())
     moved = after.history[len(before.history):]
     if not moved:
-        named = " ".join(f"--accept {each}" for each in names)
+        named = " ".join(f"--accept {name}" for name in names)
         raise ConfigError(
             f"nothing is moved: for {named} {file} already has what {runs.name} has; name the run with other numbers"
         )

@@ -92,9 +92,9 @@ def _print(found: FirstWorse, measures: tuple[str, ...]) -> None:
     else:
         say(console, f"one of these {len(found.candidates)} is the first commit that is worse; the others could not be "
                      "judged:")  # fmt: skip
-        for each in found.candidates:
-            say(console, f"  {each.name}")
-    since = {each.name: each for each in found.against_before.differences}
+        for candidate in found.candidates:
+            say(console, f"  {candidate.name}")
+    since = {difference.name: difference for difference in found.against_before.differences}
     say(console, f"since {found.before.name}:")
     for worse in worse_in(found.against_good, measures):
         say(console, f"  {entry(since.get(worse.name, worse))}")

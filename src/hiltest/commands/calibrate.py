@@ -127,7 +127,7 @@ class _TerminalGuide:
         click.echo(f"{step} of {of}: {what}")
 
     def found(self, part: str, method: str, figures: tuple[FigureOfMerit, ...]) -> None:
-        listed = ", ".join(f"{each.name} {readable(each.value)} {each.unit}".rstrip() for each in figures)
+        listed = ", ".join(f"{figure.name} {readable(figure.value)} {figure.unit}".rstrip() for figure in figures)
         click.echo(f"   {part} by {method}: {listed}")
 
     def again(self, why: str) -> bool:

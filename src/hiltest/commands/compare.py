@@ -54,12 +54,12 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None
         from hiltest.report.console import standard_output
         from hiltest.report.detection_text import print_detection
 
-        for each in comparisons:
-            print_comparison(standard_output(), each)
-            say_how_to_keep(standard_output(), each, each.new.file)
+        for comparison in comparisons:
+            print_comparison(standard_output(), comparison)
+            say_how_to_keep(standard_output(), comparison, comparison.new.file)
         if planned is not None:
             print_detection(standard_output(), planned)
-    codes = {comparison_code(each) for each in comparisons}
+    codes = {comparison_code(comparison) for comparison in comparisons}
     # They stand in the order in which they win; where nothing is compared, nothing is wrong.
     return next((code for code in ExitCode if code in codes), 0)
 

@@ -65,11 +65,11 @@ def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int)
     return 0 if summary.kinds else 1, {
         "source": source, "packets": sum(summary.counts.values()), "lost_bytes": summary.lost_bytes,
         "missing": summary.missing, "resets": summary.clock.resets,
-        "releases": [str(each) for each in summary.releases()],
+        "releases": [str(release) for release in summary.releases()],
         "firmware": summary.firmware, "elapsed_s": summary.clock.elapsed_us / 1e6,
         "kinds": [
-            {"type": each.type, "title": each.title, "packets": summary.counts[each],
-             "per_second": summary.rate_hz(each)} for each in summary.kinds
+            {"type": kind.type, "title": kind.title, "packets": summary.counts[kind],
+             "per_second": summary.rate_hz(kind)} for kind in summary.kinds
         ],
     }  # fmt: skip
 

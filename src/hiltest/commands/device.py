@@ -178,9 +178,9 @@ def _listen(opened: _Opened, trial: Trial, interfaces: list[StreamInterface], se
     now = opened.now
     begin_s = now()
     end_s = begin_s + (math.inf if seconds is None else seconds)
-    for each in interfaces:
+    for interface in interfaces:
         if opened.port is not None:
-            opened.port.write(each.commands(Moment.START))
+            opened.port.write(interface.commands(Moment.START))
     look_s = begin_s + min(_LOOK_EVERY_S, (end_s - begin_s) / 2.0)  # what start-up code has not set yet says nothing
     try:
         with asked_to_end() as ending:

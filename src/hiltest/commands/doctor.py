@@ -52,8 +52,8 @@ def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
     return code, {
         "rig": described.name, "exit_code": code,
         "checks": [
-            {"name": each.name, "health": each.health, "found": each.found, "remedy": each.remedy or None}
-            for each in checks
+            {"name": check.name, "health": check.health, "found": check.found, "remedy": check.remedy or None}
+            for check in checks
         ],
     }  # fmt: skip
 
@@ -61,23 +61,23 @@ def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
 def _shown(checks: Iterable[Check]) -> Iterator[Check]:
     """Print each check as it is made, and yield it; what was left out for one reason is one line."""
     left_out: list[Check] = []
-    for each in checks:
-        if left_out and (each.health, each.found) != (left_out[0].health, left_out[0].found):
+    for check in checks:
+        if left_out and (check.health, check.found) != (left_out[0].health, left_out[0].found):
             _print_left_out(left_out)
             left_out = []
-        if each.health == "not looked at":
-            left_out.append(each)
+        if check.health == "not looked at":
+            left_out.append(check)
         else:
-            word = click.style(f"{each.health:<15}", fg=_COLOURS[each.health])
-            click.echo(f"{word}{each.name:<21}{legible(each.found)}")
-        if each.remedy:
-            click.echo(f"{'':36}-> {legible(each.remedy)}")
-        yield each
+            word = click.style(f"{check.health:<15}", fg=_COLOURS[check.health])
+            click.echo(f"{word}{check.name:<21}{legible(check.found)}")
+        if check.remedy:
+            click.echo(f"{'':36}-> {legible(check.remedy)}")
+        yield check
     if left_out:
         _print_left_out(left_out)
 
 
 def _print_left_out(checks: list[Check]) -> None:
-    names = ", ".join(each.name for each in checks)
+    names = ", ".join(check.name for check in checks)
     named = f"{names:<21}" if len(checks) == 1 else f"{names}: "
     click.echo(f"{checks[0].health:<15}{named}{legible(checks[0].found)}")

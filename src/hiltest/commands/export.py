@@ -48,7 +48,7 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[
     for fault in evidence.faults:
         click.echo(fault, err=True)
     numbers = exported(evidence.measurements)
-    wanted = [each for each in numbers if form == "bencher" or each.larger_is_better == (better == "larger")]
+    wanted = [number for number in numbers if form == "bencher" or number.larger_is_better == (better == "larger")]
     if not wanted:
         way = f"better when {better or 'smaller'}" if form != "bencher" else "better one way than the other"
         raise ConfigError(f"{run}: no number in it is {way}")

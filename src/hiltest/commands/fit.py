@@ -115,7 +115,7 @@ def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust:
     context = click.get_current_context()
     for name in set(context.params) - {"log", "columns", "unit", "robust", "at_least"}:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            option = next(each.opts[0] for each in context.command.params if each.name == name)
+            option = next(parameter.opts[0] for parameter in context.command.params if parameter.name == name)
             raise click.UsageError(f"{option} is for one log: {folder} is a folder")
     from hiltest.errors import ConfigError
     from hiltest.logs.log_folder import fit_folder
@@ -127,7 +127,7 @@ def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust:
     logs = list(fit_folder(folder, columns=columns, unit=unit, robust=robust, progress=progress))
     progress.clear()
     print_folder(logs, standard_output())
-    fits = [each.fit for each in logs if each.fit is not None]
+    fits = [log.fit for log in logs if log.fit is not None]
     if not fits:
         raise ConfigError(f"{folder}: no file in it is a log of a magnetometer; hiltest fit FILE says why of one")
     return int(any(_worse(each, at_least) for each in fits))

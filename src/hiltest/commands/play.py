@@ -105,7 +105,7 @@ def _to_json(played: PlayedBack, playback: Playback) -> str:
 
     content = {
         "schema": _SCHEMA, "hiltest": __version__, "playing": playback.described(), "points": played.points,
-        "moments_s": [float(each - playback.begins_s) for each in played.moments_s], "remarks": played.remarks,
+        "moments_s": [float(moment_s - playback.begins_s) for moment_s in played.moments_s], "remarks": played.remarks,
         "found": [
             {
                 "name": each.name, "hard_iron_ut": None if each.hard_iron_ut is None else each.hard_iron_ut.tolist(),

@@ -59,10 +59,10 @@ def ports() -> tuple[int, dict[str, Any]]:
 
 def _print_boards(boards: Sequence[UsbBoard]) -> None:
     rows = []
-    for each in boards:
-        unmounted = f"{each.disks[0]}, not mounted" if each.disks else "none"
-        volume, version = (each.volume.path, each.volume.interface_version) if each.volume else (unmounted, "")
-        rows.append((each.serial_number, str(each.port or "none"), str(volume), version or "unknown"))
+    for board in boards:
+        unmounted = f"{board.disks[0]}, not mounted" if board.disks else "none"
+        volume, version = (board.volume.path, board.volume.interface_version) if board.volume else (unmounted, "")
+        rows.append((board.serial_number, str(board.port or "none"), str(volume), version or "unknown"))
     _print_rows(("serial number", "port", "volume", "DAPLink"), rows)
 
 

@@ -20,22 +20,15 @@ class Share(NamedTuple):
 
 @dataclass(slots=True)
 class FileCoverage:
-    """Counts of one source file.
-
-    Attributes
-    ----------
-    lines : dict of int to int
-        Executions of each line that has code.
-    functions : dict of str to (int, int)
-        Line of each function that has code of its own, and how often it was entered.
-    branches : dict of (int, int) to (int, int)
-        How often each conditional branch went on and jumped away, or the other way round, by its line and its number
-        there.
-    """
+    """Counts of one source file."""
 
     lines: dict[int, int] = field(default_factory=dict)
+    """Executions of each line that has code."""
     functions: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """Line of each function that has code of its own, and how often it was entered."""
     branches: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+    """How often each conditional branch went on and jumped away, or the other way round, by its line and its number
+    there."""
 
     def add(self, other: FileCoverage) -> None:
         """Add the counts of another run."""
@@ -126,8 +119,7 @@ def from_lcov(text: str, name: str) -> Coverage:
 
     Parameters
     ----------
-    text : str
-    name : str
+    name
         Of the file, for the message.
 
     Raises

@@ -39,17 +39,11 @@ class Row:
 
 @dataclass(slots=True)
 class Branch:
-    """A conditional branch, or an IT block.
-
-    Attributes
-    ----------
-    address : int
-    guarded : int or None
-        First instruction that an IT block executes if its condition holds; None for a branch.
-    """
+    """A conditional branch, or an IT block."""
 
     address: int
     guarded: int | None = None
+    """First instruction that an IT block executes if its condition holds; None for a branch."""
 
 
 @dataclass(slots=True)
@@ -60,10 +54,6 @@ class _Code:
 
 class SourceMap:
     """What an image says of the places of its code in the source; library code is left out.
-
-    Parameters
-    ----------
-    image : FirmwareImage
 
     Raises
     ------
@@ -133,7 +123,7 @@ class SourceMap:
 
     def _count_functions(self, found: Coverage, code: ExecutedCode) -> None:
         whole: set[tuple[str, str]] = set()
-        for address in sorted({each.address for each in self._image.functions}):
+        for address in sorted({function.address for function in self._image.functions}):
             row = self._first_row(address)
             symbol = self._image.function_at(address)
             if row is None or symbol is None:

@@ -103,7 +103,7 @@ class BenchmarkCycles:
 
     Parameters
     ----------
-    show : callable, optional
+    show
         Takes kernel, rounds, cycle model and what else is known; without it nothing is shown, and wrong arguments
         fail all the same.
     """
@@ -124,13 +124,13 @@ class BenchmarkCycles:
 
         Parameters
         ----------
-        kernel : str
+        kernel
             Names the table: rows of one kernel and one cycle model are ranked together.
-        cost : Counted, int, or several of them
+        cost
             One for each round. What ``cycles(elf).call(...)`` returns brings its cycle model.
-        cycle_model : str
+        cycle_model
             Needed for numbers: what counted them, ``board.cycle_model``.
-        from_float64_deg : float, optional
+        from_float64_deg
             For a calibrator: distance of its directions from those of float64 on the same points, rms over the sphere,
             the worst of the rounds. The title of its table then says so.
 

@@ -37,13 +37,13 @@ def scale_cycles(
 
     Parameters
     ----------
-    unit : str
+    unit
         ``seconds``, or ``operations`` for the operations per second.
-    rows : sequence
+    rows
         Rows of one table.
-    best : mapping of str to float
+    best
         The best number of each column; of `rows`, where a release of pytest-benchmark gives none.
-    time_unit : str or None
+    time_unit
         What ``--benchmark-time-unit`` asks for: time at the board's core clock, in place of cycles.
 
     Returns

@@ -41,20 +41,14 @@ _KINDS = {encoding: kind for kind in NumberKind for encoding in kind.value}
 
 @dataclass(frozen=True, slots=True)
 class NumberType:
-    """A number.
-
-    Attributes
-    ----------
-    size : int
-        Bytes.
-    labels : mapping of int to str
-        Enumerators by value; empty where it is no enum.
-    """
+    """A number."""
 
     text: str
     kind: NumberKind
     size: int
+    """Bytes."""
     labels: Mapping[int, str]
+    """Enumerators by value; empty where it is no enum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,20 +78,13 @@ class BitField:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A member of a struct or union; without a name its own members are reached as if they stood here.
-
-    Attributes
-    ----------
-    type_entry : object
-        Entry of its type.
-    offset : int
-        Bytes from the struct's beginning.
-    bits : BitField or None
-    """
+    """A member of a struct or union; without a name its own members are reached as if they stood here."""
 
     name: str
     type_entry: Any
+    """Entry of its type."""
     offset: int
+    """Bytes from the struct's beginning."""
     bits: BitField | None
 
 

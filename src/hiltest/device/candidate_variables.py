@@ -52,8 +52,8 @@ def _look_through(image: FirmwareImage, found: list[Candidate]) -> str:
         found += _of_value(path, kind)
         if isinstance(kind, RecordType) and kind.size is not None and depth < _DEEPEST:
             places += [
-                (f"{path}.{each.name}" if each.name else path, read_type(each.type_entry), depth + 1)
-                for each in kind.members if _NAME.fullmatch(each.name)
+                (f"{path}.{member.name}" if member.name else path, read_type(member.type_entry), depth + 1)
+                for member in kind.members if _NAME.fullmatch(member.name)
             ]  # fmt: skip
     return f"it has more than {_MOST_PLACES} variables and members: the others were not looked at" if places else ""
 
@@ -62,7 +62,7 @@ def _of_value(path: str, kind: CType) -> Iterator[Candidate]:
     numbers = _numbers(kind)
     if 0 < len(numbers) <= _LONGEST_VALUE:
         names = re.findall(r"[A-Za-z_$][\w$]*", path)
-        is_whole = all(each.kind is not NumberKind.FLOAT for each in numbers)
+        is_whole = all(number.kind is not NumberKind.FLOAT for number in numbers)
         if (meaning := meaning_of(names, len(numbers), is_whole=is_whole)) is not None:
             yield Candidate(meaning, path, kind.text)
 
@@ -75,10 +75,10 @@ def _numbers(kind: CType) -> list[NumberType]:
         inner = _numbers(kind.element)
         return inner * kind.count if kind.count and kind.count * len(inner) <= _LONGEST_VALUE else []
     if isinstance(kind, RecordType) and not kind.is_union and len(kind.members) == 3:  # x, y, z
-        members = [read_type(each.type_entry) for each in kind.members if each.bits is None]
-        numbers = [each for each in members if isinstance(each, NumberType) and not each.labels]
-        are_alike = len({(each.kind, each.size) for each in numbers}) == 1
-        return numbers if are_alike and size_of(kind) == sum(each.size for each in numbers) else []
+        members = [read_type(member.type_entry) for member in kind.members if member.bits is None]
+        numbers = [member for member in members if isinstance(member, NumberType) and not member.labels]
+        are_alike = len({(number.kind, number.size) for number in numbers}) == 1
+        return numbers if are_alike and size_of(kind) == sum(number.size for number in numbers) else []
     return []
 
 

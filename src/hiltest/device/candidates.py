@@ -44,39 +44,26 @@ _OTHER = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What words may mean.
-
-    Attributes
-    ----------
-    unit : str
-        What they say of it; empty where they do not, and where there is none.
-    is_sure : bool
-        Whether they say this and no more.
-    """
+    """What words may mean."""
 
     quantity: Quantity
     unit: str
+    """What they say of it; empty where they do not, and where there is none."""
     is_sure: bool
+    """Whether they say this and no more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """What may hold a quantity.
-
-    Attributes
-    ----------
-    written : str
-        Path of a variable, or regular expression of a line.
-    reason : str
-        What it was recognised by.
-    stated_type : str
-        Guessed by its size, where no debug information says it; else empty.
-    """
+    """What may hold a quantity."""
 
     meaning: Meaning
     written: str
+    """Path of a variable, or regular expression of a line."""
     reason: str
+    """What it was recognised by."""
     stated_type: str = ""
+    """Guessed by its size, where no debug information says it; else empty."""
 
     @property
     def needs_unit(self) -> bool:
@@ -101,10 +88,9 @@ def meaning_of(names: Sequence[str], size: int | None, *, is_whole: bool = False
 
     Parameters
     ----------
-    names : sequence of str
-    size : int or None
+    size
         How many numbers it is; None where that is not known.
-    is_whole : bool
+    is_whole
         Whether these are integers.
     """
     around = " ".join(word for name in names[:-1] for word in words_of(name))

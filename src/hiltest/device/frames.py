@@ -16,24 +16,16 @@ _RIGHT_FORWARD_UP = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A convention.
-
-    Attributes
-    ----------
-    to_body : 3 rows of 3
-        Takes the firmware's axes to hiltest's.
-    gravity_sign : float
-        1 where a level board's accelerometer reads gravity as it points, -1 where it reads what holds it up.
-    clockwise : bool
-        Whether headings grow clockwise, seen from above.
-    zero_deg : float
-        Compass heading at which the heading is 0: 90 where that is east.
-    """
+    """A convention."""
 
     to_body: tuple[tuple[float, float, float], ...]
+    """Takes the firmware's axes to hiltest's."""
     gravity_sign: float
+    """1 where a level board's accelerometer reads gravity as it points, -1 where it reads what holds it up."""
     clockwise: bool
+    """Whether headings grow clockwise, seen from above."""
     zero_deg: float = 0.0
+    """Compass heading at which the heading is 0: 90 where that is east."""
 
     def vector(self, numbers: ArrayLike) -> NDArray[np.float64]:
         """Return a vector in hiltest's axes."""

@@ -31,8 +31,7 @@ class FsflkInterface:
 
     Parameters
     ----------
-    release : Release
-    algorithm : str
+    algorithm
         Command that is sent at the start; empty for none.
 
     Attributes

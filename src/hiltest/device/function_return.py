@@ -19,10 +19,9 @@ def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
 
     Parameters
     ----------
-    client : GdbClient
-    entry : int
+    entry
         Address of the function.
-    within_s : float
+    within_s
         Longest that is waited for the call, and then for its return [s of the board].
 
     Returns

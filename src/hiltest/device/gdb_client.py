@@ -44,9 +44,9 @@ class GdbClient:
 
     Parameters
     ----------
-    wire : Wire
+    wire
         The client closes it.
-    answer_s : float
+    answer_s
         Longest that an answer is waited for.
 
     Attributes

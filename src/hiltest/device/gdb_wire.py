@@ -44,9 +44,7 @@ class TcpWire:
 
     Parameters
     ----------
-    host : str
-    port : int
-    rig : str
+    rig
         Name of the rig, for others that want the board.
 
     Raises

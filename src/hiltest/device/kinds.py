@@ -48,8 +48,7 @@ def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyT
 
     Parameters
     ----------
-    rig : Rig
-    of_the_board : mapping of str to callable
+    of_the_board
         Kinds that need more than the rig.
 
     Raises
@@ -58,7 +57,7 @@ def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyT
         When no kind has the name, or a source gives no such quantity.
     """
     device = _device(rig)
-    own = {each.name: each for each in entry_points(group=GROUP)}
+    own = {entry_point.name: entry_point for entry_point in entry_points(group=GROUP)}
     kinds = {**_KINDS, **of_the_board}
     interfaces: dict[str, Interface] = {}
     for kind in device.kinds:
@@ -90,7 +89,7 @@ def sources_of(rig: Rig, interfaces: Mapping[str, Interface]) -> dict[Quantity, 
             raise ConfigError(f"{where}: {nearest_hint(key, [each.key for each in Quantity])}") from None
         if quantity not in interfaces[kind].offers:
             raise ConfigError(f"{where}: {kind} does not offer it; it offers "
-                              f"{', '.join(sorted(each.key for each in interfaces[kind].offers))}")
+                              f"{', '.join(sorted(offer.key for offer in interfaces[kind].offers))}")
         sources[quantity] = kind
     return sources
 

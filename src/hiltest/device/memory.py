@@ -109,12 +109,11 @@ class MemoryInterface:
 
     Parameters
     ----------
-    client : GdbClient
+    client
         Halted; the firmware runs when this has been made.
-    readings : mapping of Quantity to Reading
-    at_return_of : int, optional
+    at_return_of
         Address of a function.
-    call_within_s : float
+    call_within_s
         Longest that a call is waited for.
 
     Attributes
@@ -231,9 +230,7 @@ def read_descriptions(
 
     Parameters
     ----------
-    values : mapping of str to Described
-    variables : Variables
-    where : callable
+    where
         Returns file, line and key of a quantity's entry.
 
     Raises

@@ -27,9 +27,8 @@ class ReadAhead:
 
     Parameters
     ----------
-    memory : callable
+    memory
         ``memory(address, size)`` reads.
-    ranges : sequence of (address, size)
     """
 
     def __init__(self, memory: ReadMemory, ranges: Iterable[tuple[int, int]]) -> None:

@@ -17,7 +17,7 @@ class PacketRows:
 
     Parameters
     ----------
-    kinds : iterable of type of Packet
+    kinds
         Kinds that get columns; others are left out.
     """
 

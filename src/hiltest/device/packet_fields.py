@@ -15,18 +15,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """Form of a field on the line, little-endian.
-
-    Attributes
-    ----------
-    letter : str
-        Of `struct`: b, B, h, H, i or I.
-    count : int
-        How many of them make the field; 0 for a field that is a number and no tuple.
-    """
+    """Form of a field on the line, little-endian."""
 
     letter: str
+    """Of `struct`: b, B, h, H, i or I."""
     count: int = 0
+    """How many of them make the field; 0 for a field that is a number and no tuple."""
 
     @property
     def form(self) -> str:
@@ -94,18 +88,13 @@ class Packet:
     """What all packets have.
 
     The attributes are the integers as they are sent. Those whose name ends in a unit divide them by their scale.
-
-    Attributes
-    ----------
-    type, title : int and str
-        Of the kind, and no fields: its type on the line, and what it tells.
-    number : int
-        Counts the packets of all types together, modulo 256.
     """
 
     type: ClassVar[int]
     title: ClassVar[str]
+    """Of the kind, and no fields: its type on the line, and what it tells."""
     number: UInt8
+    """Counts the packets of all types together, modulo 256."""
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:
@@ -123,15 +112,10 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class TimedPacket(Packet):
-    """A packet with a time stamp.
-
-    Attributes
-    ----------
-    time_us : int
-        The board's clock [us], modulo 2**32.
-    """
+    """A packet with a time stamp."""
 
     time_us: UInt32
+    """The board's clock [us], modulo 2**32."""
 
 
 def per_kind(function: Callable[[type[Packet]], T]) -> Callable[[type[Packet]], T]:

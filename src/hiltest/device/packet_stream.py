@@ -35,21 +35,14 @@ def row_type(kind: type[Packet]) -> np.dtype[np.void]:
 
 @dataclass(frozen=True, slots=True)
 class PacketTable:
-    """Packets of one kind.
-
-    Attributes
-    ----------
-    kind : type of Packet
-        Their kind.
-    at : ndarray, shape (n,)
-        Place of each in the stream: its first byte behind the delimiter.
-    rows : structured ndarray, shape (n,)
-        Their fields as they were sent, by name.
-    """
+    """Packets of one kind."""
 
     kind: type[Packet]
+    """Their kind."""
     at: NDArray[np.int64]
+    """Shape (n,). Place of each in the stream: its first byte behind the delimiter."""
     rows: NDArray[np.void]
+    """Shape (n,). Their fields as they were sent, by name."""
 
     def in_unit(self, name: str) -> NDArray[np.float64]:
         """Return an attribute in its unit, such as ``acceleration_g``: shape (n,) or (n, count)."""
@@ -64,18 +57,12 @@ class PacketTable:
 
 @dataclass(frozen=True, slots=True)
 class PacketBatch:
-    """What a piece of the stream completed.
-
-    Attributes
-    ----------
-    tables : tuple of PacketTable
-        Packets by kind, without kinds of which none came.
-    lost_bytes : int
-        Bytes that belong to no packet. Delimiters are not counted.
-    """
+    """What a piece of the stream completed."""
 
     tables: tuple[PacketTable, ...]
+    """Packets by kind, without kinds of which none came."""
     lost_bytes: int
+    """Bytes that belong to no packet. Delimiters are not counted."""
 
     def packets(self) -> list[Packet]:
         """Return the packets in the order in which they came."""
@@ -171,13 +158,13 @@ def heard(
 
     Parameters
     ----------
-    port : SerialPort
+    port
         Open; a port with a clock of its own counts the seconds by that.
-    decoder : PacketDecoder
+    decoder
         Gets the bytes.
-    seconds : float or None
+    seconds
         How long to listen; None: until `ended`.
-    ended : callable
+    ended
         Asked a few times a second.
 
     Raises

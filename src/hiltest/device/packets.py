@@ -69,27 +69,20 @@ class Shield(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MainPacket(TimedPacket):
-    """Sensors, orientation and set-up: type 1.
-
-    Attributes
-    ----------
-    acceleration, field, rate : tuple of int
-        Accelerometer, calibrated magnetometer, uncalibrated gyroscope; zeros where the algorithm uses none.
-        4.22 sends the gyroscope's own counts, which are 20 a deg/s of an FXAS21000 only.
-    quaternion : tuple of int
-        Orientation, the scalar first.
-    flags, board : int
-        `algorithm` and `frame`; `board_number` and `shield`.
-    """
+    """Sensors, orientation and set-up: type 1."""
 
     type = 1
     title = "sensors and orientation"
     acceleration: Vector
     field: Vector
     rate: Vector
+    """Accelerometer, calibrated magnetometer, uncalibrated gyroscope; zeros where the algorithm uses none. 4.22
+    sends the gyroscope's own counts, which are 20 a deg/s of an FXAS21000 only."""
     quaternion: Quadruple
+    """Orientation, the scalar first."""
     flags: UInt8
     board: UInt8
+    """`algorithm` and `frame`; `board_number` and `shield`."""
 
     acceleration_g = ScaledVector("acceleration", 8192, *axes("accelerometer", "g"))
     field_ut = ScaledVector("field", 10, *axes("field", "uT"))
@@ -235,24 +228,17 @@ class _Magnetic(Packet):
 
 @dataclass(frozen=True, slots=True)
 class MagneticPacket422(_Magnetic):
-    """Magnetic calibration of releases 4.22 and 5.00: type 6.
-
-    Attributes
-    ----------
-    active_count : int
-        Samples in the buffer.
-    fit_error : int
-        Fit error, 0.1 % each.
-    variable_id, variable : int and tuple of int
-        What is shown and its three numbers: see `shown` and `shown_values`.
-    """
+    """Magnetic calibration of releases 4.22 and 5.00: type 6."""
 
     type = 6
     title = "magnetic calibration"
     active_count: Int16
+    """Samples in the buffer."""
     fit_error: Int16
+    """Fit error, 0.1 % each."""
     variable_id: Int16
     variable: Vector
+    """What is shown and its three numbers: see `shown` and `shown_values`."""
 
     fit_error_percent = ScaledNumber("fit_error", 10, "fit_error_percent")
 
@@ -290,15 +276,7 @@ class KalmanPacket422(Packet):
 
 @dataclass(frozen=True, slots=True)
 class KalmanPacket500(Packet):
-    """State of the Kalman filters of releases 5.00 and 7: type 7.
-
-    Attributes
-    ----------
-    gravity_residual, gravity_error, magnetic_residual, magnetic_error : tuple of int
-        Innovation of each direction and the estimated tilt of it, as vector parts of quaternions.
-    gyroscope_offset, inclination, linear_acceleration, displacement : tuple of int, or int
-        The last two in the frame of the earth.
-    """
+    """State of the Kalman filters of releases 5.00 and 7: type 7."""
 
     type = 7
     title = "Kalman filter"
@@ -306,10 +284,12 @@ class KalmanPacket500(Packet):
     gravity_error: Vector
     magnetic_residual: Vector
     magnetic_error: Vector
+    """Innovation of each direction and the estimated tilt of it, as vector parts of quaternions."""
     gyroscope_offset: Vector
     inclination: Int16
     linear_acceleration: Vector
     displacement: Vector
+    """The last two in the frame of the earth."""
 
     gravity_residual_parts = ScaledVector("gravity_residual", 30_000, *axes("gravity_residual"))
     gravity_error_parts = ScaledVector("gravity_error", 30_000, *axes("gravity_error"))
@@ -323,25 +303,19 @@ class KalmanPacket500(Packet):
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerPacket(Packet):
-    """Calibration of the accelerometer of release 7: type 8, once after a stored measurement or a reset.
-
-    Attributes
-    ----------
-    location : int
-        Of the measurement, 0 to 11; 12 is none.
-    stored, offset, gain, cross, rotation_diagonal, rotation_others : tuple of int
-        Stored acceleration, offset, inverse gain less 1, cross-axis terms xy, xz and yz, and the rotation matrix.
-    """
+    """Calibration of the accelerometer of release 7: type 8, once after a stored measurement or a reset."""
 
     type = 8
     title = "accelerometer calibration"
     location: Int8
+    """Of the measurement, 0 to 11; 12 is none."""
     stored: Vector
     offset: Vector
     gain: Vector
     cross: Vector
     rotation_diagonal: Vector
     rotation_others: Sextuple
+    """Stored acceleration, offset, inverse gain less 1, cross-axis terms xy, xz and yz, and the rotation matrix."""
 
     stored_g = ScaledVector("stored", 8192, *axes("stored_gravity", "g"))
     offset_g = ScaledVector("offset", 32_768, *axes("zero_g_offset", "g"))

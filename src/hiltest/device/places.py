@@ -17,42 +17,27 @@ class NullPointer(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Scalar:
-    """A number within what a path leads to.
-
-    Attributes
-    ----------
-    offset : int
-        Bytes from its beginning, to the first byte that has bits of it.
-    size : int
-        Bytes to read.
-    """
+    """A number within what a path leads to."""
 
     offset: int
+    """Bytes from its beginning, to the first byte that has bits of it."""
     size: int
+    """Bytes to read."""
     kind: NumberType
     bits: BitField | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a path leads: an address, through pointers that are read when the value is, and the numbers there.
-
-    Attributes
-    ----------
-    path : str
-    type_text : str
-        Type of the value as C has it.
-    address : int
-        Of the value, or of the first pointer.
-    beyond : tuple of int
-        For every pointer, the bytes to add to what it holds.
-    scalars : tuple of Scalar
-    """
+    """Where a path leads: an address, through pointers that are read when the value is, and the numbers there."""
 
     path: str
     type_text: str
+    """Type of the value as C has it."""
     address: int
+    """Of the value, or of the first pointer."""
     beyond: tuple[int, ...]
+    """For every pointer, the bytes to add to what it holds."""
     scalars: tuple[Scalar, ...]
 
     def read(self, memory: ReadMemory) -> bytes:

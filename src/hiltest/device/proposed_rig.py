@@ -75,30 +75,20 @@ class _Table:
 
 @dataclass(frozen=True, slots=True)
 class Proposals:
-    """What an ELF tells of how its firmware can be understood.
-
-    Attributes
-    ----------
-    speaks_our_protocol : bool
-    kinds : tuple of Kind
-        In which it may tell its heading, the surest first.
-    release : str
-        Of NXP's Sensor Fusion; empty where it is not that.
-    lines, variables : mapping of Quantity to sequence of Candidate
-        Best first.
-    functions : tuple of str
-        Those that calibrate, fuse or compute a heading by their names; the largest first.
-    remark : str
-        What hinders to look at all; empty when nothing does.
-    """
+    """What an ELF tells of how its firmware can be understood."""
 
     speaks_our_protocol: bool
     kinds: tuple[Kind, ...]
+    """In which it may tell its heading, the surest first."""
     release: str
+    """Of NXP's Sensor Fusion; empty where it is not that."""
     lines: Candidates
     variables: Candidates
+    """Best first."""
     functions: tuple[str, ...]
+    """Those that calibrate, fuse or compute a heading by their names; the largest first."""
     remark: str
+    """What hinders to look at all; empty when nothing does."""
 
     @property
     def base_rig(self) -> str:
@@ -115,7 +105,7 @@ def look_at(image: FirmwareImage) -> Proposals:
     """Look at an ELF's symbols, texts and debug information. Damaged debug information is remarked on."""
     variables, remark = variable_candidates(image)
     by_line, by_variable = best_first(line_candidates(image)), best_first(variables)
-    names = {each.name for each in image.functions}
+    names = {function.name for function in image.functions}
     is_nxp = len(names & _NXP) > 1
     kinds = {Kind.FSFLK: is_nxp, Kind.TEXT: Quantity.HEADING in by_line, Kind.MEMORY: Quantity.HEADING in by_variable}
     if is_nxp:  # its variables are in hiltest's own units
@@ -132,7 +122,7 @@ def _in_own_unit(candidate: Candidate) -> Candidate:
 
 
 def _functions(image: FirmwareImage) -> tuple[str, ...]:
-    largest_first = sorted(image.functions, key=lambda each: -each.size)
+    largest_first = sorted(image.functions, key=lambda function: -function.size)
     names = [each.name for each in largest_first if each.size and re.fullmatch(r"[A-Za-z_]\w*", each.name, re.ASCII)]
     words = {name: " ".join(words_of(name)) for name in names}
     found = [name for name, said in words.items() if _WORK.search(said) and not _NO_WORK.search(said)]
@@ -144,7 +134,7 @@ def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
     kinds = proposals.kinds
     if choose is None or len(kinds) < 2:
         return next(iter(kinds), None)
-    return kinds[choose("Its heading is taken from", [_WORDS[each] for each in kinds])]
+    return kinds[choose("Its heading is taken from", [_WORDS[kind] for kind in kinds])]
 
 
 def rig_text(
@@ -154,18 +144,16 @@ def rig_text(
 
     Parameters
     ----------
-    proposals : Proposals
-    kind : Kind or None
-    base : str
+    base
         Text of the rig `Proposals.base_rig`.
-    name, firmware : str
+    name, firmware
         Of the rig; path of the ELF from the rig's folder.
-    choose : callable or None
+    choose
         None where nobody is there to answer: what is sure is taken.
     """
     remark = f"# Not all was seen: {_legible(proposals.remark)}\n" if proposals.remark else ""
     world = [part.strip("\n") for part in base.split("\n\n") if re.search(rf"(?m)^\[(?:{'|'.join(_WORLD)})\]$", part)]
-    counted = [f"{each} = {json.dumps(each)}" for each in proposals.functions]
+    counted = [f"{function} = {json.dumps(function)}" for function in proposals.functions]
     parts = [
         f"# {name}: proposed by hiltest from an ELF's names and texts. What is only guessed is a comment, best first.\n"
         f"# World, field, turntable and sensors are those of rig {proposals.base_rig}: change them to your board's.\n"
@@ -206,7 +194,7 @@ def _in_use(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate
     if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
         is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # or is it that of the soft iron itself?
         return _in_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
-    options = [f"{each.written}  ({each.reason})" for each in candidates]
+    options = [f"{candidate.written}  ({candidate.reason})" for candidate in candidates]
     number = choose(f"{quantity.key} is", [*options, "none of these"])
     if number == len(candidates) or not candidates[number].needs_unit:
         return candidates[number] if number < len(candidates) else None

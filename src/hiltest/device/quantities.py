@@ -71,24 +71,16 @@ class Moment(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What was said at once.
-
-    Attributes
-    ----------
-    time_s : float
-        Time of the board's clock at which it was complete.
-    values : mapping of Quantity to ndarray, shape (size,)
-        In the quantity's unit.
-    error : str
-        What the firmware reports to be wrong; empty when it reports nothing.
-    checked : bool
-        Whether it came with a check value, which is right.
-    """
+    """What was said at once."""
 
     time_s: float
+    """Time of the board's clock at which it was complete."""
     values: Mapping[Quantity, NDArray[np.float64]] = field(default_factory=dict)
+    """Shape (size,). In the quantity's unit."""
     error: str = ""
+    """What the firmware reports to be wrong; empty when it reports nothing."""
     checked: bool = False
+    """Whether it came with a check value, which is right."""
 
 
 @runtime_checkable

@@ -19,11 +19,10 @@ class SampleBuffer:
 
     Parameters
     ----------
-    paths : sequence of str
+    paths
         One path to all samples, x, y and z of one behind the other, or one path to each axis.
-    used : str or None
+    used
         Path to a number for each cell of the buffer: one with a number below 0 is empty. None: all are used.
-    variables : Variables
 
     Raises
     ------

@@ -22,29 +22,19 @@ _READY = np.ones(1)
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What was understood of a line.
-
-    Attributes
-    ----------
-    line : str
-        As it came.
-    values : mapping of Quantity to ndarray
-    error : str
-        What the firmware reports to be wrong.
-    remark : str
-        What the line is instead, or what was not understood of it.
-    understood : bool
-        It has a meaning, be it without a value; or it is the first, of which that is not known.
-    checked : bool
-        It carries a check sum, which is right.
-    """
+    """What was understood of a line."""
 
     line: str
+    """As it came."""
     values: Mapping[Quantity, NDArray[np.float64]] = field(default_factory=dict)
     error: str = ""
+    """What the firmware reports to be wrong."""
     remark: str = ""
+    """What the line is instead, or what was not understood of it."""
     understood: bool = False
+    """It has a meaning, be it without a value; or it is the first, of which that is not known."""
     checked: bool = False
+    """It carries a check sum, which is right."""
 
 
 class TextInterface:
@@ -55,16 +45,16 @@ class TextInterface:
 
     Parameters
     ----------
-    form : Form
+    form
         Where fields stand in a line.
-    sources : sequence of ValueSource
+    sources
         Which fields are which quantity.
-    patterns : sequence of Pattern, optional
+    patterns
         Those of the form.
-    ready, error : Pattern, optional
+    ready, error
         Of lines that say that the magnetometer is calibrated, and that something is wrong: the group ``error``, or
         the whole line.
-    commands : mapping of Moment to bytes, optional
+    commands
         What is sent when.
 
     Attributes
@@ -78,7 +68,7 @@ class TextInterface:
         self, form: Form, sources: Sequence[ValueSource], *, patterns: Sequence[Pattern] = (),
         ready: Pattern | None = None, error: Pattern | None = None, commands: Mapping[Moment, bytes] | None = None,
     ) -> None:  # fmt: skip
-        self.offers = frozenset({each.quantity for each in sources} | ({Quantity.CALIBRATED} if ready else set()))
+        self.offers = frozenset({source.quantity for source in sources} | ({Quantity.CALIBRATED} if ready else set()))
         self.not_understood = 0
         self._patterns = [*patterns, *(each for each in (ready, error) if each is not None)]
         self._form = form
@@ -94,7 +84,7 @@ class TextInterface:
     @property
     def given_up(self) -> tuple[str, ...]:
         """Regular expressions that took too long in a line, and find nothing any more."""
-        return tuple(each.text for each in self._patterns if each.given_up)
+        return tuple(pattern.text for pattern in self._patterns if pattern.given_up)
 
     def remarks(self) -> tuple[str, ...]:
         """Return what a reader of the values should know; empty where all is plain."""
@@ -111,13 +101,13 @@ class TextInterface:
 
     def feed(self, data: bytes, time_s: float) -> list[Observation]:
         """Take bytes that have arrived by a time, however they are cut; return what their lines say."""
-        said = [each for each in self.readings(data) if each.values or each.error]
+        said = [reading for reading in self.readings(data) if reading.values or reading.error]
         return [Observation(time_s, each.values, each.error, each.checked) for each in said]
 
     def readings(self, data: bytes) -> list[Reading]:
         """Take bytes; return every line that they complete, understood or not."""
         readings = [self._read(line) for line in self._splitter.feed(data)]
-        self.not_understood += sum(not each.understood for each in readings)
+        self.not_understood += sum(not reading.understood for reading in readings)
         return readings
 
     def _read(self, line: str | None) -> Reading:

@@ -16,21 +16,14 @@ _BETWEEN = re.compile(r"[\s,;]+")
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What a form finds in a line.
-
-    Attributes
-    ----------
-    fields : mapping of str to sequence of str
-        Texts of each field.
-    remark : str
-        What the line is when no quantity is in it.
-    is_header : bool
-        It names the columns.
-    """
+    """What a form finds in a line."""
 
     fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Texts of each field."""
     remark: str = ""
+    """What the line is when no quantity is in it."""
     is_header: bool = False
+    """It names the columns."""
 
 
 class Form(Protocol):
@@ -107,11 +100,11 @@ class ColumnForm:
 
     Parameters
     ----------
-    wanted : sequence of str
+    wanted
         Names or numbers.
-    columns : sequence of str
+    columns
         Names of all columns; without them the firmware prints them in a line of their own.
-    separator : str
+    separator
         Between columns; a blank stands for any number of blanks and tabs.
     """
 
@@ -126,8 +119,8 @@ class ColumnForm:
 
     def find(self, line: str) -> Found:
         """Return the cells of a row; a header line has none."""
-        cells = [each.strip().strip('"') for each in line.split(self._separator)]
-        if self._names and self._names <= {each.lower() for each in cells}:
+        cells = [part.strip().strip('"') for part in line.split(self._separator)]
+        if self._names and self._names <= {cell.lower() for cell in cells}:
             self._take_header(cells)
             return Found(remark="names of the columns", is_header=True)
         if self._places is None:

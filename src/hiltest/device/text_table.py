@@ -20,8 +20,7 @@ def text_interface(table: TextDevice, where: Callable[[str], str]) -> TextInterf
 
     Parameters
     ----------
-    table : TextDevice
-    where : callable
+    where
         Returns ``file:line`` of a key below the table, with dots: ``values.heading.unit``.
 
     Raises

@@ -35,20 +35,13 @@ def component_names(quantity: Quantity) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class ValueSource:
-    """Where the numbers of a quantity are printed.
-
-    Attributes
-    ----------
-    quantity : Quantity
-    fields : tuple of str
-        Hold its numbers, one after the other.
-    conversion : Conversion
-        From what is printed to the quantity's unit, scale included.
-    """
+    """Where the numbers of a quantity are printed."""
 
     quantity: Quantity
     fields: tuple[str, ...]
+    """Hold its numbers, one after the other."""
     conversion: Conversion
+    """From what is printed to the quantity's unit, scale included."""
 
     def value(self, fields: Mapping[str, Sequence[str]]) -> NDArray[np.float64] | str | None:
         """Return the value in the fields of a line, or why it is none; None when the line has not all of them."""

@@ -20,19 +20,12 @@ _MOST_REASONS = 5
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """One thing that came.
-
-    Attributes
-    ----------
-    line : str
-        As it came, legible; the paths of variables; empty for what is neither.
-    meaning : str
-        What was understood of it, or why nothing was.
-    understood : bool
-    """
+    """One thing that came."""
 
     line: str
+    """As it came, legible; the paths of variables; empty for what is neither."""
     meaning: str
+    """What was understood of it, or why nothing was."""
     understood: bool
 
 
@@ -41,11 +34,11 @@ class Trial:
 
     Parameters
     ----------
-    interfaces : mapping of str to StreamInterface
+    interfaces
         By their kind.
-    memory : MemoryInterface, optional
+    memory
         What reads variables.
-    paths : mapping of str to tuple of str, optional
+    paths
         Those of each quantity that it reads, by its name.
 
     Attributes
@@ -70,13 +63,13 @@ class Trial:
     def take(self, data: bytes, time_s: float) -> Iterator[Heard]:
         """Yield what bytes complete."""
         for interface in self._interfaces.values():
-            for each in _readings(interface, data, time_s):
-                self._count(each.values, time_s)
-                self.understood += each.understood
-                if not each.understood:
-                    self._reasons[each.remark] += 1
-                said = [_in_words(each.values), each.error and f"error: {each.error}", each.remark]
-                yield Heard(legible(each.line), "; ".join(filter(None, said)), each.understood)
+            for reading in _readings(interface, data, time_s):
+                self._count(reading.values, time_s)
+                self.understood += reading.understood
+                if not reading.understood:
+                    self._reasons[reading.remark] += 1
+                said = [_in_words(reading.values), reading.error and f"error: {reading.error}", reading.remark]
+                yield Heard(legible(reading.line), "; ".join(filter(None, said)), reading.understood)
 
     def look(self, time_s: float) -> Iterator[Heard]:
         """Yield what the variables hold now, one by one."""
@@ -98,7 +91,7 @@ class Trial:
     @property
     def not_understood(self) -> int:
         """How many lines or packets meant nothing."""
-        return sum(each.not_understood for each in self._interfaces.values())
+        return sum(interface.not_understood for interface in self._interfaces.values())
 
     def rate_hz(self, quantity: Quantity) -> float | None:
         """Return how often a quantity was said in a second; None where it was said once, or at one time."""
@@ -119,12 +112,12 @@ class Trial:
             *([f"not seen: {', '.join(unseen)}"] if unseen else []),
             *(f"not understood, {counted(count, 'time')}: {reason}"
               for reason, count in self._reasons.most_common(_MOST_REASONS)),
-            *(said for each in (*self._interfaces.values(), self._memory)
-              if isinstance(each, TextInterface | MemoryInterface) for said in each.remarks()),
+            *(said for interface in (*self._interfaces.values(), self._memory)
+              if isinstance(interface, TextInterface | MemoryInterface) for said in interface.remarks()),
         ]  # fmt: skip
 
     def _offered(self, quantity: Quantity) -> bool:
-        is_said = any(quantity in each.offers for each in self._interfaces.values())
+        is_said = any(quantity in interface.offers for interface in self._interfaces.values())
         return is_said or (self._memory is not None and quantity in self._memory.offers)
 
 

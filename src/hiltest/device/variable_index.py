@@ -28,19 +28,13 @@ _CPP = {0x04, 0x1A, 0x21, 0x2B}  # DW_LANG_C_plus_plus, and those of 11, 14 and 
 
 @dataclass(frozen=True, slots=True)
 class FoundVariable:
-    """A variable at an address.
-
-    Attributes
-    ----------
-    type_entry : object
-        Entry of its type.
-    file : str
-        Source file.
-    """
+    """A variable at an address."""
 
     address: int
     type_entry: Any
+    """Entry of its type."""
     file: str
+    """Source file."""
 
 
 class _NoPlaceError(Exception):
@@ -52,9 +46,9 @@ class VariableIndex:
 
     Parameters
     ----------
-    dwarf : object
+    dwarf
         As pyelftools reads it.
-    objects : sequence of Symbol
+    objects
         Variables of the symbol table: one at address 0 that is not there was left out by the linker, and a variable
         whose place only the table knows, as after optimising at link time or from an assembler source, is found there.
     """
@@ -282,7 +276,7 @@ def nearest_names(name: str, names: list[str]) -> str:
     """Return the names most like one, or some where none is, as the end of a sentence."""
     lower = {each.lower(): each for each in names}
     scoped = [each for each in names if each.endswith(f"::{name}")]
-    close = scoped[:3] or [lower[each] for each in get_close_matches(name.lower(), lower, n=3)]
+    close = scoped[:3] or [lower[get_close_match] for get_close_match in get_close_matches(name.lower(), lower, n=3)]
     if close:
         return f"nearest: {', '.join(close)}"
     if not names:

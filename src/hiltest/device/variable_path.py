@@ -44,21 +44,14 @@ Step: TypeAlias = MemberStep | IndexStep | DereferenceStep
 
 @dataclass(frozen=True, slots=True)
 class VariablePath:
-    """A variable, and the way from it to a value.
-
-    Attributes
-    ----------
-    text : str
-        As it was written.
-    file : str
-        Source file of a static variable; empty when it is not named.
-    scope : str
-        Function whose static variable it is, or namespace; empty for neither.
-    """
+    """A variable, and the way from it to a value."""
 
     text: str
+    """As it was written."""
     file: str
+    """Source file of a static variable; empty when it is not named."""
     scope: str
+    """Function whose static variable it is, or namespace; empty for neither."""
     name: str
     steps: tuple[Step, ...]
 

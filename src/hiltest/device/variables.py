@@ -53,12 +53,7 @@ class _At:
 
 
 class Variables:
-    """Variables of a firmware image.
-
-    Parameters
-    ----------
-    image : FirmwareImage
-    """
+    """Variables of a firmware image."""
 
     def __init__(self, image: FirmwareImage) -> None:
         self._image = image
@@ -68,8 +63,7 @@ class Variables:
 
         Parameters
         ----------
-        path : str
-        type_ : str, optional
+        type_
             Type of the variable, ``float[3]``, where only the symbol table knows it.
 
         Raises
@@ -129,7 +123,7 @@ class Variables:
             names = [each.name for each in self._image.objects]
             raise ConfigError(f"{path.text}: no symbol {path.name}; {nearest_names(path.name, names)}")
         if len(symbols) > 1:
-            places = ", ".join(f"0x{each.address:08x}" for each in symbols)
+            places = ", ".join(f"0x{symbol.address:08x}" for symbol in symbols)
             raise ConfigError(
                 f"{path.text}: {len(symbols)} symbols are called {path.name} ({places}), and their debug information "
                 "is not there to choose; compile with -g"
@@ -272,8 +266,8 @@ def function_address(image: FirmwareImage, written: str) -> int:
         Where there is none of this name, or several.
     """
     file, _, name = written.rpartition(":")
-    found = {each.address: image.location_at(each.address).partition(":")[0]
-             for each in image.functions if each.name == name}  # fmt: skip
+    found = {function.address: image.location_at(function.address).partition(":")[0]
+             for function in image.functions if function.name == name}  # fmt: skip
     chosen = [address for address, place in found.items() if not file or place == PurePosixPath(file).name]
     if len(chosen) == 1:
         return chosen[0]
@@ -281,7 +275,7 @@ def function_address(image: FirmwareImage, written: str) -> int:
         places = ", ".join(f"{place or 'unknown file'} (0x{address:08x})" for address, place in found.items())
         example = next((place for place in found.values() if place), "file.c")
         raise ConfigError(f"{image.name}: {written}: {name} is in {places}; say which: {example}:{name}")
-    names = [each.name for each in image.functions]
+    names = [function.name for function in image.functions]
     raise ConfigError(
         f"{image.name}: no function {written}; {nearest_names(name, names)}. One that the compiler has put into its "
         "callers has no return of its own: declare it noinline"
@@ -291,11 +285,11 @@ def function_address(image: FirmwareImage, written: str) -> int:
 def _refused(kind: CType, written: str) -> str:
     if isinstance(kind, PointerType):
         target = read_type(kind.target)
-        inner = [each.name for each in target.members if each.name] if isinstance(target, RecordType) else []
+        inner = [member.name for member in target.members if member.name] if isinstance(target, RecordType) else []
         example = f"{written}->{inner[0]}" if inner else f"*{written} or {written}[0]"
         return f"{kind.text}, a pointer: write what it points to, {example}"
     if isinstance(kind, RecordType):
         what = "a union" if kind.is_union else "of unknown size"
-        names = ", ".join(each.name for each in kind.members[:6] if each.name)
+        names = ", ".join(member.name for member in kind.members[:6] if member.name)
         return f"{kind.text}, {what}: name a member of it" + (f" ({names})" if names else "")
     return f"{kind.text}, which has no value to read"

@@ -74,11 +74,11 @@ def see_sensors(board: Board, rig: Rig) -> Check:
             seen = f"WHO_AM_I 0x{each.seen_who_am_i:02X}, not 0x{each.expected_who_am_i:02X}"
             absent.append(f"{place}: {seen if each.seen_who_am_i else 'no answer'}")
     if absent:
-        others = [each.name for each in board.sensors if each.present]
+        others = [sensor.name for sensor in board.sensors if sensor.present]
         instead = f"; or name those that answer under [sensors] in the rig: {', '.join(others)}" if others else ""
         return failed("sensors", "; ".join(absent), _SHIELD + instead)
     if not found:
-        found = [each.name for each in board.sensors if each.present]
+        found = [sensor.name for sensor in board.sensors if sensor.present]
     return ok("sensors", ", ".join(found)) if found else failed("sensors", "none answers on either bus", _SHIELD)
 
 
@@ -126,7 +126,7 @@ def see_cycle_counter(board: Board, _rig: Rig) -> Check:
     upload_points(board, golden_points(_TIMED_POINTS))
     costs = [board.session.request(TimeRange(_TIMED_POINTS)) for _ in range(2)]
     board.session.request(ClearPoints())
-    counted = [each.cycles if each else 0 for each in costs]
+    counted = [cost.cycles if cost else 0 for cost in costs]
     if not all(counted):
         return warning(name, "it stands still", remedy)
     if counted[0] != counted[1]:

@@ -20,26 +20,17 @@ class Health(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check.
-
-    Attributes
-    ----------
-    name : str
-        What was looked at.
-    health : Health
-    found : str
-        What was found; of what was not looked at, why.
-    remedy : str
-        What to do; empty where there is nothing to do.
-    exit_code : ExitCode
-        What this alone ends the command with.
-    """
+    """One check."""
 
     name: str
+    """What was looked at."""
     health: Health
     found: str
+    """What was found; of what was not looked at, why."""
     remedy: str = ""
+    """What to do; empty where there is nothing to do."""
     exit_code: ExitCode = ExitCode.OK
+    """What this alone ends the command with."""
 
 
 def ok(name: str, found: str) -> Check:
@@ -74,6 +65,6 @@ def of_error(name: str, error: HiltestError, port: str | None = None) -> Check:
 
 def exit_code(checks: list[Check]) -> ExitCode:
     """Return what the command ends with: wrong firmware before a lost connection, warnings do not count."""
-    codes = {each.exit_code for each in checks}
+    codes = {check.exit_code for check in checks}
     first = (ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST)
     return next((code for code in first if code in codes), ExitCode.OK)

@@ -44,12 +44,11 @@ def examine(rig: Rig, *, port: str | None = None, root: Path | None = None, toda
 
     Parameters
     ----------
-    rig : Rig
-    port : str, optional
+    port
         Serial port of a real board; wins over the rig's.
-    root : Path, optional
+    root
         Of the machine whose devices are looked at, as of `hiltest.boards.daplink.plugged_in`.
-    today : date
+    today
         For the World Magnetic Model.
 
     Raises

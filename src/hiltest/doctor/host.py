@@ -28,21 +28,14 @@ _LOOKED_UP = ("ID_MM_DEVICE_IGNORE=1", "ID_MM_PORT_IGNORE=1")
 
 @dataclass(frozen=True, slots=True)
 class HostPort:
-    """A serial device of this machine, or of one below another root, and what it belongs to.
-
-    Attributes
-    ----------
-    root : Path
-        Folder with ``sys``, ``proc``, ``dev`` and ``etc``.
-    path : Path or None
-        None of a board that has none.
-    device : UsbBoard or None
-        None of a port that is not on USB.
-    """
+    """A serial device of this machine, or of one below another root, and what it belongs to."""
 
     root: Path
+    """Folder with ``sys``, ``proc``, ``dev`` and ``etc``."""
     path: Path | None
+    """None of a board that has none."""
     device: UsbBoard | None
+    """None of a port that is not on USB."""
 
     @property
     def daplink(self) -> UsbBoard | None:
@@ -53,7 +46,7 @@ class HostPort:
 def host_port(path: Path, root: Path) -> HostPort:
     """Return what a serial device belongs to; links to it are followed."""
     found = plugged_in(root)
-    devices = [*found.boards, *(each.device for each in found.others if each.device)]
+    devices = [*found.boards, *(other.device for other in found.others if other.device)]
     real = os.path.realpath(path)
     device = next((each for each in devices if real in map(os.path.realpath, each.ports)), None)
     return HostPort(root, path, device)

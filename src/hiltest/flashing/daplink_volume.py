@@ -31,21 +31,14 @@ Progress = Callable[[str, int, int], None]
 
 
 class DriveState(NamedTuple):
-    """What a drive says of itself.
-
-    Attributes
-    ----------
-    details : str
-        Content of DETAILS.TXT.
-    remounts : int or None
-        How often DAPLink has mounted it; None of a DAPLink that does not count.
-    stopped : str
-        Content of ASSERT.TXT, which stays on it until somebody deletes it.
-    """
+    """What a drive says of itself."""
 
     details: str
+    """Content of DETAILS.TXT."""
     remounts: int | None
+    """How often DAPLink has mounted it; None of a DAPLink that does not count."""
     stopped: str
+    """Content of ASSERT.TXT, which stays on it until somebody deletes it."""
 
     @classmethod
     def of(cls, volume: Path) -> DriveState | None:
@@ -77,13 +70,11 @@ def drop(
 
     Parameters
     ----------
-    content : bytes
-    volume : Path
+    volume
         Where its drive is mounted.
-    find : callable, optional
+    find
         Returns where it is mounted now: the system may mount it elsewhere when it is back.
-    progress : callable
-    back_within_s : float
+    back_within_s
         Longest that the drive may stay away.
 
     Returns

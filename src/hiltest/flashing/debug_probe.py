@@ -18,10 +18,9 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
 
     Parameters
     ----------
-    image : FlashImage
-    serial_number : str, optional
+    serial_number
         Of the board, or its beginning; empty for the one that is there.
-    progress : callable
+    progress
         Called with what is done, and how much of how much.
 
     Returns

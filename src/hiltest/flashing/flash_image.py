@@ -28,17 +28,11 @@ _DATA, _END, _LINEAR = 0, 1, 4
 
 @dataclass(frozen=True, slots=True)
 class FlashImage:
-    """A firmware image that may be put into the flash of an MK64FN1M0.
-
-    Attributes
-    ----------
-    image : FirmwareImage
-    chunks : tuple of Chunk
-        Address and bytes, ascending, none adjacent.
-    """
+    """A firmware image that may be put into the flash of an MK64FN1M0."""
 
     image: FirmwareImage
     chunks: tuple[Chunk, ...]
+    """Address and bytes, ascending, none adjacent."""
 
     @property
     def size(self) -> int:
@@ -86,7 +80,7 @@ def load_flash_image(path: Path) -> FlashImage:
 
 
 def _refuse_other_part(image: FirmwareImage) -> None:
-    parts = {found[1] for each in image.source_names if (found := _OF_A_PART.fullmatch(each))}
+    parts = {found[1] for source_name in image.source_names if (found := _OF_A_PART.fullmatch(source_name))}
     others = sorted(part for part in parts if not part.upper().startswith(_THIS_PART))
     if others:
         raise ConfigError(
@@ -99,7 +93,7 @@ def _chunks(image: FirmwareImage) -> tuple[Chunk, ...]:
     """Return what is to be written, with adjacent segments joined."""
     base, size = FLASH
     joined: list[tuple[int, bytearray]] = []
-    for segment in sorted((each for each in image.segments if each.data), key=lambda each: each.address):
+    for segment in sorted((each for each in image.segments if each.data), key=lambda segment: segment.address):
         first, end = segment.address, segment.address + len(segment.data)
         if first < base or end > base + size:
             raise ConfigError(

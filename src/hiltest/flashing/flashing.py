@@ -39,23 +39,14 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A board that may be flashed, as far as it is known.
-
-    Attributes
-    ----------
-    port : str or None
-        Its serial port.
-    board : UsbBoard or None
-        Where it is plugged into this machine.
-    volume : Path or None
-        Where the drive of its DAPLink is mounted.
-    baud : int
-    rig : Rig or None
-    """
+    """A board that may be flashed, as far as it is known."""
 
     port: str | None
+    """Its serial port."""
     board: UsbBoard | None
+    """Where it is plugged into this machine."""
     volume: Path | None
+    """Where the drive of its DAPLink is mounted."""
     baud: int = _BAUD
     rig: Rig | None = None
 
@@ -75,27 +66,20 @@ class Target:
 
     def mounted_at(self) -> Path | None:
         """Return where the drive is mounted now."""
-        found = (each.volume for each in find_boards() if each.serial_number == self.serial_number)
+        found = (find_board.volume for find_board in find_boards() if find_board.serial_number == self.serial_number)
         return next((volume.path for volume in found if volume), None)
 
 
 @dataclass(frozen=True, slots=True)
 class Flashed:
-    """What was done to a board.
-
-    Attributes
-    ----------
-    serial_number : str
-        Empty where it is not known.
-    identity : Identity or None
-        Of the firmware that answered afterwards; None where nothing was asked.
-    said : str
-        What is known of who runs on it now.
-    """
+    """What was done to a board."""
 
     serial_number: str
+    """Empty where it is not known."""
     identity: Identity | None
+    """Of the firmware that answered afterwards; None where nothing was asked."""
     said: str
+    """What is known of who runs on it now."""
 
     def sentence(self, image: FlashImage, target: Target) -> str:
         """Say it for people."""
@@ -110,12 +94,11 @@ def find_target(
 
     Parameters
     ----------
-    rig : Rig, optional
-    port : str, optional
+    port
         Wins over the rig's; without either it is the one board that is plugged in.
-    volume : Path, optional
+    volume
         Where the drive of its DAPLink is mounted, where that is not to be looked for.
-    by_probe : bool
+    by_probe
         Whether a debug probe does it, which need not be a DAPLink.
 
     Raises
@@ -157,11 +140,9 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
 
     Parameters
     ----------
-    image : FlashImage
-    target : Target
-    by_probe : bool
+    by_probe
         Whether a debug probe does it, over pyOCD; by default it is dropped onto the drive of the board's DAPLink.
-    progress : callable
+    progress
         Called with what is done, and how much of how much.
 
     Raises

@@ -42,30 +42,21 @@ class FigureOfMerit:
 
 @dataclass(frozen=True, slots=True)
 class MadeOn:
-    """The board that a calibration is of.
-
-    Attributes
-    ----------
-    kind : str
-        ``virtual`` or ``real``.
-    firmware, version, build_id : str
-        Counts are this firmware's: its name must be the same, its build may be another.
-    unique_id : str
-        Id of the chip, hexadecimal. All virtual boards have the same.
-    rig : str
-        Name of the rig it was made with.
-    world_sha256 : str or None
-        Digest of the simulated world without its noise, which distinguishes virtual boards. None on a port.
-    """
+    """The board that a calibration is of."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     kind: Literal["virtual", "real"]
+    """``virtual`` or ``real``."""
     firmware: str
     version: str
     build_id: str
+    """Counts are this firmware's: its name must be the same, its build may be another."""
     unique_id: str
+    """Id of the chip, hexadecimal. All virtual boards have the same."""
     rig: str
+    """Name of the rig it was made with."""
     world_sha256: str | None
+    """Digest of the simulated world without its noise, which distinguishes virtual boards. None on a port."""
 
     def __post_init__(self) -> None:
         if not _HEX.fullmatch(self.unique_id):
@@ -84,30 +75,20 @@ class MagnetometerUnits:
 
 @dataclass(frozen=True, slots=True)
 class MagnetometerPart:
-    """Counts to a field of norm 1.
-
-    Attributes
-    ----------
-    sensor, method : str
-    n : int
-        Points that the method used.
-    soft_iron : 3 rows of 3
-        [1/count].
-    hard_iron : (3,)
-        [counts].
-    hard_iron_ut : (3,)
-        The same [uT].
-    figures : tuple of FigureOfMerit
-    """
+    """Counts to a field of norm 1."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     sensor: str
     method: str
     n: int
+    """Points that the method used."""
     formula: Literal["unit_field = soft_iron * (counts - hard_iron)"]
     soft_iron: Matrix
+    """[1/count]."""
     hard_iron: Triple
+    """[counts]."""
     hard_iron_ut: Triple
+    """The same [uT]."""
     units: MagnetometerUnits
     figures: tuple[FigureOfMerit, ...]
 
@@ -182,29 +163,21 @@ GYROSCOPE_UNITS = GyroscopeUnits("dps/count", "count")
 
 @dataclass(frozen=True, slots=True)
 class ImuCalibration:
-    """The calibration of one board.
-
-    Attributes
-    ----------
-    hiltest : str
-        Version that made it.
-    made_utc : str
-        ISO 8601, to the second.
-    temperature_degc : float or None
-        Temperature of the gyroscope's die when it was made; its offset is not trimmed. None without a gyroscope.
-    accelerometer, gyroscope : part or None
-        None where that sensor was not calibrated.
-    """
+    """The calibration of one board."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     schema: Literal["hiltest.imu-calibration/1"]
     hiltest: str
+    """Version that made it."""
     made_utc: str
+    """ISO 8601, to the second."""
     frame: Literal["body: x forward, y right, z down; accelerometer counts are gravity-positive"]
     temperature_degc: float | None
+    """Temperature of the gyroscope's die when it was made; its offset is not trimmed. None without a gyroscope."""
     made_on: MadeOn
     accelerometer: AccelerometerPart | None
     gyroscope: GyroscopePart | None
+    """None where that sensor was not calibrated."""
     magnetometer: MagnetometerPart
 
     def __post_init__(self) -> None:

@@ -78,15 +78,13 @@ def calibrate_imu(
 
     Parameters
     ----------
-    board : Board
-    turntable : Turntable
+    turntable
         An operator is asked; motors turn without a question.
-    rig : Rig
+    rig
         Says which steps, how many points and how many seconds.
-    guide : Guide
-    made_utc : str
+    made_utc
         The time that the calibration gets, ISO 8601.
-    calibrator : str
+    calibrator
         Magnetometer calibrator of the firmware; `DPI` also uses gravity.
 
     Raises
@@ -189,7 +187,7 @@ class _Led:
         turns = [self._until_good(partial(self._turn, axis)) for axis in (Axis.Z, Axis.X, Axis.Y)]
         found = fit_on_board(self._board, turns, uncertainty_deg=self._rig.turntable.uncertainty_deg)
         figures = (
-            FigureOfMerit("error of the rests after", max(each.bias_error_dps for each in turns), "dps"),
+            FigureOfMerit("error of the rests after", max(turn.bias_error_dps for turn in turns), "dps"),
             FigureOfMerit("uncertainty of scale", found.scale_uncertainty_percent, "%"),
             FigureOfMerit("uncertainty of axes", found.misalignment_uncertainty_deg, "deg"),
         )

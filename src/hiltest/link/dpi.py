@@ -21,30 +21,20 @@ class DpiSource(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DpiReply:
-    """A calibration against gravity, and what it rests on.
-
-    Attributes
-    ----------
-    fit : FitStatus
-    calibration : CalibrationReply
-    coverage : float
-        Largest pivot that attitudes all round would have over the one there is.
-    n_used : int
-        Rows of the least squares.
-    dip_deg, strength_counts, standard_error : float or None
-        As the data have them; None where they say nothing.
-    cost : RunCost or None
-        None when the core counts no cycles.
-    """
+    """A calibration against gravity, and what it rests on."""
 
     fit: FitStatus
     calibration: CalibrationReply
     coverage: float
+    """Largest pivot that attitudes all round would have over the one there is."""
     n_used: int
+    """Rows of the least squares."""
     dip_deg: float | None
     strength_counts: float | None
     standard_error: float | None
+    """As the data have them; None where they say nothing."""
     cost: RunCost | None
+    """None when the core counts no cycles."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> DpiReply:
@@ -61,25 +51,18 @@ class DpiReply:
 
 @dataclass(frozen=True)
 class FitDpi(Request[DpiReply]):
-    """Calibrate by the dot product with gravity, of the accelerometer as a slot has it calibrated.
-
-    Attributes
-    ----------
-    n : int
-        The first so many points, or poses.
-    slot : int
-        Slot of the accelerometer calibration that is used.
-    dip_deg : float, optional
-        Inclination of the field, positive where it points down; without it, it is estimated.
-    """
+    """Calibrate by the dot product with gravity, of the accelerometer as a slot has it calibrated."""
 
     code = 0x1D
     command = "FIT_DPI"
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     n: int
+    """The first so many points, or poses."""
     slot: int
+    """Slot of the accelerometer calibration that is used."""
     source: DpiSource = field(default=DpiSource.PAIRS, kw_only=True)
     dip_deg: float | None = field(default=None, kw_only=True)
+    """Inclination of the field, positive where it points down; without it, it is estimated."""
 
     def payload(self) -> bytes:
         given = self.dip_deg is not None

@@ -20,9 +20,9 @@ class FieldReader:
 
     Parameters
     ----------
-    data : bytes
+    data
         The payload.
-    what : str
+    what
         Name of the message, for errors.
     """
 

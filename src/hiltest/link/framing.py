@@ -37,18 +37,12 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class DamagedFrame:
-    """Bytes between two delimiters that are no frame.
-
-    Attributes
-    ----------
-    reason : str
-        What is wrong with them.
-    data : bytes
-        The bytes as they arrived, delimiters left out.
-    """
+    """Bytes between two delimiters that are no frame."""
 
     reason: str
+    """What is wrong with them."""
     data: bytes
+    """The bytes as they arrived, delimiters left out."""
 
 
 def stuff(body: bytes) -> bytes:

@@ -24,21 +24,14 @@ Quaternions = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class StepCosts:
-    """Cost of the steps of one kind.
-
-    Attributes
-    ----------
-    steps : int
-        How many there were.
-    largest : RunCost or None
-        The dearest of them; None when the core counts no cycles.
-    mean_cycles : float or None
-        Mean over all steps.
-    """
+    """Cost of the steps of one kind."""
 
     steps: int
+    """How many there were."""
     largest: RunCost | None
+    """The dearest of them; None when the core counts no cycles."""
     mean_cycles: float | None
+    """Mean over all steps."""
 
     @classmethod
     def parse(cls, fields: FieldReader, name: str) -> StepCosts:
@@ -53,29 +46,19 @@ class StepCosts:
 
 @dataclass(frozen=True, slots=True)
 class FusionSummary:
-    """Summary of a run of the filter.
-
-    Attributes
-    ----------
-    began_us : int
-        On the board's clock.
-    records : int
-        Kept on the board.
-    no_attitude, accelerated : int
-        Corrections left out: no TRIAD, and gravity that was not 1 g.
-    bad_steps : int
-        Predictions left out.
-    overruns : int
-        Samples lost unread.
-    predicted, updated : StepCosts
-    """
+    """Summary of a run of the filter."""
 
     began_us: int
+    """On the board's clock."""
     records: int
+    """Kept on the board."""
     no_attitude: int
     accelerated: int
+    """Corrections left out: no TRIAD, and gravity that was not 1 g."""
     bad_steps: int
+    """Predictions left out."""
     overruns: int
+    """Samples lost unread."""
     predicted: StepCosts
     updated: StepCosts
 
@@ -93,21 +76,15 @@ class FusionSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionRecords:
-    """Attitudes at corrections, as quaternions (x, y, z, w), body to north-east-down.
-
-    Attributes
-    ----------
-    time_us : ndarray of int, shape (n,)
-        Since the run began.
-    fused, measured, turned : ndarray, shape (n, 4)
-        The filter's; accelerometer and magnetometer alone, NaN where they showed none; gyroscope alone.
-        In steps of 1/32767, 0.0035 degrees.
-    """
+    """Attitudes at corrections, as quaternions (x, y, z, w), body to north-east-down."""
 
     time_us: NDArray[np.int64]
+    """Shape (n,). Since the run began."""
     fused: Quaternions
     measured: Quaternions
     turned: Quaternions
+    """Shape (n, 4). The filter's; accelerometer and magnetometer alone, NaN where they showed none; gyroscope
+    alone. In steps of 1/32767, 0.0035 degrees."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FusionRecords:
@@ -133,29 +110,21 @@ class FusionRecords:
 
 @dataclass(frozen=True)
 class FusionStart(Timed, Request[Quaternions]):
-    """Take the first attitude from the resting board; answers it as a quaternion (x, y, z, w).
-
-    Attributes
-    ----------
-    slot : int
-        Slot of the calibrations that are used.
-    every : int
-        One in so many corrections is kept.
-    readings : int
-        Averaged for the first attitude.
-    rate_dps_rthz, tilt_deg, heading_deg, gate_g : float
-        As `hiltest.orientation.fusion.FusionNoise` has them.
-    """
+    """Take the first attitude from the resting board; answers it as a quaternion (x, y, z, w)."""
 
     code = 0x22
     command = "FUSION_START"
     slot: int
+    """Slot of the calibrations that are used."""
     every: int
+    """One in so many corrections is kept."""
     readings: int
+    """Averaged for the first attitude."""
     rate_dps_rthz: float
     tilt_deg: float
     heading_deg: float
     gate_g: float
+    """As `hiltest.orientation.fusion.FusionNoise` has them."""
 
     def payload(self) -> bytes:
         every, readings = within(self.every, 1, 255, "corrections"), within(self.readings, 1, _MAX_READINGS, "readings")

@@ -26,7 +26,7 @@ class PacketReader:
 
     Parameters
     ----------
-    runs : bool
+    runs
         Whether a byte may stand for several, as in what a server answers.
     """
 

@@ -37,18 +37,12 @@ _MEANINGS = {
 
 @dataclass(frozen=True, slots=True)
 class GrblStatus:
-    """A status report.
-
-    Attributes
-    ----------
-    state : str
-        ``Idle``, ``Run``, ``Hold``, ``Alarm``, ``Home`` and others.
-    position : (3,)
-        Machine position of X, Y, Z.
-    """
+    """A status report."""
 
     state: str
+    """``Idle``, ``Run``, ``Hold``, ``Alarm``, ``Home`` and others."""
     position: tuple[float, float, float]
+    """Machine position of X, Y, Z."""
 
 
 class GrblLine:
@@ -56,7 +50,7 @@ class GrblLine:
 
     Parameters
     ----------
-    port : SerialPort
+    port
         Open, reads limited to some 50 ms. This object closes it.
 
     Raises
@@ -80,8 +74,7 @@ class GrblLine:
 
         Parameters
         ----------
-        line : str
-        moving : bool
+        moving
             The answer comes when the table stands: it is waited for as long as the table turns.
 
         Raises

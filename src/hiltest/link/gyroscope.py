@@ -42,23 +42,15 @@ class StillnessKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Stillness:
-    """Whether a rest was one.
-
-    Attributes
-    ----------
-    kind : StillnessKind
-    axis : Axis
-        Where the first window that is not still is furthest from it.
-    first : int
-        Sample with which that window begins, from 0.
-    amount : float
-        How far its mean is from that before, with sign, or its spread [counts].
-    """
+    """Whether a rest was one."""
 
     kind: StillnessKind
     axis: Axis
+    """Where the first window that is not still is furthest from it."""
     first: int
+    """Sample with which that window begins, from 0."""
     amount: float
+    """How far its mean is from that before, with sign, or its spread [counts]."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> Stillness:
@@ -118,22 +110,16 @@ class GyroscopeRestReply:
 
 @dataclass(frozen=True, slots=True)
 class IntegrateGyroscopeReply:
-    """Exact sums over a turn [counts].
-
-    Attributes
-    ----------
-    total, begin, end : ndarray of int, shape (3,)
-        Sums of all samples, of the first and of the last `EDGE_SAMPLES`.
-    lowest, highest : ndarray of int, shape (3,)
-        Extremes of the samples, by axis.
-    """
+    """Exact sums over a turn [counts]."""
 
     n: int
     total: NDArray[np.int64]
     begin: NDArray[np.int64]
     end: NDArray[np.int64]
+    """Shape (3,). Sums of all samples, of the first and of the last `EDGE_SAMPLES`."""
     lowest: Counts
     highest: Counts
+    """Shape (3,). Extremes of the samples, by axis."""
     die_temperature_degc: int
     span: Span
 
@@ -180,19 +166,14 @@ class FitGyroscopeReply:
 
 @dataclass(frozen=True)
 class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
-    """Average the gyroscope at rest; `store` keeps the mean as bias afterwards, unless the board was moved.
-
-    Attributes
-    ----------
-    noise : float
-        rms of one sample, if all were independent, for the test of stillness [counts]; 0 leaves the test out.
-    """
+    """Average the gyroscope at rest; `store` keeps the mean as bias afterwards, unless the board was moved."""
 
     code: ClassVar[int] = 0x0F
     command: ClassVar[str] = "GYROSCOPE_REST"
     n: int
     store: bool = False
     noise: float = 0.0
+    """rms of one sample, if all were independent, for the test of stillness [counts]; 0 leaves the test out."""
 
     def payload(self) -> bytes:
         """Return the request's payload."""

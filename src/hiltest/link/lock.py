@@ -88,11 +88,11 @@ class BoardLock:
 
     Parameters
     ----------
-    place : str
+    place
         What stands for the board, the same however it is named: serial number, device or address.
-    rig : str
+    rig
         Name of the rig, for who asks.
-    name : str, optional
+    name
         What messages call the board; by default its place.
 
     Raises

@@ -149,24 +149,16 @@ class SensorInfo:
 
 @dataclass(frozen=True, slots=True)
 class ReadReply:
-    """New raw samples of one sensor.
-
-    Attributes
-    ----------
-    time_us : ndarray of int, shape (n,)
-        Board time of each sample [us].
-    counts : ndarray of int16, shape (n, 3)
-        Body-frame counts.
-    overruns : int
-        Samples the sensor replaced before they were read.
-    die_temperature_degc : int
-        As the part gives it, uncalibrated.
-    """
+    """New raw samples of one sensor."""
 
     time_us: NDArray[np.int64]
+    """Shape (n,). Board time of each sample [us]."""
     counts: Counts
+    """Shape (n, 3). Body-frame counts."""
     overruns: int
+    """Samples the sensor replaced before they were read."""
     die_temperature_degc: int
+    """As the part gives it, uncalibrated."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> ReadReply:
@@ -214,18 +206,12 @@ class PointsReply:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationReply:
-    """A magnetometer calibration: ``unit = soft_iron @ (counts - hard_iron)``.
-
-    Attributes
-    ----------
-    soft_iron : ndarray, shape (3, 3)
-        [1/count], row-major on the wire.
-    hard_iron : ndarray, shape (3,)
-        [counts].
-    """
+    """A magnetometer calibration: ``unit = soft_iron @ (counts - hard_iron)``."""
 
     soft_iron: Reals
+    """Shape (3, 3) [1/count], row-major on the wire."""
     hard_iron: Reals
+    """Shape (3,) [counts]."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> CalibrationReply:
@@ -265,27 +251,17 @@ class CostedSteps(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class CalibrateReply:
-    """Result and cost of a calibrator.
-
-    Attributes
-    ----------
-    fit : FitStatus
-    is_sphere : bool
-        The calibration is the sphere fit that stands in for a refused ellipsoid.
-    iterations : int
-    calibration : CalibrationReply
-    coverage : float
-        Largest M_ii / d_i over the pivots; 0 when the calibrator has no such number.
-    cost : RunCost or None
-        None when the core counts no cycles.
-    """
+    """Result and cost of a calibrator."""
 
     fit: FitStatus
     is_sphere: bool
+    """The calibration is the sphere fit that stands in for a refused ellipsoid."""
     iterations: int
     calibration: CalibrationReply
     coverage: float
+    """Largest M_ii / d_i over the pivots; 0 when the calibrator has no such number."""
     cost: RunCost | None
+    """None when the core counts no cycles."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> CalibrateReply:

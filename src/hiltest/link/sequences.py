@@ -44,13 +44,6 @@ class TimeSequence(Request[RunCost | None]):
     """Run a sequence of instructions that resides in the firmware; None when the core counts no cycles.
 
     Its cost is that of its first half. The overhead is a run of its second half, which begins and ends as the whole.
-
-    Attributes
-    ----------
-    sequence : int
-        Its place in `SEQUENCES`.
-    place : SequencePlace
-        Where it runs from.
     """
 
     code: ClassVar[int] = 0x26
@@ -58,7 +51,9 @@ class TimeSequence(Request[RunCost | None]):
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
 
     sequence: int
+    """Its place in `SEQUENCES`."""
     place: SequencePlace = SequencePlace.SRAM
+    """Where it runs from."""
 
     def payload(self) -> bytes:
         """Return sequence and place."""

@@ -67,29 +67,19 @@ def _a_line(heard: bytes) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One sending of one request.
-
-    Attributes
-    ----------
-    command : str
-    sequence : int
-    number : int
-        1 for the first attempt of a request.
-    sent_s, ended_s : float
-        Board clock.
-    outcome : RequestOutcome
-    damaged, stale : int
-        Frames that arrived while waiting and were damaged, or answered an earlier request.
-    """
+    """One sending of one request."""
 
     command: str
     sequence: int
     number: int
+    """1 for the first attempt of a request."""
     sent_s: float
     ended_s: float
+    """Board clock."""
     outcome: RequestOutcome
     damaged: int
     stale: int
+    """Frames that arrived while waiting and were damaged, or answered an earlier request."""
 
 
 class Session:
@@ -97,11 +87,11 @@ class Session:
 
     Parameters
     ----------
-    port : SerialPort
+    port
         Open. The session closes it.
-    transcript : Transcript, optional
+    transcript
         Gets every byte, both ways, but those of `refuse_reset`.
-    nonce_seed : int, optional
+    nonce_seed
         Makes the nonces a function of the seed, as a reproducible run needs. On a
         line that others used before us leave it out: then they are random.
 
@@ -205,8 +195,7 @@ class Session:
 
         Parameters
         ----------
-        message : Request
-        deadline_s : float, optional
+        deadline_s
             For each attempt; by default the session's, and what the board may spend on the request.
 
         Raises
@@ -267,8 +256,8 @@ class Session:
         Firmware at fault fails the same way each time. Empty where nothing was.
         """
         attempts = self.attempts[since:]
-        again = sum(each.number > 1 and each.outcome is RequestOutcome.ANSWERED for each in attempts)
-        damaged = sum(each.damaged for each in attempts)
+        again = sum(attempt.number > 1 and attempt.outcome is RequestOutcome.ANSWERED for attempt in attempts)
+        damaged = sum(attempt.damaged for attempt in attempts)
         were = "request was" if again == 1 else "requests were"
         return f"{again} {were} answered when sent again, {damaged} damaged frames came" if again else ""
 

@@ -27,21 +27,14 @@ class StreamStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class StreamStepsReply:
-    """Cost of points that were fed to a stream calibrator, or removed.
-
-    Attributes
-    ----------
-    status : StreamStatus
-        OK, or why the point after the last taken one was refused; nothing was done with it.
-    costs : tuple of RunCost, or None
-        One for each point taken, in order; None when the core counts no cycles.
-    taken : int
-        Points taken.
-    """
+    """Cost of points that were fed to a stream calibrator, or removed."""
 
     status: StreamStatus
+    """OK, or why the point after the last taken one was refused; nothing was done with it."""
     taken: int
+    """Points taken."""
     costs: tuple[RunCost, ...] | None
+    """One for each point taken, in order; None when the core counts no cycles."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> StreamStepsReply:
@@ -50,48 +43,33 @@ class StreamStepsReply:
         overhead_cycles = fields.number("I", "overhead cycles")
         taken = fields.number("B", "points taken")
         cycles = [fields.number("I", "cycles") for _ in range(taken)]
-        costs = tuple(RunCost(each, overhead_cycles) for each in cycles) if overhead_cycles else None
+        costs = tuple(RunCost(cycle, overhead_cycles) for cycle in cycles) if overhead_cycles else None
         return cls(status, taken, costs)
 
 
 @dataclass(frozen=True, slots=True)
 class StreamStateReply:
-    """State of a stream calibrator after the points so far.
-
-    Attributes
-    ----------
-    fit : FitStatus
-    is_sphere : bool
-        The calibration is a sphere: the ellipsoid was refused, or not tried yet.
-    is_solving : bool
-        A solver is at work, some of its slices done.
-    iterations : int
-    calibration : CalibrationReply
-    coverage : float
-        As CALIBRATE answers it; 0 when the calibrator has no such number.
-    held : int
-        Points that the fit is, or would be, made of.
-    elements : int
-        Unknowns of the solver whose calibration this is: 4, 7 or 10; 0 when there is but one solver.
-    accepted : int
-        Calibrations taken over since the reset.
-    fit_error_percent : float or None
-        The calibrator's own measure of its calibration; None when it has none.
-    cost : RunCost or None
-        Cost of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles.
-    """
+    """State of a stream calibrator after the points so far."""
 
     fit: FitStatus
     is_sphere: bool
+    """The calibration is a sphere: the ellipsoid was refused, or not tried yet."""
     is_solving: bool
+    """A solver is at work, some of its slices done."""
     iterations: int
     calibration: CalibrationReply
     coverage: float
+    """As CALIBRATE answers it; 0 when the calibrator has no such number."""
     held: int
+    """Points that the fit is, or would be, made of."""
     elements: int
+    """Unknowns of the solver whose calibration this is: 4, 7 or 10; 0 when there is but one solver."""
     accepted: int
+    """Calibrations taken over since the reset."""
     fit_error_percent: float | None
+    """The calibrator's own measure of its calibration; None when it has none."""
     cost: RunCost | None
+    """Cost of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> StreamStateReply:

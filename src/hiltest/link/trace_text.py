@@ -94,7 +94,7 @@ def _reply(frame: Frame, asked: dict[int, Request[Any]]) -> str:
 
 
 def _fields(record: Any) -> str:
-    return " ".join(f"{each.name}={_value(getattr(record, each.name))}" for each in fields(record))
+    return " ".join(f"{field.name}={_value(getattr(record, field.name))}" for field in fields(record))
 
 
 def _value(value: Any) -> str:

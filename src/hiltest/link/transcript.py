@@ -62,7 +62,7 @@ class Transcript:
 
     Parameters
     ----------
-    clock : str
+    clock
         ``virtual`` or ``wall``: what `TranscriptEntry.time_s` counts. The session that fills an
         empty one says it.
 
@@ -134,7 +134,7 @@ class LatestTranscript(Transcript):
 
     Parameters
     ----------
-    most_bytes : int
+    most_bytes
         How many bytes of the line are kept; the entries are bounded with them.
 
     Attributes
@@ -171,11 +171,11 @@ class TranscriptFile:
 
     Parameters
     ----------
-    path : Path
+    path
         Compressed where its name ends in ``.gz``.
-    clock : str
+    clock
         As `Transcript` has it.
-    recorded : mapping, optional
+    recorded
         Of a recorded run.
 
     Raises

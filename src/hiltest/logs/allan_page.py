@@ -31,27 +31,18 @@ _IN_COUNTS = (("count/rtHz", 1.0), ("count/rtHz", 1.0), ("count", 1.0), ("count/
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number that is printed, drawn and in the JSON.
-
-    Attributes
-    ----------
-    key, name : str
-        In the JSON, and for people.
-    found : Estimate or None
-        None when it is not seen in the noise.
-    at_most : float or None
-        What it is at most when it is not seen, where that is known.
-    unit : str
-    at_s : float or None
-        Averaging time that it is of.
-    """
+    """One number that is printed, drawn and in the JSON."""
 
     key: str
     name: str
+    """In the JSON, and for people."""
     found: Estimate | None
+    """None when it is not seen in the noise."""
     unit: str
     at_most: float | None = None
+    """What it is at most when it is not seen, where that is known."""
     at_s: float | None = None
+    """Averaging time that it is of."""
 
     @property
     def cells(self) -> tuple[str, str, str]:
@@ -92,8 +83,8 @@ def numbers(log: RateLog, reading: AllanReading) -> tuple[Number, ...]:
 def table(log: RateLog, curve: AllanCurve) -> Iterator[tuple[str, ...]]:
     """Yield a row for each number of each column, as `HEADER` says."""
     for name, reading in zip(log.columns, curve.readings, strict=True):
-        for each in numbers(log, reading):
-            yield name, *each.cells
+        for number in numbers(log, reading):
+            yield name, *number.cells
 
 
 def headline(log: RateLog) -> str:
@@ -113,7 +104,7 @@ def to_json(log: RateLog, curve: AllanCurve) -> str:
         "samples": len(log.rates), "rows": log.rows, "gaps": log.gaps, "start_s": log.start_s, "rate_hz": log.rate_hz,
         "jitter_s": log.jitter_s, "notes": list(log.notes),
         "columns": [
-            {"name": name, **{each.key: each.content for each in numbers(log, reading)}}
+            {"name": name, **{number.key: number.content for number in numbers(log, reading)}}
             for name, reading in zip(log.columns, curve.readings, strict=True)
         ],
         "curve": {

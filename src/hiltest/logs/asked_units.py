@@ -31,10 +31,9 @@ def asked_of_field(strength: float, unit: Unit, unit_from: str) -> Iterator[str]
 
     Parameters
     ----------
-    strength : float
+    strength
         In `unit`.
-    unit : Unit
-    unit_from : str
+    unit_from
         As in `hiltest.logs.samples.Samples`: counts are asked about only where nothing says that they are counts.
     """
     low, high = _EARTH_UT
@@ -54,10 +53,9 @@ def asked_of_gravity(acceleration: NDArray[np.float64], unit: AccelerationUnit, 
 
     Parameters
     ----------
-    acceleration : ndarray, shape (n, 3)
+    acceleration : shape (n, 3)
         In `unit`; rows with NaN do not count.
-    unit : AccelerationUnit
-    then : str
+    then
         What to do where it is the other unit, which is put in for {}.
     """
     lengths = np.linalg.norm(acceleration, axis=1)

@@ -25,18 +25,12 @@ _CANDIDATES = 20_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CountScale:
-    """Scale from readings to counts: ``counts = (reading - origin) * per_unit``.
-
-    Attributes
-    ----------
-    per_unit : float
-        Counts per unit of the samples.
-    origin : ndarray, shape (3,)
-        In the unit of the samples; zero unless the readings lie too far out for int16.
-    """
+    """Scale from readings to counts: ``counts = (reading - origin) * per_unit``."""
 
     per_unit: float
+    """Counts per unit of the samples."""
     origin: Array
+    """Shape (3,). In the unit of the samples; zero unless the readings lie too far out for int16."""
 
     @classmethod
     def of(cls, samples: Samples) -> Self:
@@ -79,9 +73,8 @@ def evenly_on_sphere(points: Array, most: int, centre: Array) -> NDArray[np.intp
 
     Parameters
     ----------
-    points : ndarray, shape (n, 3)
-    most : int
-    centre : ndarray, shape (3,)
+    points : shape (n, 3)
+    centre : shape (3,)
         Where directions are seen from.
 
     Returns

@@ -21,7 +21,7 @@ def notes(fit: SampleFit) -> Iterator[str]:
         yield f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
     # A shape that is no ellipsoid may have another radius than the field's.
     undetermined = fit.best.shape is not None or any(
-        each.figure == "condition" and each.verdict is Acceptance.REFUSED for each in fit.best.reasons
+        reason.figure == "condition" and reason.verdict is Acceptance.REFUSED for reason in fit.best.reasons
     )
     if fit.best.radius is not None and not undetermined:
         yield from asked_of_field(fit.best.radius, Unit(fit.unit), fit.unit_from)
@@ -69,7 +69,7 @@ def _coverage_notes(fit: SampleFit) -> Iterator[str]:
             f"{best.name}: the sensor turned about an axis {best.turn.tilt_deg:.0f} deg off its {best.turn.axis}, by "
             f"{best.turn.arc_deg:.0f} deg. Along that axis nothing is corrected."
         )
-    elif fit.hole is not None and {each.figure for each in best.reasons} & {"condition", "shape"}:
+    elif fit.hole is not None and {reason.figure for reason in best.reasons} & {"condition", "shape"}:
         yield (
             f"The largest hole has a radius of {fit.hole.radius_deg:.0f} deg, about the sensor's {fit.hole.axes}: turn "
             "that to where the field points, north and down (south of the equator north and up)."

@@ -48,11 +48,11 @@ def against_gravity(
 
     Parameters
     ----------
-    samples : Samples
+    samples
         Without what is left out for the magnetometer's sake.
-    rating : Rating
+    rating
         Of these samples.
-    robust : bool
+    robust
         Leave out what is no part of the accelerometer's ellipsoid too.
 
     Returns

@@ -84,49 +84,33 @@ BOUNDS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerResult:
-    """Calibration of the accelerometer from a log.
-
-    Attributes
-    ----------
-    method : str
-        One of `METHODS`.
-    rests : int
-    faces : tuple of Face
-        Faces that were found, by the axis on which gravity is read, with its sign.
-    verdict : Acceptance
-    reasons : tuple of Reason
-        Why it is not good.
-    fit : AccelerometerFit or None
-        ``gravity_g = gain @ (reading - offset)``, in the unit of the log. None when it was refused.
-    refused : str
-        Why, empty when it was not.
-    spread_before_percent, spread_after_percent : float
-        Standard deviation of norms over their mean [%], of the rests or of the readings in motion that were fitted: of
-        readings, counts about the middle of their range; and of what is calibrated, the same as before when it was
-        refused.
-    residual_mg : float
-        rms residual over the fit's own poses.
-    faces_askew_deg : float or None
-        rms about each axis; None but for six faces.
-    direction_error_deg : float or None
-        Predicted error of gravity's direction, rms over the sphere; a rotation that norms cannot see is not in it.
-    left_out : int
-        Readings in motion that are far from the ellipsoid of the others.
-    """
+    """Calibration of the accelerometer from a log."""
 
     method: str
+    """One of `METHODS`."""
     rests: int
     faces: tuple[Face, ...]
+    """Faces that were found, by the axis on which gravity is read, with its sign."""
     verdict: Acceptance
     reasons: tuple[Reason, ...]
+    """Why it is not good."""
     fit: AccelerometerFit | None
+    """``gravity_g = gain @ (reading - offset)``, in the unit of the log. None when it was refused."""
     refused: str
+    """Why, empty when it was not."""
     spread_before_percent: float = 0.0
     spread_after_percent: float = 0.0
+    """Standard deviation of norms over their mean [%], of the rests or of the readings in motion that were fitted:
+    of readings, counts about the middle of their range; and of what is calibrated, the same as before when it was
+    refused."""
     residual_mg: float = 0.0
+    """rms residual over the fit's own poses."""
     faces_askew_deg: float | None = None
+    """rms about each axis; None but for six faces."""
     direction_error_deg: float | None = None
+    """Predicted error of gravity's direction, rms over the sphere; a rotation that norms cannot see is not in it."""
     left_out: int = 0
+    """Readings in motion that are far from the ellipsoid of the others."""
 
 
 def fit_accelerometer(log: ImuLog, rests: Sequence[Interval], method: str = AUTO) -> AccelerometerResult:
@@ -134,9 +118,7 @@ def fit_accelerometer(log: ImuLog, rests: Sequence[Interval], method: str = AUTO
 
     Parameters
     ----------
-    log : ImuLog
-    rests : sequence of Interval
-    method : str
+    method
         One of `METHODS`, or `AUTO`: where the rests determine nothing, the ellipsoid of all readings, in motion.
     """
     if not len(log.acceleration):

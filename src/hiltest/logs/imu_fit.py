@@ -43,24 +43,15 @@ _HEADER = """\
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuLogFit:
-    """Calibration of an IMU from a log.
-
-    Attributes
-    ----------
-    log : ImuLog
-    intervals : Intervals
-    accelerometer : AccelerometerResult
-    gyroscope : GyroscopeResult or None
-        None without a gyroscope in the log, or a rest.
-    rates : tuple of SteadyRate or None
-        Parts that turned at a known rate; None when none was said.
-    """
+    """Calibration of an IMU from a log."""
 
     log: ImuLog
     intervals: Intervals
     accelerometer: AccelerometerResult
     gyroscope: GyroscopeResult | None
+    """None without a gyroscope in the log, or a rest."""
     rates: tuple[SteadyRate, ...] | None = None
+    """Parts that turned at a known rate; None when none was said."""
 
     @property
     def scales(self) -> dict[str, SteadyRate]:
@@ -92,15 +83,13 @@ def fit_imu_log(
 
     Parameters
     ----------
-    log : ImuLog
-    intervals : Intervals
-    method : str
+    method
         Of the accelerometer.
-    turn_deg : float
+    turn_deg
         Angle of each whole turn.
-    bias : ndarray, shape (3,), optional
+    bias : shape (3,)
         Of the gyroscope, from another log, in the unit of this one.
-    rpm : float, optional
+    rpm
         Rate of a turntable, in revolutions a minute, wherever the log turns steadily.
     """
     accelerometer = fit_accelerometer(log, intervals.rests, method)
@@ -220,7 +209,7 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
         "schema": SCHEMA, "hiltest": __version__, "verdict": fit.verdict, "complete": fit.complete,
         "files": list(log.files), "samples": len(log.time_s), "seconds": float(log.time_s[-1] - log.time_s[0]),
         "rests": [
-            {"name": each.name, "start": each.start, "end": each.end} for each in fit.intervals.rests
+            {"name": rest.name, "start": rest.start, "end": rest.end} for rest in fit.intervals.rests
         ],
         "accelerometer": {
             "unit": log.acceleration_unit, "formula": ACCELEROMETER_FORMULA, "method": accelerometer.method,
@@ -231,14 +220,14 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
             "spread_after_percent": accelerometer.spread_after_percent,
             "residual_mg": accelerometer.residual_mg, "faces_askew_deg": accelerometer.faces_askew_deg,
             "direction_error_deg": accelerometer.direction_error_deg, "left_out": accelerometer.left_out,
-            "verdict": accelerometer.verdict, "reasons": [asdict(each) for each in accelerometer.reasons],
+            "verdict": accelerometer.verdict, "reasons": [asdict(reason) for reason in accelerometer.reasons],
             "refused": accelerometer.refused,
         },
         "gyroscope": None if gyroscope is None else {
             "unit": log.rate_unit, "formula": GYROSCOPE_FORMULA, "n": gyroscope.n, "bias": gyroscope.bias.tolist(),
             "bias_spread": gyroscope.bias_spread,
             "matrix": None if gyroscope.fit is None else gyroscope.fit.matrix.tolist(), "verdict": gyroscope.verdict,
-            "reasons": [asdict(each) for each in gyroscope.reasons], "refused": gyroscope.refused,
+            "reasons": [asdict(reason) for reason in gyroscope.reasons], "refused": gyroscope.refused,
             "turns": [
                 {
                     "name": turn.name, "start_s": turn.start_s, "end_s": turn.end_s, "bias": list(turn.bias),
@@ -271,7 +260,7 @@ def to_header(fit: ImuLogFit) -> str:
             for axis, rate in sorted(fit.scales.items()) if rate.scale is not None
         ]
         parts.append("")
-    files = ", ".join(in_comment(Path(each).name) for each in fit.log.files)
+    files = ", ".join(in_comment(Path(file).name) for file in fit.log.files)
     return _HEADER.format(version=in_comment(__version__), files=files, parts="\n".join(parts))
 
 

@@ -48,67 +48,44 @@ BOUNDS = (
 
 @dataclass(frozen=True, slots=True)
 class TurnResult:
-    """One motion that may be a whole turn.
-
-    Attributes
-    ----------
-    name : str
-        As annotated, else empty.
-    start_s, end_s : float
-        In the log.
-    bias : (3,)
-        Its own: of the rests beside it, in the unit of the log.
-    integral : (3,)
-        Integral of the rate without its bias: degrees, or counts times seconds.
-    turned_deg : float
-        What it was taken for, about the vertical upward as accelerometers have it; 0 when it was refused.
-    left_deg : float
-        Difference between that and the calibrated integral; 0 without a calibration.
-    refused : str
-        Why, empty when it was used.
-    """
+    """One motion that may be a whole turn."""
 
     name: str
+    """As annotated, else empty."""
     start_s: float
     end_s: float
+    """In the log."""
     bias: tuple[float, float, float]
+    """Its own: of the rests beside it, in the unit of the log."""
     integral: tuple[float, float, float]
+    """Integral of the rate without its bias: degrees, or counts times seconds."""
     turned_deg: float
+    """What it was taken for, about the vertical upward as accelerometers have it; 0 when it was refused."""
     left_deg: float
+    """Difference between that and the calibrated integral; 0 without a calibration."""
     refused: str
+    """Why, empty when it was used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroscopeResult:
-    """Calibration of the gyroscope from a log.
-
-    Attributes
-    ----------
-    n : int
-        Samples at rest.
-    bias : ndarray, shape (3,)
-        Their mean, in the unit of the log.
-    bias_spread : float
-        Standard deviation of the rests' own means about it, largest axis.
-    fit : GyroscopeFit or None
-        ``rate_dps = matrix @ (reading - bias)``. None without three turns; the bias holds then as well.
-    turns : tuple of TurnResult
-    verdict : Acceptance
-        On the matrix; refused where there is only the bias.
-    reasons : tuple of Reason
-        Why it is not good.
-    refused : str
-        Why there is no matrix, empty when there is.
-    """
+    """Calibration of the gyroscope from a log."""
 
     n: int
+    """Samples at rest."""
     bias: Reals
+    """Shape (3,). Their mean, in the unit of the log."""
     bias_spread: float
+    """Standard deviation of the rests' own means about it, largest axis."""
     fit: GyroscopeFit | None
+    """``rate_dps = matrix @ (reading - bias)``. None without three turns; the bias holds then as well."""
     turns: tuple[TurnResult, ...]
     verdict: Acceptance
+    """On the matrix; refused where there is only the bias."""
     reasons: tuple[Reason, ...]
+    """Why it is not good."""
     refused: str
+    """Why there is no matrix, empty when there is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,17 +103,15 @@ def fit_gyroscope(
 
     Parameters
     ----------
-    log : ImuLog
-    intervals : Intervals
-    accelerometer : AccelerometerFit or None
+    accelerometer
         Calibration from the same log.
-    turn_deg : float
+    turn_deg
         Angle of each turn, done once or several times; counts alone do not show it.
-    rests : sequence of Interval
+    rests
         Where the log rests beside annotated turns, found in it: a turn's own bias is that of the rests beside it.
-    bias : ndarray, shape (3,), optional
+    bias : shape (3,)
         From another log, in the unit of this one; it then holds for all turns.
-    steady : sequence of Interval
+    steady
         What turned at a table's rate, and is no whole turn.
 
     Returns
@@ -162,17 +137,17 @@ def fit_gyroscope(
         return GyroscopeResult(n, bias, spread, None, (), Acceptance.REFUSED, (), why)
     motions = _candidates(log, intervals, accelerometer, bias, rests, own=own)
     times_s = [(log.time_s[each.start], log.time_s[each.end - 1]) for each in steady]
-    meant = [each for each in motions if not any(
-        each.result.start_s < end_s and start_s < each.result.end_s for start_s, end_s in times_s
+    meant = [motion for motion in motions if not any(
+        motion.result.start_s < end_s and start_s < motion.result.end_s for start_s, end_s in times_s
     )]  # fmt: skip
     candidates = _whole_turns(log, meant, turn_deg)
-    used = [each for each in candidates if not each.result.refused]
+    used = [candidate for candidate in candidates if not candidate.result.refused]
     found = fit_turns([_about_vertical(each) for each in used])
     if found.status is not TurnsStatus.OK:
-        turns = tuple(each.result for each in candidates)
+        turns = tuple(candidate.result for candidate in candidates)
         return GyroscopeResult(n, bias, spread, None, turns, Acceptance.REFUSED, (), _REFUSALS[found.status])
-    turns = tuple(replace(each.result, left_deg=_left_deg(each, found.matrix)) for each in candidates)
-    left = [100.0 * each.left_deg / abs(each.turned_deg) for each in turns if not each.refused]
+    turns = tuple(replace(candidate.result, left_deg=_left_deg(candidate, found.matrix)) for candidate in candidates)
+    left = [100.0 * turn.left_deg / abs(turn.turned_deg) for turn in turns if not turn.refused]
     verdict, reasons = rate_by(BOUNDS, {"turns": float(len(left)), "left_percent": max(left)})
     return GyroscopeResult(n, bias, spread, GyroscopeFit(found.matrix, bias), turns, verdict, reasons, "")
 
@@ -213,7 +188,7 @@ def _candidate(log: ImuLog, motion: Interval, bias: Sequence[Reals], up: Reals) 
 
 def _whole_turns(log: ImuLog, candidates: Sequence[_Candidate], turn_deg: float) -> list[_Candidate]:
     """Return the candidates with their number of turns, or the reason why they are none, without what hardly turned."""
-    lengths = [float(np.linalg.norm(each.result.integral)) for each in candidates]
+    lengths = [float(np.linalg.norm(candidate.result.integral)) for candidate in candidates]
     whole = turn_deg
     if DEGREES_PER_SECOND[log.rate_unit] is None:
         turned = [length for length in lengths if length > _A_TURN_AT_ALL * max(lengths)]

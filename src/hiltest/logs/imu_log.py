@@ -40,52 +40,33 @@ _LATEST = 1e20
 
 @dataclass(frozen=True, slots=True)
 class LogColumns:
-    """Columns that the header does not name clearly: names, or numbers from 1.
-
-    Attributes
-    ----------
-    accelerometer, gyroscope : str or None
-        ``a,b,c``.
-    time : str or None
-    labels : str or None
-        A column that says what each row is of.
-    """
+    """Columns that the header does not name clearly: names, or numbers from 1."""
 
     accelerometer: str | None = None
     gyroscope: str | None = None
+    """``a,b,c``."""
     time: str | None = None
     labels: str | None = None
+    """A column that says what each row is of."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuLog:
-    """Readings, in the order of the file.
-
-    Attributes
-    ----------
-    files : tuple of str
-    time_s : ndarray, shape (n,)
-        Increasing [s].
-    acceleration : ndarray, shape (n, 3)
-        In `acceleration_unit`, axes of the sensor; no row when nothing was logged of an accelerometer.
-    rate : ndarray, shape (n, 3), or None
-        In `rate_unit`. None when nothing was logged of a gyroscope.
-    acceleration_unit : AccelerationUnit
-    rate_unit : RateUnit
-    labels : tuple of str, or None
-        What each row says that it is of.
-    notes : tuple of str
-        What was skipped, recognised or assumed in the files, a sentence each.
-    """
+    """Readings, in the order of the file."""
 
     files: tuple[str, ...]
     time_s: Reals
+    """Shape (n,). Increasing [s]."""
     acceleration: Reals
+    """Shape (n, 3). In `acceleration_unit`, axes of the sensor; no row when nothing was logged of an accelerometer."""
     rate: Reals | None
+    """Shape (n, 3), or None. In `rate_unit`. None when nothing was logged of a gyroscope."""
     acceleration_unit: AccelerationUnit
     rate_unit: RateUnit
     labels: tuple[str, ...] | None = None
+    """What each row says that it is of."""
     notes: tuple[str, ...] = ()
+    """What was skipped, recognised or assumed in the files, a sentence each."""
 
     @property
     def period_s(self) -> float:
@@ -102,17 +83,17 @@ def read_imu_log(
 
     Parameters
     ----------
-    path : Path
+    path
         Log of both sensors, or of the accelerometer alone.
-    gyroscope_path : Path, optional
+    gyroscope_path
         Log of the gyroscope, with the same rows.
-    columns : LogColumns
+    columns
         By default what the headers say; a table of three or four columns without a header is x, y, z with time before.
-    rate_hz : float, optional
+    rate_hz
         Sampling rate; by default from the column of time.
-    acceleration_unit, rate_unit : optional
+    acceleration_unit, rate_unit
         By default what the headers say, else counts.
-    gyroscope_alone : bool
+    gyroscope_alone
         Whether a log of the gyroscope alone will do.
 
     Raises
@@ -288,9 +269,9 @@ def at_the_gyroscope_s(time_s: Reals, readings: Reals) -> tuple[NDArray[np.bool_
 
     Parameters
     ----------
-    time_s : ndarray, shape (n,)
+    time_s : shape (n,)
         Not decreasing.
-    readings : ndarray, shape (n, 6)
+    readings : shape (n, 6)
         Readings of accelerometer and gyroscope; NaN for the sensor that the row has not.
 
     Returns

@@ -39,34 +39,23 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, slots=True)
 class SteadyRate:
-    """One part of a log that turned at the known rate.
-
-    Attributes
-    ----------
-    start_s, end_s : float
-        In the log.
-    reading : (3,)
-        Median of the means of a second, without the bias, in the unit of the log.
-    axis : str
-        x, y or z: the axis along which it lay.
-    askew_deg : float
-        Angle of the reading from that axis.
-    scale : float or None
-        ``rate_dps = scale * (reading - bias)`` of that axis; None when it was refused.
-    uncertainty : float
-        Standard uncertainty of the scale, the turntable's own rate taken as exact.
-    refused : str
-        Why, empty when it was used.
-    """
+    """One part of a log that turned at the known rate."""
 
     start_s: float
     end_s: float
+    """In the log."""
     reading: tuple[float, float, float]
+    """Median of the means of a second, without the bias, in the unit of the log."""
     axis: str
+    """x, y or z: the axis along which it lay."""
     askew_deg: float
+    """Angle of the reading from that axis."""
     scale: float | None
+    """``rate_dps = scale * (reading - bias)`` of that axis; None when it was refused."""
     uncertainty: float
+    """Standard uncertainty of the scale, the turntable's own rate taken as exact."""
     refused: str
+    """Why, empty when it was used."""
 
 
 def steady_parts(log: ImuLog, bias: Reals, *, rpm: float) -> tuple[Interval, ...]:
@@ -74,10 +63,9 @@ def steady_parts(log: ImuLog, bias: Reals, *, rpm: float) -> tuple[Interval, ...
 
     Parameters
     ----------
-    log : ImuLog
-    bias : ndarray, shape (3,)
+    bias : shape (3,)
         Reading at rest.
-    rpm : float
+    rpm
         Revolutions a minute.
 
     Returns
@@ -134,14 +122,12 @@ def fit_rates(
 
     Parameters
     ----------
-    log : ImuLog
-    parts : sequence of Interval
+    parts
         From `steady_parts`.
-    rests : sequence of Interval
+    rests
         A part's own bias is that of the rests beside it.
-    bias : ndarray, shape (3,)
+    bias : shape (3,)
         Without a rest.
-    rpm : float
 
     Notes
     -----

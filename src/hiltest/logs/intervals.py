@@ -49,21 +49,14 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
-    """Rests and motions of a log.
-
-    Attributes
-    ----------
-    rests : tuple of Interval
-        In the order of their time.
-    motions : tuple of Interval
-        Between two rests when they were found, with one before and one behind each; turns by their names otherwise.
-    found : bool
-        Whether they were found in the readings; otherwise they are annotations.
-    """
+    """Rests and motions of a log."""
 
     rests: tuple[Interval, ...]
+    """In the order of their time."""
     motions: tuple[Interval, ...]
+    """Between two rests when they were found, with one before and one behind each; turns by their names otherwise."""
     found: bool
+    """Whether they were found in the readings; otherwise they are annotations."""
 
 
 def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals:
@@ -71,8 +64,7 @@ def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals
 
     Parameters
     ----------
-    log : ImuLog
-    rest_rate : ndarray, shape (3,), optional
+    rest_rate : shape (3,)
         What the gyroscope reads at rest; by default what it reads most of the time that nothing scatters.
 
     Raises
@@ -144,9 +136,9 @@ def _listed(log: ImuLog, path: Path, name: str, entry: object) -> Interval:
 def _named(intervals: Sequence[Interval]) -> Intervals:
     turns: list[Interval] = []
     rests: list[Interval] = []
-    for each in intervals:
-        (turns if any(word in each.name.lower() for word in _TURN_WORDS) else rests).append(each)
-    return Intervals(tuple(sorted(rests, key=lambda each: each.start)), tuple(turns), found=False)
+    for interval in intervals:
+        (turns if any(word in interval.name.lower() for word in _TURN_WORDS) else rests).append(interval)
+    return Intervals(tuple(sorted(rests, key=lambda rest: rest.start)), tuple(turns), found=False)
 
 
 def _still(spread: Reals, restless: float) -> NDArray[np.bool_]:

@@ -14,24 +14,16 @@ from hiltest.logs.span import rows
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeftOut:
-    """What is left out of samples.
-
-    Attributes
-    ----------
-    samples : Samples
-        All of them.
-    robust : bool
-        Whether anything is left out at all.
-    repeated : ndarray of bool, shape (n,)
-        Equal to the reading before, so none of its own, and not dropped.
-    dropped : ndarray of bool, shape (n,)
-        No part of the ellipsoid of the others.
-    """
+    """What is left out of samples."""
 
     samples: Samples
+    """All of them."""
     robust: bool
+    """Whether anything is left out at all."""
     repeated: Mask
+    """Shape (n,). Equal to the reading before, so none of its own, and not dropped."""
     dropped: Mask
+    """Shape (n,). No part of the ellipsoid of the others."""
 
     @property
     def rest(self) -> Samples:

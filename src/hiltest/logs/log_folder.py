@@ -34,21 +34,14 @@ _LARGEST_CONDITION = next(
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Calibrations of two parts of a log.
-
-    Attributes
-    ----------
-    cut : str
-        Name in `CUTS`.
-    difference_deg : float
-        Angle between what both make of the same readings, rms over the sphere.
-    predicted_deg : float
-        That angle from the predicted spread of each. Bias is in both alike.
-    """
+    """Calibrations of two parts of a log."""
 
     cut: str
+    """Name in `CUTS`."""
     difference_deg: float
+    """Angle between what both make of the same readings, rms over the sphere."""
     predicted_deg: float
+    """That angle from the predicted spread of each. Bias is in both alike."""
 
     @property
     def ratio(self) -> float:
@@ -58,23 +51,15 @@ class Agreement:
 
 @dataclass(frozen=True, slots=True)
 class LogFit:
-    """A file of a folder.
-
-    Attributes
-    ----------
-    name : str
-        Its path from the folder.
-    fit : SampleFit or None
-    agreements : tuple of Agreement
-        None of a part that determines no ellipsoid.
-    unread : str
-        Why it could not be read; empty where it was.
-    """
+    """A file of a folder."""
 
     name: str
+    """Its path from the folder."""
     fit: SampleFit | None = None
     agreements: tuple[Agreement, ...] = ()
+    """None of a part that determines no ellipsoid."""
     unread: str = ""
+    """Why it could not be read; empty where it was."""
 
 
 def fit_folder(

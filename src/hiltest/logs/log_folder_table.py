@@ -24,24 +24,24 @@ def print_folder(logs: Sequence[LogFit], console: Console) -> None:
         grid.add_column(heading, justify="right" if heading == "readings" else "left", overflow="fold")
     for heading in ("error [deg]", *CUTS):
         grid.add_column(escape(heading), justify="right")
-    for each in logs:
-        if each.fit is not None:
-            best = each.fit.best
+    for log in logs:
+        if log.fit is not None:
+            best = log.fit.best
             error = "-" if best.direction_error_deg is None else f"{best.direction_error_deg:.2f}"
             grid.add_row(
-                escape(each.name), str(each.fit.n_in), Text(best.verdict, style=STYLES[best.verdict]),
-                escape(best.name), error, *_ratios(each),
+                escape(log.name), str(log.fit.n_in), Text(best.verdict, style=STYLES[best.verdict]),
+                escape(best.name), error, *_ratios(log),
             )  # fmt: skip
     console.print(grid, width=min(WIDTH, console.width))
-    for line in _summary([found for each in logs for found in each.agreements]):
+    for line in _summary([found for log in logs for found in log.agreements]):
         console.print(line, soft_wrap=True)
-    for each in logs:
-        if each.unread:
-            console.print(escape(f"{each.name} was not read: {each.unread}"), style="dim", soft_wrap=True)
+    for log in logs:
+        if log.unread:
+            console.print(escape(f"{log.name} was not read: {log.unread}"), style="dim", soft_wrap=True)
 
 
 def _ratios(log: LogFit) -> list[str]:
-    found = {each.cut: each.ratio for each in log.agreements}
+    found = {agreement.cut: agreement.ratio for agreement in log.agreements}
     return [f"{found[cut]:.2f}" if cut in found else "-" for cut in CUTS]
 
 

@@ -34,40 +34,26 @@ _RATES_HZ = (1e-3, 1e6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RateLog:
-    """The longest part of a log that has no gap.
-
-    Attributes
-    ----------
-    path : Path
-    columns : tuple of str
-        Names, or numbers from 1.
-    rates : ndarray, shape (n, columns)
-        In deg/s, or in counts when that is the unit.
-    unit : RateUnit
-        Unit of the file.
-    rate_hz : float
-    rows : int
-        Rows of the whole file; `len(rates)` of them are the part.
-    gaps : int
-        Where samples are missing, in the whole file.
-    start_s : float
-        First sample of the part, after the first row of the file.
-    jitter_s : float
-        By how much a time stamp of the part is off an even rate, at most.
-    notes : tuple of str
-        What was skipped, recognised or assumed in the file, a sentence each.
-    """
+    """The longest part of a log that has no gap."""
 
     path: Path
     columns: tuple[str, ...]
+    """Names, or numbers from 1."""
     rates: Reals
+    """Shape (n, columns). In deg/s, or in counts when that is the unit."""
     unit: RateUnit
+    """Unit of the file."""
     rate_hz: float
     rows: int
+    """Rows of the whole file; `len(rates)` of them are the part."""
     gaps: int
+    """Where samples are missing, in the whole file."""
     start_s: float = 0.0
+    """First sample of the part, after the first row of the file."""
     jitter_s: float = 0.0
+    """By how much a time stamp of the part is off an even rate, at most."""
     notes: tuple[str, ...] = ()
+    """What was skipped, recognised or assumed in the file, a sentence each."""
 
     @property
     def in_degrees(self) -> bool:
@@ -91,19 +77,19 @@ def read_rate_log(
 
     Parameters
     ----------
-    path : Path
+    path
         As `hiltest.recordings.table.open_table` takes it.
-    columns : str, optional
+    columns
         Up to three, ``a,b,c``: names or numbers from 1; by default those that the header calls a gyroscope's.
-    unit : RateUnit, optional
+    unit
         By default what the header says.
-    otherwise : RateUnit, optional
+    otherwise
         For a header that says none; an error by default.
-    time : str, optional
+    time
         Column with the time; by default one called time, timestamp or t, in the unit its name ends with, else s.
-    rate_hz : float, optional
+    rate_hz
         Sampling rate of a file without time; the rows are then believed to be without a gap.
-    first_s, last_s : float
+    first_s, last_s
         First instant to take, and first one not to, after the first row.
 
     Raises
@@ -139,12 +125,11 @@ def rest_bias(path: Path, unit: RateUnit, *, written: RateUnit | None = None, co
 
     Parameters
     ----------
-    path : Path
-    unit : RateUnit
+    unit
         Of the log that the bias is for.
-    written : RateUnit, optional
+    written
         Of the file; by default what its header says, else `unit`.
-    columns, time, rate_hz : optional
+    columns, time, rate_hz
         As for `read_rate_log`.
 
     Raises

@@ -27,9 +27,9 @@ class Rating:
 
     Parameters
     ----------
-    samples : Samples
+    samples
         What is not left out.
-    change : FieldChange or None
+    change
         Step of the hard iron in the whole log.
 
     Attributes

@@ -40,14 +40,13 @@ def fit_on_host(
 
     Parameters
     ----------
-    samples : Samples
-    calibrator : str
+    calibrator
         A name, `BOARD` or `ALL`.
-    robust : bool
+    robust
         Leave out what `hiltest.logs.left_out.left_out` finds.
-    any_shape : bool
+    any_shape
         Where all calibrators are refused, fit the shape that the samples allow, if that is not refused.
-    field_ut : float, optional
+    field_ut
         Strength of the field, where it is known.
 
     Raises
@@ -81,10 +80,9 @@ def fit_on_board(
 
     Parameters
     ----------
-    board : Board
+    board
         Its point buffer is replaced.
-    samples : Samples
-    calibrator : str
+    calibrator
         A name as in the board's identity, `BOARD`, or `ALL`: then the references of those that it has not, too.
     robust, any_shape, field_ut
         As for `fit_on_host`; a shape is the host's.

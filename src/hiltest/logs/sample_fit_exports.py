@@ -149,7 +149,11 @@ def schema_text() -> str:
     """Return the text of the shipped ``fit.schema.json``, generated from the classes."""
     from pydantic import TypeAdapter
 
-    schema: dict[str, Any] = TypeAdapter(SampleFit).json_schema(mode="serialization")
+    from hiltest.json_schema import DescribedFields
+
+    schema: dict[str, Any] = TypeAdapter(SampleFit).json_schema(
+        mode="serialization", schema_generator=DescribedFields
+    )  # fmt: skip
     schema["properties"] = {
         "schema": {"const": FIT_SCHEMA}, "hiltest": {"type": "string"},
         "verdict": {"$ref": "#/$defs/Acceptance"}, "best": {"type": "string"}, **schema["properties"],

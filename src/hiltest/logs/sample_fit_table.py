@@ -59,14 +59,14 @@ def _shown(fit: SampleFit) -> SampleFit:
     """
     if fit.best.shape:
         return replace(fit, calibrators=(fit.best,), firmware=None)
-    return replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity is None))
+    return replace(fit, calibrators=tuple(calibrator for calibrator in fit.calibrators if calibrator.gravity is None))
 
 
 def _grid(fit: SampleFit) -> Table:
     grid = Table(box=SIMPLE_HEAD, pad_edge=False)
     grid.add_column("")
-    for each in fit.calibrators:
-        grid.add_column(escape(each.name), justify="right")
+    for calibrator in fit.calibrators:
+        grid.add_column(escape(calibrator.name), justify="right")
     grid.add_row("verdict", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fit.calibrators))
     for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
@@ -77,7 +77,7 @@ def _grid_of_rows(fit: SampleFit) -> Table:
     """Return a row for each calibrator, with the figures that tell one from another."""
     (kind, kinds), *_ = _kind_rows(fit)
     figures = [row for row in _number_rows(fit) if row[0] not in _OF_SAMPLES]
-    cycles = [("cycles", [readable(each.cycles) for each in fit.calibrators])] if fit.firmware else []
+    cycles = [("cycles", [readable(calibrator.cycles) for calibrator in fit.calibrators])] if fit.firmware else []
     grid = Table(box=SIMPLE_HEAD, padding=0)
     for label in ("", "verdict", kind):
         grid.add_column(label, no_wrap=label != kind)
@@ -104,11 +104,11 @@ def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
 
 
 def _gravity_rows(fits: Sequence[CalibratorFit]) -> list[tuple[str, list[str]]]:
-    figures = [each.gravity or GravityFigures() for each in fits]
+    figures = [fit.gravity or GravityFigures() for fit in fits]
     return [
-        ("dip varies, held out [deg]", [_number(each.held_out_dip_deg, ".2f") for each in figures]),
-        ("dip [deg]", [_number(each.dip_deg, ".1f") for each in figures]),
-        ("rotation found [deg]", [_number(each.rotation_deg, ".1f") for each in figures]),
+        ("dip varies, held out [deg]", [_number(figure.held_out_dip_deg, ".2f") for figure in figures]),
+        ("dip [deg]", [_number(figure.dip_deg, ".1f") for figure in figures]),
+        ("rotation found [deg]", [_number(figure.rotation_deg, ".1f") for figure in figures]),
     ]
 
 
@@ -124,7 +124,7 @@ class FigureTable:
 def figure_tables(fit: SampleFit) -> list[FigureTable]:
     """Return the figures of a fit, hard and soft iron among them; those against gravity apart, as six do not fit."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
-    norms = tuple(each for each in fit.calibrators if each.gravity is None)
+    norms = tuple(calibrator for calibrator in fit.calibrators if calibrator.gravity is None)
     tables = []
     for first in range(0, len(norms), _MOST_COLUMNS):
         part = replace(fit, calibrators=norms[first : first + _MOST_COLUMNS])
@@ -143,15 +143,15 @@ def figure_tables(fit: SampleFit) -> list[FigureTable]:
 
 def _kind_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     return [
-        ("fit", [each.status for each in fit.calibrators]),
-        ("points used", [str(each.n_used) for each in fit.calibrators]),
+        ("fit", [calibrator.status for calibrator in fit.calibrators]),
+        ("points used", [str(calibrator.n_used) for calibrator in fit.calibrators]),
     ]
 
 
 def _iron_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     return [
-        (f"hard iron [{fit.unit}]", [_hard_iron(each) for each in fit.calibrators]),
-        ("soft iron [1]", ["\n".join(map(_row, each.soft_iron or ())) or "-" for each in fit.calibrators]),
+        (f"hard iron [{fit.unit}]", [_hard_iron(calibrator) for calibrator in fit.calibrators]),
+        ("soft iron [1]", ["\n".join(map(_row, calibrator.soft_iron or ())) or "-" for calibrator in fit.calibrators]),
     ]
 
 
@@ -211,10 +211,10 @@ def told_reasons(fit: SampleFit) -> Iterator[str]:
     Of calibrators that a shape stands in for only why they are all refused is told.
     """
     found: dict[tuple[object, ...], list[tuple[str, Reason]]] = {}
-    for each in fit.calibrators:
-        for reason in each.reasons:
+    for calibrator in fit.calibrators:
+        for reason in calibrator.reasons:
             same = (reason.figure, reason.threshold, reason.unit, reason.verdict, reason.meaning)
-            found.setdefault(same, []).append((each.name, reason))
+            found.setdefault(same, []).append((calibrator.name, reason))
     count, best = len(fit.calibrators), fit.best
     for named in found.values():
         names, values = [name for name, _ in named], [reason.value for _, reason in named]

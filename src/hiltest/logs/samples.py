@@ -39,49 +39,33 @@ _LATEST = 1e20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Samples of one magnetometer.
-
-    Attributes
-    ----------
-    path : Path
-    points : ndarray, shape (n, 3)
-        In `unit`, sensor frame, in the order of the file.
-    unit : Unit
-    unit_from : str
-        ``option``, ``header``, or ``assumed`` when neither names it.
-    columns : tuple of str
-        Names of the three columns, or their numbers from 1.
-    skipped : int
-        Rows without three finite numbers.
-    lines : ndarray, shape (n,), or None
-        Line of the file of each sample. None: not from a file.
-    time_s : ndarray, shape (n,), or None
-        Time of each sample, not decreasing [s]. None where no column is one of time, or its times go back.
-    acceleration : ndarray, shape (n, 3), or None
-        What the accelerometer read in the same rows, in `acceleration_unit`, its own axes; NaN in a row without three
-        numbers of it. None where the file has none.
-    acceleration_unit : AccelerationUnit
-    preamble : int
-        Lines before the table that are no part of it.
-    start : float
-        Of a part of a log: how long after the log's first reading it begins [s], or after how many without times.
-    notes : tuple of str
-        What was skipped, recognised or assumed in the file, a sentence each.
-    """
+    """Samples of one magnetometer."""
 
     path: Path
     points: Reals
+    """Shape (n, 3). In `unit`, sensor frame, in the order of the file."""
     unit: Unit
     unit_from: str
+    """``option``, ``header``, or ``assumed`` when neither names it."""
     columns: tuple[str, str, str]
+    """Names of the three columns, or their numbers from 1."""
     skipped: int
+    """Rows without three finite numbers."""
     lines: NDArray[np.int64] | None = None
+    """Shape (n,), or None. Line of the file of each sample. None: not from a file."""
     time_s: Reals | None = None
+    """Shape (n,), or None. Time of each sample, not decreasing [s]. None where no column is one of time, or its
+    times go back."""
     acceleration: Reals | None = None
+    """Shape (n, 3), or None. What the accelerometer read in the same rows, in `acceleration_unit`, its own axes;
+    NaN in a row without three numbers of it. None where the file has none."""
     acceleration_unit: AccelerationUnit = AccelerationUnit.COUNTS
     preamble: int = 0
+    """Lines before the table that are no part of it."""
     start: float = 0.0
+    """Of a part of a log: how long after the log's first reading it begins [s], or after how many without times."""
     notes: tuple[str, ...] = ()
+    """What was skipped, recognised or assumed in the file, a sentence each."""
 
     @property
     def microtesla(self) -> float | None:
@@ -91,23 +75,14 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Which columns are what.
-
-    Attributes
-    ----------
-    places, names : of the magnetometer's columns
-    accelerometer : places of the accelerometer's columns, empty without one
-    strict : bool
-        Whether a cell of the accelerometer that is no number is refused: where an option names its columns.
-    time : place of the column of time, and what one of it is in seconds; None without one
-    notes : what was assumed of columns
-    """
+    """Which columns are what."""
 
     places: tuple[int, int, int]
     names: tuple[str, str, str]
     accelerometer: tuple[int, ...]
     accelerometer_names: tuple[str, ...]
     strict: bool
+    """Whether a cell of the accelerometer that is no number is refused: where an option names its columns."""
     time: tuple[int, float] | None
     notes: tuple[str, ...]
 
@@ -119,13 +94,13 @@ def read_samples(
 
     Parameters
     ----------
-    path : Path
+    path
         As `hiltest.recordings.table.open_table` takes it.
-    columns : str, optional
+    columns
         ``a,b,c``, names or numbers from 1; by default those that the header calls a magnetometer's.
-    unit : Unit, optional
+    unit
         By default what the header says, else counts.
-    accelerometer_columns : str, optional
+    accelerometer_columns
         As `columns`; by default those that the header calls an accelerometer's, where these are three.
 
     Raises

@@ -19,21 +19,14 @@ _CLOSER, _FEWEST_ORDERED = 0.75, 40
 
 @dataclass(frozen=True, slots=True)
 class FieldChange:
-    """A step of the hard iron in the middle of a log.
-
-    Attributes
-    ----------
-    at : float
-        When: seconds from the first reading of the file, or the number of the reading, from 1, without times.
-    at_unit : str
-        ``s`` or ``reading``.
-    percent : float
-        Length of the step, of the radius.
-    """
+    """A step of the hard iron in the middle of a log."""
 
     at: float
+    """When: seconds from the first reading of the file, or the number of the reading, from 1, without times."""
     at_unit: str
+    """``s`` or ``reading``."""
     percent: float
+    """Length of the step, of the radius."""
 
     @property
     def when(self) -> str:

@@ -27,7 +27,7 @@ def gaps(time_s: Reals) -> NDArray[np.int64]:
 
     Parameters
     ----------
-    time_s : ndarray, shape (n,)
+    time_s : shape (n,)
         Not decreasing.
 
     Notes

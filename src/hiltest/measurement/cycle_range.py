@@ -25,19 +25,13 @@ class RowEffect:
 
 @dataclass(frozen=True, slots=True)
 class CycleRange:
-    """Uncertainty range of a cycle count: every uncertain row of its cycle model takes any value of its own range.
-
-    Attributes
-    ----------
-    low, high : int
-        Counts with every row at the cheap, or the dear, end of its own range.
-    rows : tuple of RowEffect
-        Each that changes the count, alone: the one that changes it most comes first.
-    """
+    """Uncertainty range of a cycle count: every uncertain row of its cycle model takes any value of its own range."""
 
     low: int
     high: int
+    """Counts with every row at the cheap, or the dear, end of its own range."""
     rows: tuple[RowEffect, ...] = ()
+    """Each that changes the count, alone: the one that changes it most comes first."""
 
     def __str__(self) -> str:
         return _range(self.low, self.high)
@@ -50,7 +44,7 @@ class CycleRange:
     @property
     def about_fetch(self) -> int:
         """How many cycles of the range are doubt about fetch and alignment."""
-        return sum(abs(each.high - each.low) for each in self.rows if each.row in ABOUT_FETCH)
+        return sum(abs(row.high - row.low) for row in self.rows if row.row in ABOUT_FETCH)
 
     def explained(self, model: str = "the cycle model", *, of: float | None = None) -> str:
         """Return the range in words, with the row that contributes most, and what part of `of` is doubt about fetch."""

@@ -70,13 +70,6 @@ class Reference(Enum):
 class Tolerance:
     """Tolerance of a comparison: a measurement is unchanged unless it moved by more than both.
 
-    Attributes
-    ----------
-    absolute : float
-        In the measurement's unit.
-    relative : float
-        Share of the base's value, 0.02 for 2 %. With 0 and 0 any change counts.
-
     Raises
     ------
     ValueError
@@ -84,7 +77,9 @@ class Tolerance:
     """
 
     absolute: float
+    """In the measurement's unit."""
     relative: float
+    """Share of the base's value, 0.02 for 2 %. With 0 and 0 any change counts."""
 
     def __post_init__(self) -> None:
         for name, value in (("absolute", self.absolute), ("relative", self.relative)):
@@ -109,67 +104,43 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True)
 class Allowance:
-    """Tolerance for harmless changes.
-
-    Attributes
-    ----------
-    tolerance : Tolerance
-        Beside it stands, on a board whose runs do not share their noise, what that noise moves.
-    reason : str
-        Reason of the tolerance.
-    better : Better or None
-        Where it is another than the kind's.
-    """
+    """Tolerance for harmless changes."""
 
     tolerance: Tolerance
+    """Beside it stands, on a board whose runs do not share their noise, what that noise moves."""
     reason: str
+    """Reason of the tolerance."""
     better: Better | None = None
+    """Where it is another than the kind's."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of measurement.
-
-    Attributes
-    ----------
-    name : str
-        Name with the subject in braces: ``heading.{calibrator}.max``.
-    unit : str or None
-        None where the suite decides, as between points and sweeps.
-    better : Better
-    allowance : Allowance
-    section : Section
-    meaning : str
-        One sentence.
-    subjects : mapping of str to Allowance
-        Tolerances of subjects with another noise.
-    accuracy : str
-        For a cost: name of the accuracy that it is shown beside, with the same subject.
-    reference : Reference
-    compared : bool
-        False for what says nothing of the firmware.
-    direction : bool
-        Whether it is a direction [deg]: 330 and 30 are 60 apart, and none is a share of another.
-    decided_by : str
-        For the largest of many numbers, or their median: name of their rms or mean, with the same subject. Between runs
-        that do not share their noise that decides: a largest error is several times as noisy, a median jumps.
-    next_step : str
-        What to do where it is out of its limit; by default `NEXT_STEP` of the section.
-    """
+    """One kind of measurement."""
 
     name: str
+    """Name with the subject in braces: ``heading.{calibrator}.max``."""
     unit: str | None
+    """None where the suite decides, as between points and sweeps."""
     better: Better
     allowance: Allowance
     section: Section
     meaning: str
+    """One sentence."""
     subjects: Mapping[str, Allowance] = field(default_factory=dict)
+    """Tolerances of subjects with another noise."""
     accuracy: str = ""
+    """For a cost: name of the accuracy that it is shown beside, with the same subject."""
     reference: Reference = Reference.NONE
     compared: bool = True
+    """False for what says nothing of the firmware."""
     direction: bool = False
+    """Whether it is a direction [deg]: 330 and 30 are 60 apart, and none is a share of another."""
     decided_by: str = ""
+    """For the largest of many numbers, or their median: name of their rms or mean, with the same subject. Between
+    runs that do not share their noise that decides: a largest error is several times as noisy, a median jumps."""
     next_step: str = ""
+    """What to do where it is out of its limit; by default `NEXT_STEP` of the section."""
 
     def of(self, subject: str) -> str:
         """Return the name of the measurement of a subject."""

@@ -46,8 +46,7 @@ class Limit:
 
         Parameters
         ----------
-        value : float
-        uncertainty : float
+        uncertainty
             Expanded uncertainty U of the value, 0 or more, in its unit.
 
         Notes

@@ -70,49 +70,32 @@ class Counted(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One number that a run produced.
-
-    Attributes
-    ----------
-    name : str
-        Dotted, lower case: ``heading.direct.max``.
-    value : float, int or None
-        None when there is no number to give.
-    unit : str
-        As written behind the number: ``deg``, ``cycle``, ``uT``, ``%``.
-    limit : Limit or None
-    information : Limit or None
-        Shown beside the value, without a verdict.
-    outcome : Outcome
-    volatile : bool
-        True when two runs of the same seed may differ in it, such as wall time.
-    cycle_model : str
-        For cycles: the cycle model that counted them. Numbers of different models are never compared.
-    note : str
-        Why the outcome is what it is, when the numbers do not say it.
-    test : str
-        Node id of the test that measured it.
-    place : str
-        File and line of the call that measured it: ``hil/suites/test_heading.py:81``.
-    uncertainty : float or None
-        Expanded uncertainty of its reference, which the limit was held against; None where none entered.
-    band : CycleRange or None
-        For cycles of a virtual board: the uncertainty range that follows from the cycle model.
-    """
+    """One number that a run produced."""
 
     name: str
+    """Dotted, lower case: ``heading.direct.max``."""
     value: float | int | None
+    """None when there is no number to give."""
     unit: str
+    """As written behind the number: ``deg``, ``cycle``, ``uT``, ``%``."""
     limit: Limit | None = None
     information: Limit | None = None
+    """Shown beside the value, without a verdict."""
     outcome: Outcome = Outcome.INFORMATION
     volatile: bool = False
+    """True when two runs of the same seed may differ in it, such as wall time."""
     cycle_model: str = ""
+    """For cycles: the cycle model that counted them. Numbers of different models are never compared."""
     note: str = ""
+    """Why the outcome is what it is, when the numbers do not say it."""
     test: str = ""
+    """Node id of the test that measured it."""
     band: CycleRange | None = None
+    """For cycles of a virtual board: the uncertainty range that follows from the cycle model."""
     place: str = ""
+    """File and line of the call that measured it: ``hil/suites/test_heading.py:81``."""
     uncertainty: float | None = None
+    """Expanded uncertainty of its reference, which the limit was held against; None where none entered."""
 
     @property
     def kind(self) -> Kind | None:
@@ -192,14 +175,14 @@ def check(
     ----------
     name, value, unit, limit
         As in `Measurement`. A value of None means that there is none to give.
-    not_checked : str, optional
+    not_checked
         Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
-    not_offered : str, optional
+    not_offered
         Why there is no value, where that follows from another result and nothing is missing.
-    could_offer : bool, optional
+    could_offer
         Whether this kind of board can know such a value, as a virtual one always can. None under
         a limit is then ``unset``, and not ``not offered``.
-    **about : About
+    **about
         What else the measurement holds. An outcome that needs a reason has that instead of the note.
 
     Returns

@@ -53,12 +53,12 @@ def _ends(effect: RowEffect | None, value: float) -> tuple[float, float, float]:
 
 
 def _rows(band: CycleRange) -> tuple[RowEffect, ...]:
-    return tuple(each for each in band.rows if each.row != DOUBT)
+    return tuple(row for row in band.rows if row.row != DOUBT)
 
 
 def _together(value: float, band: CycleRange) -> tuple[float, float, float]:
     """Return what all rows add to a count beyond what each adds alone: nothing, at the lower and at the upper end."""
-    alone = [_ends(each, value) for each in _rows(band)]
+    alone = [_ends(row, value) for row in _rows(band)]
     return 0, min(0, band.low - value - sum(map(min, alone))), max(0, band.high - value - sum(map(max, alone)))
 
 

@@ -8,22 +8,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class FusionNoise:
-    """Noise of the sensors, as the filter assumes it.
-
-    Attributes
-    ----------
-    rate_dps_rthz : float
-        Density of the rate's noise [deg/s per root hertz]; the gyroscope's other errors must find room in it.
-    tilt_deg, heading_deg : float
-        Standard deviation of one TRIAD attitude about a level axis, and about the vertical.
-    gate_g : float
-        Gravity is used when its norm is 1 g within this.
-    """
+    """Noise of the sensors, as the filter assumes it."""
 
     rate_dps_rthz: float
+    """Density of the rate's noise [deg/s per root hertz]; the gyroscope's other errors must find room in it."""
     tilt_deg: float
     heading_deg: float
+    """Standard deviation of one TRIAD attitude about a level axis, and about the vertical."""
     gate_g: float = 0.1
+    """Gravity is used when its norm is 1 g within this."""
 
 
 def heading_sigma_deg(*, field_sigma: float, tilt_deg: float, dip_deg: float) -> float:
@@ -31,11 +24,11 @@ def heading_sigma_deg(*, field_sigma: float, tilt_deg: float, dip_deg: float) ->
 
     Parameters
     ----------
-    field_sigma : float
+    field_sigma
         rms noise of one axis of the field, relative to the field's strength.
-    tilt_deg : float
+    tilt_deg
         rms error of the accelerometer's tilt about one axis.
-    dip_deg : float
+    dip_deg
         Dip of the field.
 
     Notes

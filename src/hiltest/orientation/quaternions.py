@@ -34,7 +34,7 @@ def from_ned_axes(axes: ArrayLike) -> Quaternion:
 
     Parameters
     ----------
-    axes : array_like, shape (3, 3)
+    axes : shape (3, 3)
         Takes body components to north, east and down: its rows are these directions as the body sees them.
 
     Notes

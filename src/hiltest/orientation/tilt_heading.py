@@ -25,9 +25,9 @@ def tilt_heading(gravity: ArrayLike, field: ArrayLike) -> Pose:
 
     Parameters
     ----------
-    gravity : array_like, shape (3,)
+    gravity : shape (3,)
         Gravity-positive accelerometer in the body frame, any scale: a level body has (0, 0, +).
-    field : array_like, shape (3,)
+    field : shape (3,)
         Corrected magnetic field in the body frame, any scale.
 
     Returns
@@ -62,7 +62,7 @@ def earth_axes(gravity: ArrayLike, field: ArrayLike) -> Matrix:
 
     Parameters
     ----------
-    gravity, field : array_like, shape (3,)
+    gravity, field : shape (3,)
         As in `tilt_heading`.
 
     Returns

@@ -44,28 +44,18 @@ class EffortKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effort:
-    """Result of a calibrator at a limited effort.
-
-    Attributes
-    ----------
-    calibrator : str
-    kind : EffortKind
-    effort : int
-        How much of that.
-    points : int
-        Points that it was offered: the whole.
-    cycles : int
-        Core cycles that it took. Of a stream, all points so far and the answer together.
-    fit : MagnetometerFit
-        What came of it, as the board computed it in float32 [counts].
-    """
+    """Result of a calibrator at a limited effort."""
 
     calibrator: str
     kind: EffortKind
     effort: int
+    """How much of that."""
     points: int
+    """Points that it was offered: the whole."""
     cycles: int
+    """Core cycles that it took. Of a stream, all points so far and the answer together."""
     fit: MagnetometerFit
+    """What came of it, as the board computed it in float32 [counts]."""
 
 
 def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
@@ -73,11 +63,11 @@ def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
 
     Parameters
     ----------
-    board : Board
+    board
         Holding the points, in an order of which every beginning is as good as any.
-    calibrator : str
+    calibrator
         Name from the board's identity, of a streaming calibrator or another.
-    points : int
+    points
         Number of points; the largest effort gets all of them.
 
     Raises
@@ -100,7 +90,7 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
     ----------
     board, calibrator, points
         As `effort_curve` has them.
-    cycles : int
+    cycles
         The budget.
 
     Raises

@@ -29,37 +29,25 @@ _SPHERE_PARAMETERS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratorRun:
-    """One calibrator's answer on the board.
-
-    Attributes
-    ----------
-    name : str
-        As it was asked for, ``direct`` or ``direct@100``.
-    slot : int
-        Where the board keeps the calibration.
-    n : int
-        Points used.
-    result : MagnetometerFit
-        As the board computed it, in float32.
-    cost : RunCost or None
-        Core cycles of the run and of an empty call; None when the core counts none.
-    residual_percent : float
-        ``100 rms(|C (m - o)| - 1)`` over the n points, computed on the host.
-    residual_predicted_percent : float
-        What the noise that the rig declares leaves by itself.
-    offset_error_ut, rotation_left_deg : float or None
-        Against the truth; None where there is none: "not offered".
-    """
+    """One calibrator's answer on the board."""
 
     name: str
+    """As it was asked for, ``direct`` or ``direct@100``."""
     slot: int
+    """Where the board keeps the calibration."""
     n: int
+    """Points used."""
     result: MagnetometerFit
+    """As the board computed it, in float32."""
     cost: RunCost | None
+    """Core cycles of the run and of an empty call; None when the core counts none."""
     residual_percent: float
+    """``100 rms(|C (m - o)| - 1)`` over the n points, computed on the host."""
     residual_predicted_percent: float
+    """What the noise that the rig declares leaves by itself."""
     offset_error_ut: float | None
     rotation_left_deg: float | None
+    """Against the truth; None where there is none: "not offered"."""
 
     @property
     def calibrator(self) -> str:
@@ -110,10 +98,7 @@ def calibrate_once(
 
     Parameters
     ----------
-    board : Board
-    name : str
-    n : int
-    iterations : int
+    iterations
         How many it may make; 0 is its own limit.
 
     Returns
@@ -142,12 +127,11 @@ def run_calibrators(
 
     Parameters
     ----------
-    board : Board
+    board
         Holding the points of `tumble`. Slot 0 becomes the identity: no calibration.
-    tumble : Tumble
-    calibrators : sequence of str
+    calibrators
         Names as in the board's identity. One may say how many points it gets: ``direct@100``.
-    n : int
+    n
         Points each of the others gets.
 
     Returns
@@ -215,9 +199,9 @@ def calibrator_run(
 
     Parameters
     ----------
-    points : ndarray, shape (n, 3)
+    points : shape (n, 3)
         Counts, or means of `readings` of them.
-    parameters : int
+    parameters
         Number of parameters of the fit.
     """
     truth = board.truth if result.has_fit else None
@@ -242,13 +226,13 @@ def predicted_residual_percent(sigma_ut: float, field_ut: float, n: int, *, para
 
     Parameters
     ----------
-    sigma_ut : float
+    sigma_ut
         rms noise of one axis of one reading [uT].
-    field_ut : float
+    field_ut
         Field strength [uT].
-    n : int
+    n
         Points the fit used.
-    parameters : int
+    parameters
         Number of parameters of the fit: 9 for an ellipsoid, 4 for a sphere.
 
     Raises

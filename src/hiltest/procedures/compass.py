@@ -46,20 +46,14 @@ _LOOK_S = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """What the firmware believes of its magnetometer and gyroscope, in hiltest's axes; None where it does not say.
-
-    Attributes
-    ----------
-    hard_iron_ut : ndarray, shape (3,)
-    inverse_soft_iron : ndarray, shape (3, 3)
-        calibrated = inverse_soft_iron @ (read - hard_iron)
-    gyroscope_bias_dps : ndarray, shape (3,)
-    field_strength_ut, dip_deg, fit_error_percent : float
-    """
+    """What the firmware believes of its magnetometer and gyroscope, in hiltest's axes; None where it does not say."""
 
     hard_iron_ut: Reals | None = None
+    """Shape (3,)."""
     inverse_soft_iron: Reals | None = None
+    """Shape (3, 3). calibrated = inverse_soft_iron @ (read - hard_iron)"""
     gyroscope_bias_dps: Reals | None = None
+    """Shape (3,)."""
     field_strength_ut: float | None = None
     dip_deg: float | None = None
     fit_error_percent: float | None = None
@@ -75,59 +69,40 @@ class Belief:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldPose:
-    """What was heard at one known angle.
-
-    Attributes
-    ----------
-    pose, attitude : Pose
-        As asked of the turntable; and of the board: what the table reached, with the declared mounting.
-    settled : Settled
-    field_ut, gravity_g : ndarray, shape (3,), or None
-        Means of what the firmware has calibrated, in hiltest's axes.
-    read_ut : ndarray, shape (3,), or None
-        Mean of what its magnetometer reads; in a simulated world what it would read without noise, where the firmware
-        does not say it.
-    """
+    """What was heard at one known angle."""
 
     pose: Pose
     attitude: Pose
+    """As asked of the turntable; and of the board: what the table reached, with the declared mounting."""
     settled: Settled
     field_ut: Reals | None
     gravity_g: Reals | None
+    """Shape (3,), or None. Means of what the firmware has calibrated, in hiltest's axes."""
     read_ut: Reals | None
+    """Shape (3,), or None. Mean of what its magnetometer reads; in a simulated world what it would read without
+    noise, where the firmware does not say it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompassHeadings:
-    """Headings at known angles, by where they come from.
-
-    Attributes
-    ----------
-    held : tuple of HeldPose
-    reference_deg : ndarray, shape (n,)
-        Heading of the board at each.
-    heading_deg, error_deg : dict of str to ndarray, shape (n,)
-        Heading, and heading minus reference in (-180, 180], by source: `FIRMWARE` and others.
-    belief : Belief
-        At the end.
-    tilt_error_deg : float or None
-        Largest error of the firmware's pitch and roll; None where it does not say them, or in another frame than NED,
-        whose pitch and roll are other angles.
-    contradictions : dict of str to str
-        Where what the firmware says is far off, and right by another convention than the declared one: that in words,
-        of its ``heading``, ``vectors`` and ``tilt``; and that its heading is ``still``.
-    skipped : tuple of Pose
-        Known angles that an operator has left out.
-    """
+    """Headings at known angles, by where they come from."""
 
     held: tuple[HeldPose, ...]
     reference_deg: Reals
+    """Shape (n,). Heading of the board at each."""
     heading_deg: Mapping[str, Reals]
     error_deg: Mapping[str, Reals]
+    """Shape (n,). Heading, and heading minus reference in (-180, 180], by source: `FIRMWARE` and others."""
     belief: Belief
+    """At the end."""
     tilt_error_deg: float | None
+    """Largest error of the firmware's pitch and roll; None where it does not say them, or in another frame than
+    NED, whose pitch and roll are other angles."""
     contradictions: Mapping[str, str]
+    """Where what the firmware says is far off, and right by another convention than the declared one: that in
+    words, of its ``heading``, ``vectors`` and ``tilt``; and that its heading is ``still``."""
     skipped: tuple[Pose, ...] = ()
+    """Known angles that an operator has left out."""
 
     @property
     def not_measured(self) -> str:
@@ -142,7 +117,7 @@ class CompassHeadings:
     def under(self, fit: MagnetometerFit) -> HeadingSummary | None:
         """Return the statistics of another calibration of the same readings; None where they are unknown."""
         headings = [_heading(each.gravity_g, _corrected(each, fit)) for each in self.held]
-        known = [each for each in headings if each is not None]
+        known = [heading for heading in headings if heading is not None]
         if len(known) < len(headings):
             return None
         errors = [heading_error_deg(*pair) for pair in zip(known, self.reference_deg.tolist(), strict=True)]
@@ -175,19 +150,13 @@ class CompassHeadings:
 
 @dataclass(frozen=True, slots=True)
 class SelfCalibration:
-    """How the firmware calibrated itself while the board was turned all round.
-
-    Attributes
-    ----------
-    duration_s : float
-        All tumbles together.
-    calibrated_after_s : float or None
-        From the first tumble's beginning until the firmware said that it is calibrated; None when it never did, or
-        does not say.
-    """
+    """How the firmware calibrated itself while the board was turned all round."""
 
     duration_s: float
+    """All tumbles together."""
     calibrated_after_s: float | None
+    """From the first tumble's beginning until the firmware said that it is calibrated; None when it never did, or
+    does not say."""
 
 
 def samples_of(board: CompassBoard) -> Reals:
@@ -199,7 +168,7 @@ def samples_of(board: CompassBoard) -> Reals:
     frame = frame_of(board.rig)
     if board.costs and (found := board.costs.samples()) is not None:
         return np.array([frame.vector(counts) for counts in found], dtype=np.float64).reshape(-1, 3)
-    held = [counts for each in board.interfaces.values() for counts in getattr(each, "buffer", {}).values()]
+    held = [counts for interface in board.interfaces.values() for counts in getattr(interface, "buffer", {}).values()]
     return np.array([frame.vector(counts) for counts in held], dtype=np.float64).reshape(-1, 3)
 
 
@@ -262,11 +231,9 @@ def measure_headings(
 
     Parameters
     ----------
-    board : CompassBoard
-    turntable : Turntable
-    poses : sequence of Pose
+    poses
         Of the table.
-    longest_s : float, optional
+    longest_s
         Longest that a heading is waited for; by default the rig's.
     """
     frame, tell = frame_of(board.rig), progress or silent

@@ -34,14 +34,11 @@ def hold_by_hand(
 
     Parameters
     ----------
-    board : CompassBoard
-    table : OperatorTurntable
-    poses : sequence of Pose
-    frame : Frame
+    frame
         Of the firmware.
-    hold : callable
+    hold
         Gets each pose as it is taken, by its index.
-    longest_s : float, optional
+    longest_s
         Longest that a heading is waited for; by default the rig's.
     """
     def take(at: int, heading_deg: float) -> str:

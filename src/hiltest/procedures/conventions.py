@@ -27,11 +27,10 @@ def other_way(answered_deg: Sequence[float], reference_deg: Sequence[float], dec
 
     Parameters
     ----------
-    answered_deg : sequence of float
+    answered_deg
         Headings of the firmware, as the declared frame has them.
-    reference_deg : sequence of float
+    reference_deg
         Of the board.
-    declared : Frame
     """
     if _largest(answered_deg, reference_deg) <= RIGHT_WITHIN_DEG:
         return ""
@@ -56,11 +55,9 @@ def other_frame(vectors: Sequence[Vectors], reference_deg: Sequence[float], decl
 
     Parameters
     ----------
-    vectors : sequence of (gravity, field)
-    reference_deg : sequence of float
+    reference_deg
         Heading of the board at each.
-    declared : str
-    way : Frame
+    way
         With the way in which headings grow: of two frames with the same axes the one that has it is named.
     """
     left_deg = {name: _left(vectors, reference_deg, FRAMES[declared], frame) for name, frame in FRAMES.items()}
@@ -77,7 +74,7 @@ def other_tilt(said: Sequence[tuple[float, float]], known: Sequence[tuple[float,
 
     Parameters
     ----------
-    said, known : sequence of (pitch, roll)
+    said, known
         [deg]
     """
     def left(exchanged: bool, pitch: int, roll: int) -> float:
@@ -125,11 +122,11 @@ def _largest(answered_deg: Iterable[float], reference_deg: Iterable[float]) -> f
         return 180.0
     if abs(wrap_180(mean_deg)) > RIGHT_WITHIN_DEG:
         return 180.0
-    return max(abs(wrap_180(each)) for each in errors)
+    return max(abs(wrap_180(error)) for error in errors)
 
 
 def _covered(headings_deg: Sequence[float]) -> float:
     """Return the smallest arc that holds all headings [deg]."""
-    ordered = sorted(each % 360.0 for each in headings_deg)
+    ordered = sorted(heading_deg % 360.0 for heading_deg in headings_deg)
     gaps = [after - before for before, after in zip(ordered, [*ordered[1:], ordered[0] + 360.0], strict=True)]
     return 360.0 - max(gaps)

@@ -23,9 +23,9 @@ def largest_uncovered_cap_deg(points: ArrayLike, *, field_ut: float) -> float:
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : shape (n, 3)
         Magnetometer counts.
-    field_ut : float
+    field_ut
         Strength of the local field, within a factor of two.
 
     Returns
@@ -62,9 +62,9 @@ def sphere_coverage(points: ArrayLike, *, field_ut: float) -> float:
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
+    points : shape (n, 3)
         Magnetometer counts.
-    field_ut : float
+    field_ut
         Strength of the local field, within a factor of two.
 
     Notes

@@ -40,52 +40,37 @@ class CountedRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleCost:
-    """Cost of one calibrator on golden points.
-
-    Attributes
-    ----------
-    calibrator, model : str
-        Numbers of different models are never compared.
-    n : int
-        Points of `total` and `spread`.
-    total : int
-        Cycles at n points of golden point set 0.
-    per_point, fixed, regression_residual : float
-        Least-squares line of cycles over n, and the rms of what it leaves; of a calibrator that makes its steps with
-        n points, over those sizes with which it makes them too. How many iterations it takes says more about a point
-        set than about n: one that is mostly iterations makes a single one at each size, and the line is without it, so
-        ``total`` is near ``per_point * n + fixed + per_iteration * iterations``.
-    spread : int
-        Largest minus smallest over the point sets, each at n points.
-    instructions : int or None
-        Instructions of the same run as `total`; None where they are not counted: "not offered".
-    band : CycleRange or None
-        Uncertainty range of `total`; None where it is unknown.
-    iterations : int
-        Sweeps or steps of the same run as `total`, 0 for a closed form.
-    per_iteration : float or None
-        Cycles of one more of them on the same points, the mean of all but the first; None when there are not two.
-    sizes, cycles : ndarray, shape (k,)
-        What whole calls take, each with as many iterations as it needs.
-    unchecked : str
-        Why the board did not check what the firmware reports; empty where it did, or executes nothing.
-    """
+    """Cost of one calibrator on golden points."""
 
     calibrator: str
     model: str
+    """Numbers of different models are never compared."""
     n: int
+    """Points of `total` and `spread`."""
     total: int
+    """Cycles at n points of golden point set 0."""
     per_point: float
     fixed: float
     regression_residual: float
+    """Least-squares line of cycles over n, and the rms of what it leaves; of a calibrator that makes its steps with
+    n points, over those sizes with which it makes them too. How many iterations it takes says more about a point
+    set than about n: one that is mostly iterations makes a single one at each size, and the line is without it, so
+    ``total`` is near ``per_point * n + fixed + per_iteration * iterations``."""
     spread: int
+    """Largest minus smallest over the point sets, each at n points."""
     instructions: int | None
+    """Instructions of the same run as `total`; None where they are not counted: "not offered"."""
     band: CycleRange | None
+    """Uncertainty range of `total`; None where it is unknown."""
     iterations: int
+    """Sweeps or steps of the same run as `total`, 0 for a closed form."""
     per_iteration: float | None
+    """Cycles of one more of them on the same points, the mean of all but the first; None when there are not two."""
     sizes: Ints
     cycles: Ints
+    """Shape (k,). What whole calls take, each with as many iterations as it needs."""
     unchecked: str = ""
+    """Why the board did not check what the firmware reports; empty where it did, or executes nothing."""
 
     @property
     def is_mostly_iterations(self) -> bool:
@@ -157,15 +142,15 @@ def measure_cycles(
 
     Parameters
     ----------
-    board : Board
+    board
         Its point buffer is replaced.
-    calibrators : sequence of str
+    calibrators
         Each runs on every point set that is uploaded.
-    n : int
+    n
         Points of the total and of the spread.
-    point_sets : int
+    point_sets
         How many point sets the spread is over, at least 1.
-    sizes : sequence of int
+    sizes
         Numbers of points that the regression is over.
 
     Raises

@@ -33,25 +33,17 @@ DPI_SIZES = (PAIRS_MINIMUM, 400, 500)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DpiRun:
-    """Calibration that the board made from field and gravity.
-
-    Attributes
-    ----------
-    run : CalibratorRun
-        The calibration, compared with points and truth as every other one.
-    n_used : int
-        Rows of the least squares; those that were there when it was refused.
-    dip_deg, strength_ut : float or None
-        Dip and strength of the field from the data; None where they cannot be found.
-    standard_error_percent : float or None
-        Standard error of one dot product, in parts of the field's strength.
-    """
+    """Calibration that the board made from field and gravity."""
 
     run: CalibratorRun
+    """The calibration, compared with points and truth as every other one."""
     n_used: int
+    """Rows of the least squares; those that were there when it was refused."""
     dip_deg: float | None
     strength_ut: float | None
+    """Dip and strength of the field from the data; None where they cannot be found."""
     standard_error_percent: float | None
+    """Standard error of one dot product, in parts of the field's strength."""
 
 
 def fit_tumble(board: Board, tumble: Tumble, *, slot: int, dip_deg: float | None = None) -> DpiRun:
@@ -59,12 +51,10 @@ def fit_tumble(board: Board, tumble: Tumble, *, slot: int, dip_deg: float | None
 
     Parameters
     ----------
-    board : Board
+    board
         Holding the pairs of `tumble`. Gravity is corrected by the accelerometer calibration of slot 0, which `slot`
         gets as well.
-    tumble : Tumble
-    slot : int
-    dip_deg : float, optional
+    dip_deg
         Declared inclination of the field; without it the board estimates it.
     """
     reply = board.session.request(FitDpi(len(tumble.points), UNCALIBRATED_SLOT, dip_deg=dip_deg))
@@ -81,11 +71,11 @@ def fit_still_poses(board: Board, n: int, *, dip_deg: float | None = None) -> Dp
 
     Parameters
     ----------
-    board : Board
+    board
         Holding them, of 16 readings at least. Gravity is corrected by the accelerometer calibration of slot 0.
-    n : int
+    n
         At least 38 are fitted.
-    dip_deg : float, optional
+    dip_deg
         As for `fit_tumble`.
     """
     poses = stored_poses(board, n)
@@ -117,11 +107,11 @@ def measure_dpi_cycles(
 
     Parameters
     ----------
-    board : Board
+    board
         Its point buffer is replaced.
-    point_sets : int
+    point_sets
         How many the spread is over, each at the first size; at least 1.
-    sizes : sequence of int
+    sizes
         Numbers of pairs that the line is over; `total` is at the first.
 
     Raises

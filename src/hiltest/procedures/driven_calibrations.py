@@ -31,42 +31,27 @@ _PATIENCE_S = 600.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivenStage:
-    """What a streaming calibrator knows at the end of a tumble.
-
-    Attributes
-    ----------
-    disturbed : bool
-        Whether the field was disturbed when the tumble began.
-    time_s : float
-        Since the disturbance began, and once it is over since its end.
-    stage : StreamStage
-    """
+    """What a streaming calibrator knows at the end of a tumble."""
 
     disturbed: bool
+    """Whether the field was disturbed when the tumble began."""
     time_s: float
+    """Since the disturbance began, and once it is over since its end."""
     stage: StreamStage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivenCalibrations:
-    """Calibrations from points of a disturbed field.
-
-    Attributes
-    ----------
-    fit : MagnetometerFit
-        From the first points of the first tumble that was disturbed.
-    residual_percent : float
-        By these points.
-    begun_before : mapping of str to list of DrivenStage
-        Of each streaming calibrator that had an undisturbed tumble first, after each tumble that followed.
-    begun_disturbed : mapping of str to list of DrivenStage
-        Of each one that began with the disturbed tumbles.
-    """
+    """Calibrations from points of a disturbed field."""
 
     fit: MagnetometerFit
+    """From the first points of the first tumble that was disturbed."""
     residual_percent: float
+    """By these points."""
     begun_before: Mapping[str, list[DrivenStage]]
+    """Of each streaming calibrator that had an undisturbed tumble first, after each tumble that followed."""
     begun_disturbed: Mapping[str, list[DrivenStage]]
+    """Of each one that began with the disturbed tumbles."""
 
 
 class _Taken(NamedTuple):
@@ -84,14 +69,12 @@ def calibrate_while_driving(
 
     Parameters
     ----------
-    board : Board
+    board
         Its buffer holds an undisturbed tumble, and does so afterwards.
-    turntable : Turntable
-    tumble : Tumble
+    tumble
         That one.
-    calibrator : str
+    calibrator
         Which fits the first n points of the first disturbed tumble.
-    n : int
 
     Returns
     -------
@@ -152,7 +135,7 @@ def is_disturbed(board: Board) -> bool:
     if table is None or now_s is None:
         raise BenchError("what disturbs the field is known of a virtual board only")
     fields_ut = board.true_disturbances_ut(round(1e6 * (now_s - table.firmware_clock_began_s))) or {}
-    return any(float(np.linalg.norm(each)) > DISTURBED_UT for each in fields_ut.values())
+    return any(float(np.linalg.norm(field_ut)) > DISTURBED_UT for field_ut in fields_ut.values())
 
 
 def _wait(board: Board, *, disturbed: bool) -> float:

@@ -36,52 +36,34 @@ _TURN_DPS = _TURN_DEG / (_LONGEST_S - 2.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivenHeadings:
-    """Errors of one source's headings through the disturbances.
-
-    Attributes
-    ----------
-    error_deg : ndarray, shape (n,)
-        NaN where it answered no heading.
-    quiet_rms_deg : float
-        rms before the first disturbance.
-    rms_deg, max_deg : float
-        While anything disturbs the field.
-    rms_by_cause_deg : mapping of str to float
-        While each cause does.
-    recovery_s : float
-        Longest time from the end of a disturbance until the heading is right, and stays so until the next begins.
-    recovered : bool
-        Whether it ever was, each time.
-    unsaid_s : float
-        For how long a heading was answered that was wrong.
-    """
+    """Errors of one source's headings through the disturbances."""
 
     error_deg: Reals
+    """Shape (n,). NaN where it answered no heading."""
     quiet_rms_deg: float
+    """rms before the first disturbance."""
     rms_deg: float
     max_deg: float
+    """While anything disturbs the field."""
     rms_by_cause_deg: Mapping[str, float]
+    """While each cause does."""
     recovery_s: float
+    """Longest time from the end of a disturbance until the heading is right, and stays so until the next begins."""
     recovered: bool
+    """Whether it ever was, each time."""
     unsaid_s: float
+    """For how long a heading was answered that was wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivingResult:
-    """A run of the filter through the disturbances of a world.
-
-    Attributes
-    ----------
-    motion : FusionResult
-    field_ut : mapping of str to ndarray, shape (n, 3)
-        What disturbed the field at each record, by cause, body frame.
-    headings : mapping of str to DrivenHeadings
-        Of ``fusion``, of the ``magnetometer`` with the accelerometer alone, and of the ``gyroscope`` alone.
-    """
+    """A run of the filter through the disturbances of a world."""
 
     motion: FusionResult
     field_ut: Mapping[str, Reals]
+    """Shape (n, 3). What disturbed the field at each record, by cause, body frame."""
     headings: Mapping[str, DrivenHeadings]
+    """Of ``fusion``, of the ``magnetometer`` with the accelerometer alone, and of the ``gyroscope`` alone."""
 
 
 def measure_driving(
@@ -92,17 +74,15 @@ def measure_driving(
 
     Parameters
     ----------
-    board : Board
+    board
         Whose truth is known.
-    turntable : Turntable
-    begins_s : float
+    begins_s
         When the first disturbance begins [virtual s].
-    slot : int
+    slot
         Slot of an undisturbed calibration.
-    noise : FusionNoise
-    readings : int
+    readings
         Averaged at rest, for the filter's first attitude.
-    bias_s : float
+    bias_s
         How long the gyroscope rests before, for its bias.
 
     Raises

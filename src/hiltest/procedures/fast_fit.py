@@ -18,18 +18,12 @@ FAST = "direct-fast"
 
 @dataclass(frozen=True, slots=True)
 class FastFit:
-    """Accuracy of `direct-fast`, and the cost to store its points.
-
-    Attributes
-    ----------
-    store_per_point : float
-        Cycles per point to keep the range of the points as they are stored; the fit needs that range.
-    distance_deg : float
-        rms angle between directions under its fit and under the float64 fit of the same points [deg].
-    """
+    """Accuracy of `direct-fast`, and the cost to store its points."""
 
     store_per_point: float
+    """Cycles per point to keep the range of the points as they are stored; the fit needs that range."""
     distance_deg: float
+    """rms angle between directions under its fit and under the float64 fit of the same points [deg]."""
 
 
 def measure_fast_fit(board: Board, *, n: int = 100) -> FastFit:
@@ -37,9 +31,9 @@ def measure_fast_fit(board: Board, *, n: int = 100) -> FastFit:
 
     Parameters
     ----------
-    board : Board
+    board
         Its point buffer is replaced.
-    n : int
+    n
         Number of golden points.
 
     Raises

@@ -37,11 +37,11 @@ def float32_error_deg(known: KnownAngles, run: CalibratorRun, tumble: Tumble) ->
 
     Parameters
     ----------
-    known : KnownAngles
+    known
         Headings as the board answered them, and the means it took them from.
-    run : CalibratorRun
+    run
         One of the calibrations that they are under.
-    tumble : Tumble
+    tumble
         The counts that were fitted.
 
     Returns

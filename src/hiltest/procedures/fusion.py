@@ -45,18 +45,12 @@ _AFTER_S = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttitudeErrors:
-    """Errors of attitudes against the truth, at each record; NaN where there was none.
-
-    Attributes
-    ----------
-    heading_deg : ndarray, shape (n,)
-        Measured minus true, the short way round.
-    tilt_deg : ndarray, shape (n,)
-        Angle between the measured and the true vertical.
-    """
+    """Errors of attitudes against the truth, at each record; NaN where there was none."""
 
     heading_deg: Reals
+    """Shape (n,). Measured minus true, the short way round."""
     tilt_deg: Reals
+    """Shape (n,). Angle between the measured and the true vertical."""
 
     @property
     def heading_rms_deg(self) -> float:
@@ -76,36 +70,25 @@ class AttitudeErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionResult:
-    """Results of the fusion filter while the board was moved.
-
-    Attributes
-    ----------
-    noise : FusionNoise
-        What the filter was told.
-    summary : FusionSummary
-        Summary that the board answered.
-    time_s : ndarray, shape (n,)
-        Time of the records since the run began.
-    truth : tuple of Pose, or None
-        At these times; None where it is unknown, and then there are no errors.
-    fused, accelerometer_magnetometer, gyroscope : AttitudeErrors or None
-        Errors of the filter, and of its two halves alone; all began with the same attitude.
-    cycle_model : str
-        What the summary's cycles mean.
-    predict_range, update_range : CycleRange or None
-        Uncertainty range of the largest of them; None where it is unknown, or it was not among the last steps.
-    """
+    """Results of the fusion filter while the board was moved."""
 
     noise: FusionNoise
+    """What the filter was told."""
     summary: FusionSummary
+    """Summary that the board answered."""
     time_s: Reals
+    """Shape (n,). Time of the records since the run began."""
     truth: tuple[Pose, ...] | None
+    """At these times; None where it is unknown, and then there are no errors."""
     fused: AttitudeErrors | None
     accelerometer_magnetometer: AttitudeErrors | None
     gyroscope: AttitudeErrors | None
+    """Errors of the filter, and of its two halves alone; all began with the same attitude."""
     cycle_model: str
+    """What the summary's cycles mean."""
     predict_range: CycleRange | None
     update_range: CycleRange | None
+    """Uncertainty range of the largest of them; None where it is unknown, or it was not among the last steps."""
 
 
 def filter_noise(*, magnetometer_sigma_ut: float, field_ut: float, dip_deg: float) -> FusionNoise:
@@ -122,15 +105,13 @@ def measure_fusion(
 
     Parameters
     ----------
-    board : Board
-    turntable : Turntable
+    turntable
         Rests, then sways.
-    slot : int
+    slot
         Slot of the calibrations of magnetometer and accelerometer that are used.
-    noise : FusionNoise
-    readings : int
+    readings
         Averaged at rest, for the attitude that all three begin with.
-    bias_s : float
+    bias_s
         How long the gyroscope rests before, for its bias.
 
     Raises
@@ -162,9 +143,9 @@ def follow_motion(
 
     Parameters
     ----------
-    move : callable
+    move
         Begins the motion, comes back at once, and says how long it takes [s].
-    longest_s : float
+    longest_s
         The motion is followed for no longer, and the records spread over as much.
     """
     # At the rate of the fastest magnetometer: the board has room for so many records, whichever is selected.

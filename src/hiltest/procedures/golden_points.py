@@ -27,9 +27,9 @@ def golden_points(n: int, *, index: int = 0) -> NDArray[np.int16]:
 
     Parameters
     ----------
-    n : int
+    n
         Number of points; the n directions cover the whole sphere evenly.
-    index : int
+    index
         Number of the point set: each has its own soft iron, hard iron and noise.
 
     Returns
@@ -65,7 +65,7 @@ def golden_pairs(n: int, *, index: int = 0) -> tuple[NDArray[np.int16], NDArray[
 
     Parameters
     ----------
-    n, index : int
+    n, index
         As for `golden_points`.
 
     Returns

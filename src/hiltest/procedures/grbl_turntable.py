@@ -52,13 +52,13 @@ class GrblTurntable:
 
     Parameters
     ----------
-    line : GrblLine
+    line
         This object closes it.
-    uncertainty_deg : float
+    uncertainty_deg
         What the rig declares for the table's angle.
-    dip_deg : float
+    dip_deg
         Dip of the local field: a tumble turns the board about it.
-    mounting_yaw_deg : float
+    mounting_yaw_deg
         How far the board is turned on the table.
 
     Attributes
@@ -204,7 +204,7 @@ def open_grbl_turntable(rig: Rig) -> GrblTurntable:
 
     Parameters
     ----------
-    rig : Rig
+    rig
         Rig with a turntable of kind ``grbl``.
 
     Raises

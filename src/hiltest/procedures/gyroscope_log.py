@@ -23,22 +23,15 @@ CHUNK = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogChunk:
-    """Some samples of a log.
-
-    Attributes
-    ----------
-    times_s : ndarray, shape (n,)
-        Times of the samples, board's clock.
-    counts : ndarray of int16, shape (n, 3)
-    die_temperature_degc : int
-    lost : bool
-        Whether samples are missing before or among them.
-    """
+    """Some samples of a log."""
 
     times_s: Reals
+    """Shape (n,). Times of the samples, board's clock."""
     counts: Counts
+    """Shape (n, 3)."""
     die_temperature_degc: int
     lost: bool
+    """Whether samples are missing before or among them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

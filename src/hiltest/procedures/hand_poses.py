@@ -143,20 +143,18 @@ def walk_by_hand(
 
     Parameters
     ----------
-    table : OperatorTurntable
-    poses : sequence of Pose
-    earlier : iterable of int
+    earlier
         Poses that are there already.
-    take : callable
+    take
         Gets the pose that was reached, by its index and its heading [deg], and returns what still moves there; empty
         where it was taken.
-    look : callable or None
+    look
         Returns what the board says now; None where nothing stands beside a question.
-    now_s : callable
+    now_s
         The board's clock.
-    say : str
+    say
         What stands before the first question.
-    stopped : str
+    stopped
         What becomes of a run that the operator stops.
 
     Raises
@@ -215,22 +213,19 @@ def take_by_hand(
 
     Parameters
     ----------
-    board : Board
-    table : OperatorTurntable
-    poses : sequence of Pose
-    readings : int
+    readings
         New samples of each sensor to average.
-    slots : sequence of int
+    slots
         Calibrations that the board answers headings under.
-    shown : int
+    shown
         The one whose heading stands beside a question.
-    check : callable
+    check
         Raises where an answer is not to be taken.
-    earlier : mapping of int to (Achieved, AverageReply)
+    earlier
         Poses that are there already.
-    keep : callable
+    keep
         Gets each pose as it is taken.
-    say : str
+    say
         What stands before the first question.
 
     Returns
@@ -261,9 +256,7 @@ def wait_until_still(board: Board, readings: int, slot_bitmask: int) -> tuple[Av
 
     Parameters
     ----------
-    board : Board
-    readings : int
-    slot_bitmask : int
+    slot_bitmask
         As `Average` has it.
     """
     ends_s = board.now_s() + STILL_WITHIN_S
@@ -281,22 +274,15 @@ def wait_until_still(board: Board, readings: int, slot_bitmask: int) -> tuple[Av
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """What a board's sensors read for a while; None of one that is not known.
-
-    Attributes
-    ----------
-    n : int
-        Readings of each.
-    field_ut, gravity_g : ndarray, shape (3,), or None
-        Means.
-    spread_mg : float
-        Sample deviation of the accelerometer's axis that spreads most.
-    """
+    """What a board's sensors read for a while; None of one that is not known."""
 
     n: int
+    """Readings of each."""
     field_ut: Reals | None
     gravity_g: Reals | None
+    """Shape (3,), or None. Means."""
     spread_mg: float
+    """Sample deviation of the accelerometer's axis that spreads most."""
 
 
 def movement(before: AverageReply, after: AverageReply, magnetometer_sigma_ut: float) -> str:
@@ -319,8 +305,7 @@ def moved(before: Readings, after: Readings, noise_ut: float) -> str:
 
     Parameters
     ----------
-    before, after : Readings
-    noise_ut : float
+    noise_ut
         rms of one axis of one reading of the field.
 
     Notes

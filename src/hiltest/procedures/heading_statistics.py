@@ -25,33 +25,22 @@ class Sector:
 
 @dataclass(frozen=True, slots=True)
 class HeadingSummary:
-    """Statistics of heading errors.
-
-    Attributes
-    ----------
-    n : int
-    max_deg, rms_deg : float
-        Largest absolute error, and root mean square.
-    bias_deg : float or None
-        Circular mean of the errors, in (-180, 180]. None when they cancel all round.
-    max_centred_deg : float or None
-        Largest absolute error after the bias is taken off; None with the bias.
-    worst_sector : Sector
-        The sector of reference headings that holds the largest error.
-    worst_heading_deg : float
-        Reference heading of the largest error.
-    tilt_sensitivity_deg : float or None
-        rms over tilted poses minus rms over level ones; None when either are missing.
-    """
+    """Statistics of heading errors."""
 
     n: int
     max_deg: float
     rms_deg: float
+    """Largest absolute error, and root mean square."""
     bias_deg: float | None
+    """Circular mean of the errors, in (-180, 180]. None when they cancel all round."""
     max_centred_deg: float | None
+    """Largest absolute error after the bias is taken off; None with the bias."""
     worst_sector: Sector
+    """The sector of reference headings that holds the largest error."""
     worst_heading_deg: float
+    """Reference heading of the largest error."""
     tilt_sensitivity_deg: float | None
+    """rms over tilted poses minus rms over level ones; None when either are missing."""
 
 
 def summarise(
@@ -61,11 +50,11 @@ def summarise(
 
     Parameters
     ----------
-    error_deg : array_like, shape (n,)
+    error_deg : shape (n,)
         Answer minus reference; any turns are taken out.
-    reference_deg : array_like, shape (n,)
+    reference_deg : shape (n,)
         Known headings.
-    level : sequence of bool, shape (n,), optional
+    level : shape (n,)
         Which poses are level, for `tilt_sensitivity_deg`.
 
     Raises

@@ -32,54 +32,37 @@ LARGEST_ROUNDING_DEG = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownAngles:
-    """Headings answered at known angles, per calibration.
-
-    Attributes
-    ----------
-    poses : tuple of Pose
-        As asked of the turntable.
-    attitudes : tuple of Pose
-        Of the board: what the turntable reached, and the declared mounting yaw.
-    reference_deg : ndarray, shape (n,)
-        Heading of these attitudes.
-    uncertainty_deg : float
-        Uncertainty of the turntable's angle.
-    mounting_yaw_deg : float
-        What was declared, and nothing else was taken off.
-    readings : int
-        New samples averaged at each pose.
-    heading_deg, error_deg : dict of str to ndarray, shape (n,)
-        Answer, and answer minus reference in (-180, 180], per calibration.
-    pitch_deg, roll_deg : dict of str to ndarray, shape (n,)
-        As the board answered them, per calibration: each has its accelerometer's.
-    tilt_error_deg : dict of str to ndarray, shape (n, 2)
-        Answered pitch and roll minus what the turntable reached, in (-180, 180].
-    magnetometer, accelerometer : ndarray, shape (n, 3)
-        Means that the board took at each pose [counts]; its headings are from these.
-    accelerometer_fits : dict of str to AccelerometerFit
-        The accelerometer calibration that the board holds beside each calibration.
-    calibrations : dict of str to CalibrationReply
-        The magnetometer calibrations that the board holds.
-    skipped : tuple of Pose
-        Known angles that an operator left out; nothing here is of them.
-    """
+    """Headings answered at known angles, per calibration."""
 
     poses: tuple[Pose, ...]
+    """As asked of the turntable."""
     attitudes: tuple[Pose, ...]
+    """Of the board: what the turntable reached, and the declared mounting yaw."""
     reference_deg: Reals
+    """Shape (n,). Heading of these attitudes."""
     uncertainty_deg: float
+    """Uncertainty of the turntable's angle."""
     mounting_yaw_deg: float
+    """What was declared, and nothing else was taken off."""
     readings: int
+    """New samples averaged at each pose."""
     heading_deg: dict[str, Reals]
     error_deg: dict[str, Reals]
+    """Shape (n,). Answer, and answer minus reference in (-180, 180], per calibration."""
     pitch_deg: dict[str, Reals]
     roll_deg: dict[str, Reals]
+    """Shape (n,). As the board answered them, per calibration: each has its accelerometer's."""
     tilt_error_deg: dict[str, Reals]
+    """Shape (n, 2). Answered pitch and roll minus what the turntable reached, in (-180, 180]."""
     magnetometer: Reals
     accelerometer: Reals
+    """Shape (n, 3). Means that the board took at each pose [counts]; its headings are from these."""
     accelerometer_fits: dict[str, AccelerometerFit]
+    """The accelerometer calibration that the board holds beside each calibration."""
     calibrations: dict[str, CalibrationReply]
+    """The magnetometer calibrations that the board holds."""
     skipped: tuple[Pose, ...] = ()
+    """Known angles that an operator left out; nothing here is of them."""
 
     @property
     def not_measured(self) -> str:
@@ -88,7 +71,7 @@ class KnownAngles:
 
     def in_body(self, vector_ned: Sequence[float]) -> Reals:
         """Return what a vector of the earth frame is along the board's axes at each pose, shape (n, 3)."""
-        return np.array([rotation_body_from_ned(each) @ np.array(vector_ned) for each in self.attitudes])
+        return np.array([rotation_body_from_ned(attitude) @ np.array(vector_ned) for attitude in self.attitudes])
 
     @property
     def level(self) -> NDArray[np.bool_]:
@@ -126,18 +109,17 @@ def measure_known_angles(
 
     Parameters
     ----------
-    board : Board
-    turntable : Turntable
+    turntable
         Its angle is the reference; no sensor under test enters it.
-    poses : sequence of Pose
+    poses
         At least one.
-    slots : mapping of str to int
+    slots
         Name of each calibration and the slot it is in.
-    mounting_yaw_deg : float
+    mounting_yaw_deg
         Declared turn of the board on the table: board heading = table heading + this.
-    readings : int
+    readings
         New samples of each sensor to average at each pose.
-    journal : PoseJournal, optional
+    journal
         Keeps what an operator has set, and has what is there already.
 
     Raises
@@ -188,7 +170,7 @@ def _numbers_of(board: Board, slots: Mapping[str, int]) -> dict[str, list[float]
     for name, slot in slots.items():
         calibration, fit = board.session.request(GetCalibration(slot)), board.session.request(GetAccelerometer(slot))
         parts = (calibration.soft_iron, calibration.hard_iron, fit.gain, fit.offset)
-        numbers[name] = np.concatenate([each.ravel() for each in parts]).tolist()
+        numbers[name] = np.concatenate([part.ravel() for part in parts]).tolist()
     return numbers
 
 
@@ -199,13 +181,12 @@ def headings_deg(
 
     Parameters
     ----------
-    magnetometer, accelerometer : ndarray, shape (n, 3)
+    magnetometer, accelerometer : shape (n, 3)
         Means [counts], body frame.
-    soft_iron : ndarray, shape (3, 3)
+    soft_iron : shape (3, 3)
         [1/count].
-    hard_iron : ndarray, shape (3,)
+    hard_iron : shape (3,)
         [counts].
-    fit : AccelerometerFit
 
     Returns
     -------

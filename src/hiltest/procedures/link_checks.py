@@ -33,41 +33,28 @@ _AWKWARD_COUNTS = (0x7D7E, 0x7E7D, 0x7E7E, 0x7D7D, 0x5E7D, 0x5D7D)
 
 @dataclass(frozen=True, slots=True)
 class LinkCheck:
-    """Result of a link check.
-
-    Attributes
-    ----------
-    echoed : int
-        Payload sizes that went to the board whole, by its own word or by coming back.
-    wrong : int
-        How many of the others the board refused or returned in another form, in an intact frame: no noise does that.
-    expected : int
-        How many were tried.
-    damaged_sent, damaged_counted : int
-        Frames with one wrong bit, and how many the firmware says it dropped.
-    damaged_answered : int
-        Damaged frames that were answered all the same: must be 0.
-    repeated_answered : bool
-        A request sent twice with one sequence number got the same answer twice.
-    executed_once : bool
-        And was carried out once.
-    uart_overruns : int
-        Bytes the firmware lost because it was late, since its reset.
-    noise : str
-        What went wrong and was right when the same was sent again: the line's doing, not the firmware's. Empty on
-        a line without noise, such as a virtual board's.
-    """
+    """Result of a link check."""
 
     echoed: int
+    """Payload sizes that went to the board whole, by its own word or by coming back."""
     wrong: int
+    """How many of the others the board refused or returned in another form, in an intact frame: no noise does that."""
     expected: int
+    """How many were tried."""
     damaged_sent: int
     damaged_counted: int
+    """Frames with one wrong bit, and how many the firmware says it dropped."""
     damaged_answered: int
+    """Damaged frames that were answered all the same: must be 0."""
     repeated_answered: bool
+    """A request sent twice with one sequence number got the same answer twice."""
     executed_once: bool
+    """And was carried out once."""
     uart_overruns: int
+    """Bytes the firmware lost because it was late, since its reset."""
     noise: str
+    """What went wrong and was right when the same was sent again: the line's doing, not the firmware's. Empty on a
+    line without noise, such as a virtual board's."""
 
 
 class _Line:
@@ -98,7 +85,7 @@ def check_link(board: Board) -> LinkCheck:
 
     Parameters
     ----------
-    board : Board
+    board
         Its point buffer is replaced.
 
     Raises

@@ -19,11 +19,9 @@ def open_table(
 
     Parameters
     ----------
-    board : Board or CompassBoard
-    rig : Rig
-    prompt : callable, optional
+    prompt
         Shows a text to the operator and returns the line that was typed, as `input` does.
-    tape : Tape, optional
+    tape
         Records what is asked of motors, and of the operator, or answers it from a recording.
 
     Raises

@@ -31,54 +31,35 @@ _READINGS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """A calibration, and headings.
-
-    Attributes
-    ----------
-    name : str
-    hard_iron_ut : ndarray, shape (3,), or None
-        Body frame; None where there is none.
-    field_ut : float or None
-        Radius of the sphere that its ellipsoid has the volume of; of firmware that says it, what it says.
-    said_error_percent : float or None
-        What the firmware says of its fit's error, by its own definition.
-    residual_percent : float or None
-        ``100 rms(|corrected| / field - 1)`` over the same points for all.
-    cycles : int or None
-    heading_deg : tuple of float or None
-        At each moment.
-    """
+    """A calibration, and headings."""
 
     name: str
     hard_iron_ut: Reals | None = None
+    """Shape (3,), or None. Body frame; None where there is none."""
     field_ut: float | None = None
+    """Radius of the sphere that its ellipsoid has the volume of; of firmware that says it, what it says."""
     said_error_percent: float | None = None
+    """What the firmware says of its fit's error, by its own definition."""
     residual_percent: float | None = None
+    """``100 rms(|corrected| / field - 1)`` over the same points for all."""
     cycles: int | None = None
     heading_deg: tuple[float | None, ...] = ()
+    """At each moment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayedBack:
-    """What was found from a recording.
-
-    Attributes
-    ----------
-    found : tuple of Found
-        ``firmware`` as it says itself and ``calibrated``, its calibration on the readings of hiltest's, where the rig's
-        firmware does not speak hiltest's protocol; then hiltest's calibrators.
-    moments_s : ndarray, shape (n,)
-        Virtual time of the headings.
-    points : int
-        How many hiltest's calibrators got.
-    remarks : tuple of str
-        What was not as recorded.
-    """
+    """What was found from a recording."""
 
     found: tuple[Found, ...]
+    """``firmware`` as it says itself and ``calibrated``, its calibration on the readings of hiltest's, where the
+    rig's firmware does not speak hiltest's protocol; then hiltest's calibrators."""
     moments_s: Reals
+    """Shape (n,). Virtual time of the headings."""
     points: int
+    """How many hiltest's calibrators got."""
     remarks: tuple[str, ...]
+    """What was not as recorded."""
 
 
 def play_back(
@@ -88,13 +69,13 @@ def play_back(
 
     Parameters
     ----------
-    rig : Rig
+    rig
         Of a virtual board, with a recording.
-    times_s : ndarray, shape (n,)
+    times_s : shape (n,)
         Virtual times of the recorded readings of the magnetometer.
-    moments_s : ndarray, shape (n,)
+    moments_s : shape (n,)
         Virtual times at which headings are taken.
-    firmware : Path, optional
+    firmware
         What the rig's board runs.
 
     Notes
@@ -177,7 +158,7 @@ def _of_ours(run: CalibratorRun, replies: Sequence[AverageReply]) -> Found:
     attitudes = [reply.headings[run.slot].attitude for reply in replies]
     return Found(
         run.name, run.hard_iron / COUNTS_PER_UT, _radius_ut(run.result), None, run.residual_percent, cycles,
-        tuple(each.heading_deg if each else None for each in attitudes),
+        tuple(attitude.heading_deg if attitude else None for attitude in attitudes),
     )  # fmt: skip
 
 

@@ -92,11 +92,11 @@ def rest_gyroscope(
 
     Parameters
     ----------
-    board : Board
+    board
         Standing still; a constant rotation that began before looks like bias.
-    seconds : float
+    seconds
         Length of the rest, at most 20.
-    store : bool
+    store
         Whether the mean becomes the bias that the board takes off.
 
     Raises

@@ -21,15 +21,13 @@ def see_axes(
 
     Parameters
     ----------
-    board : Board
-    turntable : Turntable
-    poses : sequence of Pose
+    poses
         Level and tilted ones.
-    field_ned_ut : sequence of float
+    field_ned_ut
         Declared field [uT].
-    mounting_yaw_deg : float
+    mounting_yaw_deg
         Declared: board heading = table heading + this.
-    readings : int
+    readings
         New samples of each sensor to average at each pose.
     """
     rotations, means = [], []

@@ -25,23 +25,15 @@ UNITS = {
 
 @dataclass(frozen=True, slots=True)
 class LogRow:
-    """One sample.
-
-    Attributes
-    ----------
-    time_s : float
-        Time of the sample, board's clock.
-    kind : SensorKind
-    values : (3,)
-        In the unit of `UNITS`, body frame, uncalibrated.
-    temperature_degc : int
-        Temperature of the sensor's die.
-    """
+    """One sample."""
 
     time_s: float
+    """Time of the sample, board's clock."""
     kind: SensorKind
     values: tuple[float, float, float]
+    """In the unit of `UNITS`, body frame, uncalibrated."""
     temperature_degc: int
+    """Temperature of the sensor's die."""
 
 
 @dataclass(frozen=True, slots=True)

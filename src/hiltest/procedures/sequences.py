@@ -17,7 +17,7 @@ def measure_sequences(board: Board, *, progress: Progress | None = None) -> dict
 
     Parameters
     ----------
-    board : Board
+    board
         It is asked for nothing else: no sensor, no turning.
 
     Returns

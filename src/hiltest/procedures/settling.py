@@ -20,31 +20,24 @@ STANDARD_ERRORS = 2.0
 """Or so near by their own noise."""
 NEIGHBOURS_DEG = 5.0
 """Two headings in a row at rest are so near: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte 25."""
+# A quotient of two times may lie below its whole number by rounding.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What a board said at the end of its wait.
-
-    Attributes
-    ----------
-    heading_deg : float
-        Mean of the last window, from magnetic north, clockwise.
-    is_settled : bool
-        False where it still moved when the longest time was over.
-    took_s : float
-        From the beginning to the end of the last window.
-    window : sequence of Observation
-        All that was said in it.
-    unconfirmed : int
-        Headings of all windows that were left out, since the one before and the one behind contradict them.
-    """
+    """What a board said at the end of its wait."""
 
     heading_deg: float
+    """Mean of the last window, from magnetic north, clockwise."""
     is_settled: bool
+    """False where it still moved when the longest time was over."""
     took_s: float
+    """From the beginning to the end of the last window."""
     window: Sequence[Observation]
+    """All that was said in it."""
     unconfirmed: int = 0
+    """Headings of all windows that were left out, since the one before and the one behind contradict them."""
 
 
 def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | None = None) -> Settled:
@@ -52,12 +45,13 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
 
     Parameters
     ----------
-    board : CompassBoard
+    board
         Standing still; it offers a heading.
-    frame : Frame
+    frame
         In which its headings are.
-    longest_s : float, optional
-        By default the rig's.
+    longest_s
+        By default the rig's. The wait lasts for as many windows as fit into this time: their number does not depend on
+        the nanoseconds by which a clock is read late.
 
     Raises
     ------
@@ -73,6 +67,7 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
     """
     device, began_s = board.device, board.now_s()
     longest_s = device.settle_s if longest_s is None else longest_s
+    windows_left = math.floor(longest_s / device.window_s + _ROUNDING)
     before: list[float] = []
     unconfirmed = 0
     while True:
@@ -88,7 +83,8 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
             raise board.heading_missing(device.window_s, window)
         took_s = board.now_s() - began_s
         settled = bool(before) and agree(before, headings_deg)
-        if settled or took_s + device.window_s > longest_s:
+        windows_left -= 1
+        if settled or windows_left <= 0:
             return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed)
         before = headings_deg
 
@@ -114,5 +110,5 @@ def _standard_error(headings_deg: Sequence[float]) -> float:
     if len(headings_deg) < 2:
         return 0.0
     mean_deg = circular_mean_deg(headings_deg)
-    squares = math.fsum(wrap_180(each - mean_deg) ** 2 for each in headings_deg)
+    squares = math.fsum(wrap_180(heading_deg - mean_deg) ** 2 for heading_deg in headings_deg)
     return math.sqrt(squares / (len(headings_deg) - 1) / len(headings_deg))

@@ -57,33 +57,22 @@ _TURNED_BY_AXES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerRun:
-    """A fit of the accelerometer on the board, compared with the truth where it is known.
-
-    Attributes
-    ----------
-    method : str
-    counts : ndarray, shape (n, 3)
-        Means of the poses, in the order they were taken.
-    solution : AccelerometerSolution
-        As the board computed it, in float32.
-    cost : RunCost or None
-        None when the core counts no cycles.
-    band : CycleRange or None
-        Uncertainty range of its cycles; None where it is unknown.
-    die_temperature_degc : int
-        At the last pose.
-    axis_error_deg, offset_error_mg : float or None
-        None where there is no truth: "not offered".
-    """
+    """A fit of the accelerometer on the board, compared with the truth where it is known."""
 
     method: str
     counts: Reals
+    """Shape (n, 3). Means of the poses, in the order they were taken."""
     solution: AccelerometerSolution
+    """As the board computed it, in float32."""
     cost: RunCost | None
+    """None when the core counts no cycles."""
     band: CycleRange | None
+    """Uncertainty range of its cycles; None where it is unknown."""
     die_temperature_degc: int
+    """At the last pose."""
     axis_error_deg: float | None
     offset_error_mg: float | None
+    """None where there is no truth: "not offered"."""
 
     @property
     def fit(self) -> AccelerometerFit:
@@ -110,19 +99,18 @@ def measure_six_positions(
 
     Parameters
     ----------
-    board : Board
+    board
         Its pose buffer is emptied first, and holds the faces afterwards.
-    turntable : Turntable
-    uncertainty_deg : float
+    uncertainty_deg
         How true the faces are declared to be.
-    limits : mapping of str to Limit, optional
+    limits
         By measurement. Those of headings, where the field dips by `dip_deg`, are held against how askew the faces were.
-    again : callable, optional
+    again
         Asked when a face is refused, whether it is taken once more; those that were not at fault stay.
-    see_axes : callable, optional
+    see_axes
         Asked what is wrong with the sensors' axes, in words, when a board stays on another face than it should: a
         table that turns by itself puts it where it is asked to, and then it is the axes.
-    journal : FaceJournal, optional
+    journal
         Has the faces that are there already, and keeps all of them.
 
     Raises

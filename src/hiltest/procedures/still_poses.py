@@ -25,7 +25,7 @@ def spread_poses(n: int) -> tuple[Pose, ...]:
 
     Parameters
     ----------
-    n : int
+    n
         At least 9 for an ellipsoid of gravity.
     """
     poses = []
@@ -43,12 +43,11 @@ def collect_still_poses(
 
     Parameters
     ----------
-    board : Board
+    board
         Its pose buffer is emptied first.
-    turntable : Turntable
+    turntable
         How exactly it turns does not matter: nothing here knows the poses.
-    poses : sequence of Pose
-    readings : int
+    readings
         New samples of each sensor that are averaged.
 
     Returns

@@ -34,70 +34,45 @@ STAGES = (100, 150, 250)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamStage:
-    """Result of a stream calibrator after so many points.
-
-    Attributes
-    ----------
-    points : int
-        Taken so far.
-    state : StreamStateReply
-    fit : MagnetometerFit
-        Its calibration, as the board computed it in float32 [counts].
-    """
+    """Result of a stream calibrator after so many points."""
 
     points: int
+    """Taken so far."""
     state: StreamStateReply
     fit: MagnetometerFit
+    """Its calibration, as the board computed it in float32 [counts]."""
 
 
 class Fed(NamedTuple):
-    """Points that a stream calibrator took, and their costs.
-
-    Attributes
-    ----------
-    taken : int
-        Points taken.
-    costs : list of RunCost, or None
-        One for each of them; None when the core counts no cycles.
-    refused : StreamStatus
-        OK when all were taken, else why the one after the last was not.
-    """
+    """Points that a stream calibrator took, and their costs."""
 
     taken: int
+    """Points taken."""
     costs: list[RunCost] | None
+    """One for each of them; None when the core counts no cycles."""
     refused: StreamStatus
+    """OK when all were taken, else why the one after the last was not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamRun:
-    """A stream calibrator over all points of a tumble.
-
-    Attributes
-    ----------
-    name : str
-        The calibrator's; with ``-sliced`` when its solvers did one slice of their work a point.
-    cycles : ndarray, shape (n,), or None
-        Cycles of each new point, in order; None when the core counts none.
-    stages : tuple of StreamStage
-        At `STAGES`, and at the end.
-    refused : StreamStatus
-        OK when all points were taken, else why the one after the last was not.
-    total_range : CycleRange or None
-        Uncertainty range of all of `cycles` and the last stage's answer together.
-    fit_range : CycleRange or None
-        Uncertainty range of the cycles of the last stage's answer; None where it is unknown.
-    remove_cycles : ndarray or None
-        Cycles of each of the first points, which were removed in the end; None where it removes none, or the core
-        counts none. A sliced run removes none: it would be the same work.
-    """
+    """A stream calibrator over all points of a tumble."""
 
     name: str
+    """The calibrator's; with ``-sliced`` when its solvers did one slice of their work a point."""
     cycles: NDArray[np.int64] | None
+    """Shape (n,), or None. Cycles of each new point, in order; None when the core counts none."""
     stages: tuple[StreamStage, ...]
+    """At `STAGES`, and at the end."""
     refused: StreamStatus
+    """OK when all points were taken, else why the one after the last was not."""
     fit_range: CycleRange | None
+    """Uncertainty range of the cycles of the last stage's answer; None where it is unknown."""
     total_range: CycleRange | None = None
+    """Uncertainty range of all of `cycles` and the last stage's answer together."""
     remove_cycles: NDArray[np.int64] | None = None
+    """Cycles of each of the first points, which were removed in the end; None where it removes none, or the core
+    counts none. A sliced run removes none: it would be the same work."""
 
     @property
     def last(self) -> StreamStage:
@@ -119,11 +94,11 @@ def run_streams(
 
     Parameters
     ----------
-    board : Board
+    board
         Holding the points. Its slots stay as they are.
-    points : int
+    points
         How many are given to each.
-    stages : sequence of int
+    stages
         When it is asked what it knows, beside the end.
 
     Returns
@@ -164,7 +139,7 @@ def feed(board: Board, name: str, first: int, count: int, steps: StepRecorder | 
         taken += reply.taken
         costs = None if costs is None or reply.costs is None else costs + list(reply.costs)
         if steps and reply.costs:
-            steps.add([each.cycles for each in reply.costs], reply.costs[0].overhead_cycles)
+            steps.add([cost.cycles for cost in reply.costs], reply.costs[0].overhead_cycles)
         if reply.status is not StreamStatus.OK:
             return Fed(taken, costs, reply.status)
     return Fed(taken, costs, StreamStatus.OK)
@@ -209,7 +184,7 @@ def _take_back(board: Board, name: str, count: int) -> NDArray[np.int64] | None:
         if error.status != Status.NOT_SUPPORTED.name:
             raise
         return None
-    return np.array([each.cycles for each in reply.costs]) if reply.costs else None
+    return np.array([cost.cycles for cost in reply.costs]) if reply.costs else None
 
 
 def _worked_otherwise(whole: StreamRun, sliced: StreamRun) -> bool:

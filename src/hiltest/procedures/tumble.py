@@ -41,28 +41,19 @@ _GOLDEN_SECTION = (math.sqrt(5.0) - 1.0) / 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tumble:
-    """Points of a tumble, as in the board's buffer.
-
-    Attributes
-    ----------
-    points, accelerometer : ndarray of int16, shape (n, 3)
-        Magnetometer counts, and the accelerometer sample taken with each.
-    field_ut : float
-        Strength of the local field, as declared.
-    overruns : int
-        Samples that the sensor replaced before they were read.
-    duration_s : float
-        Board time from the first request to the last answer.
-    taken : ndarray of int, shape (n,)
-        How many of the points were taken before each.
-    """
+    """Points of a tumble, as in the board's buffer."""
 
     points: Counts
     accelerometer: Counts
+    """Shape (n, 3). Magnetometer counts, and the accelerometer sample taken with each."""
     field_ut: float
+    """Strength of the local field, as declared."""
     overruns: int
+    """Samples that the sensor replaced before they were read."""
     duration_s: float
+    """Board time from the first request to the last answer."""
     taken: NDArray[np.intp]
+    """Shape (n,). How many of the points were taken before each."""
 
     @property
     def coverage(self) -> float:
@@ -82,15 +73,14 @@ def collect_tumble(
 
     Parameters
     ----------
-    board : Board
+    board
         Its point buffer is cleared first.
-    turntable : Turntable
-    points : int
+    points
         How many to collect; at most the board's buffer.
-    chunk : int
+    chunk
         Points per request. Within a chunk the points are consecutive samples; progress
         and coverage are reported after each.
-    sleep : callable, optional
+    sleep
         Waits for a number of seconds [s] of the board's clock, between the points of a slow table;
         by default the board's own.
 
@@ -160,11 +150,11 @@ def collect_until(board: Board, end_s: float, *, points: int, progress: Progress
 
     Parameters
     ----------
-    board : Board
+    board
         Its point buffer is cleared first.
-    end_s : float
+    end_s
         The instant [s]; fewer points are there by then where the line is too slow for all.
-    points : int
+    points
         How many at most.
 
     Raises

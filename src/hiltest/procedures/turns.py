@@ -52,20 +52,13 @@ class TurnInvalidError(CalibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredTurn:
-    """A turn with the rests before and after it.
-
-    Attributes
-    ----------
-    axis : Axis
-        Axis that was down.
-    before, after : GyroscopeRestReply
-        The first has stored the bias that the second is without.
-    turn : GyroscopeTurn
-    """
+    """A turn with the rests before and after it."""
 
     axis: Axis
+    """Axis that was down."""
     before: GyroscopeRestReply
     after: GyroscopeRestReply
+    """The first has stored the bias that the second is without."""
     turn: GyroscopeTurn
 
     @property
@@ -94,27 +87,18 @@ class MeasuredTurn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedTurns:
-    """Calibration that the board made from turns and stores.
-
-    Attributes
-    ----------
-    fit : GyroscopeFit
-    residual_deg : float
-        rms of what the calibrated gyroscope and the table disagree by; 0 for three turns.
-    cost : RunCost or None
-        None when the core counts no cycles.
-    scale_uncertainty_percent, misalignment_uncertainty_deg : float
-        Standard uncertainties, of noise and of the table's declared angle together.
-    band : CycleRange or None
-        Uncertainty range of its cycles; None where it is unknown.
-    """
+    """Calibration that the board made from turns and stores."""
 
     fit: GyroscopeFit
     residual_deg: float
+    """rms of what the calibrated gyroscope and the table disagree by; 0 for three turns."""
     cost: RunCost | None
+    """None when the core counts no cycles."""
     scale_uncertainty_percent: float
     misalignment_uncertainty_deg: float
+    """Standard uncertainties, of noise and of the table's declared angle together."""
     band: CycleRange | None = None
+    """Uncertainty range of its cycles; None where it is unknown."""
 
     def scale_errors_percent(self, true_response: Reals) -> tuple[float, ...]:
         """Return the error of the scale of each axis, against a world's ``felt_dps = true_response @ rate_dps`` [%]."""
@@ -138,16 +122,15 @@ def measure_turn(
 
     Parameters
     ----------
-    board : Board
-    turntable : Turntable
+    turntable
         Its angle is the reference.
-    axis : Axis
+    axis
         Axis that is put straight down.
-    degrees : float
+    degrees
         Positive is clockwise seen from above: positive about the axis, which points down.
-    rate_dps : float
+    rate_dps
         Rate of the table, 36 to 90.
-    rest_s : float
+    rest_s
         Length of each rest. The first stores the board's bias.
 
     Raises
@@ -231,10 +214,9 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
 
     Parameters
     ----------
-    board : Board
-    turns : sequence of MeasuredTurn
+    turns
         At least three, about axes that span.
-    uncertainty_deg : float
+    uncertainty_deg
         Declared uncertainty of the table's angle: at either end of a turn, and of the axis that is mounted on it.
 
     Raises
@@ -242,15 +224,15 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
     CalibrationError
         When the turns do not determine the matrix.
     """
-    reply = board.session.request(FitGyroscope([each.turn for each in turns]))
+    reply = board.session.request(FitGyroscope([turn.turn for turn in turns]))
     if reply.fit.status is not TurnsStatus.OK:
         named = "" if reply.fit.at_fault is None else f", turn {reply.fit.at_fault + 1}"
         raise CalibrationError(f"turns do not calibrate the gyroscope: {reply.fit.status.name}{named}")
     band = board.cycle_range(reply.cost)
     fit = GyroscopeFit(reply.fit.matrix, turns[-1].after.rate.mean)
     board.session.request(SetGyroscope(fit.matrix, fit.bias))
-    noise_deg = max(_noise_deg(board, each) for each in turns)
-    smallest_deg = min(float(np.linalg.norm(each.turn.turned_deg)) for each in turns)
+    noise_deg = max(_noise_deg(board, turn) for turn in turns)
+    smallest_deg = min(float(np.linalg.norm(turn.turn.turned_deg)) for turn in turns)
     return FittedTurns(
         fit, reply.fit.residual_deg, reply.cost,
         100.0 * math.hypot(noise_deg, math.sqrt(2.0) * uncertainty_deg) / smallest_deg,

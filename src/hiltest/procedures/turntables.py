@@ -57,9 +57,9 @@ class Turntable(Protocol):
 
         Parameters
         ----------
-        pose : Pose
+        pose
             Pose of the table, without the mounting of the board.
-        known_angle : int, optional
+        known_angle
             Index of the known angle; None for another pose.
         """
 
@@ -71,7 +71,7 @@ class Turntable(Protocol):
 
         Parameters
         ----------
-        duration_s : float
+        duration_s
             What the sensor needs at least. A table that turns more slowly says so, and points
             are then collected over all of its time.
         """
@@ -99,11 +99,11 @@ class Turntable(Protocol):
 
         Parameters
         ----------
-        axis : Axis
+        axis
             Axis that `mount` has put down.
-        degrees : float
+        degrees
             Positive is clockwise seen from above.
-        rate_dps : float
+        rate_dps
             Rate of the table; it stands still for the first `BEFORE_TURN_S`, and at the end of the time.
         """
 
@@ -122,9 +122,9 @@ class SimulatedTurntable:
 
     Parameters
     ----------
-    stage : Stage
+    stage
         Stage of the board.
-    uncertainty_deg : float
+    uncertainty_deg
         What the rig declares for the reference.
     """
 
@@ -179,13 +179,13 @@ class OperatorTurntable:
 
     Parameters
     ----------
-    prompt : callable
+    prompt
         Shows a text and returns the line that was typed, as `input` does.
-    uncertainty_deg : float
+    uncertainty_deg
         How well the table's scale can be set and read.
-    tumble_s : float
+    tumble_s
         How long the hand gets to turn the board all round.
-    shows_coverage : bool
+    shows_coverage
         Whether it is shown meanwhile how much of the sphere the board has seen.
     """
 
@@ -304,12 +304,11 @@ def open_turntable(
 
     Parameters
     ----------
-    board : Board or CompassBoard
-    uncertainty_deg : float
+    uncertainty_deg
         Declared uncertainty of its angle.
-    prompt : callable, optional
+    prompt
         As `OperatorTurntable` has it.
-    tumble_s : float
+    tumble_s
         How long an operator gets to turn the board all round.
 
     Raises

@@ -49,15 +49,7 @@ class BufferLeft:
 
 @dataclass(frozen=True, slots=True)
 class ProfileDocument:
-    """Document of `hiltest profile`: everything that it shows.
-
-    Attributes
-    ----------
-    notes : tuple of str
-        What the cycle model leaves out for this code.
-    shares : tuple of Share
-        Their cycles add up to `cycles`, their percentages to 100.
-    """
+    """Document of `hiltest profile`: everything that it shows."""
 
     schema: Literal["hiltest.profile/1"]
     elf: str
@@ -71,7 +63,9 @@ class ProfileDocument:
     core_clock_hz: int
     cycle_model: str
     notes: tuple[str, ...]
+    """What the cycle model leaves out for this code."""
     shares: tuple[Share, ...]
+    """Their cycles add up to `cycles`, their percentages to 100."""
     functions: tuple[FunctionCost, ...]
     lines: tuple[LineCost, ...]
     addresses: tuple[AddressCost, ...]
@@ -91,12 +85,11 @@ def document(
 
     Parameters
     ----------
-    profile : CallProfile
-    elf : Path
+    elf
         Where the function came from.
-    texts, given, left : sequence
+    texts, given, left
         The arguments as they were written, as the function got them, and as it left them.
-    memory : MemoryMap
+    memory
         The part's.
     """
     return ProfileDocument(
@@ -125,7 +118,9 @@ def json_text(content: ProfileDocument) -> str:
 
 def schema_text() -> str:
     """Return the text of the shipped ``profile.schema.json``."""
-    schema: dict[str, Any] = _ADAPTER.json_schema(mode="serialization")
+    from hiltest.json_schema import DescribedFields
+
+    schema: dict[str, Any] = _ADAPTER.json_schema(mode="serialization", schema_generator=DescribedFields)
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": SCHEMA}
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
 

@@ -19,13 +19,13 @@ class ProfiledImage:
 
     Parameters
     ----------
-    elf : Path
+    elf
         Any program for a Cortex-M4.
-    timing : str
+    timing
         Timing profile.
-    memory : str, optional
+    memory
         Memories of another part, see `hiltest.virtual.board.memory_map`.
-    clock_hz : float
+    clock_hz
         Core clock, which makes seconds of cycles [Hz].
 
     Raises
@@ -54,11 +54,11 @@ class ProfiledImage:
 
         Parameters
         ----------
-        function : str
+        function
             Its name.
-        *arguments : int, float, bytes, bytearray, numpy array or Structure
+        *arguments
             As `VirtualCortexM4.call` takes them.
-        timeout_s : float
+        timeout_s
             Virtual time after which it is taken to hang [s].
 
         Returns

@@ -25,9 +25,7 @@ def print_profile(console: Console, profile: ProfileDocument, *, lines: int, ins
 
     Parameters
     ----------
-    console : Console
-    profile : ProfileDocument
-    lines, instructions : int
+    lines, instructions
         How many of the most expensive source lines and instructions to show.
     """
     _print_head(console, profile)
@@ -104,21 +102,21 @@ def _loops(profile: ProfileDocument) -> Table:
     """Loops that wait to be fetched because of where they lie."""
     table = _table("loop whose instructions lie badly", "turns", "misplaced", "cycles lost", "share")
     table.add_column("how to place it", overflow="fold")
-    for each in profile.loops:
-        where = f"{each.function} {each.address:08x} to {each.last:08x} {each.location}".rstrip()
+    for loop in profile.loops:
+        where = f"{loop.function} {loop.address:08x} to {loop.last:08x} {loop.location}".rstrip()
         table.add_row(
-            escape(where), _grouped(each.turns), f"{100 * each.misplaced / each.wide:.0f} %", _grouped(each.cycles),
-            _share(profile, each.cycles), escape(each.advice),
+            escape(where), _grouped(loop.turns), f"{100 * loop.misplaced / loop.wide:.0f} %", _grouped(loop.cycles),
+            _share(profile, loop.cycles), escape(loop.advice),
         )
     return table
 
 
 def _lines(profile: ProfileDocument, most: int) -> Table:
     table = _table("source line", "cycles", "share", "instructions", "stalls")
-    for each in profile.lines[:most]:
+    for line in profile.lines[:most]:
         table.add_row(
-            escape(each.location), _grouped(each.cycles), _share(profile, each.cycles), _grouped(each.instructions),
-            _grouped(each.stall_cycles),
+            escape(line.location), _grouped(line.cycles), _share(profile, line.cycles), _grouped(line.instructions),
+            _grouped(line.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.lines), most)
     return table
@@ -126,11 +124,11 @@ def _lines(profile: ProfileDocument, most: int) -> Table:
 
 def _instructions(profile: ProfileDocument, most: int) -> Table:
     table = _table("instruction", "times", "cycles", "share", "stalls")
-    for each in profile.addresses[:most]:
-        place = f"{each.address:08x} {each.function} {each.location}".rstrip()
+    for address in profile.addresses[:most]:
+        place = f"{address.address:08x} {address.function} {address.location}".rstrip()
         table.add_row(
-            escape(f"{place}  {each.text}"), _grouped(each.executions), _grouped(each.cycles),
-            _share(profile, each.cycles), _grouped(each.stall_cycles),
+            escape(f"{place}  {address.text}"), _grouped(address.executions), _grouped(address.cycles),
+            _share(profile, address.cycles), _grouped(address.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.addresses), most)
     return table

@@ -24,9 +24,7 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
 
     Parameters
     ----------
-    console : Console
-    profile : TimingProfile
-    file : Path
+    file
         Where it stands.
     """
     rows = profile.rows | profile.memory
@@ -62,15 +60,15 @@ def print_judgements(console: Console, judgements: Iterable[Judgement]) -> None:
     """Print what each candidate for a rule predicts of its sequence, and which one survives."""
     console.print("Rules of fetching and addresses: clocks of half a sequence, and those that each", soft_wrap=True)
     console.print("candidate predicts; > marks what was measured.", soft_wrap=True)
-    for each in judgements:
-        question = each.question
-        console.print(f"\n{question.sequence}: {each.clocks} clocks", highlight=False, soft_wrap=True)
+    for judgement in judgements:
+        question = judgement.question
+        console.print(f"\n{question.sequence}: {judgement.clocks} clocks", highlight=False, soft_wrap=True)
         console.print(f"    {question.about}", highlight=False, soft_wrap=True)
-        for candidate, clocks in zip(question.candidates, each.predicted, strict=True):
-            mark = ">" if candidate in each.survivors else " "
+        for candidate, clocks in zip(question.candidates, judgement.predicted, strict=True):
+            mark = ">" if candidate in judgement.survivors else " "
             console.print(f"  {mark} {clocks:4} {candidate.says}", highlight=False, soft_wrap=True)
-        if each.decided is None:
-            told = "no candidate predicts it" if not each.survivors else "this core does not tell them apart"
+        if judgement.decided is None:
+            told = "no candidate predicts it" if not judgement.survivors else "this core does not tell them apart"
             console.print(f"    {told}", style="yellow", soft_wrap=True)
     console.print()
 
@@ -80,8 +78,7 @@ def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None
 
     Parameters
     ----------
-    console : Console
-    raw : mapping of str to mapping
+    raw
         Clocks of half of each sequence, by the memory that it ran from.
     """
     differing = [name for name in raw["sram"] if len({clocks[name] for clocks in raw.values()}) > 1]

@@ -49,31 +49,7 @@ ONE_OF_EXACT = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One measurement, base against new, paired by seed.
-
-    Attributes
-    ----------
-    base, new : float or None
-        Over several seeds: means over the paired ones. None where there is no number.
-    delta : float or None
-        New less base; over several seeds the mean of the paired changes.
-    interval : (float, float) or None
-        95 % interval of the mean paired change, from eight paired seeds up.
-    seeds : int
-        How many pairs, each with a number on both sides.
-    tolerance : Tolerance
-        Where runs do not share their noise, with what that moves.
-    limit : Limit or None
-        The new run's.
-    outcome : str
-        The new run's; over several seeds the one that gates, if any.
-    cycle_model : str
-    note : str
-        What the numbers alone do not say.
-    seen : float or None
-        Smallest change that this comparison sees in 4 of 5 cases; 0 where it sees every change. None without a number
-        on both sides.
-    """
+    """One measurement, base against new, paired by seed."""
 
     name: str
     unit: str
@@ -81,15 +57,25 @@ class Difference:
     sense: Better
     base: float | None
     new: float | None
+    """Over several seeds: means over the paired ones. None where there is no number."""
     delta: float | None
+    """New less base; over several seeds the mean of the paired changes."""
     interval: tuple[float, float] | None
+    """95 % interval of the mean paired change, from eight paired seeds up."""
     seeds: int
+    """How many pairs, each with a number on both sides."""
     tolerance: Tolerance
+    """Where runs do not share their noise, with what that moves."""
     limit: Limit | None
+    """The new run's."""
     outcome: str
+    """The new run's; over several seeds the one that gates, if any."""
     cycle_model: str
     note: str = ""
+    """What the numbers alone do not say."""
     seen: float | None = None
+    """Smallest change that this comparison sees in 4 of 5 cases; 0 where it sees every change. None without a
+    number on both sides."""
 
     @property
     def concern(self) -> tuple[bool, bool, float, str]:
@@ -124,76 +110,53 @@ class FromBuild:
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One side of a comparison.
-
-    Attributes
-    ----------
-    file : str
-        Where it was read from; empty for a run that is compared as it ends.
-    sha256 : str
-        Digest of that file, empty where there is none.
-    rig : str
-        Name of the rig.
-    seeds : tuple of int
-    saved_utc : str
-        When the run ended, or the baseline was saved or last updated.
-    accepted : tuple of FromBuild
-        Measurements of a baseline that come from other builds than `build_id`, by build.
-    revision : Revision or None
-        Sources that the run was made for.
-    """
+    """One side of a comparison."""
 
     file: str = ""
+    """Where it was read from; empty for a run that is compared as it ends."""
     sha256: str = ""
+    """Digest of that file, empty where there is none."""
     firmware: str = ""
     version: str = ""
     build_id: str = ""
     compiler: str = ""
     cycle_model: str = ""
     rig: str = ""
+    """Name of the rig."""
     seeds: tuple[int, ...] = ()
     saved_utc: str = ""
+    """When the run ended, or the baseline was saved or last updated."""
     accepted: tuple[FromBuild, ...] = ()
+    """Measurements of a baseline that come from other builds than `build_id`, by build."""
     revision: Revision | None = None
+    """Sources that the run was made for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Base against new.
-
-    Attributes
-    ----------
-    differences : tuple of Difference
-        Sorted by name.
-    obstacles : tuple of str
-        Why the gate cannot be evaluated, one line each, with what to do. None of them: it was.
-    sentence : str
-        All of it in one sentence, which begins with the answer.
-    failed : tuple of str
-        What fails in the new run by itself, whatever the base is: its limits and its tests.
-    unjudged : tuple of str
-        Limits of the new run that were not evaluated, with the reason.
-    chosen : bool
-        Whether only chosen tests ran: the others are unknown.
-    base_kind : BaseKind
-    remark : str
-        Remark for the reader; it decides nothing.
-    """
+    """Base against new."""
 
     base: Side
     new: Side
     differences: tuple[Difference, ...]
+    """Sorted by name."""
     obstacles: tuple[str, ...]
+    """Why the gate cannot be evaluated, one line each, with what to do. None of them: it was."""
     sentence: str
+    """All of it in one sentence, which begins with the answer."""
     failed: tuple[str, ...] = ()
+    """What fails in the new run by itself, whatever the base is: its limits and its tests."""
     unjudged: tuple[str, ...] = ()
+    """Limits of the new run that were not evaluated, with the reason."""
     chosen: bool = False
+    """Whether only chosen tests ran: the others are unknown."""
     base_kind: BaseKind = BaseKind.RUN
     remark: str = ""
+    """Remark for the reader; it decides nothing."""
 
     def of(self, change: Change) -> tuple[Difference, ...]:
         """Return the measurements with this change, in order of concern."""
-        found = (each for each in self.differences if each.change is change)
+        found = (difference for difference in self.differences if difference.change is change)
         return tuple(sorted(found, key=lambda each: each.concern))
 
     @property
@@ -211,4 +174,4 @@ class Comparison:
     @property
     def regression(self) -> bool:
         """True where the comparison was made, and something got worse."""
-        return self.evaluated and any(each.change is Change.WORSE for each in self.differences)
+        return self.evaluated and any(difference.change is Change.WORSE for difference in self.differences)

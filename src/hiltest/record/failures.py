@@ -16,13 +16,13 @@ _OF_COMPARISONS = (ExitCode.OK, ExitCode.REGRESSION, ExitCode.NOT_EVALUATED)
 
 def out_of_limit(measurements: Iterable[Measurement]) -> list[Measurement]:
     """Return the measurements that fail their limit."""
-    return [each for each in measurements if each.outcome is Outcome.FAIL]
+    return [measurement for measurement in measurements if measurement.outcome is Outcome.FAIL]
 
 
 def failed_otherwise(tests: Iterable[TestResult], failed: Iterable[Measurement]) -> list[TestResult]:
     """Return the red tests that no measurement out of its limit explains."""
     explained = {each.test for each in failed}
-    return [each for each in tests if each.outcome in RED and each.id not in explained]
+    return [test for test in tests if test.outcome in RED and test.id not in explained]
 
 
 def measured(measurement: Measurement) -> str:
@@ -52,14 +52,14 @@ def tests_in_words(tests: Sequence[TestResult]) -> str:
 def by_reason(tests: Iterable[TestResult]) -> dict[str, list[TestResult]]:
     """Return tests by the reason of their failure: a fixture that they share fails all of them for one reason."""
     found: dict[str, list[TestResult]] = {}
-    for each in tests:
-        found.setdefault(each.reason, []).append(each)
+    for test in tests:
+        found.setdefault(test.reason, []).append(test)
     return found
 
 
 def tests_named(tests: Sequence[TestResult]) -> str:
     """Name the first of some tests, and count the others."""
-    return listed([without_folders(each.id) for each in tests], 1)
+    return listed([without_folders(test.id) for test in tests], 1)
 
 
 def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
@@ -67,9 +67,8 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
 
     Parameters
     ----------
-    run : Run
+    run
         What its journal holds; its own verdict does not count.
-    going_on : bool
 
     Returns
     -------

@@ -38,9 +38,9 @@ class Journal:
 
     Parameters
     ----------
-    folder : Path
+    folder
         What lies in it stays as it is until `begin`.
-    name : str, optional
+    name
         Name of the file.
 
     Raises
@@ -81,7 +81,7 @@ class Journal:
                 runs.append([])
             if runs and entry.get("kind") in ("start", kind):
                 runs[-1].append(entry)
-        kept = next((each for each in reversed(runs) if len(each) > 1), None)
+        kept = next((run for run in reversed(runs) if len(run) > 1), None)
         return (kept[0], kept[1:]) if kept else ({}, [])
 
     def announce(self, content: Mapping[str, Any]) -> None:

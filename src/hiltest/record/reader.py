@@ -33,27 +33,18 @@ _UNKNOWN = asdict(Verdict("cut short", 2, "", complete=False))
 
 @dataclass(frozen=True, slots=True)
 class RecordFile:
-    """A record as it was read.
-
-    Attributes
-    ----------
-    run : Run
-    content : mapping
-        The same as JSON has it, with every field that only a newer hiltest knows: what is written again is written
-        of this.
-    path : Path
-        ``run.json`` or the journal.
-    sha256 : str
-        Digest of that file as it was read.
-    ended : bool
-        Whether the run has come to its end, and the verdict is its own.
-    """
+    """A record as it was read."""
 
     run: Run
     content: Mapping[str, Any]
+    """The same as JSON has it, with every field that only a newer hiltest knows: what is written again is written
+    of this."""
     path: Path
+    """``run.json`` or the journal."""
     sha256: str
+    """Digest of that file as it was read."""
     ended: bool
+    """Whether the run has come to its end, and the verdict is its own."""
 
 
 def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
@@ -61,9 +52,9 @@ def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
 
     Parameters
     ----------
-    place : Path
+    place
         A run's folder, a ``run.json`` or a ``journal.jsonl``.
-    otherwise : str, optional
+    otherwise
         What to do where a file is no JSON.
 
     Raises
@@ -149,10 +140,10 @@ def _run_from(content: Mapping[str, Any], path: Path) -> Run:
 
 def _named_once(run: Run) -> Iterator[tuple[str, Sequence[str]]]:
     """Yield the names that may each stand once, and of what."""
-    yield "measurement", [each.name for each in run.measurements]
+    yield "measurement", [measurement.name for measurement in run.measurements]
     yield "table", [each.name for each in run.tables]
     for table in run.tables:
-        yield f"column of table {shown(table.name)}:", [each.name for each in table.columns]
+        yield f"column of table {shown(table.name)}:", [column.name for column in table.columns]
 
 
 def _from_journal(path: Path) -> RecordFile:
@@ -173,7 +164,7 @@ def _from_journal(path: Path) -> RecordFile:
     content = _replayed(path, entries[starts[-1]:], first_line=starts[-1] + 1)
     run = _run_from(content, path)
     ended = content["verdict"] is not _UNKNOWN
-    several = {each.name for each in run.other_attempts}
+    several = {other_attempt.name for other_attempt in run.other_attempts}
     run = replace(
         run, verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
         measurements=tuple(marked(each) if each.name in several else each for each in run.measurements),

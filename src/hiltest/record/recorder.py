@@ -80,8 +80,8 @@ class Recorder:
 
     def found(self, measurements: Iterable[Measurement], tables: Iterable[Table]) -> None:
         """Take measurements and tables, rounded as they are written; they reach the disk with the next `finished`."""
-        self._unwritten_measurements += (each.rounded() for each in measurements)
-        self._unwritten_tables += (each.rounded() for each in tables)
+        self._unwritten_measurements += (measurement.rounded() for measurement in measurements)
+        self._unwritten_tables += (table.rounded() for table in tables)
 
     def finished(self, test: TestResult | None) -> None:
         """Write a finished test through to the disk; with None the session's own findings."""
@@ -89,17 +89,17 @@ class Recorder:
             self.findings.tests.append(test)
             if test.outcome is TestOutcome.XFAILED:
                 self._unwritten_measurements = [_expected(each, test) for each in self._unwritten_measurements]
-        names = dict.fromkeys(each.name for each in self._unwritten_measurements)
+        names = dict.fromkeys(unwritten_measurement.name for unwritten_measurement in self._unwritten_measurements)
         others = len(self.findings.other_attempts)
-        for each in self._unwritten_measurements:
-            self.findings.take(each)
+        for unwritten_measurement in self._unwritten_measurements:
+            self.findings.take(unwritten_measurement)
         self.findings.tables.update((each.name, each) for each in self._unwritten_tables)
         self._journal.append("test", {
             "utc": utc_now(),
             "test": test and asdict(test),
             "measurements": [asdict(self.findings.measurements[name]) for name in names],
-            "other_attempts": [asdict(each) for each in self.findings.other_attempts[others:]],
-            "tables": [asdict(each) for each in self._unwritten_tables],
+            "other_attempts": [asdict(other_attempt) for other_attempt in self.findings.other_attempts[others:]],
+            "tables": [asdict(unwritten_table) for unwritten_table in self._unwritten_tables],
         })
         self._unwritten_measurements, self._unwritten_tables = [], []
 

@@ -22,9 +22,9 @@ def revision_of(label: str | None, environment: Mapping[str, str] = os.environ) 
 
     Parameters
     ----------
-    label : str or None
+    label
         What its user calls it. Empty, and not None: the run is not of the job's commit, nothing is to be noted.
-    environment : mapping of str to str
+    environment
         A job of GitHub Actions has ``GITHUB_SHA`` and ``GITHUB_REF_NAME``. What is no commit or no name of a branch
         is left out.
     """

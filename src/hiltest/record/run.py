@@ -205,28 +205,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Record of a run, as in ``run.json``.
-
-    Attributes
-    ----------
-    suite : str
-        Which set of tests it was: ``gate`` or ``full``.
-    volatile : tuple of str
-        JSON pointers (RFC 6901) of all that may differ between two runs of the same seed.
-    comparison : Comparison or None
-        Comparison with the baseline or the older firmware.
-    other_attempts : tuple of Measurement
-        What the other attempts of tests that were run again measured; the worst stands under `measurements`.
-    chosen : bool
-        Whether the user chose among the tests of hiltest, so that some of the set did not run.
-    revision : Revision or None
-        Sources that it was made for, as the label and the job name them.
-    tolerances : mapping of str to (float, float)
-        Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
-        they were kept.
-    coverage : CoverageRecord or None
-        Coverage of the firmware, where it was asked for.
-    """
+    """Record of a run, as in ``run.json``."""
 
     schema: Literal["hiltest.run/1"]
     verdict: Verdict
@@ -234,6 +213,7 @@ class Run:
     rig: RigRecord | None
     seed: int | None
     suite: Literal["gate", "full"]
+    """Which set of tests it was: ``gate`` or ``full``."""
     poses: str
     calibration: CalibrationRecord | None
     environment: Environment
@@ -243,20 +223,28 @@ class Run:
     measurements: tuple[Measurement, ...]
     tables: tuple[Table, ...]
     volatile: tuple[str, ...] = ()
+    """JSON pointers (RFC 6901) of all that may differ between two runs of the same seed."""
     comparison: Comparison | None = None
+    """Comparison with the baseline or the older firmware."""
     other_attempts: tuple[Measurement, ...] = ()
+    """What the other attempts of tests that were run again measured; the worst stands under `measurements`."""
     chosen: bool = False
+    """Whether the user chose among the tests of hiltest, so that some of the set did not run."""
     revision: Revision | None = None
+    """Sources that it was made for, as the label and the job name them."""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
+    they were kept."""
     coverage: CoverageRecord | None = None
+    """Coverage of the firmware, where it was asked for."""
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""
-        return next((each for each in self.measurements if each.name == name), None)
+        return next((measurement for measurement in self.measurements if measurement.name == name), None)
 
     def table(self, name: str) -> Table | None:
         """Return the table of this name, None when there is none."""
-        return next((each for each in self.tables if each.name == name), None)
+        return next((table for table in self.tables if table.name == name), None)
 
 
 @dataclass(slots=True)
@@ -290,7 +278,7 @@ class Findings:
 
     def finish(self, verdict: Verdict, finished_utc: str) -> Run:
         """Return the record: measurements and tables sorted by name, volatile places listed."""
-        several = {each.name for each in self.other_attempts}
+        several = {other_attempt.name for other_attempt in self.other_attempts}
         measurements = [self.measurements[name].rounded() for name in sorted(self.measurements)]
         run = Run(
             schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, suite=self.suite,
@@ -298,7 +286,7 @@ class Findings:
             started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
             measurements=tuple(marked(each) if each.name in several else each for each in measurements),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
-            other_attempts=tuple(each.rounded() for each in self.other_attempts), chosen=self.chosen,
+            other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts), chosen=self.chosen,
             revision=self.revision, coverage=self.coverage,
         )
         return replace(run, volatile=volatile_places(run), tolerances=in_force(run))
@@ -308,8 +296,8 @@ def in_force(run: Run) -> dict[str, tuple[float, float]]:
     """Return the tolerances of all that is compared: the rig's, or else those of the kind."""
     of_rig = {name: Tolerance(*each) for name, each in (run.rig.tolerances if run.rig else {}).items()}
     found = {
-        each.name: tolerance_of(each.name, of_rig)
-        for each in run.measurements if is_compared(each.name) and not each.volatile
+        measurement.name: tolerance_of(measurement.name, of_rig)
+        for measurement in run.measurements if is_compared(measurement.name) and not measurement.volatile
     }
     return {name: (float(each.absolute), float(each.relative)) for name, each in found.items()}
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from hiltest.json_schema import DescribedFields
 from hiltest.record.run import SCHEMA, Run
 
 SCHEMA_FILE = Path(__file__).with_name("run.schema.json")
@@ -28,7 +29,7 @@ def run_schema() -> dict[str, Any]:
 
     Required is what has no default: a field that was added later has one, so that older records are valid.
     """
-    schema = TypeAdapter(Run).json_schema(mode="validation")
+    schema = TypeAdapter(Run).json_schema(mode="validation", schema_generator=DescribedFields)
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": SCHEMA, "description": DESCRIPTION}
     about = schema.pop("description", None)
     return {**head, "$comment": about, **{key: value for key, value in schema.items() if key != "title"}}

@@ -18,35 +18,23 @@ LARGEST_READING = 2.0**32
 
 
 class TableRow(NamedTuple):
-    """One row of readings.
-
-    Attributes
-    ----------
-    line : int
-        From 1.
-    cells : tuple of str
-        Without quotes and surrounding blanks.
-    arrived_s : float
-        When a serial monitor says that the line came [s of the day]; NaN where none does.
-    """
+    """One row of readings."""
 
     line: int
+    """From 1."""
     cells: tuple[str, ...]
+    """Without quotes and surrounding blanks."""
     arrived_s: float = math.nan
+    """When a serial monitor says that the line came [s of the day]; NaN where none does."""
 
 
 class TableRows(NamedTuple):
-    """Rows of readings, each the line after the one before.
-
-    Attributes
-    ----------
-    line : int
-        Of the first.
-    numbers : ndarray, shape (rows, columns)
-    """
+    """Rows of readings, each the line after the one before."""
 
     line: int
+    """Of the first."""
     numbers: Reals
+    """Shape (rows, columns)."""
 
 
 def number_in(

@@ -109,11 +109,11 @@ def guessed_columns(headers: Sequence[str], places: Sequence[int], index: int | 
 
     Parameters
     ----------
-    headers : sequence of str
+    headers
         Empty without any.
-    places : sequence of int
+    places
         Indexes of the columns.
-    index : int, optional
+    index
         That of a column which counts the rows.
 
     Raises

@@ -44,35 +44,23 @@ class Separated(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How the lines of a file are rows of a table.
-
-    Attributes
-    ----------
-    headers : tuple of str
-        Names of the columns, empty without any.
-    width : int
-    first : int
-        Which of the lines is the first of readings.
-    split : callable
-        Returns the cells of a line; raises ValueError, which says what is wrong with it.
-    preamble : int
-        Lines before the table that are no part of it.
-    begins : str
-        What a line of the table begins with; others are no part of it.
-    notes : list of str
-        What was recognised or assumed, a sentence each; `split` may add to it.
-    separated : Separated or None
-        How `split` tells cells apart; None where they are not text between separators.
-    """
+    """How the lines of a file are rows of a table."""
 
     headers: tuple[str, ...]
+    """Names of the columns, empty without any."""
     width: int
     first: int
+    """Which of the lines is the first of readings."""
     split: Callable[[str], tuple[str, ...]]
+    """Returns the cells of a line; raises ValueError, which says what is wrong with it."""
     preamble: int = 0
+    """Lines before the table that are no part of it."""
     begins: str = ""
+    """What a line of the table begins with; others are no part of it."""
     notes: list[str] = field(default_factory=list)
+    """What was recognised or assumed, a sentence each; `split` may add to it."""
     separated: Separated | None = None
+    """How `split` tells cells apart; None where they are not text between separators."""
 
 
 def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
@@ -80,10 +68,9 @@ def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
 
     Parameters
     ----------
-    path : Path
-    lines : sequence of Line
+    lines
         One at least.
-    fewest : int
+    fewest
         Numbers that a row of readings has at least, where a header may be above it.
 
     Raises

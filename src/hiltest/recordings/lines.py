@@ -29,24 +29,16 @@ _PLAIN = bytes({*range(0x20, 0x7F), *b"\t\r\n"} - {*b"#%/"})
 
 
 class Line(NamedTuple):
-    """One line that is neither empty nor a comment.
-
-    Attributes
-    ----------
-    number : int
-        From 1.
-    text : str
-        With its line end; the last one of a file may have none.
-    comment : str
-        The comment line just before, without its mark.
-    arrived_s : float
-        Time of day that a serial monitor put before it [s]; NaN where none did.
-    """
+    """One line that is neither empty nor a comment."""
 
     number: int
+    """From 1."""
     text: str
+    """With its line end; the last one of a file may have none."""
     comment: str
+    """The comment line just before, without its mark."""
     arrived_s: float
+    """Time of day that a serial monitor put before it [s]; NaN where none did."""
 
 
 class Lines:

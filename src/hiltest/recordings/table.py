@@ -107,9 +107,9 @@ class Table:
 
         Parameters
         ----------
-        places : sequence of int
+        places
             Columns that are read.
-        largest : sequence of float
+        largest
             For each of them, what no number is beyond. A row with a number beyond it, or with a cell that is none,
             comes by itself.
         """
@@ -169,9 +169,9 @@ def open_table(path: Path, *, fewest: int = 3) -> Table:
 
     Parameters
     ----------
-    path : Path
+    path
         As `hiltest.recordings.lines.read_lines` takes it. A text may be above the table.
-    fewest : int, optional
+    fewest
         Numbers that a row of readings has at least, where a header may be above it.
 
     Raises

@@ -40,21 +40,14 @@ _CLOCK_BEGAN = re.compile(r"hiltest log: .*clock began (?P<began>[0-9.]+) s afte
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """What a recording holds.
-
-    Attributes
-    ----------
-    tracks : dict of Sensed to Track
-        By the recording's own clock, body frame.
-    clock_began_s : float or None
-        Virtual time at which that clock began, where the recording says it.
-    notes : tuple of str
-        What was skipped, recognised or assumed in the file, a sentence each.
-    """
+    """What a recording holds."""
 
     tracks: dict[Sensed, Track]
+    """By the recording's own clock, body frame."""
     clock_began_s: float | None = None
+    """Virtual time at which that clock began, where the recording says it."""
     notes: tuple[str, ...] = ()
+    """What was skipped, recognised or assumed in the file, a sentence each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +101,7 @@ def _columns(
     option = f"world.playback.{sensed.key}.columns"
     if given.columns is not None:
         # Quoted: a name may have a comma.
-        places = named_columns(",".join(f'"{each}"' for each in given.columns), headers, width, option=option)
+        places = named_columns(",".join(f'"{column}"' for column in given.columns), headers, width, option=option)
     else:
         stems = {stem: each for stem, each in axis_triples(headers).items() if _STEMS[sensed].search(stem)}
         _refuse_incomplete(path, sensed, headers)

@@ -26,9 +26,9 @@ class Player(Tape):
 
     Parameters
     ----------
-    transcript : Transcript
+    transcript
         Of a recorded run.
-    path : Path
+    path
         Where it was read from, for messages.
     """
 

@@ -12,31 +12,20 @@ from hiltest.replay.values import restored
 
 @dataclass(frozen=True, slots=True)
 class RecordedRun:
-    """A recorded run.
-
-    Attributes
-    ----------
-    hiltest : str
-        Version that recorded it.
-    recorded_utc : str
-    rig_file, rig_text : str
-        The rig's file: its name, and what it held.
-    holds_limits : bool
-        Whether a limit of the rig that nothing was measured against failed the run.
-    seed : int or None
-        Seed that the command line gave.
-    poses : str or None
-        Poses that it gave.
-    suite : str
-    """
+    """A recorded run."""
 
     hiltest: str
+    """Version that recorded it."""
     recorded_utc: str
     rig_file: str
     rig_text: str
+    """The rig's file: its name, and what it held."""
     holds_limits: bool
+    """Whether a limit of the rig that nothing was measured against failed the run."""
     seed: int | None
+    """Seed that the command line gave."""
     poses: str | None
+    """Poses that it gave."""
     suite: str
 
 

@@ -19,9 +19,9 @@ class Recorder(Tape):
 
     Parameters
     ----------
-    path : Path
+    path
         File that is written, as the run goes on.
-    about : mapping
+    about
         What the header says of the run.
     """
 

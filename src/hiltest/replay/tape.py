@@ -30,13 +30,13 @@ class Tape(ABC):
 
         Parameters
         ----------
-        name : str
+        name
             Of the question, such as ``stage.turn_to``.
-        given : mapping
+        given
             Arguments, as JSON.
-        hint : type
+        hint
             Of the answer.
-        answer : callable
+        answer
             Asks the bench.
         """
 
@@ -84,11 +84,9 @@ class Taped:
 
     Parameters
     ----------
-    tape : Tape
-    name : str
+    name
         Of the object.
-    interface : type
-    target : object
+    target
         Answers where the bench is there; None in a replay.
     """
 

@@ -61,9 +61,9 @@ def member_of(interface: type, name: str) -> Member:
 
 def interface_in(hint: Any) -> type | None:
     """Return the interface that an answer implements, if its type is one: it is asked further questions."""
-    for each in (hint, *get_args(hint)):
-        if isinstance(each, type) and getattr(each, "_is_protocol", False):
-            return each
+    for get_argument in (hint, *get_args(hint)):
+        if isinstance(get_argument, type) and getattr(get_argument, "_is_protocol", False):
+            return get_argument
     return None
 
 
@@ -82,7 +82,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if is_dataclass(value) and not isinstance(value, type):
-        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
         return {_key(key): plain(each) for key, each in value.items()}
     if isinstance(value, Sequence):
@@ -160,7 +160,7 @@ def _array(content: Any) -> Any:
 def _record(kind: type[Any], content: Any) -> Any:
     _checked(isinstance(content, dict), None, kind)
     hints = get_type_hints(kind)
-    known = {each.name: each for each in fields(kind) if each.init}
+    known = {field.name: field for field in fields(kind) if field.init}
     needed = {name for name, each in known.items() if each.default is MISSING and each.default_factory is MISSING}
     _checked(needed <= content.keys() <= known.keys(), None, kind)
     return kind(**{name: restored(hints[name], each) for name, each in content.items()})

@@ -25,53 +25,36 @@ _HEADLINES = (KINDS["heading.{calibrator}.max"], KINDS["cycles.{calibrator}.tota
 
 @dataclass(frozen=True, slots=True)
 class BoardLine:
-    """The end of one board's run.
-
-    Attributes
-    ----------
-    name : str
-        Of its rig.
-    folder : str
-        Of its record, beside the page.
-    exit_code : int
-    sentence : str
-        Its verdict, or its last words where there is none.
-    firmware : str
-        Empty where nothing answered.
-    """
+    """The end of one board's run."""
 
     name: str
+    """Of its rig."""
     folder: str
+    """Of its record, beside the page."""
     exit_code: int
     sentence: str
+    """Its verdict, or its last words where there is none."""
     firmware: str = ""
+    """Empty where nothing answered."""
 
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """One measurement on every board that has it.
-
-    Attributes
-    ----------
-    name, unit : str
-    values : mapping of str to float, int or None
-        By board.
-    outcomes : mapping of str to Outcome
-        The same.
-    spread : float, int or None
-        Largest less smallest; None where fewer than two boards have a number, or where they are not alike.
-    """
+    """One measurement on every board that has it."""
 
     name: str
     unit: str
     values: Mapping[str, float | int | None]
+    """By board."""
     outcomes: Mapping[str, Outcome]
+    """The same."""
     spread: float | int | None
+    """Largest less smallest; None where fewer than two boards have a number, or where they are not alike."""
 
     @property
     def has_limit(self) -> bool:
         """Whether a board holds it to a limit."""
-        return any(each not in (Outcome.INFORMATION, Outcome.NOT_OFFERED) for each in self.outcomes.values())
+        return any(outcome not in (Outcome.INFORMATION, Outcome.NOT_OFFERED) for outcome in self.outcomes.values())
 
     def cell(self, board: str) -> str:
         """Return its value on a board as people read it; a cross beside what is beyond its limit."""
@@ -102,9 +85,9 @@ def boards_markdown(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequen
 
 
 def _lines(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> Iterator[str]:
-    names = [each.name for each in boards]
+    names = [board.name for board in boards]
     yield from (f"# {plain_text(verdict.outcome.upper())}", "", plain_text(verdict.sentence), "")
-    ends = ([each.name, str(each.exit_code), each.sentence] for each in boards)
+    ends = ([board.name, str(board.exit_code), board.sentence] for board in boards)
     yield from table(["board", "exit code", "verdict"], ends)
     held, others = ([each for each in apart if each.has_limit is has_limit] for has_limit in (True, False))
     yield from ("", *_measurements(names, held))

@@ -43,11 +43,7 @@ def campaign_markdown(
 
     Parameters
     ----------
-    verdict : Verdict
-    seeds : sequence of SeedLine
-    spreads : sequence of Spread
-    comparison : Comparison or None
-    cycle_models : iterable of str, optional
+    cycle_models
         What counted the cycles among the spreads.
     """
     return "\n".join(_lines(verdict, seeds, spreads, comparison, counted_by(cycle_models))) + "\n"
@@ -61,10 +57,10 @@ def _lines(
         yield from ("", plain_text(remark))
     if comparison is not None:
         yield from comparison_lines(comparison)
-    red = [each for each in seeds if each.exit_code]
+    red = [seed for seed in seeds if seed.exit_code]
     if red:
         yield from ("", "## Seeds that did not pass", "", *_seeds(red))
-    missed = [each for each in spreads if each.failed_seeds]
+    missed = [spread for spread in spreads if spread.failed_seeds]
     if missed:
         yield from ("", "## Limits that were missed", "", *_spreads(missed))
     yield from folded("Every measurement over the seeds", _spreads(spreads))
@@ -72,14 +68,14 @@ def _lines(
 
 
 def _seeds(seeds: Sequence[SeedLine]) -> Iterator[str]:
-    rows = ([str(each.seed), str(each.exit_code), each.sentence] for each in seeds)
+    rows = ([str(seed.seed), str(seed.exit_code), seed.sentence] for seed in seeds)
     yield from table(["seed", "exit code", "verdict"], rows)
 
 
 def _spreads(spreads: Sequence[Spread]) -> Iterator[str]:
     rows = (
-        [each.name, str(each.n), *map(readable, (each.min, each.median, each.max)), each.unit,
-         ", ".join(map(str, each.failed_seeds))]
-        for each in spreads
+        [spread.name, str(spread.n), *map(readable, (spread.min, spread.median, spread.max)), spread.unit,
+         ", ".join(map(str, spread.failed_seeds))]
+        for spread in spreads
     )  # fmt: skip
     yield from table(["measurement", "seeds", "smallest", "median", "largest", "unit", "missed on seeds"], rows)

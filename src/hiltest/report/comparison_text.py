@@ -68,7 +68,7 @@ def say_how_to_keep(console: Console, comparison: Comparison, run: str, options:
 
 def json_text(comparisons: Sequence[Comparison], planned: Detection | None = None) -> str:
     """Return comparisons, and how many runs see a change if that was asked for, as JSON."""
-    content: dict[str, object] = {"schema": SCHEMA, "comparisons": [asdict(each) for each in comparisons]}
+    content: dict[str, object] = {"schema": SCHEMA, "comparisons": [asdict(comparison) for comparison in comparisons]}
     if planned is not None:
         content["detection"] = asdict(planned)
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

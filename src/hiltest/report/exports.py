@@ -23,21 +23,14 @@ MOST_NAME, MOST_MEASURE = 1024, 64
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """One measurement as a number that gets better one way, on each seed that has it.
-
-    Attributes
-    ----------
-    name : str
-        Name, for cycles with their cycle model: both tools compare what has the same name.
-    larger_is_better : bool
-    values : tuple of float or int
-        Finite, at least one.
-    """
+    """One measurement as a number that gets better one way, on each seed that has it."""
 
     name: str
+    """Name, for cycles with their cycle model: both tools compare what has the same name."""
     unit: str
     larger_is_better: bool
     values: tuple[float | int, ...]
+    """Finite, at least one."""
     limit: Limit | None
 
     @property
@@ -47,12 +40,7 @@ class Exported:
 
 
 def exported(by_seed: Mapping[Seed, Mapping[str, Measurement]]) -> list[Exported]:
-    """Return all measurements with a better direction and a number, sorted by name.
-
-    Parameters
-    ----------
-    by_seed : mapping of seed to mapping of name to Measurement
-    """
+    """Return all measurements with a better direction and a number, sorted by name."""
     names = sorted({name for measurements in by_seed.values() for name in measurements})
     found = (_exported([each[name] for each in by_seed.values() if name in each]) for name in names)
     return [each for each in found if each is not None]
@@ -63,7 +51,7 @@ def bencher_json(numbers: list[Exported]) -> str:
 
     The measure is named after the unit and the better direction, since a threshold belongs to a measure.
     """
-    return _json({each.name[:MOST_NAME]: {_measure(each): _metric(each)} for each in numbers})
+    return _json({number.name[:MOST_NAME]: {_measure(number): _metric(number)} for number in numbers})
 
 
 def github_action_benchmark_json(numbers: list[Exported]) -> str:
@@ -71,14 +59,14 @@ def github_action_benchmark_json(numbers: list[Exported]) -> str:
 
     Parameters
     ----------
-    numbers : list of Exported
+    numbers
         Measurements of one better direction, which the file itself does not state; the action refuses an empty list.
     """
-    return _json([_entry(each) for each in numbers])
+    return _json([_entry(number) for number in numbers])
 
 
 def _exported(measurements: list[Measurement]) -> Exported | None:
-    kept = [each for each in measurements if each.value is not None and not each.volatile]
+    kept = [measurement for measurement in measurements if measurement.value is not None and not measurement.volatile]
     if not kept:
         return None
     latest = kept[-1]

@@ -29,10 +29,9 @@ def append_to_job_summary(page: str, whole_is: Path, environment: Mapping[str, s
 
     Parameters
     ----------
-    page : str
-    whole_is : Path
+    whole_is
         File that has the whole page.
-    environment : mapping of str to str
+    environment
         Names the summary's file in ``GITHUB_STEP_SUMMARY``; without it nothing is done.
 
     Returns

@@ -28,7 +28,7 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         yield from ("", plain_text(comparison.remark))
     if comparison.obstacles:
         yield ""
-        yield from (f"- not evaluated: {plain_text(each)}" for each in comparison.obstacles)
+        yield from (f"- not evaluated: {plain_text(obstacle)}" for obstacle in comparison.obstacles)
     rows = [
         [each.change, each.name, each.base, each.new, each.moved, each.tolerance, each.limit, each.outcome]
         for each in changed(comparison)

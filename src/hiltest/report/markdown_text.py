@@ -48,11 +48,11 @@ def cut(text: str, most_bytes: int, whole_is: str) -> str:
 
     Parameters
     ----------
-    text : str
+    text
         The page, without folded parts inside folded parts.
-    most_bytes : int
+    most_bytes
         In UTF-8, of all that is returned.
-    whole_is : str
+    whole_is
         Where the whole page is; plain text.
 
     Returns

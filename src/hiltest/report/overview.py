@@ -76,12 +76,12 @@ class Group:
     @property
     def checked(self) -> int:
         """Number of measurements with a limit."""
-        return sum(each.limit is not None for each in self.measurements)
+        return sum(measurement.limit is not None for measurement in self.measurements)
 
     @property
     def failures(self) -> int:
         """Number of measurements that fail the run."""
-        return sum(each.gates for each in self.measurements)
+        return sum(measurement.gates for measurement in self.measurements)
 
 
 def accuracy_and_cost(run: Run) -> AccuracyAndCost:
@@ -106,7 +106,7 @@ def accuracy_and_cost(run: Run) -> AccuracyAndCost:
 def groups(run: Run) -> list[Group]:
     """Return all measurements by the section that their kind belongs in."""
     order = list(Section)
-    measurements = sorted(run.measurements, key=lambda each: order.index(each.section))
+    measurements = sorted(run.measurements, key=lambda measurement: order.index(measurement.section))
     by_section = groupby(measurements, key=lambda each: each.section)
     return [Group(str(section), tuple(found)) for section, found in by_section]
 
@@ -114,8 +114,8 @@ def groups(run: Run) -> list[Group]:
 def tally(run: Run) -> str:
     """Return how many tests ran and how many measurements are within their limits."""
     outcomes = Counter(test.outcome for test in run.tests)
-    limits = [each for each in run.measurements if each.limit is not None]
-    held = sum(each.outcome is Outcome.PASS for each in limits)
+    limits = [measurement for measurement in run.measurements if measurement.limit is not None]
+    held = sum(limit.outcome is Outcome.PASS for limit in limits)
     parts = [", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "no test ran"]
     parts.append(f"{held} of {len(limits)} within their limits" if limits else "no limit was checked")
     parts.append(f"{len(run.measurements) - len(limits)} more measurements without a limit")

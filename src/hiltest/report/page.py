@@ -18,7 +18,7 @@ def render(template: str, *, package: str = "hiltest.report", **content: object)
 
     Every text in it is escaped, so a firmware called ``<script>`` shows as text; what would be unseen is named.
     """
-    loaders = [PackageLoader(each, ".") for each in dict.fromkeys((package, "hiltest.report"))]
+    loaders = [PackageLoader(fromkey, ".") for fromkey in dict.fromkeys((package, "hiltest.report"))]
     environment = Environment(
         loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, finalize=_shown,

@@ -65,44 +65,31 @@ class Sheet:
 
 @dataclass(slots=True)
 class Figure:
-    """One plot. Data coordinates in, SVG out.
-
-    Attributes
-    ----------
-    title, description : str
-        Read out by a screen reader: its ``title`` and ``desc``. The title is also the caption.
-    x_label, y_label : str
-        An axis without a label leaves its room to the plot.
-    x_range, y_range : tuple of float
-        Ends of the axes.
-    x_ticks : sequence of float, optional
-        Where the x axis is labelled; chosen when not given.
-    width, height : float
-        Size of the view box. The page scales it.
-    log_x, log_y : bool
-        Whether an axis is logarithmic; all its numbers are then above 0.
-    equal_axes : bool
-        Whether a unit is as long on both axes, and a sphere therefore round; the height follows from the width.
-    key : list of KeyEntry
-        What its lines and marks stand for; the page writes it above the drawing, where it wraps as text does.
-    sheet : Sheet or None
-        The numbers of its series.
-    """
+    """One plot. Data coordinates in, SVG out."""
 
     title: str
     description: str
+    """Read out by a screen reader: its ``title`` and ``desc``. The title is also the caption."""
     x_label: str
     y_label: str
+    """An axis without a label leaves its room to the plot."""
     x_range: Point
     y_range: Point
+    """Ends of the axes."""
     x_ticks: Sequence[float] = ()
+    """Where the x axis is labelled; chosen when not given."""
     width: float = 460.0
     height: float = 260.0
+    """Size of the view box. The page scales it."""
     log_x: bool = False
     log_y: bool = False
+    """Whether an axis is logarithmic; all its numbers are then above 0."""
     equal_axes: InitVar[bool] = False
+    """Whether a unit is as long on both axes, and a sphere therefore round; the height follows from the width."""
     key: list[KeyEntry] = field(default_factory=list)
+    """What its lines and marks stand for; the page writes it above the drawing, where it wraps as text does."""
     sheet: Sheet | None = None
+    """The numbers of its series."""
     _shapes: list[Markup] = field(default_factory=list)
 
     def __post_init__(self, equal_axes: bool) -> None:

@@ -53,16 +53,15 @@ def summary(
 
     Parameters
     ----------
-    run : Run
-    folder : Path
+    folder
         Where its files are.
-    verbose : bool
+    verbose
         Whether to print every measurement, the uncertainty of every count, and the cost of the calibrators too.
-    width : int
+    width
         Columns of the terminal.
-    colour : bool
+    colour
         Whether it shows colours.
-    options : str, optional
+    options
         For ``hiltest run``, to run the same on other seeds.
     """
     text = StringIO()
@@ -155,11 +154,11 @@ def _wrapped(console: Console, text: str, style: str = "", indent: str = "") -> 
 
 def _print_failures(console: Console, found: Summary, run: Run, folder: Path) -> None:
     said: set[str] = set()
-    for each in found.failures:
-        _wrapped(console, failure_line(each), "red", _INDENT)
-        if each.cause and each.cause not in said:
-            _wrapped(console, f"likely cause: {each.cause}", indent=2 * _INDENT)
-        said.add(each.cause)
+    for failure in found.failures:
+        _wrapped(console, failure_line(failure), "red", _INDENT)
+        if failure.cause and failure.cause not in said:
+            _wrapped(console, f"likely cause: {failure.cause}", indent=2 * _INDENT)
+        said.add(failure.cause)
     for reason, tests in by_reason(found.broken).items():
         _wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}: {reason}", "red", _INDENT)
     for words in found.causes:
@@ -189,12 +188,12 @@ def _grid() -> Grid:
 def _print_calibrators(console: Console, found: Summary) -> None:
     if not found.calibrators:
         return
-    results = [each.result for each in found.calibrators]
-    columns = [("worst \\[deg]", [shown_value(each.maximum) for each in results]),
-               ("limit", [_most(each.maximum) for each in results])]
-    if counted_cycles := any(each.cycles for each in results):
+    results = [calibrator.result for calibrator in found.calibrators]
+    columns = [("worst \\[deg]", [shown_value(result.maximum) for result in results]),
+               ("limit", [_most(result.maximum) for result in results])]
+    if counted_cycles := any(result.cycles for result in results):
         columns += _costs(found)
-    names = [each.name for each in results]
+    names = [result.name for result in results]
     wide = sum(_width(heading, cells) for heading, cells in [("calibrator", names), *columns]) > console.width
     grid = _grid()
     grid.add_column("calibrator" if counted_cycles else "heading", no_wrap=True)
@@ -214,12 +213,12 @@ def _width(heading: str, cells: Sequence[str]) -> int:
 
 def _costs(found: Summary) -> list[tuple[str, list[str]]]:
     """Return headings and cells of cost; with and without the waits of memories each column says which."""
-    results = [each.result for each in found.calibrators]
-    counts = [each.cycles for each in results]
-    cycles = [shown_value(each) if each else "" for each in counts]
-    ranges = ("uncertainty range", [str(each.band or "") if each else "" for each in counts])
-    limits = ("limit", [_most(each) for each in counts])
-    waited = [shown_value(each.from_flash) if each.from_flash else "" for each in results]
+    results = [calibrator.result for calibrator in found.calibrators]
+    counts = [result.cycles for result in results]
+    cycles = [shown_value(count) if count else "" for count in counts]
+    ranges = ("uncertainty range", [str(count.band or "") if count else "" for count in counts])
+    limits = ("limit", [_most(count) for count in counts])
+    waited = [shown_value(result.from_flash) if result.from_flash else "" for result in results]
     ratios = [(f"of {found.reference}", [each.ratio for each in found.calibrators])] if found.reference else []
     if not any(waited):
         return [("cycles", cycles), ranges, limits, *ratios]
@@ -250,9 +249,9 @@ def _print_everything(console: Console, run: Run) -> None:
     seen = changes_seen(run)
     limited = [each for each in run.measurements if each.limit and each.unit == "deg" and each.name in seen]
     print_smallest_changes(console, CHANGE_SEEN, {each.name: seen[each.name] for each in limited})
-    for each in run.measurements:
-        if each.note and not _is_why(each):
-            _wrapped(console, f"{each.name} {shown_value(each)}: {each.note}")
+    for measurement in run.measurements:
+        if measurement.note and not _is_why(measurement):
+            _wrapped(console, f"{measurement.name} {shown_value(measurement)}: {measurement.note}")
     _print_ranges(console, run.measurements)
     if line := cost_line(run):
         _wrapped(console, line)
@@ -270,20 +269,20 @@ def _measurements(measurements: Sequence[Measurement]) -> Grid:
     grid.add_column("unit", no_wrap=True)
     grid.add_column("limit")
     grid.add_column("outcome", min_width=4)
-    for each in measurements:
+    for measurement in measurements:
         # Remarks stand below: here they would leave the names no room.
-        outcome = shown_outcome(each).partition(";")[0]
-        outcome += f" ({each.note})" if each.note and _is_why(each) else ""
+        outcome = shown_outcome(measurement).partition(";")[0]
+        outcome += f" ({measurement.note})" if measurement.note and _is_why(measurement) else ""
         grid.add_row(
-            escape(each.name), shown_value(each), escape(each.unit), shown_limit(each),
-            escape(outcome), style=_STYLES.get(each.outcome),
+            escape(measurement.name), shown_value(measurement), escape(measurement.unit), shown_limit(measurement),
+            escape(outcome), style=_STYLES.get(measurement.outcome),
         )
     return grid
 
 
 def _print_ranges(console: Console, measurements: Sequence[Measurement]) -> None:
     """Print counts beside their uncertainty ranges, and the row of the cycle model that contributes most."""
-    ranged = [(each, each.band) for each in measurements if each.band]
+    ranged = [(measurement, measurement.band) for measurement in measurements if measurement.band]
     for model in dict.fromkeys(each.cycle_model for each, _ in ranged):
         console.print()
         _wrapped(console, f"Cycle-count uncertainty (model {model}; hiltest timing show has its rows):")

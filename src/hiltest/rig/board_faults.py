@@ -12,20 +12,14 @@ from hiltest.rig.tables import STRICT, check_span, require
 
 @dataclass(frozen=True, slots=True)
 class SensorFault:
-    """A fault of one part from `after_s` on, for `for_s` or for good.
-
-    Attributes
-    ----------
-    part : str
-        As ``world.fitted`` names it.
-    fault : {"absent", "other part", "frozen", "saturated"}
-        It does not answer; another part answers at its address; it gives the same sample again and again; its first
-        axis is at the end of its range. One that was absent is back as after power-on.
-    """
+    """A fault of one part from `after_s` on, for `for_s` or for good."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     part: str
+    """As ``world.fitted`` names it."""
     fault: Literal["absent", "other part", "frozen", "saturated"]
+    """It does not answer; another part answers at its address; it gives the same sample again and again; its first
+    axis is at the end of its range. One that was absent is back as after power-on."""
     after_s: float = 0.0
     for_s: float | None = None
 

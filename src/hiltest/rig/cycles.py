@@ -10,26 +10,18 @@ from hiltest.rig.tables import STRICT, require
 
 @dataclass(frozen=True, slots=True)
 class CountedFunctions:
-    """Functions that are counted under one name; in the file one alone is written as a string.
-
-    Attributes
-    ----------
-    functions : tuple of str
-        Symbols of the firmware. Several are called in turn, once for each slice of a solution.
-    ends : str or None
-        A word in memory that tells when a solution is complete, such as ``sfg+0xa80``; None: each call counts for
-        itself.
-    ends_when : str
-        What the word shows at the return of the last slice: ``zero``, or that it has ``changed``.
-    ends_bytes : int
-        Its size.
-    """
+    """Functions that are counted under one name; in the file one alone is written as a string."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     functions: tuple[str, ...]
+    """Symbols of the firmware. Several are called in turn, once for each slice of a solution."""
     ends: str | None = None
+    """A word in memory that tells when a solution is complete, such as ``sfg+0xa80``; None: each call counts for
+    itself."""
     ends_when: Literal["zero", "changed"] = "zero"
+    """What the word shows at the return of the last slice: ``zero``, or that it has ``changed``."""
     ends_bytes: Literal[1, 2, 4] = 4
+    """Its size."""
 
     def __post_init__(self) -> None:
         require(bool(self.functions), "functions", "name one at least")

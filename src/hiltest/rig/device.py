@@ -15,71 +15,49 @@ FrameName = Literal["ned", "enu", "android", "windows"]
 
 @dataclass(frozen=True, slots=True)
 class FsflkDevice:
-    """Packets of NXP's sensor fusion.
-
-    Attributes
-    ----------
-    release : {"4.22", "5.00", "7"}
-        Whose packets they are.
-    algorithm : str
-        Command of the Sensor Fusion Toolbox that is sent at the start, such as ``"Q9"``; empty leaves it as it is.
-    """
+    """Packets of NXP's sensor fusion."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     release: Literal["4.22", "5.00", "7"] = "7"
+    """Whose packets they are."""
     algorithm: str = ""
+    """Command of the Sensor Fusion Toolbox that is sent at the start, such as ``"Q9"``; empty leaves it as it is."""
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """How the firmware under test is understood, and how long it is waited for.
-
-    Attributes
-    ----------
-    kind : str or tuple of str
-        One kind, or several, each of which gives some quantities: ``hiltest``, ``fsflk``, ``text``, ``memory``, or the
-        name of an entry point of one's own.
-    frame : str
-        Convention of the firmware's axes and angles.
-    heading : {"clockwise", "counterclockwise"} or None
-        Way in which its heading grows, seen from above; by default the frame's own.
-    start_s : float
-        From power-on until the firmware is expected to speak.
-    converge_s : float
-        How long the board lies still, level, before it is tumbled, and again behind: a filter finds the gyroscope's
-        offset then.
-    tumbles, tumble_s : int, float
-        How often the board is turned all round, and for how long.
-    window_s : float
-        Length of a window: two in a row whose mean headings agree are a settled heading.
-    settle_s : float
-        Longest that is waited for that at each pose.
-    sources : dict of str to str
-        With several kinds: the kind that gives a quantity, by the quantity's name. The first of the kinds that offer it
-        gives one that is not named.
-    fsflk : FsflkDevice
-        Of the kind of that name.
-    text, memory : TextDevice, MemoryDevice or None
-        Of the kinds of these names, and only with them.
-    options : dict
-        For a kind of one's own.
-    """
+    """How the firmware under test is understood, and how long it is waited for."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: str | tuple[str, ...]
+    """One kind, or several, each of which gives some quantities: ``hiltest``, ``fsflk``, ``text``, ``memory``, or
+    the name of an entry point of one's own."""
     frame: FrameName = "ned"
+    """Convention of the firmware's axes and angles."""
     heading: Literal["clockwise", "counterclockwise"] | None = None
+    """Way in which its heading grows, seen from above; by default the frame's own."""
     start_s: float = 1.0
+    """From power-on until the firmware is expected to speak."""
     converge_s: float = 0.0
+    """How long the board lies still, level, before it is tumbled, and again behind: a filter finds the gyroscope's
+    offset then."""
     tumbles: int = 1
     tumble_s: float = 20.0
+    """How often the board is turned all round, and for how long."""
     window_s: float = 1.0
+    """Length of a window: two in a row whose mean headings agree are a settled heading."""
     settle_s: float = 10.0
+    """Longest that is waited for that at each pose."""
     sources: dict[str, str] = field(default_factory=dict)
+    """With several kinds: the kind that gives a quantity, by the quantity's name. The first of the kinds that offer
+    it gives one that is not named."""
     fsflk: FsflkDevice = field(default_factory=FsflkDevice)
+    """Of the kind of that name."""
     text: TextDevice | None = None
     memory: MemoryDevice | None = None
+    """Of the kinds of these names, and only with them."""
     options: dict[str, Any] = field(default_factory=dict)
+    """For a kind of one's own."""
 
     def __post_init__(self) -> None:
         require(bool(self.kinds), "kind", 'names no kind; write kind = "fsflk" or another')

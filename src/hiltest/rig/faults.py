@@ -78,48 +78,32 @@ class Faults:
     """Faults of the line between host and board, and of a virtual board.
 
     All times are the board's clock's, from the opening of the port on.
-
-    Attributes
-    ----------
-    seed : int
-        Which bytes are hit is a function of it, of their number on the line, and of nothing else.
-    direction : {"both", "to-board", "to-host"}
-        Which bytes; a device that disappears does so for both.
-    after_s : float
-        When `lose`, `double`, `flip`, `split` and `late` begin [s].
-    lose, double, flip : float
-        Probability that a byte is lost, comes twice, or comes with one bit wrong.
-    split : float
-        Probability that a piece of bytes ends behind a byte: the rest comes with the next read.
-    late : Late or None
-    stall : Span or None
-        Nothing passes; it comes when that is over.
-    disappear : Absence or None
-        Reading and writing fail as with a cable that is pulled.
-    baud : OtherBaud or None
-    full_output : Span or None
-        The port takes no bytes: a write waits, and fails after the time that a write may take.
-    sensor : SensorFault or None
-    held_line : HeldLine or None
-        Of an I2C bus.
-    reset : BoardReset or None
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     seed: int = 1
+    """Which bytes are hit is a function of it, of their number on the line, and of nothing else."""
     direction: Literal["both", "to-board", "to-host"] = "both"
+    """Which bytes; a device that disappears does so for both."""
     after_s: float = 0.0
+    """When `lose`, `double`, `flip`, `split` and `late` begin [s]."""
     lose: float = 0.0
     double: float = 0.0
     flip: float = 0.0
+    """Probability that a byte is lost, comes twice, or comes with one bit wrong."""
     split: float = 0.0
+    """Probability that a piece of bytes ends behind a byte: the rest comes with the next read."""
     late: Late | None = None
     stall: Span | None = None
+    """Nothing passes; it comes when that is over."""
     disappear: Absence | None = None
+    """Reading and writing fail as with a cable that is pulled."""
     baud: OtherBaud | None = None
     full_output: Span | None = None
+    """The port takes no bytes: a write waits, and fails after the time that a write may take."""
     sensor: SensorFault | None = None
     held_line: HeldLine | None = None
+    """Of an I2C bus."""
     reset: BoardReset | None = None
 
     def __post_init__(self) -> None:

@@ -134,7 +134,7 @@ class _Source:
             return adapter.validate_json(json.dumps(data, default=str))
         except ValidationError as error:
             # Unknown keys first: a misspelt key is also a missing one, and the spelling is what helps.
-            details = sorted(error.errors(), key=lambda each: each["type"] != "unexpected_keyword_argument")
+            details = sorted(error.errors(), key=lambda error: error["type"] != "unexpected_keyword_argument")
             raise self._as_error(details[0], model, prefix) from error
 
     def _as_error(self, detail: ErrorDetails, model: Any, prefix: tuple[str, ...]) -> ConfigError:
@@ -259,8 +259,8 @@ def _known_keys(model: Any, place: tuple[str, ...]) -> list[str]:
         arguments = get_args(model)
         model = arguments[1] if arguments and not is_dataclass(model) else get_type_hints(model)[name]
         if isinstance(model, UnionType):
-            model = next(each for each in get_args(model) if is_dataclass(each))
-    return [each.name for each in fields(model) if each.name not in _MADE_HERE] if is_dataclass(model) else []
+            model = next(get_argument for get_argument in get_args(model) if is_dataclass(get_argument))
+    return [field.name for field in fields(model) if field.name not in _MADE_HERE] if is_dataclass(model) else []
 
 
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")

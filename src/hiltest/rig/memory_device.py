@@ -18,25 +18,17 @@ def _several(path: str | tuple[str, ...]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class MemoryValue:
-    """The variables of a quantity.
-
-    Attributes
-    ----------
-    path : str or tuple of str
-        One path to all of its numbers, ``sfg.MagCal.fV``, or one to each.
-    unit : str or None
-        The firmware's unit. May be left out only where the quantity has none.
-    scale : float
-        What the variables are multiplied by to be in that unit.
-    type : str or None
-        Their type, ``float[3]``, where the ELF has a symbol and no debug information of them.
-    """
+    """The variables of a quantity."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     path: str | tuple[str, ...]
+    """One path to all of its numbers, ``sfg.MagCal.fV``, or one to each."""
     unit: str | None = None
+    """The firmware's unit. May be left out only where the quantity has none."""
     scale: float = 1.0
+    """What the variables are multiplied by to be in that unit."""
     type: str | None = None
+    """Their type, ``float[3]``, where the ELF has a symbol and no debug information of them."""
 
     def __post_init__(self) -> None:
         require(bool(self.paths) and all(self.paths), "path", 'names no variable; write one as in C: "sfg.MagCal.fV"')
@@ -50,19 +42,13 @@ class MemoryValue:
 
 @dataclass(frozen=True, slots=True)
 class KeptSamples:
-    """The magnetometer samples that the firmware calibrates itself from.
-
-    Attributes
-    ----------
-    path : str or tuple of str
-        One path to all of them, x, y and z of one behind the other, or one path to each axis.
-    used : str or None
-        Path to a number for each: where it is below 0, there is none. None: all are there.
-    """
+    """The magnetometer samples that the firmware calibrates itself from."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     path: str | tuple[str, ...]
+    """One path to all of them, x, y and z of one behind the other, or one path to each axis."""
     used: str | None = None
+    """Path to a number for each: where it is below 0, there is none. None: all are there."""
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -72,25 +58,17 @@ class KeptSamples:
 
 @dataclass(frozen=True, slots=True)
 class MemoryDevice:
-    """Reading of a board's memory.
-
-    Attributes
-    ----------
-    server : str or None
-        ``host:port`` of the GDB server of a real board's probe; None for a virtual board, which needs none.
-    at_return_of : str or None
-        Function at whose return all values are read: it writes what belongs together.
-    values : dict of str to MemoryValue
-        By the quantity's name.
-    samples : KeptSamples or None
-        hiltest's own calibrators get them, on a virtual board, as they were when the latest solution began.
-    """
+    """Reading of a board's memory."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     values: dict[str, MemoryValue] = field(default_factory=dict)
+    """By the quantity's name."""
     server: str | None = None
+    """``host:port`` of the GDB server of a real board's probe; None for a virtual board, which needs none."""
     at_return_of: str | None = None
+    """Function at whose return all values are read: it writes what belongs together."""
     samples: KeptSamples | None = None
+    """hiltest's own calibrators get them, on a virtual board, as they were when the latest solution began."""
 
     def __post_init__(self) -> None:
         require(bool(self.values), "values", 'names no quantity; write hard_iron = { path = "sfg.MagCal.fV", '

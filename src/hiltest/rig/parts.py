@@ -19,28 +19,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One part on an I2C bus.
-
-    Attributes
-    ----------
-    bus, address : int
-        I2C module, and the part's 7-bit address.
-    make : callable
-        Makes its model from the world, what the rig says of that, the noise seed, and this part.
-    sensors : mapping of str to str
-        What the packaged firmware calls each sensor in it, by kind.
-    pins : tuple of (str or None)
-        Pins of the processor that its INT1 and INT2 lead to.
-    magnetometer_range_ut : float or None
-        Where an axis of its magnetometer stops, data sheet.
-    """
+    """One part on an I2C bus."""
 
     bus: int
     address: int
+    """I2C module, and the part's 7-bit address."""
     make: Callable[[World, SimulatedWorld, int, Part], RegisterDevice]
+    """Makes its model from the world, what the rig says of that, the noise seed, and this part."""
     sensors: Mapping[str, str]
+    """What the packaged firmware calls each sensor in it, by kind."""
     pins: tuple[str | None, str | None] = field(default=(None, None))
+    """Pins of the processor that its INT1 and INT2 lead to."""
     magnetometer_range_ut: float | None = None
+    """Where an axis of its magnetometer stops, data sheet."""
 
 
 def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:

@@ -17,23 +17,17 @@ _AXIS = re.compile(r"[-+]?[xyz]")
 
 @dataclass(frozen=True, slots=True)
 class PlayedSensor:
-    """Where the readings of a sensor are in a recording, and what they mean.
-
-    Attributes
-    ----------
-    columns : (3,) of str, or None
-        Names of the columns, or numbers from 1. None: those whose names say so.
-    unit : str or None
-        Unit of the numbers, with a factor where they are counts: ``0.1 uT``. None: the one in the columns' names.
-    axes : str
-        Body axes x (forward), y (right) and z (down), by the sensor's own: ``-y -x -z``. An accelerometer reads gravity
-        then, +1 where down is: ``-x -y -z`` for one that lies as the body does and shows +1 g on the axis that is up.
-    """
+    """Where the readings of a sensor are in a recording, and what they mean."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     columns: tuple[str, str, str] | None = None
+    """Names of the columns, or numbers from 1. None: those whose names say so."""
     unit: str | None = None
+    """Unit of the numbers, with a factor where they are counts: ``0.1 uT``. None: the one in the columns' names."""
     axes: str = "x y z"
+    """Body axes x (forward), y (right) and z (down), by the sensor's own: ``-y -x -z``. An accelerometer reads
+    gravity then, +1 where down is: ``-x -y -z`` for one that lies as the body does and shows +1 g on the axis that
+    is up."""
 
     def __post_init__(self) -> None:
         words = self.axes.split()
@@ -49,30 +43,20 @@ class PlayedSensor:
 
 @dataclass(frozen=True, slots=True)
 class PlaybackFile:
-    """A recording, and how it is played; in the file a recording that needs no more is written as a string.
-
-    Attributes
-    ----------
-    file : str
-        A table of readings, or a stream of NXP's packets; relative to the rig's folder.
-    start_s : float or None
-        Virtual time from power-on at which its first reading is. None: 3, and for a log of a virtual board by
-        ``hiltest log`` its own.
-    resampling : {"nearest", "linear"}
-        What a part's sample between two readings is.
-    time : str or None
-        Column of time, by name or number; None: the one whose name says so.
-    rate_hz : float or None
-        Of a table without a column of time.
-    magnetometer, accelerometer, gyroscope : PlayedSensor
-    """
+    """A recording, and how it is played; in the file a recording that needs no more is written as a string."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     file: str
+    """A table of readings, or a stream of NXP's packets; relative to the rig's folder."""
     start_s: float | None = None
+    """Virtual time from power-on at which its first reading is. None: 3, and for a log of a virtual board by
+    ``hiltest log`` its own."""
     resampling: Literal["nearest", "linear"] = "nearest"
+    """What a part's sample between two readings is."""
     time: str | None = None
+    """Column of time, by name or number; None: the one whose name says so."""
     rate_hz: float | None = None
+    """Of a table without a column of time."""
     magnetometer: PlayedSensor = field(default_factory=PlayedSensor)
     accelerometer: PlayedSensor = field(default_factory=PlayedSensor)
     gyroscope: PlayedSensor = field(default_factory=PlayedSensor)

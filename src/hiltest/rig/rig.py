@@ -61,67 +61,48 @@ _KEPT_APART_OF = {
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A bench and the limits of its measurements.
-
-    Attributes
-    ----------
-    path : Path
-        The file it was read from.
-    sha256 : str
-        Digest of that file.
-    mounting : Mounting or None
-        None when it is not declared: only centred heading errors can then be checked.
-    faces : Faces or None
-        None when they are not declared: gravity on a face is then no reference.
-    device : Device or None
-        How firmware is understood that does not speak hiltest's protocol; None for firmware that does.
-    seed : int
-        Noise seed, when the command line gives none.
-    world : SimulatedWorld or None
-        Present exactly when the board is virtual.
-    faults : Faults or None
-        What goes wrong on purpose, on the line to the board or on it.
-    limits : dict of str to Limit
-        Limits by measurement name; a value outside is a failure.
-    information : dict of str to Limit
-        Shown beside a measurement, without a verdict.
-    tolerances : dict of str to Tolerance
-        How far a measurement may move from a baseline, where it is not hiltest's own table that says so.
-    units : dict of str to str
-        Units of limits, information and tolerances, by measurement name.
-    full_only : frozenset of str
-        Names of the limits that only the full set of tests measures.
-    cycles : dict of str to CountedFunctions
-        Function of the firmware that each calibrator is, by the calibrator's name: a board that executes the firmware
-        counts its calls. One that is not named is looked for as ``magnetometer_NAME``.
-    lines : dict of str to int
-        Line of the file on which a key stands, by its path with dots.
-    """
+    """A bench and the limits of its measurements."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     schema: Literal[1]
     name: str
     path: Path
+    """The file it was read from."""
     board: BoardPlace
     field: LocalField
     turntable: TurntableSettings
     sensors: SensorChoice
     procedure: Procedure
     mounting: Mounting | None = None
+    """None when it is not declared: only centred heading errors can then be checked."""
     faces: Faces | None = None
+    """None when they are not declared: gravity on a face is then no reference."""
     link: LinkSettings = dataclass_field(default_factory=LinkSettings)
     device: Device | None = None
+    """How firmware is understood that does not speak hiltest's protocol; None for firmware that does."""
     seed: int = 1
+    """Noise seed, when the command line gives none."""
     world: SimulatedWorld | None = None
+    """Present exactly when the board is virtual."""
     faults: Faults | None = None
+    """What goes wrong on purpose, on the line to the board or on it."""
     limits: dict[str, Limit] = dataclass_field(default_factory=dict)
+    """Limits by measurement name; a value outside is a failure."""
     information: dict[str, Limit] = dataclass_field(default_factory=dict)
+    """Shown beside a measurement, without a verdict."""
     tolerances: dict[str, Tolerance] = dataclass_field(default_factory=dict)
+    """How far a measurement may move from a baseline, where it is not hiltest's own table that says so."""
     units: dict[str, str] = dataclass_field(default_factory=dict)
+    """Units of limits, information and tolerances, by measurement name."""
     full_only: frozenset[str] = frozenset()
+    """Names of the limits that only the full set of tests measures."""
     cycles: dict[str, CountedFunctions] = dataclass_field(default_factory=dict)
+    """Function of the firmware that each calibrator is, by the calibrator's name: a board that executes the
+    firmware counts its calls. One that is not named is looked for as ``magnetometer_NAME``."""
     lines: dict[str, int] = dataclass_field(default_factory=dict, compare=False)
+    """Line of the file on which a key stands, by its path with dots."""
     sha256: str = dataclass_field(default="", compare=False)
+    """Digest of that file."""
 
     def __post_init__(self) -> None:
         require((self.world is None) == (self.board.kind != "virtual"), "world",
@@ -225,8 +206,7 @@ def refuse_unknown_sensors(rig: Rig, known: Mapping[str, Sequence[str]]) -> None
 
     Parameters
     ----------
-    rig : Rig
-    known : mapping of str to sequence of str
+    known
         Names by the kind's key under ``[sensors]``: of all parts that can be simulated, or of those that firmware has.
 
     Raises
@@ -244,32 +224,20 @@ def refuse_unknown_sensors(rig: Rig, known: Mapping[str, Sequence[str]]) -> None
 
 @dataclass(frozen=True, slots=True)
 class WorldTruth:
-    """The truth of a simulated world, for the measurements that need it.
-
-    Attributes
-    ----------
-    field : EarthField
-    soft_iron : 3 rows of 3
-        True field to measured field, body frame.
-    hard_iron_counts : (3,)
-        At the magnetometer under test, body frame [counts].
-    accelerometer_response : 3 rows of 3
-        Gravity to what the part reads of it, body frame; `accelerometer_offset_g` comes on top [g].
-    accelerometer_offset_g : (3,)
-    gyroscope_bias_dps : (3,)
-        Body frame [deg/s].
-    gyroscope_response : 3 rows of 3
-        True rate to felt rate, body frame.
-    mounting_yaw_deg : float
-    """
+    """The truth of a simulated world, for the measurements that need it."""
 
     field: EarthField
     soft_iron: tuple[Triple, Triple, Triple]
+    """True field to measured field, body frame."""
     hard_iron_counts: Triple
+    """At the magnetometer under test, body frame [counts]."""
     accelerometer_response: tuple[Triple, Triple, Triple]
+    """Gravity to what the part reads of it, body frame; `accelerometer_offset_g` comes on top [g]."""
     accelerometer_offset_g: Triple
     gyroscope_bias_dps: Triple
+    """Body frame [deg/s]."""
     gyroscope_response: tuple[Triple, Triple, Triple]
+    """True rate to felt rate, body frame."""
     mounting_yaw_deg: float
 
 
@@ -324,13 +292,13 @@ def build_sensors(
 
     Parameters
     ----------
-    rig : Rig
+    rig
         Rig with a simulated world.
-    world : World
+    world
         Which they measure.
-    seed : int
+    seed
         Noise seed.
-    faults_from_s : float
+    faults_from_s
         From when the times of the rig's faults count [s since power-on].
 
     Returns

@@ -51,27 +51,20 @@ def check_span(after_s: float, for_s: float | None = None) -> None:
 
 @dataclass(frozen=True, slots=True)
 class BoardPlace:
-    """The board on the link: the virtual one, or one on a port.
-
-    Attributes
-    ----------
-    cycle_model : str or None
-        What the cycle counter of a board on a port counts: ``silicon-dwt``, or the timing profile of a
-        virtual board that is served there. Needed where the port alone does not show it.
-    timing : str or None
-        What a virtual board counts by: the name of a timing profile, or a file, relative to the rig's, that ends in
-        ``.toml``. None is the default profile.
-    firmware : str or None
-        What a virtual board runs when the command line names nothing: a file, relative to the rig's, or the name of one
-        that comes with hiltest. None is hiltest's own.
-    """
+    """The board on the link: the virtual one, or one on a port."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["virtual", "real"]
     port: str | None = None
     cycle_model: str | None = None
+    """What the cycle counter of a board on a port counts: ``silicon-dwt``, or the timing profile of a virtual board
+    that is served there. Needed where the port alone does not show it."""
     timing: str | None = None
+    """What a virtual board counts by: the name of a timing profile, or a file, relative to the rig's, that ends in
+    ``.toml``. None is the default profile."""
     firmware: str | None = None
+    """What a virtual board runs when the command line names nothing: a file, relative to the rig's, or the name of
+    one that comes with hiltest. None is hiltest's own."""
 
     def __post_init__(self) -> None:
         require(self.kind == "virtual" or self.timing is None, "timing", 'belongs to a board of kind "virtual"')
@@ -95,15 +88,7 @@ class LinkSettings:
 
 @dataclass(frozen=True, slots=True)
 class LocalField:
-    """The earth's field at the bench: total intensity, dip (down positive), declination (east positive).
-
-    Attributes
-    ----------
-    latitude_deg, longitude_deg : float or None
-        Where the bench is, north and east positive: `hiltest doctor` compares the field with the World Magnetic Model.
-    altitude_m : float
-        Above sea level.
-    """
+    """The earth's field at the bench: total intensity, dip (down positive), declination (east positive)."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     strength_ut: float
@@ -111,7 +96,10 @@ class LocalField:
     declination_deg: float = 0.0
     latitude_deg: float | None = None
     longitude_deg: float | None = None
+    """Where the bench is, north and east positive: `hiltest doctor` compares the field with the World Magnetic
+    Model."""
     altitude_m: float = 0.0
+    """Above sea level."""
 
     def __post_init__(self) -> None:
         place = {"latitude_deg": (self.latitude_deg, 90.0), "longitude_deg": (self.longitude_deg, 180.0)}
@@ -156,24 +144,17 @@ _NOISIEST_MDPS = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class SensorChoice:
-    """The sensors under test, and the declared noise of the magnetometer.
-
-    Attributes
-    ----------
-    magnetometer_noise_ut : float
-        Rms of one axis of one reading; a fit's residual is compared with it.
-    gyroscope_noise_mdps_per_rthz : float
-        One-sided density of the rate's noise, data sheet; for the test of stillness.
-    magnetometer, accelerometer, gyroscope : str or None
-        Names as the board's identity gives them; None takes the first that answers.
-    """
+    """The sensors under test, and the declared noise of the magnetometer."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     magnetometer_noise_ut: float
+    """Rms of one axis of one reading; a fit's residual is compared with it."""
     gyroscope_noise_mdps_per_rthz: float = 25.0
+    """One-sided density of the rate's noise, data sheet; for the test of stillness."""
     magnetometer: str | None = None
     accelerometer: str | None = None
     gyroscope: str | None = None
+    """Names as the board's identity gives them; None takes the first that answers."""
 
     def __post_init__(self) -> None:
         require(self.magnetometer_noise_ut >= 0.0, "magnetometer_noise_ut", "must not be negative")
@@ -185,14 +166,6 @@ class SensorChoice:
 class CoveredPart:
     """Part of the sphere in which a simulated tumble keeps the field.
 
-    Attributes
-    ----------
-    axis : (3,)
-        Middle of the part, body frame, of any length: (0, 0, 1) is down, where the field of the
-        northern hemisphere is while the board is level.
-    fraction : float
-        Share of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it.
-
     Notes
     -----
     A direction is covered when the *true* field, seen in the body frame, comes from it during the tumble.
@@ -203,7 +176,10 @@ class CoveredPart:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     axis: Triple
+    """Middle of the part, body frame, of any length: (0, 0, 1) is down, where the field of the northern hemisphere
+    is while the board is level."""
     fraction: float
+    """Share of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it."""
 
     def __post_init__(self) -> None:
         require(any(self.axis), "axis", "must not be zero: it is a direction")
@@ -212,26 +188,18 @@ class CoveredPart:
 
 @dataclass(frozen=True, slots=True)
 class TurntableSettings:
-    """The turntable that sets a known angle, and its uncertainty [deg].
-
-    Attributes
-    ----------
-    uncertainty_deg : float
-        Expanded uncertainty of its angle, coverage factor 2.
-    tumble_s : float
-        How long an operator gets to turn the board all round.
-    port : str or None
-        Device or pyserial URL of a motor table that speaks Grbl.
-    covered : CoveredPart or None
-        What a simulated tumble is confined to; None is all of the sphere.
-    """
+    """The turntable that sets a known angle, and its uncertainty [deg]."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["simulated", "operator", "grbl"]
     uncertainty_deg: float
+    """Expanded uncertainty of its angle, coverage factor 2."""
     tumble_s: float = 45.0
+    """How long an operator gets to turn the board all round."""
     port: str | None = None
+    """Device or pyserial URL of a motor table that speaks Grbl."""
     covered: CoveredPart | None = None
+    """What a simulated tumble is confined to; None is all of the sphere."""
 
     def __post_init__(self) -> None:
         require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
@@ -244,52 +212,36 @@ class TurntableSettings:
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """The points and poses of a run.
-
-    Attributes
-    ----------
-    headings_deg : tuple of float
-        Table headings of the known angles.
-    tilts_deg : tuple of (pitch, roll)
-        Each tilt is measured at every heading.
-    poses : {"all", "level"}
-        Known angles that are measured unless the command line names them.
-    calibration_points : int
-        Points of the tumble that every calibrator of the firmware gets.
-    gyroscope_rest_s : float
-        Length of a rest of the gyroscope, before and after a turn.
-    gyroscope_turn_dps : float
-        How fast the table turns for the gyroscope: 36 to 90, a turn in 10 to 4 s.
-    accelerometer_calibration : {"none", "six-position"}
-        What comes before all headings: nothing, or the six faces, a second each, fitted on the board.
-    untrimmed_calibrations : tuple of str
-        Calibrations that are measured once more, without that of the accelerometer: ``direct`` as
-        ``direct-untrimmed``.
-    dpi : {"pairs", "none"}
-        Whether the magnetometer is calibrated against gravity too, on all pairs of the tumble.
-    gyroscope_calibration : {"rest", "turns"}
-        What `hiltest calibrate` does: find the bias alone, or turn about all three axes for scale and axes, too.
-    further_calibrations : tuple of str
-        Further runs, measured alike, each a calibrator and the points it gets: ``direct@100``.
-    cost_reference : str
-        Calibrator that costs are given as multiples of; empty for none.
-    """
+    """The points and poses of a run."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     headings_deg: tuple[float, ...]
+    """Table headings of the known angles."""
     tilts_deg: tuple[tuple[float, float], ...]
+    """Each tilt is measured at every heading."""
     poses: Literal["all", "level"] = "all"
+    """Known angles that are measured unless the command line names them."""
     readings_per_pose: int = 16
     calibration_points: int = 100
+    """Points of the tumble that every calibrator of the firmware gets."""
     tumble_points: int = 300
     gyroscope_rest_s: float = 2.0
+    """Length of a rest of the gyroscope, before and after a turn."""
     gyroscope_turn_dps: float = 60.0
+    """How fast the table turns for the gyroscope: 36 to 90, a turn in 10 to 4 s."""
     accelerometer_calibration: Literal["none", "six-position"] = "none"
+    """What comes before all headings: nothing, or the six faces, a second each, fitted on the board."""
     untrimmed_calibrations: tuple[str, ...] = ()
+    """Calibrations that are measured once more, without that of the accelerometer: ``direct`` as ``direct-
+    untrimmed``."""
     dpi: Literal["pairs", "none"] = "pairs"
+    """Whether the magnetometer is calibrated against gravity too, on all pairs of the tumble."""
     gyroscope_calibration: Literal["rest", "turns"] = "turns"
+    """What `hiltest calibrate` does: find the bias alone, or turn about all three axes for scale and axes, too."""
     further_calibrations: tuple[str, ...] = ()
+    """Further runs, measured alike, each a calibrator and the points it gets: ``direct@100``."""
     cost_reference: str = ""
+    """Calibrator that costs are given as multiples of; empty for none."""
 
     def __post_init__(self) -> None:
         require(len(self.headings_deg) >= 4, "headings_deg", "needs at least 4 headings, or no worst sector is found")

@@ -14,23 +14,16 @@ COUNTS = frozenset({"count", "counts", "lsb"})
 
 @dataclass(frozen=True, slots=True)
 class TextValue:
-    """Where the numbers of a quantity are printed, and in which unit.
-
-    Attributes
-    ----------
-    fields : str, int, or tuple of these, or None
-        Groups, JSON paths or columns that hold its numbers one after the other. None: those of the quantity's name,
-        ``magnetometer`` or ``magnetometer_x``, ``magnetometer_y`` and ``magnetometer_z``.
-    unit : str or None
-        Of a number times `scale`; None is the quantity's own. ``count`` is the quantity's own too, with a scale.
-    scale : float or None
-        None is 1.
-    """
+    """Where the numbers of a quantity are printed, and in which unit."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     fields: str | int | tuple[str | int, ...] | None = None
+    """Groups, JSON paths or columns that hold its numbers one after the other. None: those of the quantity's name,
+    ``magnetometer`` or ``magnetometer_x``, ``magnetometer_y`` and ``magnetometer_z``."""
     unit: str | None = None
+    """Of a number times `scale`; None is the quantity's own. ``count`` is the quantity's own too, with a scale."""
     scale: float | None = None
+    """None is 1."""
 
     def __post_init__(self) -> None:
         require(self.scale != 0.0, "scale", "must not be 0")
@@ -56,41 +49,30 @@ class TextCommands:
     pose: str = ""
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            require(all(ord(letter) < 0x100 for letter in getattr(self, each.name)), each.name,
+        for field in fields(self):
+            require(all(ord(letter) < 0x100 for letter in getattr(self, field.name)), field.name,
                     "has a character that is no byte: those up to U+00FF are")
 
 
 @dataclass(frozen=True, slots=True)
 class TextDevice:
-    """Lines that firmware prints.
-
-    Attributes
-    ----------
-    format : str
-        ``lines``: named groups of `patterns`; ``json``: an object a line; ``csv``: columns.
-    patterns : tuple of str
-        Regular expressions; every one is searched in every line.
-    columns : tuple of str
-        Names of all columns, where the firmware prints no line with them; columns may be given by number then too.
-    separator : str
-        Between columns; a blank stands for any number of blanks and tabs.
-    ready, error : str or None
-        Regular expressions of lines that say that the magnetometer is calibrated, and that something is wrong, which
-        is the group ``error`` or else the whole line.
-    values : dict of str to TextValue
-        By the quantity's name.
-    commands : TextCommands
-    """
+    """Lines that firmware prints."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     format: Literal["lines", "json", "csv"] = "lines"
+    """``lines``: named groups of `patterns`; ``json``: an object a line; ``csv``: columns."""
     patterns: tuple[str, ...] = ()
+    """Regular expressions; every one is searched in every line."""
     columns: tuple[str, ...] = ()
+    """Names of all columns, where the firmware prints no line with them; columns may be given by number then too."""
     separator: str = ","
+    """Between columns; a blank stands for any number of blanks and tabs."""
     ready: str | None = None
     error: str | None = None
+    """Regular expressions of lines that say that the magnetometer is calibrated, and that something is wrong, which
+    is the group ``error`` or else the whole line."""
     values: dict[str, TextValue] = dataclass_field(default_factory=dict)
+    """By the quantity's name."""
     commands: TextCommands = dataclass_field(default_factory=TextCommands)
 
     def __post_init__(self) -> None:

@@ -27,96 +27,66 @@ def _relative_volume(rows: tuple[Triple, Triple, Triple]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureDrift:
-    """Change of the parts' readings for each degree above 25 degC, body frame: nothing unless stated.
-
-    Attributes
-    ----------
-    mag3110_gain_percent_per_degc : (3,)
-        Typical 0.1, data sheet.
-    fxos8700cq_gain_percent_per_degc, fxos8700cq_zero_flux_ut_per_degc : (3,)
-        Change of the magnetometer; typical 0.1 % and 0.8 uT, data sheet.
-    accelerometer_offset_mg_per_degc : (3,)
-        Typical 0.2, data sheet.
-    gyroscope_bias_dps_per_degc : (3,)
-    """
+    """Change of the parts' readings for each degree above 25 degC, body frame: nothing unless stated."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     mag3110_gain_percent_per_degc: Triple = _NO_DRIFT
+    """Typical 0.1, data sheet."""
     fxos8700cq_gain_percent_per_degc: Triple = _NO_DRIFT
     fxos8700cq_zero_flux_ut_per_degc: Triple = _NO_DRIFT
+    """Change of the magnetometer; typical 0.1 % and 0.8 uT, data sheet."""
     accelerometer_offset_mg_per_degc: Triple = _NO_DRIFT
+    """Typical 0.2, data sheet."""
     gyroscope_bias_dps_per_degc: Triple = _NO_DRIFT
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedWorld:
-    """The truth of a virtual board's world, body frame NED. Noise alone depends on the seed.
-
-    Attributes
-    ----------
-    soft_iron : 3 rows of 3
-        Takes the true field to the field at the parts.
-    hard_iron_ut : (3,)
-        Added to it at the MAG3110, the part's zero-flux offset included.
-    mounting_yaw_deg : float or None
-        True mounting yaw; None is the declared one, or 0 when none is declared.
-    accelerometer_cross_axis_percent : 3 rows of 3
-        What each axis reads of the other two; nothing on the diagonal, where the gain error is.
-    face_errors_deg : 6 rows of 3, or empty
-        How each face is askew, +x, -x, +y, -y, +z, -z down: turns of the board about its x, y and z.
-    gyroscope_response : 3 rows of 3
-        Gains and misalignment: takes the true rate to the felt one, before the bias.
-    gyroscope_noise_mdps_per_rthz : float
-        One-sided density below the part's low-pass filter.
-    fxos8700cq_zero_flux_ut : (3,)
-        What the FXOS8700CQ magnetometers read beyond that.
-    mag3110_noise_ut : (4,)
-        Rms at oversampling 16, 32, 64, 128.
-    fxos8700cq_noise_ut : (2,)
-        Rms of its magnetometer at oversampling 2 and 32; at 8, which the firmware sets, it is their
-        geometric mean.
-    temperature_degc : float
-        Temperature at power-on, and afterwards unless an end is given.
-    temperature_end_degc : float or None
-        Where the temperature goes and stays: in a straight line within `temperature_ramp_s`,
-        or with `temperature_time_constant_s` as things warm up.
-    drift : TemperatureDrift
-        What temperature does to the readings.
-    fitted : tuple of str
-        Which parts are there: see `PARTS`.
-    mirrored : bool or None
-        True where the soft iron is meant to mirror the field, as a wrong sign in its file does.
-    playback : PlaybackFile or None
-        A recording that the parts measure in place of all that.
-    current, passing, cable : CurrentTable, PassingTable, CableTable or None
-        What disturbs the field over time: a current on the board, a magnet that passes, a cable that is moved.
-    """
+    """The truth of a virtual board's world, body frame NED. Noise alone depends on the seed."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     soft_iron: tuple[Triple, Triple, Triple]
+    """Takes the true field to the field at the parts."""
     hard_iron_ut: Triple
+    """Added to it at the MAG3110, the part's zero-flux offset included."""
     accelerometer_offset_mg: Triple = (0.0, 0.0, 0.0)
     accelerometer_gain_error_percent: Triple = (0.0, 0.0, 0.0)
     accelerometer_cross_axis_percent: tuple[Triple, Triple, Triple] = _NO_CROSS_AXIS
+    """What each axis reads of the other two; nothing on the diagonal, where the gain error is."""
     face_errors_deg: tuple[Triple, ...] = ()
+    """How each face is askew, +x, -x, +y, -y, +z, -z down: turns of the board about its x, y and z."""
     gyroscope_bias_dps: Triple = (0.0, 0.0, 0.0)
     gyroscope_response: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    """Gains and misalignment: takes the true rate to the felt one, before the bias."""
     gyroscope_noise_mdps_per_rthz: float = 25.0
+    """One-sided density below the part's low-pass filter."""
     fxos8700cq_zero_flux_ut: Triple = (0.0, 0.0, 0.0)
+    """What the FXOS8700CQ magnetometers read beyond that."""
     mag3110_noise_ut: tuple[float, float, float, float] = (0.4, 0.35, 0.3, 0.25)
+    """Rms at oversampling 16, 32, 64, 128."""
     fxos8700cq_noise_ut: tuple[float, float] = (1.5, 0.3)
+    """Rms of its magnetometer at oversampling 2 and 32; at 8, which the firmware sets, it is their geometric mean."""
     mounting_yaw_deg: float | None = None
+    """True mounting yaw; None is the declared one, or 0 when none is declared."""
     temperature_degc: float = 25.0
+    """Temperature at power-on, and afterwards unless an end is given."""
     temperature_end_degc: float | None = None
+    """Where the temperature goes and stays: in a straight line within `temperature_ramp_s`, or with
+    `temperature_time_constant_s` as things warm up."""
     temperature_ramp_s: float | None = None
     temperature_time_constant_s: float | None = None
     drift: TemperatureDrift = TemperatureDrift()
+    """What temperature does to the readings."""
     fitted: tuple[str, ...] = tuple(PARTS)
+    """Which parts are there: see `PARTS`."""
     mirrored: bool | None = None
+    """True where the soft iron is meant to mirror the field, as a wrong sign in its file does."""
     playback: PlaybackFile | None = None
+    """A recording that the parts measure in place of all that."""
     current: CurrentTable | None = None
     passing: PassingTable | None = None
     cable: CableTable | None = None
+    """What disturbs the field over time: a current on the board, a magnet that passes, a cable that is moved."""
 
     def __post_init__(self) -> None:
         require(self.playback is None or not self.disturbances, "playback",

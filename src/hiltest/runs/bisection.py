@@ -33,29 +33,20 @@ _TREE = "tree"
 
 @dataclass(frozen=True, slots=True)
 class FirstWorse:
-    """The end of a bisection.
-
-    Attributes
-    ----------
-    good, bad : JudgedCommit
-        The two that it began with.
-    steps : tuple of JudgedCommit
-        Those between that were judged, in this order.
-    candidates : tuple of JudgedCommit
-        One of these is the first that is worse: just one, or all others among them were skipped. Newest first.
-    before : JudgedCommit
-        The nearest commit before all of these that is not worse.
-    against_good, against_before : Comparison
-        Of the newest candidate, which is worse.
-    """
+    """The end of a bisection."""
 
     good: JudgedCommit
     bad: JudgedCommit
+    """The two that it began with."""
     steps: tuple[JudgedCommit, ...]
+    """Those between that were judged, in this order."""
     candidates: tuple[JudgedCommit, ...]
+    """One of these is the first that is worse: just one, or all others among them were skipped. Newest first."""
     before: JudgedCommit
+    """The nearest commit before all of these that is not worse."""
     against_good: Comparison
     against_before: Comparison
+    """Of the newest candidate, which is worse."""
 
     @property
     def exit_code(self) -> ExitCode:
@@ -65,7 +56,7 @@ class FirstWorse:
     @property
     def skipped(self) -> tuple[JudgedCommit, ...]:
         """Those that could not be judged, in this order."""
-        return tuple(each for each in self.steps if each.found is Found.SKIPPED)
+        return tuple(step for step in self.steps if step.found is Found.SKIPPED)
 
 
 def first_worse(
@@ -76,19 +67,19 @@ def first_worse(
 
     Parameters
     ----------
-    good, bad : str
+    good, bad
         Commits, as git names them. The good one is an ancestor of the bad one.
-    build : sequence of str
+    build
         Build command: one word for a shell, or a program and its arguments.
-    firmware : str
+    firmware
         What it builds.
-    out : Path
+    out
         Folder of what is built and run, and remembered.
-    options : sequence of str
+    options
         For pytest, of every run.
-    runs : sequence of str, optional
+    runs
         Options of ``hiltest run`` for a campaign.
-    measures : sequence of str, optional
+    measures
         Measurements that decide, ``*`` matches anything; all of them by default.
 
     Raises
@@ -179,7 +170,7 @@ def _left(bisection: Bisection) -> list[str]:
 
 
 def _end(bisection: Bisection, of_good: JudgedCommit, of_bad: JudgedCommit) -> FirstWorse:
-    judged = {each.commit: each for each in judged_commits(Path(bisection.out))}
+    judged = {judged_commit.commit: judged_commit for judged_commit in judged_commits(Path(bisection.out))}
     left = _left(bisection)
     first = judged[left[0]]
     parents = git(bisection.tree, "rev-parse", f"{left[-1]}^@").split()

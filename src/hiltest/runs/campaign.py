@@ -101,20 +101,19 @@ def run_seeds(
 
     Parameters
     ----------
-    seeds : sequence of int
-    options : sequence of str
+    options
         For pytest, the same for every seed.
-    out : Path
+    out
         Gets a folder a seed.
-    may_fail : int
+    may_fail
         How many seeds may miss a limit; a test that failed for another reason is never excused.
-    baseline : str, optional
+    baseline
         Base that all seeds together are compared with, paired by seed.
-    against : str, optional
+    against
         Older firmware to run on the same seeds first, as the base.
-    jobs : int or str, optional
+    jobs
         How many at a time, one a core by default; or the address of a dask scheduler, whose workers are sent the bench.
-    coverage : str, optional
+    coverage
         File of LCOV for the coverage of all seeds together.
 
     Returns
@@ -179,8 +178,8 @@ def _conclude(
     sentence = campaign_sentence(results, spreads, may_fail=may_fail, comparison=comparison)
     verdict = Verdict(_word(results, may_fail=may_fail, comparison=comparison), code, sentence, complete=True)
     page = campaign_markdown(
-        verdict, [SeedLine(each.seed, each.exit_code, each.sentence) for each in results],
-        spreads, comparison, {made.cycle_model for each in results for made in each.measurements},
+        verdict, [SeedLine(result.seed, result.exit_code, result.sentence) for result in results],
+        spreads, comparison, {made.cycle_model for result in results for made in result.measurements},
     )  # fmt: skip
     write_atomically(out / CAMPAIGN_FILE, page)
     if comparison is not None:
@@ -245,7 +244,7 @@ def _run_each(
             progress.advance(task)
             if result.exit_code:
                 progress.console.print(f"seed {result.seed}: {result.sentence}", markup=False, soft_wrap=True)
-    return sorted(results, key=lambda each: each.seed)
+    return sorted(results, key=lambda result: result.seed)
 
 
 def _ended_here(
@@ -275,7 +274,7 @@ def _ended_there(
 
 def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mapping[str, str] = os.environ) -> bool:
     """Say whether the packaged firmware ran, and no option or variable named it."""
-    named = environment.get("HIL_FIRMWARE") or any(each.startswith("--hil-firmware") for each in options)
+    named = environment.get("HIL_FIRMWARE") or any(option.startswith("--hil-firmware") for option in options)
     if named or not evidence.side.build_id:
         return False
     manifest = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))
@@ -293,11 +292,11 @@ def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
 
 def evidence_of_all(results: Sequence[SeedResult], file: str) -> Evidence:
     """Put the seeds together as one side of a comparison; why some have no record is a fault of it, once."""
-    found = [each.evidence for each in results if each.evidence is not None]
+    found = [result.evidence for result in results if result.evidence is not None]
     missing: dict[str, list[int]] = {}
-    for each in results:
-        if each.evidence is None:
-            missing.setdefault(each.sentence, []).append(each.seed)
+    for result in results:
+        if result.evidence is None:
+            missing.setdefault(result.sentence, []).append(result.seed)
     faults = (f"{file}: no record{on_seeds(seeds)}: {said}" for said, seeds in missing.items())
     whole = evidence_of_seeds(found, file) if found else no_evidence(file)
     return replace(whole, faults=(*whole.faults, *faults))
@@ -337,7 +336,7 @@ def campaign_sentence(
 
 def _inexcusable(results: Sequence[SeedResult]) -> list[int]:
     """Return the seeds that failed for another reason than a missed limit."""
-    return [each.seed for each in results if each.exit_code == 1 and not each.excusable]
+    return [result.seed for result in results if result.exit_code == 1 and not result.excusable]
 
 
 def _listed(seeds: Sequence[int]) -> str:
@@ -357,14 +356,14 @@ def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
     failed: dict[str, list[int]] = {}
     units: dict[str, str] = {}
     for result in results:
-        for each in result.measurements:
-            if each.volatile:
+        for measurement in result.measurements:
+            if measurement.volatile:
                 continue
-            units[each.name] = each.unit
-            if each.value is not None:
-                values.setdefault(each.name, []).append(float(each.value))
-            if each.outcome is Outcome.FAIL:
-                failed.setdefault(each.name, []).append(result.seed)
+            units[measurement.name] = measurement.unit
+            if measurement.value is not None:
+                values.setdefault(measurement.name, []).append(float(measurement.value))
+            if measurement.outcome is Outcome.FAIL:
+                failed.setdefault(measurement.name, []).append(result.seed)
     return [
         Spread(
             name, units[name], len(found), min(found), statistics.median(found), max(found),
@@ -403,14 +402,14 @@ def _made_with(run: Run) -> MadeWith | None:
 def _to_json(
     results: Sequence[SeedResult], spreads: Sequence[Spread], comparison: Comparison | None, *, may_fail: int = 0
 ) -> str:
-    seeds = [{"seed": each.seed, "exit_code": each.exit_code, "sentence": each.sentence} for each in results]
-    made_with = dict.fromkeys(each.made_with for each in results if each.made_with)
+    seeds = [{"seed": result.seed, "exit_code": result.exit_code, "sentence": result.sentence} for result in results]
+    made_with = dict.fromkeys(result.made_with for result in results if result.made_with)
     content = {
         "schema": SEEDS_SCHEMA,
         "exit_code": int(campaign_exit_code(results, may_fail=may_fail)),  # of the seeds, apart from a comparison
         "made_with": [asdict(each) for each in made_with],
         "seeds": seeds,
-        "measurements": [_rounded(asdict(each)) for each in spreads],
+        "measurements": [_rounded(asdict(spread)) for spread in spreads],
         **({} if comparison is None else {"comparison": asdict(comparison)}),
     }
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

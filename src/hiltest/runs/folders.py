@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 
 
 class RecordFolder:
-    """A folder that belongs to one session alone from `claim` to `release`.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """A folder that belongs to one session alone from `claim` to `release`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -70,9 +65,9 @@ def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> P
 
     Parameters
     ----------
-    out : Path
+    out
         Folder that was asked for.
-    tests : collection of str, optional
+    tests
         What runs, where it is another set of tests only if the record has none of them; by default it always is.
 
     Returns
@@ -88,7 +83,7 @@ def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> P
     except ConfigError:
         return out
     run = stored.run
-    same_tests = tests is not None and not {each.id for each in run.tests}.isdisjoint(tests)
+    same_tests = tests is not None and not {test.id for test in run.tests}.isdisjoint(tests)
     is_complete = stored.ended and run.verdict.complete and not run.chosen
     return out / CHOSEN_FOLDER if is_complete and not same_tests else out
 

@@ -26,23 +26,15 @@ PACKAGED = "The packaged firmware was compared: name yours with --firmware ELF (
 
 
 class Gate(NamedTuple):
-    """A base, or why there is none: a run that asked for a comparison never passes without one.
-
-    Attributes
-    ----------
-    file : str
-        What was named as the base.
-    base : Evidence or None
-    reason : str
-        Why there is no base, with what to do.
-    in_one_session : bool
-        Whether the base ran in the same session, on the same rig, seeds, points and noise.
-    """
+    """A base, or why there is none: a run that asked for a comparison never passes without one."""
 
     file: str
+    """What was named as the base."""
     base: Evidence | None
     reason: str = ""
+    """Why there is no base, with what to do."""
     in_one_session: bool = False
+    """Whether the base ran in the same session, on the same rig, seeds, points and noise."""
 
     def compare(self, new: Evidence, *, remark: str = "") -> Comparison:
         """Compare a run, or the runs of several seeds, with the base."""
@@ -73,8 +65,7 @@ def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:
 
     Parameters
     ----------
-    place : Path
-    in_one_session : bool, optional
+    in_one_session
         Whether it has just been run, as the older of two firmwares.
     """
     from hiltest.errors import ConfigError
@@ -91,9 +82,9 @@ class SessionGate:
 
     Parameters
     ----------
-    base : Path or None
+    base
         Base of the run; None without a gate.
-    source : str
+    source
         Which option named it.
     """
 
@@ -152,7 +143,7 @@ class SessionGate:
 
         Parameters
         ----------
-        packaged : bool
+        packaged
             Whether the packaged firmware ran because none was named.
         """
         return None if self._gate is None else partial(self._gate.compare, remark=PACKAGED if packaged else "")

@@ -57,28 +57,20 @@ CODES = {Found.NOT_WORSE: 0, Found.WORSE: 1, Found.SKIPPED: 125}
 
 @dataclass(frozen=True, slots=True)
 class JudgedCommit:
-    """A commit, and how it compares with the good one.
-
-    Attributes
-    ----------
-    commit, author, author_date, subject : str
-        As git has them; the date in ISO 8601.
-    because : str
-        The measurements that got worse, the reason why it was skipped, or what did not change.
-    record : str
-        Folder of its run, from the command's folder; empty where nothing ran.
-    seconds : float
-        What building and running took; 0 where both are remembered.
-    """
+    """A commit, and how it compares with the good one."""
 
     commit: str
     author: str
     author_date: str
     subject: str
+    """As git has them; the date in ISO 8601."""
     found: Found
     because: str
+    """The measurements that got worse, the reason why it was skipped, or what did not change."""
     record: str
+    """Folder of its run, from the command's folder; empty where nothing ran."""
     seconds: float
+    """What building and running took; 0 where both are remembered."""
 
     @property
     def name(self) -> str:
@@ -88,45 +80,30 @@ class JudgedCommit:
 
 @dataclass(frozen=True, slots=True)
 class Bisection:
-    """What is the same for all commits.
-
-    Attributes
-    ----------
-    here : str
-        Folder of the command, whose ``hil/`` judges.
-    tree : str
-        Working tree of its own, as a folder.
-    prefix : str
-        Folder of the command inside the repository; empty at its root.
-    out : str
-        Folder of what is built and run.
-    build : tuple of str
-        Build command: one word for a shell, or a program and its arguments.
-    firmware : str
-        What it builds, as named in the command's folder.
-    options : tuple of str
-        For pytest.
-    runs : tuple of str
-        Options of ``hiltest run`` for a campaign; empty for one run.
-    bench : str
-        Digest of all else that a run depends on.
-    measures : tuple of str
-        Names of the measurements that decide, ``*`` matches anything; empty where all of them do.
-    good : str
-        Folder of the record that is compared with; empty before it has been made.
-    """
+    """What is the same for all commits."""
 
     here: str
+    """Folder of the command, whose ``hil/`` judges."""
     tree: str
+    """Working tree of its own, as a folder."""
     prefix: str
+    """Folder of the command inside the repository; empty at its root."""
     out: str
+    """Folder of what is built and run."""
     build: tuple[str, ...]
+    """Build command: one word for a shell, or a program and its arguments."""
     firmware: str
+    """What it builds, as named in the command's folder."""
     options: tuple[str, ...]
+    """For pytest."""
     runs: tuple[str, ...]
+    """Options of ``hiltest run`` for a campaign; empty for one run."""
     bench: str
+    """Digest of all else that a run depends on."""
     measures: tuple[str, ...] = ()
+    """Names of the measurements that decide, ``*`` matches anything; empty where all of them do."""
     good: str = ""
+    """Folder of the record that is compared with; empty before it has been made."""
 
     def shown(self, path: Path) -> str:
         """Return a path as one would type it in the command's folder."""
@@ -174,8 +151,7 @@ def judge(bisection: Bisection, say: str = "") -> JudgedCommit:
 
     Parameters
     ----------
-    bisection : Bisection
-    say : str, optional
+    say
         What stands before the commit on its line of progress.
     """
     commit, author, date, subject = git(bisection.tree, "show", "-s", "--format=%H%n%an%n%aI%n%s", "HEAD").split("\n")
@@ -220,9 +196,9 @@ def judged(comparison: Comparison, measures: Sequence[str]) -> tuple[Found, str]
 
     Parameters
     ----------
-    comparison : Comparison
+    comparison
         Of the good commit with it.
-    measures : sequence of str
+    measures
         Names of those that decide, ``*`` matches anything. Without any, it is worse where it may not be merged, as
         ``hiltest compare`` says.
     """
@@ -231,14 +207,14 @@ def judged(comparison: Comparison, measures: Sequence[str]) -> tuple[Found, str]
         return found, ("it cannot be compared: " if found is Found.SKIPPED else "") + reasons(comparison)
     if worse := worse_in(comparison, measures):
         return Found.WORSE, listed([entry(each) for each in worse], _NAMED_AT_MOST)
-    named = {pattern: [each for each in comparison.differences if fnmatchcase(each.name, pattern)]
+    named = {pattern: [difference for difference in comparison.differences if fnmatchcase(difference.name, pattern)]
              for pattern in measures}  # fmt: skip
     decide = {each.name: each for those in named.values() for each in those}.values()
     seeds = len(comparison.base.seeds) or 1
     without = [pattern for pattern, those in named.items() if not any(each.seeds == seeds for each in those)]
     without += [each.name for each in decide if each.base is not None and each.seeds < seeds]
     if without:
-        known = [each.name for each in comparison.differences]
+        known = [difference.name for difference in comparison.differences]
         why = next(iter((*comparison.obstacles, *comparison.failed)), nearest_hint(without[0], known))
         return Found.SKIPPED, f"it has no number of {listed(without, _NAMED_AT_MOST)}: {why}"
     return Found.NOT_WORSE, listed([entry(each) for each in decide], _NAMED_AT_MOST)

@@ -33,21 +33,14 @@ _OF_ONE_RUN = (_VARIABLE, "HIL_COVERAGE", "HIL_RECORD", "HIL_REPLAY")
 
 @dataclass(frozen=True, slots=True)
 class OlderFirmware:
-    """The older of two firmwares.
-
-    Attributes
-    ----------
-    elf : str
-        File as it was named.
-    options : tuple of str
-        For pytest, as the newer firmware has them.
-    folder : Path
-        Folder of its record.
-    """
+    """The older of two firmwares."""
 
     elf: str
+    """File as it was named."""
     options: tuple[str, ...]
+    """For pytest, as the newer firmware has them."""
     folder: Path
+    """Folder of its record."""
 
     @property
     def record(self) -> str:

@@ -26,9 +26,9 @@ class RunCommand:
 
     Parameters
     ----------
-    older : OlderFirmware, optional
+    older
         Older firmware, which runs first on the same bench as the base.
-    flashes : bool
+    flashes
         Whether the firmware is put onto the board first.
     """
 
@@ -115,13 +115,13 @@ def run_suites(
 
     Parameters
     ----------
-    options : sequence of str
+    options
         For pytest.
-    out : Path
+    out
         Folder of the record.
-    older : OlderFirmware, optional
+    older
         Older firmware, the base of the run.
-    flashes : bool
+    flashes
         Whether the firmware is put onto the board first.
 
     Returns

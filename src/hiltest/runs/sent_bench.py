@@ -37,45 +37,29 @@ _READ = frozenset({"PYTEST_ADDOPTS", "GITHUB_SHA", "GITHUB_REF_NAME", *(option.v
 
 @dataclass(frozen=True, slots=True)
 class SentBench:
-    """All that a run of the suites depends on, but for its seed and hiltest.
-
-    Attributes
-    ----------
-    files : bytes
-        Zip archive; names are from the root of the file system on.
-    here : str
-        Folder of the command.
-    options : tuple of str
-        For pytest.
-    environment : dict of str to str
-        The variables that a run reads.
-    covers : bool
-        Whether the run leaves its coverage in its folder.
-    """
+    """All that a run of the suites depends on, but for its seed and hiltest."""
 
     files: bytes
+    """Zip archive; names are from the root of the file system on."""
     here: str
+    """Folder of the command."""
     options: tuple[str, ...]
+    """For pytest."""
     environment: dict[str, str]
+    """The variables that a run reads."""
     covers: bool = False
+    """Whether the run leaves its coverage in its folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class EndedThere:
-    """A run that has ended on another machine.
-
-    Attributes
-    ----------
-    exit_code : int
-    said : str
-        The last line that it wrote.
-    files : dict of str to bytes
-        What it left in its folder.
-    """
+    """A run that has ended on another machine."""
 
     exit_code: int
     said: str
+    """The last line that it wrote."""
     files: dict[str, bytes]
+    """What it left in its folder."""
 
     def write(self, folder: Path) -> None:
         """Write the files into the folder of a run here, the record last: then all the others are there.
@@ -99,10 +83,9 @@ def sent_bench(
 
     Parameters
     ----------
-    options : sequence of str
+    options
         For pytest.
-    environment : mapping of str to str, optional
-    covers : bool
+    covers
         See `SentBench`.
 
     Raises

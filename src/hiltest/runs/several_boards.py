@@ -40,13 +40,13 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
 
     Parameters
     ----------
-    rigs : sequence of str
+    rigs
         Rig files, or names of rigs: one a board.
-    options : sequence of str
+    options
         For pytest, the same for every board.
-    out : Path
+    out
         Gets a folder a board, called as its rig.
-    flashes : bool, optional
+    flashes
         Whether the firmware is put onto each board first.
 
     Returns
@@ -81,7 +81,7 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     write_atomically(out / BOARDS_PAGE, boards_html(verdict, boards, apart))
     page = boards_markdown(verdict, boards, apart)
     write_atomically(out / BOARDS_MARKDOWN, page)
-    print_boards(standard_output(), [each.name for each in boards], apart)
+    print_boards(standard_output(), [board.name for board in boards], apart)
     click.echo(f"Report: {out / BOARDS_PAGE}, and one in each board's folder")
     if remark := append_to_job_summary(page, out / BOARDS_MARKDOWN):
         click.echo(remark)
@@ -136,9 +136,9 @@ def apart_of(measured: dict[str, Sequence[Measurement]]) -> list[Apart]:
     """
     by_name: dict[str, dict[str, Measurement]] = {}
     for board, measurements in measured.items():
-        for each in measurements:
-            if not each.volatile:
-                by_name.setdefault(each.name, {})[board] = each
+        for measurement in measurements:
+            if not measurement.volatile:
+                by_name.setdefault(measurement.name, {})[board] = measurement
     return [_apart(name, found) for name, found in by_name.items()]
 
 
@@ -157,11 +157,11 @@ def _apart(name: str, found: dict[str, Measurement]) -> Apart:
 
 def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
     """Return the verdict over all boards."""
-    codes = {each.exit_code for each in boards}
+    codes = {board.exit_code for board in boards}
     # The enumeration is in their order, a pass last. A process that a signal ended has none of them, and no verdict.
     known = (int(each) for each in ExitCode if each in codes and each)
     code = next(known, int(ExitCode.NOT_EVALUATED if any(codes) else ExitCode.OK))
-    red = [f"{each.name}: {_word(each.exit_code)}" for each in boards if each.exit_code]
+    red = [f"{board.name}: {_word(board.exit_code)}" for board in boards if board.exit_code]
     passed = f"{len(boards) - len(red)} of {len(boards)} boards pass"
     sentence = f"{passed}; {listed(red, _NAMED_AT_MOST)}." if red else f"{passed}."
     return Verdict(_word(code), code, sentence, complete=True)
@@ -177,7 +177,7 @@ def _to_json(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apar
         "schema": SCHEMA,
         "exit_code": verdict.exit_code,
         "sentence": verdict.sentence,
-        "boards": [asdict(each) for each in boards],
+        "boards": [asdict(board) for board in boards],
         "measurements": [asdict(each) for each in apart],
     }
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -23,7 +23,7 @@ class WireTraces:
 
     Parameters
     ----------
-    out : Path
+    out
         The run's folder.
 
     Attributes
@@ -46,14 +46,14 @@ class WireTraces:
 
         Parameters
         ----------
-        test : str
+        test
             Test that the bytes are of; names the files.
-        phase : str
+        phase
             What failed. A fixture's set-up fails once and is charged to every test that
             needs it: they all get the file of the first.
-        error : BaseException
+        error
             What failed it.
-        about : str
+        about
             Which board, for the heading.
 
         Returns

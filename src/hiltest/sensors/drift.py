@@ -15,13 +15,6 @@ _NOTHING: Vector = (0.0, 0.0, 0.0)
 class Drift:
     """Temperature coefficients of a three-axis sensor, body frame.
 
-    Attributes
-    ----------
-    offset_per_degc : (3,)
-        Change of the offset, in the unit of the reading.
-    gain_per_degc : (3,)
-        Change of the sensitivity [1/degC].
-
     Notes
     -----
     ``drifted = (1 + gain_per_degc * dT) * reading + offset_per_degc * dT``, dT from
@@ -29,7 +22,9 @@ class Drift:
     """
 
     offset_per_degc: Vector = _NOTHING
+    """Change of the offset, in the unit of the reading."""
     gain_per_degc: Vector = _NOTHING
+    """Change of the sensitivity [1/degC]."""
 
     def apply(self, reading: Vector, temperature_degc: float) -> Vector:
         """Return the reading of the part at a temperature."""

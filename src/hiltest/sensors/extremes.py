@@ -16,9 +16,9 @@ class Extremes(Restorable):
 
     Parameters
     ----------
-    output : SampledOutput
+    output
         Output that is compared.
-    conversion : callable
+    conversion
         Returns the part's conversion with its present set-up, which a later one does not change.
 
     Notes

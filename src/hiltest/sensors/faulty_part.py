@@ -14,11 +14,11 @@ class FaultyPart(Restorable):
 
     Parameters
     ----------
-    make : callable
+    make
         Makes the part as it is at power-on.
-    begin_s, end_s : float
+    begin_s, end_s
         When it loses its supply and when it has it again, virtual time since power-on [s].
-    stand_in : RegisterDevice, optional
+    stand_in
         What answers meanwhile, at the same address; nothing without it.
     """
 

@@ -39,9 +39,9 @@ class SampleFifo(Restorable):
 
     Parameters
     ----------
-    output : SampledOutput
+    output
         Output that is stored sample by sample.
-    has_trigger : bool
+    has_trigger
         Whether F_MODE = 11 is the trigger mode; else it is another code for the stop mode.
 
     Notes

@@ -44,17 +44,17 @@ class Fxas21002c(RegisterDevice):
 
     Parameters
     ----------
-    world : World
+    world
         Where it is.
-    seed : int
+    seed
         Noise seed.
-    bias_dps : (3,)
+    bias_dps
         Zero-rate offset, body frame [deg/s].
-    drift : Drift
+    drift
         Drift of the rate, offset included [deg/s].
-    noise_density : float
+    noise_density
         One-sided, below the selected low-pass filter [dps/sqrt(Hz)]: its rms is this times the root of the bandwidth.
-    response : 3 rows of 3
+    response
         Gains and misalignment, body frame: what a true rate is felt as, before the offset.
     """
 

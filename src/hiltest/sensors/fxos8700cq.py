@@ -86,18 +86,12 @@ class AccelerometerErrors:
 
 @dataclass(frozen=True, slots=True)
 class Fxos8700cqNoise:
-    """Noise of the part, by default the data sheet's.
-
-    Attributes
-    ----------
-    accelerometer_density_g : float
-        Front page, at 200 Hz bandwidth [g/sqrt(Hz)].
-    magnetometer_ut : (2,)
-        Rms noise per axis at oversampling 2 and 32 [uT]; between them by a power law, above 32 no less.
-    """
+    """Noise of the part, by default the data sheet's."""
 
     accelerometer_density_g: float = 126e-6
+    """Front page, at 200 Hz bandwidth [g/sqrt(Hz)]."""
     magnetometer_ut: tuple[float, float] = (1.5, 0.3)
+    """Rms noise per axis at oversampling 2 and 32 [uT]; between them by a power law, above 32 no less."""
 
     def accelerometer_g(self, rate_hz: float) -> float:
         """Return the rms noise of one axis of the accelerometer [g]; the bandwidth is half the output rate."""
@@ -109,19 +103,18 @@ class Fxos8700cq(RegisterDevice):
 
     Parameters
     ----------
-    world : World
+    world
         Where it is.
-    distortion : MagneticDistortion
+    distortion
         Between the earth's field and the magnetometer, its zero-flux offset included.
-    seed : int
+    seed
         Noise seed.
-    name : str
+    name
         Distinguishes the noise of two such parts.
-    errors : AccelerometerErrors
+    errors
         Errors of the accelerometer.
-    magnetometer_drift : Drift
+    magnetometer_drift
         Drift of its reading, the offset included [uT].
-    noise : Fxos8700cqNoise
     """
 
     def __init__(

@@ -39,18 +39,18 @@ class Mag3110(RegisterDevice):
 
     Parameters
     ----------
-    world : World
+    world
         Where it is.
-    distortion : MagneticDistortion
+    distortion
         Between the earth's field and the part; its hard iron includes the part's own
         zero-flux offset.
-    seed : int
+    seed
         Noise seed.
-    noise_ut : sequence of 4 floats
+    noise_ut
         Rms noise per axis at oversampling 16, 32, 64, 128 [uT].
-    drift : Drift
+    drift
         Drift of the field that the part sees [uT].
-    die_temperature_offset_degc : float
+    die_temperature_offset_degc
         The die temperature's offset is not trimmed by the maker: what this one reads too much.
     """
 

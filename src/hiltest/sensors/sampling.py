@@ -39,13 +39,13 @@ class SampledOutput(Restorable):
 
     Parameters
     ----------
-    world : World
+    world
         Gives the noise epoch of an instant.
-    noise : SampleNoise
+    noise
         Noise of this quantity.
-    measure : callable
+    measure
         The part's conversion.
-    full_scale : int
+    full_scale
         Largest word that it gives.
     """
 

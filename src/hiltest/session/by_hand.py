@@ -29,9 +29,9 @@ class ByHand:
 
     Parameters
     ----------
-    recorder : Recorder
+    recorder
         Of this run, whose folder may hold the journal of one that was cut short.
-    bench : mapping of str to str
+    bench
         What must be the same for the steps of another run to be this one's, by what it is called.
 
     Attributes
@@ -72,8 +72,8 @@ class ByHand:
         """Write the six faces through to the disk, unless they are there."""
         if not self._faces[0]:
             self._keep(degc=die_temperature_degc, faces=[
-                [int(each.face), each.readings, [each.magnetometer.tolist(), _list(each.magnetometer_spread)],
-                 [each.accelerometer.tolist(), _list(each.accelerometer_spread)]] for each in faces
+                [int(face.face), face.readings, [face.magnetometer.tolist(), _list(face.magnetometer_spread)],
+                 [face.accelerometer.tolist(), _list(face.accelerometer_spread)]] for face in faces
             ])
 
     def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, tuple[Achieved, AverageReply]], str]:
@@ -81,7 +81,7 @@ class ByHand:
 
         Parameters
         ----------
-        held : mapping of str to sequence of float
+        held
             All numbers of each calibration that the board holds now.
         """
         now = {name: list(numbers) for name, numbers in held.items()}

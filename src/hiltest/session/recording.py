@@ -173,7 +173,7 @@ class Recording:
             gate_only=bool(self._hil.choice.left_out.tests),
             places={name: rig.where("limits", name) for name in rig.limits},
         )
-        lost = any(each.outcome.is_of_bench for each in findings.tests)
+        lost = any(test.outcome.is_of_bench for test in findings.tests)
         if left_out or lost:
             return [each.name for each in unmet]
         self._recorder.found(unmet, ())
@@ -217,7 +217,7 @@ def _point_to_summary(report: pytest.TestReport) -> None:
     """
     if names := getattr(report, OUT_OF_LIMIT, None):
         report.longrepr = out_of_limit_in_words(names)
-        report.sections = [each for each in report.sections if each[0] != WIRE_TRACE]
+        report.sections = [section for section in report.sections if section[0] != WIRE_TRACE]
 
 
 def _say(config: pytest.Config, line: str) -> None:

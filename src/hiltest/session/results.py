@@ -67,8 +67,8 @@ def carry_over(item: pytest.Item) -> None:
 def pack(found: Found) -> dict[str, Any]:
     """Return plain data that leaves the process: no enum, no number of numpy's."""
     return {
-        "measurements": [plain_data(each.rounded()) for each in found.measurements],
-        "tables": [plain_data(each.rounded()) for each in found.tables],
+        "measurements": [plain_data(measurement.rounded()) for measurement in found.measurements],
+        "tables": [plain_data(table.rounded()) for table in found.tables],
     }
 
 
@@ -110,7 +110,7 @@ class TestLog:
 
     Parameters
     ----------
-    test_id : callable
+    test_id
         Makes of pytest's node id the id that the record keeps.
     """
 
@@ -130,7 +130,7 @@ class TestLog:
     def finish(self, nodeid: str) -> list[TestResult]:
         """Return a result for each attempt of a test, the last being the test's own; none if it never ran."""
         results = [self._result(nodeid, reports) for reports in self._attempts.pop(nodeid, [])]
-        return [*(replace(each, outcome=TestOutcome.RERUN) for each in results[:-1]), *results[-1:]]
+        return [*(replace(result, outcome=TestOutcome.RERUN) for result in results[:-1]), *results[-1:]]
 
     def _result(self, nodeid: str, reports: Sequence[pytest.TestReport]) -> TestResult:
         from hiltest.record.run import TestResult
@@ -139,7 +139,7 @@ class TestLog:
         return TestResult(
             id=self._test_id(nodeid), outcome=_outcome(worst),
             duration_s=round(sum(report.duration for report in reports), 6), reason=_reason(worst),
-            trace=next((getattr(each, TRACE) for each in reports if hasattr(each, TRACE)), ""),
+            trace=next((getattr(report, TRACE) for report in reports if hasattr(report, TRACE)), ""),
         )
 
 

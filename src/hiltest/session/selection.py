@@ -73,18 +73,12 @@ MARKER = "full"
 
 
 class LeftOut(NamedTuple):
-    """Tests that this session would have run, were it of the full set.
-
-    Attributes
-    ----------
-    tests : tuple of str
-        Node ids.
-    how : str
-        The option that brings them back.
-    """
+    """Tests that this session would have run, were it of the full set."""
 
     tests: tuple[str, ...] = ()
+    """Node ids."""
     how: str = ""
+    """The option that brings them back."""
 
     def describe(self) -> list[str]:
         """Return what to say of them once tests are collected."""
@@ -110,10 +104,9 @@ def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: 
 
     Parameters
     ----------
-    config : pytest.Config
-    items : list of pytest.Item
+    items
         All that are to run; changed in place.
-    candidates : sequence of pytest.Item
+    candidates
         Those that have to do with hiltest. Another project's mark of the same name is its own affair.
 
     Returns
@@ -184,9 +177,9 @@ def id_in_record(nodeid: str, root: Path) -> str:
 
     Parameters
     ----------
-    nodeid : str
+    nodeid
         As pytest has it, with the group that pytest-xdist puts behind it.
-    root : Path
+    root
         Folder that the file is relative to.
     """
     nodeid = nodeid.removesuffix(f"@{GROUP}")

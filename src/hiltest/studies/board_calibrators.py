@@ -28,7 +28,7 @@ class BoardCalibrators:
 
     Parameters
     ----------
-    firmware : Path, optional
+    firmware
         By default the packaged one.
 
     Attributes
@@ -44,8 +44,8 @@ class BoardCalibrators:
         self._functions = dict(self._table())
         self.names = tuple(self._functions)
         sram = self._board.processor.memory.sram
-        in_sram = all(sram.base <= self._board.image.symbols[each].address < sram.base + sram.size
-                      for each in self._functions.values())  # fmt: skip
+        in_sram = all(sram.base <= self._board.image.symbols[function].address < sram.base + sram.size
+                      for function in self._functions.values())  # fmt: skip
         self.cycle_model = f"{self._board.processor.profile.name}@{'sram' if in_sram else 'flash'}"
         # What the firmware subtracts from each count.
         self._empty = self._call("magnetometer_empty", np.zeros((1, 3)), None)[1] if self.names else 0
@@ -69,11 +69,11 @@ class BoardCalibrators:
 
         Parameters
         ----------
-        name : str
+        name
             One of `names`.
-        counts : ndarray, shape (n, 3)
+        counts : shape (n, 3)
             Whole numbers that int16 holds [counts].
-        anchor : ndarray, shape (3,), optional
+        anchor : shape (3,)
             What the firmware sums about, in place of the middle of the points' range [counts].
 
         Returns

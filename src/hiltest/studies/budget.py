@@ -60,7 +60,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 def _curve(board: Board, name: str, points: int, readings: Array) -> list[float | int]:
     efforts = [each for each in effort_curve(board, name, points=points) if each.fit.has_fit]
-    errors = [direction_error_rms_deg(each.fit, readings, _DIRECTIONS) for each in efforts]
+    errors = [direction_error_rms_deg(effort.fit, readings, _DIRECTIONS) for effort in efforts]
     if not efforts:
         return [*[_NONE] * (_NUMBERS - 2), 0, 0]
     enough = len(errors)

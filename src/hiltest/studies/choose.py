@@ -25,29 +25,20 @@ RECOMMENDED, RUNNER_UP, TOO_DEAR = "recommended", "runner-up", "over budget"
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A calibrator of the board under the conditions.
-
-    Attributes
-    ----------
-    name : str
-    median_deg : float
-        Of the direction's rms error over instances [deg].
-    high_deg, at_least_deg, at_most_deg : float
-        Its 95th percentile, and the ends of what so many instances say of that [deg].
-    ellipsoids_percent : float
-        Instances with an ellipsoid [%]; the sphere counts for the others.
-    cycles, most_cycles : int
-        In the median of instances, and the most of any.
-    """
+    """A calibrator of the board under the conditions."""
 
     name: str
     median_deg: float
+    """Of the direction's rms error over instances [deg]."""
     high_deg: float
     at_least_deg: float
     at_most_deg: float
+    """Its 95th percentile, and the ends of what so many instances say of that [deg]."""
     ellipsoids_percent: float
+    """Instances with an ellipsoid [%]; the sphere counts for the others."""
     cycles: int
     most_cycles: int
+    """In the median of instances, and the most of any."""
 
     def __str__(self) -> str:
         """Return name and numbers."""
@@ -81,7 +72,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     affordable = [each for each in candidates if given.cycles is None or each.most_cycles <= given.cycles]
     best = chosen(affordable)
     second = chosen([each for each in affordable if each is not best])
-    too_dear = [each for each in candidates if each not in affordable]
+    too_dear = [candidate for candidate in candidates if candidate not in affordable]
     marks = dict.fromkeys((each.name for each in too_dear), TOO_DEAR)
     for each, mark in ((best, RECOMMENDED), (second, RUNNER_UP)):
         if each is not None:
@@ -121,7 +112,7 @@ def chosen(candidates: Sequence[Candidate]) -> Candidate | None:
     """
     if not candidates:
         return None
-    best = min(candidates, key=lambda each: each.high_deg)
+    best = min(candidates, key=lambda candidate: candidate.high_deg)
     return min((each for each in candidates if each.high_deg <= best.at_most_deg), key=lambda each: each.cycles)
 
 

@@ -106,7 +106,7 @@ def draw(run: Run) -> Figure:
     """Draw both tables and what came of them."""
     table = run.table("study.compensation")
     assert table is not None
-    columns = {each.name: [float(cell or 0) for cell in table.column(each.name)] for each in table.columns}
+    columns = {column.name: [float(cell or 0) for cell in table.column(column.name)] for column in table.columns}
     figure = Figure(
         title="Error compensated", description=run.verdict.sentence, x_label="noise [uT]", y_label="compensated [%]",
         x_range=(0.0, NOISE_UT[-1] + 1.0), y_range=(min(0.0, *columns["sensitivity"]), 105.0), width=560.0,

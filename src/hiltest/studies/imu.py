@@ -222,8 +222,8 @@ def _table_2(judged: Array) -> list[PrintedFigure]:
 
 
 def _never(norms: Array) -> PrintedFigure:
-    lost = [_without(each[:, METHODS.index("frosio"), 0]) for each in norms]
-    after = max(_without(each[:, METHODS.index("frosio"), 1]) for each in norms)
+    lost = [_without(norm[:, METHODS.index("frosio"), 0]) for norm in norms]
+    after = max(_without(norm[:, METHODS.index("frosio"), 1]) for norm in norms)
     said = ", ".join(f"{share:.0f} % at {offset:g}" for offset, share in zip(OFFSETS, lost, strict=True))
     large = [share for offset, share in zip(OFFSETS, lost, strict=True) if offset > 1.0]
     return PrintedFigure(

@@ -35,55 +35,36 @@ Words = NDArray[np.uint64]
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What instances are drawn from: ``m = R Q diag Q' b + e + n`` (Mucciaccia, eq. 1).
-
-    Attributes
-    ----------
-    seed : int
-        0 to 2**64 - 1.
-    points : int
-        Points of each instance.
-    noise_ut : float
-        Standard deviation of n on each axis, added after the distortion [uT].
-    stream : int
-        Instances of two streams are independent of each other.
-    stretch : float
-        Eigenvalues of the soft iron are uniform in 1 -+ stretch; its axes Q are any rotation [1].
-    occluded : float
-        The directions b leave out a cap about any axis; its share of the sphere is uniform up to this [1].
-    hard_iron_ut : float
-        Components of e are uniform up to this on both sides of 0 [uT].
-    field_ut : float
-        R, the field strength [uT].
-    """
+    """What instances are drawn from: ``m = R Q diag Q' b + e + n`` (Mucciaccia, eq. 1)."""
 
     seed: int
+    """0 to 2**64 - 1."""
     points: int
+    """Points of each instance."""
     noise_ut: float
+    """Standard deviation of n on each axis, added after the distortion [uT]."""
     stream: int = 0
+    """Instances of two streams are independent of each other."""
     stretch: float = 0.5
+    """Eigenvalues of the soft iron are uniform in 1 -+ stretch; its axes Q are any rotation [1]."""
     occluded: float = 0.5
+    """The directions b leave out a cap about any axis; its share of the sphere is uniform up to this [1]."""
     hard_iron_ut: float = 100.0
+    """Components of e are uniform up to this on both sides of 0 [uT]."""
     field_ut: float = 50.0
+    """R, the field strength [uT]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instances:
-    """Points and the truth behind them.
-
-    Attributes
-    ----------
-    points_ut : ndarray, shape (m, n, 3)
-        Measured field [uT], body frame.
-    soft_iron : ndarray, shape (m, 3, 3)
-        Takes the field to the field at the part [1].
-    hard_iron_ut : ndarray, shape (m, 3)
-        [uT], body frame.
-    """
+    """Points and the truth behind them."""
 
     points_ut: Array
+    """Shape (m, n, 3). Measured field [uT], body frame."""
     soft_iron: Array
+    """Shape (m, 3, 3). Takes the field to the field at the part [1]."""
     hard_iron_ut: Array
+    """Shape (m, 3) [uT], body frame."""
 
     def with_hard_iron(self, length_ut: float) -> Instances:
         """Return the same instances with hard iron of one length and the same directions."""
@@ -161,7 +142,7 @@ def _words(model: Model, first: int, count: int) -> tuple[Words, Words, Array]:
 def _rotations(words: Words) -> list[list[Array]]:
     """Return rotations, any as likely as any other, as rows of entries, each of shape (m,)."""
     shifts = (words >> np.uint64(16 * k) & np.uint64(0xFFFF) for k in range(4))
-    w, x, y, z = (normal_quantiles()[each.astype(np.intp)] for each in shifts)
+    w, x, y, z = (normal_quantiles()[shift.astype(np.intp)] for shift in shifts)
     norm = np.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w / norm, x / norm, y / norm, z / norm
     return [

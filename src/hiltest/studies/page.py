@@ -21,7 +21,7 @@ def page(study: Study, run: Run) -> str:
     return render(
         "study.html.j2", package="hiltest.studies", study=study, run=run, figure=study.draw(run),
         header=PRINTED_HEADER, printed=list(printed_rows(study, run)),
-        columns=[f"{each.name} [{each.unit}]" if each.unit else each.name for each in table.columns],
+        columns=[f"{column.name} [{column.unit}]" if column.unit else column.name for column in table.columns],
         rows=[[_text(cell) for cell in row] for row in table.rows], version=__version__,
     )  # fmt: skip
 

@@ -39,14 +39,13 @@ def run_study(
 
     Parameters
     ----------
-    plan : Plan
-    folder : Path
+    folder
         It is there already. What an interrupted run of the same plan has done is in it.
-    jobs : int or str
+    jobs
         Number of processes, or the address of a dask scheduler.
-    progress : callable
+    progress
         Called with what is counted, how many are done, and of how many.
-    asked_to_end : callable
+    asked_to_end
         Whether to end after the blocks that are being done.
 
     Raises
@@ -136,8 +135,8 @@ def _record(plan: Plan, done: Mapping[int, Numbers], began_utc: str, took_s: flo
     found = study.conclude(plan, by_condition)
     findings = Findings(describe_host(), "full", "", began_utc, seed=plan.seed)
     findings.tests.append(TestResult(f"study {study.name}", TestOutcome.PASSED, took_s))
-    for each in found.measurements:
-        findings.take(each)
+    for measurement in found.measurements:
+        findings.take(measurement)
     printed = Table(
         f"study.{study.name}.printed",
         tuple(Column(name) for name in ("figure", "paper", "printed", "measured", "reproduced", "why")),

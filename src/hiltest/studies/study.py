@@ -21,47 +21,30 @@ Numbers: TypeAlias = Sequence[float | int]
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """An engineer's own conditions, which `choose` is asked about.
-
-    Attributes
-    ----------
-    field_ut : float
-        Field strength [uT].
-    noise_ut : float
-        Standard deviation of a point on each axis [uT].
-    coverage_percent : float
-        The points cover at least so much of the sphere [%].
-    cycles : int or None
-        What a calibration may cost; None for any number.
-    """
+    """An engineer's own conditions, which `choose` is asked about."""
 
     field_ut: float = 50.0
+    """Field strength [uT]."""
     noise_ut: float = 0.4
+    """Standard deviation of a point on each axis [uT]."""
     coverage_percent: float = 50.0
+    """The points cover at least so much of the sphere [%]."""
     cycles: int | None = None
+    """What a calibration may cost; None for any number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is asked of a study.
-
-    Attributes
-    ----------
-    study : str
-    seed : int
-    instances : int
-        For each condition.
-    points : int
-        Of each instance; 0 where the study has its own numbers of points.
-    given : Given, optional
-        For the study that asks for conditions.
-    """
+    """What is asked of a study."""
 
     study: str
     seed: int
     instances: int
+    """For each condition."""
     points: int
+    """Of each instance; 0 where the study has its own numbers of points."""
     given: Given | None = None
+    """For the study that asks for conditions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,82 +58,53 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class PrintedFigure:
-    """A figure that a paper printed, and what came of it here.
-
-    Attributes
-    ----------
-    what, where : str
-        What it is a figure of, and its place in the paper.
-    printed, measured : str
-        With their units.
-    reproduced : bool
-    why : str
-        Why it is, or why it is not.
-    """
+    """A figure that a paper printed, and what came of it here."""
 
     what: str
     where: str
+    """What it is a figure of, and its place in the paper."""
     printed: str
     measured: str
+    """With their units."""
     reproduced: bool
     why: str
+    """Why it is, or why it is not."""
 
 
 @dataclass(frozen=True, slots=True)
 class Conclusion:
-    """What all blocks together say.
-
-    Attributes
-    ----------
-    sentence : str
-        The answer in one sentence.
-    measurements : tuple of Measurement
-    table : Table
-        The numbers, a row for each condition.
-    printed : tuple of PrintedFigure
-    """
+    """What all blocks together say."""
 
     sentence: str
+    """The answer in one sentence."""
     measurements: tuple[Measurement, ...]
     table: Table
+    """The numbers, a row for each condition."""
     printed: tuple[PrintedFigure, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A study.
-
-    Attributes
-    ----------
-    name : str
-    question : str
-        One sentence.
-    conditions : int
-        How many there are.
-    instances, points : int
-        Of a plan that does not say; see there.
-    block : int
-        Most instances of a block: what takes a worker seconds.
-    measure : callable
-        Returns the numbers of a block of a plan.
-    conclude : callable
-        Returns the conclusion of the numbers of all blocks, by condition and in the order of the blocks.
-    draw : callable
-        Returns the plot of a finished record.
-    most_points : int
-        Of a plan.
-    """
+    """A study."""
 
     name: str
     question: str
+    """One sentence."""
     conditions: int
+    """How many there are."""
     instances: int
     points: int
+    """Of a plan that does not say; see there."""
     block: int
+    """Most instances of a block: what takes a worker seconds."""
     measure: Callable[[Plan, Block], Numbers] = field(repr=False)
+    """Returns the numbers of a block of a plan."""
     conclude: Callable[[Plan, Sequence[Sequence[Numbers]]], Conclusion] = field(repr=False)
+    """Returns the conclusion of the numbers of all blocks, by condition and in the order of the blocks."""
     draw: Callable[[Run], Figure] = field(repr=False)
+    """Returns the plot of a finished record."""
     most_points: int = 100_000
+    """Of a plan."""
 
 
 def study_of(name: str) -> Study:

@@ -31,12 +31,11 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
 
     Parameters
     ----------
-    measured : Measured
-    names : sequence of str
+    names
         Names of all entries.
-    more : str
+    more
         Text of the caption after name and unit.
-    width : float
+    width
         Width of the drawing.
     """
     scale, unit = _scale(measured)

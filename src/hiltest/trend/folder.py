@@ -39,10 +39,6 @@ def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
 
     Hidden folders are not read, nor the older firmware of a run with ``--against``.
 
-    Parameters
-    ----------
-    folder : Path
-
     Returns
     -------
     entries : list of RunEntry
@@ -72,7 +68,7 @@ def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
         here = Path(name)
         subfolders[:] = sorted(each for each in subfolders if not (each.startswith(".") or _is_older(each, here)))
         runs = [here] if _RECORDS & set(files) else []
-        for path in [*runs, *(here / each for each in sorted(files) if _may_be_record(each))]:
+        for path in [*runs, *(here / file for file in sorted(files) if _may_be_record(file))]:
             try:
                 entries += _entries(path, _called(path, folder))
             except ConfigError as error:
@@ -123,9 +119,9 @@ def _of_run(run: Run, path: Path, called: str) -> RunEntry:
 def _checked(entry: RunEntry, path: Path) -> RunEntry:
     """Refuse numbers that are too large for a sum or an axis."""
     for measurements in entry.evidence.measurements.values():
-        for each in measurements.values():
-            if each.value is not None and abs(each.value) > _LARGEST:
-                raise ConfigError(f"{path}: {shown(each.name)} is {each.value:g}, which nothing measures")
+        for measurement in measurements.values():
+            if measurement.value is not None and abs(measurement.value) > _LARGEST:
+                raise ConfigError(f"{path}: {shown(measurement.name)} is {measurement.value:g}, which nothing measures")
     return entry
 
 
@@ -145,17 +141,17 @@ def _campaigns(entries: Sequence[RunEntry]) -> list[RunEntry]:
     """Put the seeds of a campaign together, where they are of one build under one set of conditions."""
     alone: list[RunEntry] = []
     campaigns: dict[PurePosixPath, list[RunEntry]] = {}
-    for each in entries:
-        seed_folder = PurePosixPath(each.file).parent
+    for entry in entries:
+        seed_folder = PurePosixPath(entry.file).parent
         is_seed = fnmatchcase(seed_folder.name, SEED_FOLDERS)
-        (campaigns.setdefault(seed_folder.parent, []) if is_seed else alone).append(each)
+        (campaigns.setdefault(seed_folder.parent, []) if is_seed else alone).append(entry)
     for folder, seeds in campaigns.items():
-        joined = evidence_of_seeds([each.evidence for each in seeds], str(folder))
-        alike = {(each.evidence.conditions, _build(each)) for each in seeds}
+        joined = evidence_of_seeds([seed.evidence for seed in seeds], str(folder))
+        alike = {(seed.evidence.conditions, _build(seed)) for seed in seeds}
         if len(alike) > 1 or len(joined.measurements) < len(seeds):
             alone += seeds
         else:
-            alone.append(RunEntry(str(folder), min(each.when_utc for each in seeds), joined))
+            alone.append(RunEntry(str(folder), min(seed.when_utc for seed in seeds), joined))
     return alone
 
 

@@ -42,9 +42,9 @@ def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
     return render(
         "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, sentence=words.sentence(trend),
         counted=counted[:1].upper() + counted[1:], words=words, numbers=numbers, build=build, revision=revision,
-        revised=any(each.evidence.side.revision for each in trend.entries),
+        revised=any(entry.evidence.side.revision for entry in trend.entries),
         key=[*_line_key(trend), *(change_point_key() if trend.change_points else [])],
-        groups=[each for each in groups if each.panels],
+        groups=[group for group in groups if group.panels],
         changed=[(after, list(steps)) for after, steps in groupby(points, key=lambda step: step.after)],
         more=len(trend.change_points) - len(points),
     )
@@ -97,8 +97,8 @@ def to_json(trend: Trend, skipped: Sequence[Skipped]) -> str:
     """Return the text of ``hiltest trend --json``; entries and lines are numbered from 0, in their order here."""
     content = {
         "schema": SCHEMA,
-        "entries": [_entry(each) for each in trend.entries],
-        "lines": [asdict(each) for each in trend.lines],
+        "entries": [_entry(entry) for entry in trend.entries],
+        "lines": [asdict(line) for line in trend.lines],
         "measurements": [_measured(each) for each in trend.measured],
         "skipped": [asdict(each) for each in skipped],
     }
@@ -124,7 +124,7 @@ def _series(series: Series) -> dict[str, Any]:
         "highest": [point.high for point in points] if spread else None,
         "limits": [_limit(stretch) for _, stretch in groupby(points, key=lambda point: point.limit)],
         "failed": [point.entry for point in points if point.outcome == Outcome.FAIL],
-        "steps": [_step(each) for each in series.change_points],
+        "steps": [_step(change_point) for change_point in series.change_points],
     }  # fmt: skip
 
 

@@ -124,7 +124,7 @@ def trend_of(entries: Sequence[RunEntry]) -> Trend:
 
     Parameters
     ----------
-    entries : sequence of RunEntry
+    entries
         In any order; what no board answered has no place in it.
 
     Returns
@@ -132,7 +132,7 @@ def trend_of(entries: Sequence[RunEntry]) -> Trend:
     Trend
         A step is a change that the comparison of the two runs would call better, worse or changed.
     """
-    in_time = tuple(sorted(entries, key=lambda each: (each.when_utc, each.file)))
+    in_time = tuple(sorted(entries, key=lambda entry: (entry.when_utc, entry.file)))
     line_of = [conditions_of(entry) for entry in in_time]
     lines: dict[TrendLine, list[int]] = {}
     for index, line in enumerate(line_of):
@@ -176,10 +176,10 @@ def _numbers(entries: Sequence[RunEntry], indices: Sequence[int]) -> dict[_Key, 
     found: dict[_Key, _Numbers] = {}
     for index in indices:
         for seed, measurements in entries[index].evidence.measurements.items():
-            for each in measurements.values():
-                if each.value is not None and not each.volatile:
-                    key = _Key(each.name, each.unit, each.cycle_model)
-                    found.setdefault(key, {}).setdefault(index, {})[seed] = each
+            for measurement in measurements.values():
+                if measurement.value is not None and not measurement.volatile:
+                    key = _Key(measurement.name, measurement.unit, measurement.cycle_model)
+                    found.setdefault(key, {}).setdefault(index, {})[seed] = measurement
     return found
 
 

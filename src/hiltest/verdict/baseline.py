@@ -22,88 +22,60 @@ SCHEMA: Literal["hiltest.baseline/1"] = "hiltest.baseline/1"
 
 @dataclass(frozen=True, slots=True)
 class BaselineRow:
-    """One measurement on every seed of the baseline.
-
-    Attributes
-    ----------
-    values : tuple of float, int or None
-        In the order of the baseline's seeds; None where there was no number.
-    failed : tuple of int or None
-        Seeds on which it was out of its limit.
-    limit : Limit or None
-        Limit that it had; None too in a file from before it was kept.
-    tolerance : Tolerance or None
-        Tolerance that was in force; None in a file from before it was kept.
-    build_id : str or None
-        Build that it was accepted from; None for that of the baseline's side.
-    """
+    """One measurement on every seed of the baseline."""
 
     name: str
     unit: str
     cycle_model: str
     values: tuple[float | int | None, ...]
+    """In the order of the baseline's seeds; None where there was no number."""
     failed: tuple[int | None, ...] = ()
+    """Seeds on which it was out of its limit."""
     limit: Limit | None = None
+    """Limit that it had; None too in a file from before it was kept."""
     tolerance: Tolerance | None = None
+    """Tolerance that was in force; None in a file from before it was kept."""
     build_id: str | None = None
+    """Build that it was accepted from; None for that of the baseline's side."""
 
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """One measurement that was moved into a baseline, from which build, and why.
-
-    Attributes
-    ----------
-    name : str
-        ``*`` where all were, by saving a run over the file.
-    build_id : str
-        Build that it is of since.
-    was, now : float or None
-        Means over the seeds; None where there was none, or is none any more.
-    was_build_id : str or None
-        Build that it was of before; None where there was none, and in a file from before it was kept.
-    revision : Revision or None
-        Sources that the run was made for.
-    """
+    """One measurement that was moved into a baseline, from which build, and why."""
 
     name: str
+    """``*`` where all were, by saving a run over the file."""
     because: str
     when_utc: str
     build_id: str
+    """Build that it is of since."""
     was: float | None
     now: float | None
+    """Means over the seeds; None where there was none, or is none any more."""
     was_build_id: str | None = None
+    """Build that it was of before; None where there was none, and in a file from before it was kept."""
     revision: Revision | None = None
+    """Sources that the run was made for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Contents of a baseline file.
-
-    Attributes
-    ----------
-    saved_utc : str
-        When it was saved, or last updated.
-    side : Side
-        The run that was saved; it counts what was accepted since and is of other builds.
-    seeds : tuple of int or None
-        None for a board that simulates nothing; of several runs of one their numbers.
-    measurements : tuple of BaselineRow
-        Sorted by name; none of them volatile.
-    history : tuple of Accepted
-        Oldest first.
-    passed : tuple of str
-        Ids of the tests that passed on every seed; empty in a file from before they were kept.
-    """
+    """Contents of a baseline file."""
 
     schema: Literal["hiltest.baseline/1"]
     saved_utc: str
+    """When it was saved, or last updated."""
     side: Side
+    """The run that was saved; it counts what was accepted since and is of other builds."""
     conditions: Conditions
     seeds: tuple[int | None, ...]
+    """None for a board that simulates nothing; of several runs of one their numbers."""
     measurements: tuple[BaselineRow, ...]
+    """Sorted by name; none of them volatile."""
     history: tuple[Accepted, ...] = ()
+    """Oldest first."""
     passed: tuple[str, ...] = ()
+    """Ids of the tests that passed on every seed; empty in a file from before they were kept."""
 
 
 def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
@@ -164,7 +136,7 @@ def kept_side(run: Evidence, saved_utc: str) -> Side:
 
 def rows_of(evidence: Evidence, seeds: Sequence[Seed]) -> tuple[BaselineRow, ...]:
     """Return every measurement of a run that has a number on one of the seeds, and is not volatile, by name."""
-    names = {name for each in evidence.measurements.values() for name in each}
+    names = {name for measurement in evidence.measurements.values() for name in measurement}
     return tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None)
 
 
@@ -206,14 +178,12 @@ def accept(
 
     Parameters
     ----------
-    baseline : Baseline
-    run : Evidence
+    run
         On the same rig, with every seed of the baseline. One of chosen tests takes nothing out.
-    patterns : sequence of str
+    patterns
         Names of measurements; ``*`` stands for anything. One that the run no longer makes is taken out.
-    because : str
+    because
         Why it may be as it is now; goes into the history.
-    when_utc : str
 
     Raises
     ------
@@ -289,7 +259,7 @@ def _refuse_what_was_not_chosen(run: Evidence, missing: Sequence[str]) -> None:
 
 
 def _named(patterns: Sequence[str], rows: dict[str, BaselineRow], run: Evidence) -> list[str]:
-    known = sorted({*rows, *(name for each in run.measurements.values() for name in each)})
+    known = sorted({*rows, *(name for measurement in run.measurements.values() for name in measurement)})
     named: list[str] = []
     for pattern in patterns:
         found = [name for name in known if name == pattern or fnmatchcase(name, pattern)]

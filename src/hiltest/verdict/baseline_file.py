@@ -51,8 +51,7 @@ def to_json(baseline: Baseline, before: Any = None) -> str:
 
     Parameters
     ----------
-    baseline : Baseline
-    before : JSON value, optional
+    before
         The file as it was, of which fields that are not known here are kept.
     """
     content = with_unknown(asdict(baseline), _with_silent(before))
@@ -133,9 +132,9 @@ def with_unknown(written: Any, read: Any) -> Any:
 
     Parameters
     ----------
-    written : JSON value
+    written
         Made of classes, which have lost what they do not know.
-    read : JSON value
+    read
         The file as it was.
 
     Returns

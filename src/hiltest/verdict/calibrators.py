@@ -33,7 +33,7 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
 
     Parameters
     ----------
-    measurements : sequence of Measurement
+    measurements
         Measurements of one run.
 
     Returns
@@ -41,11 +41,11 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
     tuple of CalibratorResult
         All but ``uncalibrated``; those without a cycle count come last, those that cannot be ranked by name.
     """
-    found = {each.name: each for each in measurements}
+    found = {measurement.name: measurement for measurement in measurements}
     names = [each.subject for each in measurements if each.kind is WORST_HEADING and not has_no_number(each)]
     results = [_calibrator_result(name, found) for name in names if name != UNCALIBRATED]
-    order = cheapest_first({each.name: each.cycles for each in results})
-    return tuple(sorted(results, key=lambda each: order.index(each.name)))
+    order = cheapest_first({result.name: result.cycles for result in results})
+    return tuple(sorted(results, key=lambda result: order.index(result.name)))
 
 
 def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:
@@ -96,20 +96,13 @@ STAGES_TABLE = "stream.stages"
 
 @dataclass(frozen=True, slots=True)
 class CalibratorCost:
-    """Cycles of one calibrator.
-
-    Attributes
-    ----------
-    name : str
-    cycles : float or None
-        Cycles of a calibration from all its points; of a streaming calibrator, all its points and the fit.
-    points : int or None
-        Points that a streaming calibrator was given; None for one that takes all at once.
-    """
+    """Cycles of one calibrator."""
 
     name: str
     cycles: float | None
+    """Cycles of a calibration from all its points; of a streaming calibrator, all its points and the fit."""
     points: int | None = None
+    """Points that a streaming calibrator was given; None for one that takes all at once."""
 
     @property
     def is_streaming(self) -> bool:
@@ -125,7 +118,7 @@ def calibrator_costs(run: Run) -> list[CalibratorCost]:
         for each in calibrator_results(run.measurements)
     }
     costs = [CalibratorCost(name, value_of(counted[name]), given.get(name)) for name in cheapest_first(counted)]
-    return sorted(costs, key=lambda each: each.is_streaming)
+    return sorted(costs, key=lambda cost: cost.is_streaming)
 
 
 def _points_given(run: Run) -> dict[str, int]:

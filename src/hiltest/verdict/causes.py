@@ -70,56 +70,39 @@ OF_SOURCE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadingSymptoms:
-    """Symptoms of one calibrator's heading in a run. A limit that is None is not exceeded.
-
-    Attributes
-    ----------
-    max_deg, max_limit_deg : float
-        Largest heading error and its limit.
-    bias_deg, bias_limit_deg : float
-        Circular mean of the errors and the limit of its magnitude; None of errors that cancel all round.
-    max_centred_deg : float
-        Largest error with the bias taken off; it has the limit `max_limit_deg`.
-    residual_percent, residual_predicted_percent : float
-        Residual of the fit, and the one that sensor noise alone would leave.
-    accelerometer_norm_rms_mg, accelerometer_limit_mg : float
-        How far the measured gravity is from 1 g over the known angles.
-    tilt_error_deg, tilt_limit_deg : float
-        Largest difference between pitch or roll as answered and as the turntable knows them.
-    fit : FitStatus
-        With any other than `ELLIPSOID` the headings are those of the sphere fit.
-    coverage_percent : float
-        Coverage of the points that were fitted: `sphere_coverage`.
-    wrong_axes : bool
-        The readings at the known angles are those of other axes than the board's.
-    accelerometer_makes_more : bool or None
-        Whether the accelerometer makes more of the error than the magnetometer; None where that is unknown.
-    source : Source or None
-        What makes most of the magnetometer's part; None where nothing is known to.
-    is_arithmetic : bool
-        The source is the firmware's own arithmetic: the float64 fit of the same points is without it.
-    is_stale : bool
-        The calibration is of other iron, or of other points.
-    """
+    """Symptoms of one calibrator's heading in a run. A limit that is None is not exceeded."""
 
     max_deg: float
     max_limit_deg: float | None
+    """Largest heading error and its limit."""
     bias_deg: float | None
     bias_limit_deg: float | None
+    """Circular mean of the errors and the limit of its magnitude; None of errors that cancel all round."""
     max_centred_deg: float | None
+    """Largest error with the bias taken off; it has the limit `max_limit_deg`."""
     residual_percent: float
     residual_predicted_percent: float
+    """Residual of the fit, and the one that sensor noise alone would leave."""
     accelerometer_norm_rms_mg: float
     accelerometer_limit_mg: float | None
+    """How far the measured gravity is from 1 g over the known angles."""
     tilt_error_deg: float = 0.0
     tilt_limit_deg: float | None = None
+    """Largest difference between pitch or roll as answered and as the turntable knows them."""
     fit: FitStatus = FitStatus.ELLIPSOID
+    """With any other than `ELLIPSOID` the headings are those of the sphere fit."""
     coverage_percent: float = 100.0
+    """Coverage of the points that were fitted: `sphere_coverage`."""
     wrong_axes: bool = False
+    """The readings at the known angles are those of other axes than the board's."""
     accelerometer_makes_more: bool | None = None
+    """Whether the accelerometer makes more of the error than the magnetometer; None where that is unknown."""
     source: Source | None = None
+    """What makes most of the magnetometer's part; None where nothing is known to."""
     is_arithmetic: bool = False
+    """The source is the firmware's own arithmetic: the float64 fit of the same points is without it."""
     is_stale: bool = False
+    """The calibration is of other iron, or of other points."""
 
     @property
     def fails(self) -> bool:

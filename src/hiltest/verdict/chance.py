@@ -25,27 +25,18 @@ from hiltest.verdict.statistics import LARGEST
 
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """What chance makes of one measurement.
-
-    Attributes
-    ----------
-    noise : Noise or None
-        Of its mean change; None where there is none.
-    tolerance : Tolerance
-        What it must move beyond, apart from noise.
-    size : float
-        Of its values, which a relative tolerance is a part of.
-    shared : bool
-        Whether runs of one seed read the same noise.
-    share : float
-        Share of comparisons of unchanged firmware that may call it changed.
-    """
+    """What chance makes of one measurement."""
 
     noise: Noise | None
+    """Of its mean change; None where there is none."""
     tolerance: Tolerance
+    """What it must move beyond, apart from noise."""
     size: float
+    """Of its values, which a relative tolerance is a part of."""
     shared: bool
+    """Whether runs of one seed read the same noise."""
     share: float = FALSE_ALARMS
+    """Share of comparisons of unchanged firmware that may call it changed."""
 
     @property
     def floor(self) -> float:
@@ -103,7 +94,7 @@ def of_flash(latest: Measurement, tolerance: Tolerance) -> Tolerance:
 def moves(name: str, base: Sequence[float], new: Sequence[float]) -> list[float]:
     """Return the changes; of a direction the short way round, and as far back: of half a turn both signs are right."""
     changes = changes_of(base, new)
-    return [math.remainder(each, 360.0) for each in changes] if is_direction(name) else changes
+    return [math.remainder(change, 360.0) for change in changes] if is_direction(name) else changes
 
 
 def changes_of(base: Sequence[float], new: Sequence[float]) -> list[float]:

@@ -32,8 +32,7 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
 
     Parameters
     ----------
-    base, new : Evidence
-    together : bool, optional
+    together
         Whether both firmwares ran in one session: they may then be of different compilers and flags.
 
     Returns
@@ -43,18 +42,18 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
     """
     board = new.conditions.board if new.conditions else ""
     runs = (base, new)
-    if all(each.conditions is not None and each.conditions.board == REAL for each in runs):
+    if all(run.conditions is not None and run.conditions.board == REAL for run in runs):
         base, new = map(as_one_run, runs)
     pairs = [replace(each, runs=_of_each_run(each.name, runs)) for each in pairs_of(base, new)]
     chances = chances_of(pairs, board, new.tolerances)
-    names = {each.name for each in pairs}
+    names = {pair.name for pair in pairs}
     differences = (
-        _informs(difference(each, board, new.tolerances, chances[each.name]), each, names, chances) for each in pairs
+        _informs(difference(pair, board, new.tolerances, chances[pair.name]), pair, names, chances) for pair in pairs
     )
     changes = (
         _taken(_shown_if_loosened(made, each), each, base, new) for made, each in zip(differences, pairs, strict=True)
     )
-    found = tuple(with_accuracy(each, base.measurements, new.measurements) for each in changes)
+    found = tuple(with_accuracy(change, base.measurements, new.measurements) for change in changes)
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
     made = _comparison(base.side, new, found, obstacles(base, new, found, together=together), kind)
     return replace(made, remark=_ASSUMED) if _noise_is_assumed(chances.values()) else made
@@ -62,8 +61,8 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
 
 def _noise_is_assumed(chances: Iterable[Chance]) -> bool:
     """Say whether runs that share no noise are too few to say how much they differ."""
-    noises = [each.noise for each in chances if each.noise is not None and not each.shared]
-    return bool(noises) and not any(each.of_these_runs for each in noises)
+    noises = [chance.noise for chance in chances if chance.noise is not None and not chance.shared]
+    return bool(noises) and not any(noise.of_these_runs for noise in noises)
 
 
 def chances_of(pairs: Sequence[Pairs], board: str, tolerances: Mapping[str, Tolerance]) -> dict[str, Chance]:
@@ -72,7 +71,7 @@ def chances_of(pairs: Sequence[Pairs], board: str, tolerances: Mapping[str, Tole
     Those that noise could carry beyond their tolerance, and so call better or worse, share the false alarms equally
     (Bonferroni): none of them may be called in 99 of 100 comparisons of unchanged firmware.
     """
-    found = {each.name: chance_of(each, board, tolerances) for each in pairs}
+    found = {pair.name: chance_of(pair, board, tolerances) for pair in pairs}
     sharing = sum(
         each.noise is not None and each.noise.reaches(each.floor) and (each.shared or not identify(name).decided_by)
         for name, each in found.items()
@@ -98,11 +97,10 @@ def not_compared(file: str, reason: str, new: Evidence) -> Comparison:
 
     Parameters
     ----------
-    file : str
+    file
         File that was to be the base.
-    reason : str
+    reason
         Why it is none, with what to do.
-    new : Evidence
     """
     return _comparison(Side(file), new, (), (reason, *new.faults), BaseKind.RUN)
 
@@ -190,7 +188,7 @@ def pairs_of(base: Evidence, new: Evidence) -> list[Pairs]:
         Pairs(name, _on(base.measurements, name, seeds), _on(new.measurements, name, seeds), base.in_force.get(name))
         for name in sorted(filter(is_compared, names))
     )
-    return [each for each in pairs if not each.is_nothing]
+    return [pair for pair in pairs if not pair.is_nothing]
 
 
 def _of_each_run(name: str, sides: tuple[Evidence, Evidence]) -> tuple[list[float], list[float]]:
@@ -212,8 +210,7 @@ def with_accuracy(found: Difference, base: _Measured, new: _Measured) -> Differe
 
     Parameters
     ----------
-    found : Difference
-    base, new : mapping of seed to mapping of str to Measurement
+    base, new
         All that both sides measured. Over several seeds it names the means, as for the cost.
     """
     name = identify(found.name).accuracy

@@ -21,49 +21,33 @@ _SHOWN_AT_MOST = 40
 
 @dataclass(frozen=True, slots=True)
 class Needed:
-    """What a change of one measurement takes to be seen in 4 of 5 comparisons.
-
-    Attributes
-    ----------
-    deviation : float
-        From run to run, where runs share no noise.
-    paired_deviation : float or None
-        Of changes on the same seed; None where no two firmwares were compared on several seeds of a virtual board.
-    tolerance : float
-        What it may move on a virtual board, or where nothing differs from run to run, and count as unchanged.
-    runs : int or None
-        Runs a side on a board with this noise; None where no number of them is enough.
-    seeds : int or None
-        Seeds on a virtual board, where both firmwares read the same noise. None there: no number is enough.
-    """
+    """What a change of one measurement takes to be seen in 4 of 5 comparisons."""
 
     name: str
     deviation: float
+    """From run to run, where runs share no noise."""
     paired_deviation: float | None
+    """Of changes on the same seed; None where no two firmwares were compared on several seeds of a virtual board."""
     tolerance: float
+    """What it may move on a virtual board, or where nothing differs from run to run, and count as unchanged."""
     runs: int | None
+    """Runs a side on a board with this noise; None where no number of them is enough."""
     seeds: int | None
+    """Seeds on a virtual board, where both firmwares read the same noise. None there: no number is enough."""
 
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """Numbers of runs for a change of `size` in all measurements of one unit.
-
-    Attributes
-    ----------
-    board : str
-        Kind of the base's board: only on a virtual one are runs paired.
-    of_base : bool
-        Whether BASE has runs enough to say how much they differ; else it is assumed as on the default rig.
-    sharing : int
-        So many measurements share the false alarms of a comparison.
-    """
+    """Numbers of runs for a change of `size` in all measurements of one unit."""
 
     size: float
     unit: str
     board: str
+    """Kind of the base's board: only on a virtual one are runs paired."""
     of_base: bool
+    """Whether BASE has runs enough to say how much they differ; else it is assumed as on the default rig."""
     sharing: int
+    """So many measurements share the false alarms of a comparison."""
     measurements: tuple[Needed, ...]
 
 
@@ -72,10 +56,9 @@ def detection(written: str, base: Evidence, new: Evidence | None = None) -> Dete
 
     Parameters
     ----------
-    written : str
+    written
         Size and unit, such as ``0.05deg``.
-    base : Evidence
-    new : Evidence, optional
+    new
         Another firmware on the same board: says more about the noise, and on a virtual board how much changes differ.
 
     Raises
@@ -156,5 +139,5 @@ def _paired(base: Mapping[object, float], new: Mapping[object, float]) -> float 
 
 def _may_be_called(name: str, unit: str, base: Evidence) -> bool:
     """Say whether a measurement shares the false alarms: it has a better direction, and decides on a real board."""
-    limit = next((each[name].limit for each in base.measurements.values() if name in each), None)
+    limit = next((measurement[name].limit for measurement in base.measurements.values() if name in measurement), None)
     return better_of(name, limit, unit) is not Better.NEITHER and not identify(name).decided_by

@@ -51,14 +51,12 @@ def diagnose_run(
 
     Parameters
     ----------
-    names : sequence of str
+    names
         Calibrators with a heading.
-    measurements : sequence of Measurement
-    tables : mapping of str to Table
-    is_broken : bool
+    is_broken
         Whether tests failed by something else than a limit.
     """
-    found, evidence = {each.name: each for each in measurements}, read_heading_evidence(tables)
+    found, evidence = {measurement.name: measurement for measurement in measurements}, read_heading_evidence(tables)
     axes = None if evidence is None else evidence.axes()
     causes = {name: diagnose(name, found, evidence, axes) for name in names}
     if own := [each for each in (FIRMWARE, ECOMPASS, CALIBRATED) if _is_off(each, found)]:
@@ -105,13 +103,13 @@ def diagnose(
 
     Parameters
     ----------
-    name : str
+    name
         Calibrator.
-    found : mapping of str to Measurement
+    found
         All of the run.
-    evidence : HeadingEvidence or None
+    evidence
         None where the record has no tables for it: the measurements alone then decide.
-    axes : SensorAxes or None
+    axes
         As the evidence shows them.
     """
     maximum = found[f"heading.{name}.max"]

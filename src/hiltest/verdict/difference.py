@@ -38,13 +38,13 @@ def difference(
 
     Parameters
     ----------
-    pairs : Pairs
+    pairs
         At least one measurement in it.
-    board : str
+    board
         Kind of the board: a real one has noise of its own in every run.
-    tolerances : mapping of str to Tolerance
+    tolerances
         Tolerances of the new run's rig, by exact name.
-    chance : Chance, optional
+    chance
         Where it is one of many measurements: with its share of the false alarms.
     """
     latest = pairs.latest
@@ -91,12 +91,12 @@ def _cannot_be_paired(pairs: Pairs) -> str:
     if not bases or not news:
         return ""
     for what, was, now in (
-        ("unit", {each.unit for each in bases}, {each.unit for each in news}),
-        ("cycle model", {each.cycle_model for each in bases}, {each.cycle_model for each in news}),
+        ("unit", {base.unit for base in bases}, {new.unit for new in news}),
+        ("cycle model", {base.cycle_model for base in bases}, {new.cycle_model for new in news}),
     ):
         if was != now:
             return f"the {what} was {_listed(was)}, and is {_listed(now)}"
-    if any(each.volatile for each in news):
+    if any(new.volatile for new in news):
         return "it is volatile now, and no longer compared"
     if any(abs(number) > LARGEST for side in (pairs.base, pairs.new) for number in values_of(side)):
         return f"a number beyond {LARGEST:g} is none that can be compared"
@@ -219,4 +219,4 @@ def _rounded(interval: tuple[float, float] | None) -> tuple[float, float] | None
 
 
 def _listed(words: set[str]) -> str:
-    return " and ".join(repr(each) for each in sorted(words))
+    return " and ".join(repr(word) for word in sorted(words))

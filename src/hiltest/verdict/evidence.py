@@ -27,82 +27,54 @@ REAL = "real"
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Conditions that must be the same on both sides for numbers to be comparable, beside compiler and cycle model.
-
-    Attributes
-    ----------
-    board : str
-        Its kind: ``virtual`` or ``real``, of a replay with the recording that it is of, or `NO_BOARD`.
-    rig_sha256 : str
-        SHA-256 of the rig's conditions; empty in a record from before they were kept, and without board and rig.
-    calibrators : tuple of str
-        As the board names them.
-    sensors : tuple of str
-        Those that were there, by name.
-    compiler_flags : tuple of str
-        Compiler flags of all units of the firmware; empty where there is no ELF, or none with debugging information.
-    poses : str
-        Known angles that were measured: ``all`` or ``level``.
-    suite : str
-        Set of tests: ``gate`` or ``full``.
-    calibrated : bool
-        Whether a calibration file was tested too.
-    """
+    """Conditions that must be the same on both sides for numbers to be comparable, beside compiler and cycle model."""
 
     board: str
+    """Its kind: ``virtual`` or ``real``, of a replay with the recording that it is of, or `NO_BOARD`."""
     rig_sha256: str
+    """SHA-256 of the rig's conditions; empty in a record from before they were kept, and without board and rig."""
     calibrators: tuple[str, ...]
+    """As the board names them."""
     sensors: tuple[str, ...]
+    """Those that were there, by name."""
     protocol_version: int
     compiler_flags: tuple[str, ...]
+    """Compiler flags of all units of the firmware; empty where there is no ELF, or none with debugging information."""
     poses: str
+    """Known angles that were measured: ``all`` or ``level``."""
     suite: str
+    """Set of tests: ``gate`` or ``full``."""
     calibrated: bool
+    """Whether a calibration file was tested too."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """One run, or several runs of the same firmware on the same rig that differ in their seed.
-
-    Attributes
-    ----------
-    side : Side
-    conditions : Conditions or None
-        None when no board answered that was to.
-    measurements : mapping of seed to mapping of str to Measurement
-        Measurements by name, the volatile ones too.
-    tolerances : mapping of str to Tolerance
-        Tolerances that the rig states, by exact name.
-    in_force : mapping of str to Tolerance
-        Tolerance of every measurement, as the record states it; empty in one from before it was kept.
-    tests : mapping of seed to mapping of str to TestOutcome
-        Outcome of every test by its id, of a baseline those that passed; empty where that was not kept.
-    faults : tuple of str
-        Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
-    chosen : bool
-        Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep.
-    failed : tuple of str
-        What else than a limit makes it no pass by itself: tests that failed, with the reason.
-    may_miss : bool
-        Whether limits that were missed were allowed to be, as on some seeds of many.
-    is_baseline : bool
-        Whether it was read from a baseline file.
-    builds : mapping of str to str
-        Build of each measurement that is of another one than `side`: a baseline may have accepted some.
-    """
+    """One run, or several runs of the same firmware on the same rig that differ in their seed."""
 
     side: Side
     conditions: Conditions | None
+    """None when no board answered that was to."""
     measurements: Mapping[Seed, Mapping[str, Measurement]]
+    """Measurements by name, the volatile ones too."""
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    """Tolerances that the rig states, by exact name."""
     faults: tuple[str, ...] = ()
+    """Why this side is no evidence, one line each, with what to do: such as a run that was cut short."""
     chosen: bool = False
+    """Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep."""
     failed: tuple[str, ...] = ()
+    """What else than a limit makes it no pass by itself: tests that failed, with the reason."""
     may_miss: bool = False
+    """Whether limits that were missed were allowed to be, as on some seeds of many."""
     is_baseline: bool = False
+    """Whether it was read from a baseline file."""
     builds: Mapping[str, str] = field(default_factory=dict)
+    """Build of each measurement that is of another one than `side`: a baseline may have accepted some."""
     in_force: Mapping[str, Tolerance] = field(default_factory=dict)
+    """Tolerance of every measurement, as the record states it; empty in one from before it was kept."""
     tests: Mapping[Seed, Mapping[str, TestOutcome]] = field(default_factory=dict)
+    """Outcome of every test by its id, of a baseline those that passed; empty where that was not kept."""
 
     @property
     def name(self) -> str:
@@ -116,8 +88,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
 
     Parameters
     ----------
-    run : Run
-    file, sha256 : str, optional
+    file, sha256
         Where it was read from; empty for a run that is just ending.
     """
     board, rig = run.board, run.rig
@@ -133,10 +104,10 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
     of_rig = _tolerances("rig.tolerances", run.rig.tolerances if run.rig else {}, name)
     fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
     return Evidence(
-        side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, of_rig,
+        side, _conditions(run), {run.seed: {measurement.name: measurement for measurement in run.measurements}}, of_rig,
         () if run.verdict.complete else (fault,), run.chosen, failed_by_itself(run),
         in_force=_tolerances("tolerances", run.tolerances, name),
-        tests={run.seed: {each.id: each.outcome for each in run.tests}},  # the last attempt counts
+        tests={run.seed: {test.id: test.outcome for test in run.tests}},  # the last attempt counts
     )
 
 
@@ -145,33 +116,33 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
 
     Parameters
     ----------
-    runs : sequence of Evidence
+    runs
         At least one.
-    file : str
+    file
         What to call them.
     """
     first = runs[0]
-    faults = [fault for each in runs for fault in each.faults]
+    faults = [fault for run in runs for fault in run.faults]
     for each in runs[1:]:
         if each.conditions != first.conditions:
             faults.append(f"{each.name}: under other conditions than {first.name}; run all seeds on one rig")
         elif _build(each.side) != _build(first.side):
             faults.append(f"{each.name}: of another firmware than {first.name}; run all seeds with one")
     numbered = len(runs) > 1 and first.conditions is not None and first.conditions.board == REAL
-    measurements = _by_seed([each.measurements for each in runs], numbered=numbered)
-    tests = _by_seed([each.tests for each in runs], numbered=numbered)
-    if len(measurements) < sum(len(each.measurements) for each in runs):
+    measurements = _by_seed([run.measurements for run in runs], numbered=numbered)
+    tests = _by_seed([run.tests for run in runs], numbered=numbered)
+    if len(measurements) < sum(len(run.measurements) for run in runs):
         faults.append(f"{file}: a seed stands there twice; run the campaign into an empty folder")
-    if numbered and len({each.side.sha256 for each in runs}) < len(runs):
+    if numbered and len({run.side.sha256 for run in runs}) < len(runs):
         faults.append(f"{file}: one run stands there twice, which says nothing about noise; name each run once")
-    digest = sha256_of("".join(each.side.sha256 for each in runs).encode()).hexdigest()
+    digest = sha256_of("".join(run.side.sha256 for run in runs).encode()).hexdigest()
     side = replace(
-        first.side, file=file, sha256=digest, seeds=tuple(seed for each in runs for seed in each.side.seeds),
-        saved_utc=max(each.side.saved_utc for each in runs),
-        revision=first.side.revision if len({each.side.revision for each in runs}) == 1 else None,
+        first.side, file=file, sha256=digest, seeds=tuple(seed for run in runs for seed in run.side.seeds),
+        saved_utc=max(run.side.saved_utc for run in runs),
+        revision=first.side.revision if len({run.side.revision for run in runs}) == 1 else None,
     )
-    chosen = any(each.chosen for each in runs)
-    failed = tuple(f"{why} {_of_run(each)}" for each in runs for why in each.failed)
+    chosen = any(run.chosen for run in runs)
+    failed = tuple(f"{why} {_of_run(run)}" for run in runs for why in run.failed)
     return Evidence(
         side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed,
         in_force={name: each for run in reversed(runs) for name, each in run.in_force.items()}, tests=tests,
@@ -184,8 +155,8 @@ _Found = TypeVar("_Found")
 def _by_seed(runs: Sequence[Mapping[Seed, _Found]], *, numbered: bool) -> dict[Seed, _Found]:
     """Return what was found on each seed; of a board that simulates nothing by the number of the run."""
     if numbered:
-        return dict(enumerate((found for each in runs for found in each.values()), start=1))
-    return {seed: found for each in runs for seed, found in each.items()}
+        return dict(enumerate((found for run in runs for found in run.values()), start=1))
+    return {seed: found for run in runs for seed, found in run.items()}
 
 
 def _of_run(run: Evidence) -> str:
@@ -209,13 +180,13 @@ def as_one_run(evidence: Evidence) -> Evidence:
 
 
 def _mean_of(runs: Sequence[Measurement]) -> Measurement:
-    values = [each.value for each in runs if each.value is not None]
-    shown = next((each for each in runs if each.value is None or each.gates), runs[0])
+    values = [run.value for run in runs if run.value is not None]
+    shown = next((run for run in runs if run.value is None or run.gates), runs[0])
     return replace(shown, value=mean_value([float(each) for each in values])) if len(values) == len(runs) else shown
 
 
 def _worst_of(outcomes: Sequence[TestOutcome]) -> TestOutcome:
-    return next((each for each in outcomes if each is not TestOutcome.PASSED), TestOutcome.PASSED)
+    return next((outcome for outcome in outcomes if outcome is not TestOutcome.PASSED), TestOutcome.PASSED)
 
 
 def no_evidence(file: str) -> Evidence:
@@ -240,7 +211,7 @@ def _conditions(run: Run) -> Conditions | None:
     return Conditions(
         board=f"{run.board.kind} of {recording.sha256[:8]}" if recording else run.board.kind,
         rig_sha256=run.rig.conditions_sha256 if run.rig else "",
-        calibrators=run.board.calibrators, sensors=tuple(each.name for each in run.board.sensors if each.present),
+        calibrators=run.board.calibrators, sensors=tuple(sensor.name for sensor in run.board.sensors if sensor.present),
         protocol_version=run.board.protocol_version, compiler_flags=tuple(run.board.compiler_flags.split()),
         poses=run.poses, suite=run.suite, calibrated=run.calibration is not None,
     )

@@ -22,7 +22,7 @@ def read_evidence(place: Path) -> Evidence:
 
     Parameters
     ----------
-    place : Path
+    place
         A run's folder or its ``run.json``, the folder of a campaign, or a baseline file.
 
     Raises
@@ -82,9 +82,9 @@ def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
     runs, faults = [], []
     if not (folder / SEEDS_FILE).exists():
         faults.append(f"{folder}: the campaign was cut short: it has no {SEEDS_FILE}; run all of it again")
-    for each in seeds:
+    for seed in seeds:
         try:
-            runs.append(_of_run(each))
+            runs.append(_of_run(seed))
         except ConfigError as error:
             faults.append(str(error))
     if not runs:

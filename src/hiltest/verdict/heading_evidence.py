@@ -36,29 +36,20 @@ class Held:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingEvidence:
-    """Known field and gravity along the board's axes, and what was read and answered there.
-
-    Attributes
-    ----------
-    field, gravity : ndarray, shape (n, 3)
-        Known [uT], [g].
-    magnetometer, accelerometer : ndarray, shape (n, 3)
-        Means [counts].
-    held : mapping of str to Held
-        Calibrations by name.
-    points : ndarray, shape (m, 3)
-        Of the tumble [counts]; empty where the record has none.
-    fitted : mapping of str to int
-        How many of these each calibrator was given.
-    """
+    """Known field and gravity along the board's axes, and what was read and answered there."""
 
     field: Reals
     gravity: Reals
+    """Shape (n, 3). Known [uT], [g]."""
     magnetometer: Reals
     accelerometer: Reals
+    """Shape (n, 3). Means [counts]."""
     held: Mapping[str, Held]
+    """Calibrations by name."""
     points: Reals
+    """Shape (m, 3). Of the tumble [counts]; empty where the record has none."""
     fitted: Mapping[str, int]
+    """How many of these each calibrator was given."""
 
     @property
     def strength_ut(self) -> float:
@@ -121,7 +112,7 @@ class HeadingEvidence:
         of_fits = [each for each in self.fitted if each in self.held and each != name]
         if own is None or name not in self.fitted:
             return ""
-        return next((each for each in of_fits if _equal(self.held[each].magnetometer, own.magnetometer)), "")
+        return next((of_fit for of_fit in of_fits if _equal(self.held[of_fit].magnetometer, own.magnetometer)), "")
 
     def is_stale(self, name: str, source: ErrorSource, most_percent: float) -> bool:
         """Say whether the iron of the known angles is another than the calibration's.
@@ -179,8 +170,8 @@ def read_heading_evidence(tables: Mapping[str, Table]) -> HeadingEvidence | None
 def _columns_held() -> list[str]:
     pairs = [f"{row}{column}" for row in "xyz" for column in "xyz"]
     return [
-        *(f"soft_iron_{each}" for each in pairs), *(f"hard_iron_{each}" for each in "xyz"),
-        *(f"gain_{each}" for each in pairs), *(f"offset_{each}" for each in "xyz"),
+        *(f"soft_iron_{pair}" for pair in pairs), *(f"hard_iron_{each}" for each in "xyz"),
+        *(f"gain_{pair}" for pair in pairs), *(f"offset_{each}" for each in "xyz"),
     ]
 
 

@@ -42,27 +42,18 @@ _PRECISION = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Noise of a mean change.
-
-    Attributes
-    ----------
-    deviation : float
-        Standard deviation of one run, or of one paired change; above 0.
-    freedom : int
-        Degrees of freedom that it was estimated with; 0 where it is only assumed.
-    spread : float
-        Standard error of the mean change, in deviations.
-    of_these_runs : bool
-        Whether it was estimated from the runs that are compared, so that another comparison would have another.
-    tested : bool
-        False for few pairs, where the tolerance alone decides.
-    """
+    """Noise of a mean change."""
 
     deviation: float
+    """Standard deviation of one run, or of one paired change; above 0."""
     freedom: int
+    """Degrees of freedom that it was estimated with; 0 where it is only assumed."""
     spread: float
+    """Standard error of the mean change, in deviations."""
     of_these_runs: bool = True
+    """Whether it was estimated from the runs that are compared, so that another comparison would have another."""
     tested: bool = True
+    """False for few pairs, where the tolerance alone decides."""
 
     @property
     def error(self) -> float:
@@ -87,9 +78,9 @@ def unpaired(base: Sequence[float], new: Sequence[float], known: Deviation | Non
 
     Parameters
     ----------
-    base, new : sequence of float
+    base, new
         At least one run each.
-    known : Deviation or None
+    known
         That of the default rig, where these are too few runs to say. A larger one of theirs is taken all the same.
     """
     spread = math.sqrt(1.0 / len(base) + 1.0 / len(new))
@@ -102,9 +93,9 @@ def of_runs(sides: Sequence[Sequence[float]], known: Deviation | None) -> tuple[
 
     Parameters
     ----------
-    sides : sequence of sequence of float
+    sides
         Runs of one firmware each.
-    known : Deviation or None
+    known
         As for `unpaired`.
     """
     freedom = sum(len(side) - 1 for side in sides)
@@ -134,11 +125,11 @@ def smallest_seen(noise: Noise | None, floor: float, share: float) -> float:
 
     Parameters
     ----------
-    noise : Noise or None
+    noise
         None where every change beyond the tolerance is seen.
-    floor : float
+    floor
         The tolerance.
-    share : float
+    share
         Share of comparisons of unchanged firmware that may call this measurement changed.
     """
     if noise is None:

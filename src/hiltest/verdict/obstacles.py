@@ -23,10 +23,9 @@ def obstacles(
 
     Parameters
     ----------
-    base, new : Evidence
-    differences : sequence of Difference or None
+    differences
         Between them; None to ask only whether numbers of one may stand beside numbers of the other.
-    together : bool
+    together
         Whether both firmwares ran in one session: compiler and flags may then differ.
     """
     unlike = (*base.faults, *new.faults, *_of_sides(base, new, together=together))
@@ -155,9 +154,9 @@ def _of_broken_tests(base: Evidence, new: Evidence, differences: Sequence[Differ
         for seed, tests in base.tests.items()
     }
     lost = {}
-    for each in differences:
-        if each.change is Change.NEW and (test := _broken_test_of(each.name, new, broken)):
-            lost[each.name] = test
+    for difference in differences:
+        if difference.change is Change.NEW and (test := _broken_test_of(difference.name, new, broken)):
+            lost[difference.name] = test
     if not lost:
         return
     name, test = next(iter(lost.items()))
@@ -190,7 +189,7 @@ def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Differ
         yield f"measurement gone: {each.name}{why}; bring it back, or {accept}"
     if len(gone) > _NAMED_AT_MOST:
         yield f"measurements gone: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
-    not_taken = sum(each.change is Change.NOT_TAKEN for each in differences)
+    not_taken = sum(difference.change is Change.NOT_TAKEN for difference in differences)
     if not_taken and not new.faults:
         measurements = f"{not_taken} measurement{'s' * (not_taken != 1)}"
         if new.failed:
@@ -199,7 +198,7 @@ def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Differ
             yield (
                 f"{new.name}: only chosen tests ran, and {measurements} of {base.name} not among them; run all of them"
             )
-    compared = any(each.seeds for each in differences)
+    compared = any(difference.seeds for difference in differences)
     if not compared and not gone and not not_taken and set(base.measurements) & set(new.measurements):
         yield f"nothing was compared: {base.name} and {new.name} have no number in common; name another base"
 
@@ -207,7 +206,7 @@ def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Differ
 def _accept(base: Evidence, new: Evidence, name: str) -> str:
     """Return how to go on without a measurement: a run is made a baseline, which one of chosen tests cannot be."""
     if base.chosen:
-        made = (each[name].test for each in base.measurements.values() if name in each)
+        made = (measurement[name].test for measurement in base.measurements.values() if name in measurement)
         test = next((each.rpartition("::")[2].partition("[")[0] for each in made if each), "")
         return f"leave its test out of both runs: -- -k 'not {test or 'its name'}'"
     file, run = quote(base.side.file), quote(new.side.file or "RUN")

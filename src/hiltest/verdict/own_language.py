@@ -27,9 +27,9 @@ def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Tab
 
     Parameters
     ----------
-    found : mapping of str to Measurement
+    found
         All of the run.
-    tables : mapping of str to Table
+    tables
         With what the procedure found of its conventions.
     """
     limit_deg = maximum_of(found.get(f"heading.{FIRMWARE}.max"))
@@ -90,17 +90,17 @@ def costs_in_words(results: Sequence[CalibratorResult]) -> str:
 
     Parameters
     ----------
-    results : sequence of CalibratorResult
+    results
         Cheapest first.
     """
-    own = next((each for each in results if each.name == CALIBRATED), None)
+    own = next((result for result in results if result.name == CALIBRATED), None)
     cycles = value_of(own.cycles) if own else None
     if own is None or cycles is None:
         return ""
     waited = value_of(own.from_flash)
     cost = f"Its fit takes {readable(cycles)} cycles"
     cost += "" if waited is None else f" without memory waits, {readable(waited)} from flash"
-    other = next((each for each in results if each is not own and value_of(each.cycles) is not None), None)
+    other = next((result for result in results if result is not own and value_of(result.cycles) is not None), None)
     parts = [f"{cost}{_noted(own)}"]
     parts += [f"{other.name} {readable(value_of(other.cycles))}{_noted(other)}"] if other else []
     return f"{'; '.join(parts)}."

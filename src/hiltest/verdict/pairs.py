@@ -107,7 +107,7 @@ def has_number(measurement: Measurement | None) -> bool:
 
 def values_of(side: Mapping[Seed, Measurement | None], seeds: Sequence[Seed] | None = None) -> list[float]:
     numbers = [number_of(side[seed]) for seed in (side if seeds is None else seeds)]
-    return [each for each in numbers if each is not None]
+    return [number for number in numbers if number is not None]
 
 
 def is_out(measurement: Measurement | None) -> bool:

@@ -32,9 +32,9 @@ def moved_alone(base: Sequence[float], new: Sequence[float], tolerance: Toleranc
 
     Parameters
     ----------
-    base, new : sequence of float
+    base, new
         Paired, of a board whose noise is the same on both sides.
-    tolerance : Tolerance
+    tolerance
         Tolerance of their mean. With an exact one each pair counts in the mean already, and none is named.
     """
     if tolerance == EXACT:

@@ -46,20 +46,13 @@ _OF_THE_THESIS = (168.0, 2600.0)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A measurement out of its limit.
-
-    Attributes
-    ----------
-    measurement : Measurement
-    was : float or None
-        In the baseline; None without one.
-    cause : str
-        Likely cause; empty where it is unknown.
-    """
+    """A measurement out of its limit."""
 
     measurement: Measurement
     was: float | None
+    """In the baseline; None without one."""
     cause: str
+    """Likely cause; empty where it is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,39 +70,26 @@ class CalibratorLine:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Contents of the top of every report, in this order.
-
-    Attributes
-    ----------
-    failures : tuple of Failure
-        One of each calibrator first.
-    causes : tuple of str
-        Likely causes of all that failed: one of a kind, that of the first failure first.
-    broken : tuple of TestResult
-        Tests that are red for another reason than a limit.
-    unset : tuple of Measurement
-        Limits that could not be told at the uncertainty of their reference, or not evaluated for another reason.
-    unmeasured : tuple of Measurement
-        Limits that nothing was measured against in a run with broken tests, which are the reason.
-    advice : tuple of str
-        What to do next.
-    reference : str
-        Calibrator that the ratios are of; empty without one.
-    calibrators : tuple of CalibratorLine
-        Cheapest first.
-    close : tuple of Measurement
-        Within `CLOSE` of their limit, or with an uncertainty range that reaches beyond it; `CLOSE_AT_MOST` of them.
-    """
+    """Contents of the top of every report, in this order."""
 
     failures: tuple[Failure, ...]
+    """One of each calibrator first."""
     causes: tuple[str, ...]
+    """Likely causes of all that failed: one of a kind, that of the first failure first."""
     broken: tuple[TestResult, ...]
+    """Tests that are red for another reason than a limit."""
     unset: tuple[Measurement, ...]
+    """Limits that could not be told at the uncertainty of their reference, or not evaluated for another reason."""
     unmeasured: tuple[Measurement, ...]
+    """Limits that nothing was measured against in a run with broken tests, which are the reason."""
     advice: tuple[str, ...]
+    """What to do next."""
     reference: str
+    """Calibrator that the ratios are of; empty without one."""
     calibrators: tuple[CalibratorLine, ...]
+    """Cheapest first."""
     close: tuple[Measurement, ...]
+    """Within `CLOSE` of their limit, or with an uncertainty range that reaches beyond it; `CLOSE_AT_MOST` of them."""
 
 
 def summarise(run: Run | Findings) -> Summary:
@@ -119,14 +99,14 @@ def summarise(run: Run | Findings) -> Summary:
     failed = out_of_limit(measurements)
     reference = cost_reference(run, results)
     broken = tuple(failed_otherwise(run.tests, failed))
-    tables = run.tables if isinstance(run, Findings) else {each.name: each for each in run.tables}
-    named = [each.name for each in results]
+    tables = run.tables if isinstance(run, Findings) else {table.name: table for table in run.tables}
+    named = [result.name for result in results]
     causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}
     failures = [_failure(each, run, causes) for each in _in_order(failed, reference.name if reference else "")]
-    unset = [each for each in measurements if each.outcome in UNDECIDED]
+    unset = [measurement for measurement in measurements if measurement.outcome in UNDECIDED]
     near = [each for each in unset if each.outcome is Outcome.CANNOT_TELL]
     unmeasured = [each for each in unset if broken and each.value is None and not each.test]
-    of_failures = [causes[each.measurement.subject] for each in failures if each.cause]
+    of_failures = [causes[failure.measurement.subject] for failure in failures if failure.cause]
     return Summary(
         failures=tuple(failures),
         causes=_one_of_a_kind([*of_failures, *causes.values()]),
@@ -134,15 +114,15 @@ def summarise(run: Run | Findings) -> Summary:
         unset=tuple(each for each in unset if each not in unmeasured),
         unmeasured=tuple(unmeasured),
         advice=tuple(dict.fromkeys((
-            *(ADVICE[each.cause] for each in causes.values()),
-            *(next_step(each.measurement, tables) for each in failures if not each.cause),
+            *(ADVICE[cause.cause] for cause in causes.values()),
+            *(next_step(failure.measurement, tables) for failure in failures if not failure.cause),
             *([_OF_DOUBT] if near else []),
             *([_OF_UNSET] if len(unset) > len(near) and not failed and not broken else []),
         ))),
         reference=reference.name if reference else "",
         calibrators=tuple(
             CalibratorLine(each, _ratio(run, each, reference))
-            for each in sorted(results, key=lambda each: each.name != FIRMWARE)
+            for each in sorted(results, key=lambda result: result.name != FIRMWARE)
             if each.maximum.limit or each.cycles or FIRMWARE in named
         ),
         close=close_to_limit(measurements),
@@ -150,8 +130,8 @@ def summarise(run: Run | Findings) -> Summary:
 
 
 def _one_of_a_kind(causes: Sequence[Diagnosis]) -> tuple[str, ...]:
-    return tuple({each.cause: each.words for each in reversed(causes)}[kind] for kind in dict.fromkeys(
-        each.cause for each in causes
+    return tuple({cause.cause: cause.words for cause in reversed(causes)}[kind] for kind in dict.fromkeys(
+        cause.cause for cause in causes
     ))
 
 
@@ -166,7 +146,7 @@ def unmeasured_in_words(unmeasured: Sequence[Measurement]) -> str:
 def cost_reference(run: Run | Findings, results: Sequence[CalibratorResult]) -> CalibratorResult | None:
     """Return the calibrator that the rig gives costs as multiples of; None where it names none that was counted."""
     name = run.rig.cost_reference if run.rig else ""
-    return next((each for each in results if each.name == name and value_of(each.cycles)), None)
+    return next((result for result in results if result.name == name and value_of(result.cycles)), None)
 
 
 def limit_in_words(measurement: Measurement) -> str:
@@ -199,7 +179,7 @@ def ratio_in_words(result: CalibratorResult, reference: CalibratorResult) -> str
 
 def close_to_limit(measurements: Sequence[Measurement]) -> tuple[Measurement, ...]:
     """Return what is close to its limit: cycles that may exceed it first, then the nearest."""
-    near = [(each, _room(each)) for each in measurements if each.outcome is Outcome.PASS]
+    near = [(measurement, _room(measurement)) for measurement in measurements if measurement.outcome is Outcome.PASS]
     close = [(each, room) for each, room in near if each.may_exceed_limit or (room is not None and room <= CLOSE)]
     close.sort(key=lambda pair: (not pair[0].may_exceed_limit, 0.0 if pair[1] is None else pair[1]))
     return tuple(each for each, _ in close[:CLOSE_AT_MOST])
@@ -248,7 +228,7 @@ def _in_order(failed: Sequence[Measurement], reference: str) -> list[Measurement
 
 def _failure(measurement: Measurement, run: Run | Findings, causes: Mapping[str, Diagnosis]) -> Failure:
     differences = run.comparison.differences if run.comparison else ()
-    was = next((each.base for each in differences if each.name == measurement.name), None)
+    was = next((difference.base for difference in differences if difference.name == measurement.name), None)
     cause = causes.get(measurement.subject) if measurement.section in _OF_CALIBRATORS else None
     return Failure(measurement, was, cause.words if cause else "")
 
@@ -270,7 +250,7 @@ def cost_line(run: Run) -> str:
     """
     offered = run.board.calibrators if run.board else ()
     results = [each for each in calibrator_results(run.measurements) if each.name in offered]
-    counted = [each for each in results if each.cycles is not None and each.cycles.value]
+    counted = [result for result in results if result.cycles is not None and result.cycles.value]
     if not counted:
         return ""
     reference = cost_reference(run, counted)

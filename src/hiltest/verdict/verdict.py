@@ -47,14 +47,14 @@ def decide(
 
     Parameters
     ----------
-    findings : Findings
+    findings
         Tests, measurements and tables of the run, and its comparison with a base if there was to be one.
-    pytest_exit : int
+    pytest_exit
         Exit status as pytest has it; its 2, 3, 4 and 5 win over every other.
-    left_out : sequence of str
+    left_out
         Limits of the rig that nothing was measured against, because the user chose among the tests
         or because the session stopped. They are named, and fail no run.
-    cut_short : bool, optional
+    cut_short
         Whether tests that were to run did not.
 
     Returns
@@ -78,7 +78,7 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     if pytest_exit in PYTEST_WINS:
         return pytest_exit
     # A measurement out of its limit is red whatever its test went on to do, such as skip.
-    outcomes = {each.outcome for each in findings.tests}
+    outcomes = {test.outcome for test in findings.tests}
     if _red(findings) or _failed(findings):
         return ExitCode.FAILED
     if TestOutcome.WRONG_FIRMWARE in outcomes:
@@ -87,7 +87,7 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
         return ExitCode.CONNECTION_LOST
     if pytest_exit != ExitCode.OK:
         return pytest_exit
-    if any(each.outcome in UNDECIDED for each in findings.measurements.values()):
+    if any(measurement.outcome in UNDECIDED for measurement in findings.measurements.values()):
         return ExitCode.NOT_EVALUATED
     return ExitCode.OK if findings.comparison is None else comparison_code(findings.comparison)
 
@@ -114,8 +114,7 @@ def headline(verdict: Verdict, summary: Summary) -> str:
 
     Parameters
     ----------
-    verdict : Verdict
-    summary : Summary
+    summary
         Of the same run.
     """
     failures, broken = len(summary.failures), len(summary.broken)
@@ -146,14 +145,14 @@ def _against_base(findings: Findings) -> str:
 
 def _reached(summary: Summary, poses: int) -> str:
     """Return accuracy and cost of the reference of cost, and of the cheapest other calibrator."""
-    results = [each.result for each in summary.calibrators]
+    results = [calibrator.result for calibrator in summary.calibrators]
     if not results:
         return ""
-    lead = next((each for each in results if each.name == summary.reference), results[0])
-    ratios = {each.name: each.ratio for each in summary.calibrators}
+    lead = next((result for result in results if result.name == summary.reference), results[0])
+    ratios = {calibrator.name: calibrator.ratio for calibrator in summary.calibrators}
     others = [each for each in results if each is not lead and ratios[each.name] and each.maximum.value is not None]
     beside = [
-        parts_in_words({each.name: value_of(each.maximum) for each in results}), costs_in_words(results),
+        parts_in_words({result.name: value_of(result.maximum) for result in results}), costs_in_words(results),
     ] if lead.name == FIRMWARE else []  # fmt: skip
     against = _against(others[0], lead) if others else ""
     return " ".join(filter(None, (_accuracy_and_cost(lead, poses), *beside, against)))
@@ -185,9 +184,9 @@ def failures_in_words(failures: Sequence[Failure]) -> str:
     if not failures:
         return ""
     named = [
-        f"{each.measurement.name} {_value(each.measurement)}"
-        + held_to(each.measurement, each.was)
-        for each in failures
+        f"{failure.measurement.name} {_value(failure.measurement)}"
+        + held_to(failure.measurement, failure.was)
+        for failure in failures
     ]
     return f"{listed(named, _NAMED_AT_MOST)}."
 
@@ -252,11 +251,11 @@ def _failed(findings: Findings) -> list[Measurement]:
 
 
 def _stopped(findings: Findings) -> list[TestResult]:
-    return [each for each in findings.tests if each.outcome.is_of_bench]
+    return [test for test in findings.tests if test.outcome.is_of_bench]
 
 
 def _red(findings: Findings) -> bool:
-    return any(each.outcome in RED for each in findings.tests)
+    return any(test.outcome in RED for test in findings.tests)
 
 
 def unmet_limits(
@@ -267,15 +266,15 @@ def unmet_limits(
 
     Parameters
     ----------
-    limits, units : mapping
+    limits, units
         Limits and units of the rig, by measurement name.
-    measured : collection of str
+    measured
         Names of all that was measured.
-    calibrators : sequence of str
+    calibrators
         Calibrators of the board; empty when no board answered.
-    gate_only : bool, optional
+    gate_only
         Whether there are tests that were left out because they are of the full set.
-    places : mapping, optional
+    places
         Where each limit stands, ``file:line``.
     """
     stands = places or {}

@@ -119,8 +119,7 @@ def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
 
     Parameters
     ----------
-    comparison : Comparison
-    beside_failures : bool, optional
+    beside_failures
         Whether it stands behind the run's own failures: they are not named again, and changes are only counted.
     """
     answer = comparison.answer.capitalize()
@@ -168,7 +167,7 @@ def models_shown(comparison: Comparison) -> set[str]:
 
 def on_seeds(seeds: Sequence[Seed]) -> str:
     """Return seeds in words."""
-    return f" on seed {listed([str(each) for each in seeds], _SEEDS_AT_MOST)}"
+    return f" on seed {listed([str(seed) for seed in seeds], _SEEDS_AT_MOST)}"
 
 
 def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]:
@@ -228,10 +227,9 @@ def how_to_keep(comparison: Comparison, run: str, options: str | None = None) ->
 
     Parameters
     ----------
-    comparison : Comparison
-    run : str
+    run
         Where the new run is, as one would type it.
-    options : str, optional
+    options
         What makes ``hiltest run`` run the same on other seeds, as one would type it; None where that is not known: a
         record does not say which files were named.
 

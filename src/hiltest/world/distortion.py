@@ -14,13 +14,6 @@ IDENTITY: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 class MagneticDistortion:
     """Constant soft and hard iron, fixed to the body.
 
-    Attributes
-    ----------
-    soft_iron : 3x3 rows
-        Takes the true field to the field at the part, body frame [1].
-    hard_iron_ut : (3,)
-        Constant field added to it, body frame [uT].
-
     Notes
     -----
     ``measured = soft_iron @ field + hard_iron``. A calibration's `soft_iron` maps
@@ -29,7 +22,9 @@ class MagneticDistortion:
     """
 
     soft_iron: Rows = IDENTITY
+    """Takes the true field to the field at the part, body frame [1]."""
     hard_iron_ut: Vector = (0.0, 0.0, 0.0)
+    """Constant field added to it, body frame [uT]."""
 
     def apply(self, field_body_ut: Vector) -> Vector:
         """Return the field at the part, body frame [uT]."""

@@ -23,21 +23,14 @@ _NOTHING: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Current:
-    """A current on the body, whose field at the parts is proportional to it and has one direction.
-
-    Attributes
-    ----------
-    field_ut_per_a : (3,)
-        At the parts, body frame, as one measures it there: iron that it magnetises included.
-    waveform : rows of (s, A)
-        Straight from row to row, the first and last value before and after; two rows at one time are a step.
-    repeat_s : float or None
-        The waveform begins again every so many seconds from its first row on.
-    """
+    """A current on the body, whose field at the parts is proportional to it and has one direction."""
 
     field_ut_per_a: Vector
+    """At the parts, body frame, as one measures it there: iron that it magnetises included."""
     waveform: tuple[tuple[float, ...], ...]
+    """Straight from row to row, the first and last value before and after; two rows at one time are a step."""
     repeat_s: float | None = None
+    """The waveform begins again every so many seconds from its first row on."""
 
     def current_a(self, time_s: float) -> float:
         """Return the current at a virtual time [A]."""
@@ -55,21 +48,14 @@ class Current:
 
 @dataclass(frozen=True, slots=True)
 class Cable:
-    """A long straight cable beside the body, whose place changes and whose current does not.
-
-    Attributes
-    ----------
-    current_a : float
-        Along `direction`.
-    direction : (3,)
-        Body frame, of any length.
-    places : rows of (s, m, m, m)
-        From the parts to any point of the cable, body frame, over time: as a waveform's rows.
-    """
+    """A long straight cable beside the body, whose place changes and whose current does not."""
 
     current_a: float
+    """Along `direction`."""
     direction: Vector
+    """Body frame, of any length."""
     places: tuple[tuple[float, ...], ...]
+    """From the parts to any point of the cable, body frame, over time: as a waveform's rows."""
 
     def field_ut(self, time_s: float) -> Vector:
         """Return what its field is more than it was in its first place, body frame [uT].
@@ -95,19 +81,11 @@ class Cable:
 
 @dataclass(frozen=True, slots=True)
 class Passing:
-    """A magnetic dipole on a straight way past the bench, such as a car; it does not turn. Earth frame NED.
-
-    Attributes
-    ----------
-    moment_am2 : (3,)
-    place_m : (3,)
-        Where it is at `at_s`, seen from the parts.
-    velocity_mps : (3,)
-    at_s : float
-    """
+    """A magnetic dipole on a straight way past the bench, such as a car; it does not turn. Earth frame NED."""
 
     moment_am2: Vector
     place_m: Vector
+    """Where it is at `at_s`, seen from the parts."""
     velocity_mps: Vector
     at_s: float
 

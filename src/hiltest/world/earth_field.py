@@ -15,21 +15,14 @@ GRAVITY_NED_G: Vector = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class EarthField:
-    """Local geomagnetic field; the earth frame's north is *magnetic* north.
-
-    Attributes
-    ----------
-    strength_ut : float
-        Total intensity [uT].
-    dip_deg : float
-        Inclination, positive where the field points down [deg].
-    declination_deg : float
-        Magnetic north east of true north [deg]; carried as data, no heading here uses it.
-    """
+    """Local geomagnetic field; the earth frame's north is *magnetic* north."""
 
     strength_ut: float
+    """Total intensity [uT]."""
     dip_deg: float
+    """Inclination, positive where the field points down [deg]."""
     declination_deg: float = 0.0
+    """Magnetic north east of true north [deg]; carried as data, no heading here uses it."""
 
     @property
     def ned_ut(self) -> Vector:

@@ -15,8 +15,7 @@ def askew(pose: Pose, turn_deg: Vector) -> Pose:
 
     Parameters
     ----------
-    pose : Pose
-    turn_deg : (3,)
+    turn_deg
         Angle about body x, y and z [deg], as one turn about their sum.
     """
     angle_deg = math.hypot(*turn_deg)

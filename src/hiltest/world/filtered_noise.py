@@ -24,7 +24,7 @@ def low_pass_taps(bandwidth: float) -> tuple[float, ...]:
 
     Parameters
     ----------
-    bandwidth : float
+    bandwidth
         Bandwidth of the noise, in sampling rates: above 0 and below 0.5.
 
     Notes

@@ -42,9 +42,9 @@ class NoiseSource:
 
     Parameters
     ----------
-    seed : int
+    seed
         Noise seed.
-    sensor : str
+    sensor
         Name of the sensor and its quantity, such as ``"mag3110@0e"``; two names have
         independent noise.
     """

@@ -37,18 +37,12 @@ class Resampling(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Readings of one sensor.
-
-    Attributes
-    ----------
-    times_s : ndarray, shape (n,)
-        Increasing; in a `Playback` virtual time since power-on [s].
-    readings : ndarray, shape (n, 3)
-        Body frame, in the unit of what is sensed; of an accelerometer gravity, +1 where down is.
-    """
+    """Readings of one sensor."""
 
     times_s: Reals
+    """Shape (n,). Increasing; in a `Playback` virtual time since power-on [s]."""
     readings: Reals
+    """Shape (n, 3). Body frame, in the unit of what is sensed; of an accelerometer gravity, +1 where down is."""
 
 
 class Playback(Restorable):
@@ -56,12 +50,11 @@ class Playback(Restorable):
 
     Parameters
     ----------
-    name : str
+    name
         Of the recording, for people.
-    tracks : mapping of Sensed to Track
+    tracks
         What was recorded; other sensors measure the simulated world.
-    resampling : Resampling
-    notes : sequence of str
+    notes
         What was skipped, recognised or assumed in the file, a sentence each.
 
     Notes

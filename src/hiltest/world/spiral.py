@@ -26,18 +26,12 @@ _DECIMALS = 9
 
 @dataclass(frozen=True, slots=True)
 class Cap:
-    """A part of the sphere: all directions within an angle of an axis.
-
-    Attributes
-    ----------
-    axis : (3,)
-        Body frame, of any length but zero.
-    fraction : float
-        Share of the sphere's area, above 0 and at most 1; the angle is ``acos(1 - 2 fraction)``.
-    """
+    """A part of the sphere: all directions within an angle of an axis."""
 
     axis: Vector
+    """Body frame, of any length but zero."""
     fraction: float
+    """Share of the sphere's area, above 0 and at most 1; the angle is ``acos(1 - 2 fraction)``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,22 +41,15 @@ class Spiral:
     The body spins about the cap's axis while that axis tilts away from the field. Equal times see equal
     areas: points taken at a constant rate are as dense at the rim as in the middle, and those of any
     part of the time lie on a ring.
-
-    Attributes
-    ----------
-    start_s, end_s : float
-        Virtual time [s]; `SPIRAL_S` apart for the whole cap.
-    cap : Cap
-    field : EarthField
-    mounting_yaw_deg : float
-        Yaw of the board on the table; the table's poses make up for it.
     """
 
     start_s: float
     end_s: float
+    """Virtual time [s]; `SPIRAL_S` apart for the whole cap."""
     cap: Cap
     field: EarthField
     mounting_yaw_deg: float
+    """Yaw of the board on the table; the table's poses make up for it."""
 
     def angles(self, time_s: float) -> tuple[Pose, Vector]:
         """Return the table's pose and its angle rates [deg/s]; from `end_s` on it stands still.

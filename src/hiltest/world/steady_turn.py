@@ -15,22 +15,15 @@ RAMP_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class SteadyTurn:
-    """The table turns on from where it stands: rate up, constant, and down to rest.
-
-    Attributes
-    ----------
-    start_s, end_s : float
-        Virtual time [s].
-    begin : Pose
-        Whatever its tilt: the axis is the vertical, which stays where it is in the body.
-    turn_deg : float
-        Change of heading, of any size; positive is clockwise seen from above.
-    """
+    """The table turns on from where it stands: rate up, constant, and down to rest."""
 
     start_s: float
     end_s: float
+    """Virtual time [s]."""
     begin: Pose
+    """Whatever its tilt: the axis is the vertical, which stays where it is in the body."""
     turn_deg: float
+    """Change of heading, of any size; positive is clockwise seen from above."""
 
     def angles(self, time_s: float) -> tuple[Pose, Vector]:
         """Return pose and angle rates; from `end_s` on the turn is complete."""

@@ -19,19 +19,13 @@ _PITCH_WAVES, _ROLL_WAVES = 3, 4
 
 @dataclass(frozen=True, slots=True)
 class Sway:
-    """Once and a half round from one rest to the other, level at both, pitch and roll swinging on the way.
-
-    Attributes
-    ----------
-    start_s, end_s : float
-        Virtual time [s].
-    heading_deg : float
-        In which the level table stands at the start.
-    """
+    """Once and a half round from one rest to the other, level at both, pitch and roll swinging on the way."""
 
     start_s: float
     end_s: float
+    """Virtual time [s]."""
     heading_deg: float = 0.0
+    """In which the level table stands at the start."""
 
     def angles(self, time_s: float) -> tuple[Pose, Vector]:
         """Return the pose and the rates of its angles [deg/s]; it stands still at both ends.

@@ -8,24 +8,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Temperature:
-    """Course of the temperature from power-on: constant, a straight line, or an exponential approach.
-
-    Attributes
-    ----------
-    begin_degc : float
-        Temperature at power-on.
-    end_degc : float or None
-        Where it goes and stays; None is constant.
-    ramp_s : float or None
-        A straight line that takes this long.
-    time_constant_s : float or None
-        Time constant of the approach, without a ramp.
-    """
+    """Course of the temperature from power-on: constant, a straight line, or an exponential approach."""
 
     begin_degc: float = 25.0
+    """Temperature at power-on."""
     end_degc: float | None = None
+    """Where it goes and stays; None is constant."""
     ramp_s: float | None = None
+    """A straight line that takes this long."""
     time_constant_s: float | None = None
+    """Time constant of the approach, without a ramp."""
 
     def __post_init__(self) -> None:
         courses = [each for each in (self.ramp_s, self.time_constant_s) if each is not None]

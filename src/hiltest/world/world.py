@@ -37,24 +37,16 @@ _STILL: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class WorldState:
-    """Field, gravity and rate at one instant, in body components (NED: x forward, y right, z down).
-
-    Attributes
-    ----------
-    field_body_ut : (3,)
-        True geomagnetic field, before any distortion [uT].
-    gravity_body_g : (3,)
-        Gravity, positive down: a level body has (0, 0, +1) [g].
-    rate_body_dps : (3,)
-        Angular rate [deg/s].
-    pose : Pose
-        True attitude of the board, mounting included.
-    """
+    """Field, gravity and rate at one instant, in body components (NED: x forward, y right, z down)."""
 
     field_body_ut: Vector
+    """True geomagnetic field, before any distortion [uT]."""
     gravity_body_g: Vector
+    """Gravity, positive down: a level body has (0, 0, +1) [g]."""
     rate_body_dps: Vector
+    """Angular rate [deg/s]."""
     pose: Pose
+    """True attitude of the board, mounting included."""
 
 
 class World(Restorable):
@@ -62,18 +54,18 @@ class World(Restorable):
 
     Parameters
     ----------
-    field : EarthField
+    field
         Local field.
-    mounting_yaw_deg : float
+    mounting_yaw_deg
         How far the board (with the wedges that tilt it) is turned on the table, about the
         vertical: board heading = table heading + this, at every tilt [deg].
-    temperature : Temperature
+    temperature
         Temperature of the board.
-    pose : Pose
+    pose
         In which the table stands at power-on.
-    covered : Cap, optional
+    covered
         The part of the sphere that a tumble shows the field from; without it all of it.
-    disturbances : Disturbances, optional
+    disturbances
         What changes the field of the earth and of the body's iron over time.
 
     Attributes
@@ -125,11 +117,11 @@ class World(Restorable):
 
         Parameters
         ----------
-        pose : Pose
+        pose
             Pose of the table (mounting yaw not included).
-        time_s : float
+        time_s
             Virtual time of the command [s].
-        known_angle : int, optional
+        known_angle
             Index of the known angle: from arrival on, noise is a function of it.
 
         Returns
@@ -174,7 +166,7 @@ class World(Restorable):
 
         Parameters
         ----------
-        segment : MotionSegment
+        segment
             From where the table will be at its `start_s`, which lies ahead and not before the start of
             the last move; angles may differ by whole turns.
 
@@ -236,12 +228,11 @@ class World(Restorable):
 
         Parameters
         ----------
-        sensed : Sensed
-        time_s : float
+        time_s
             The instant [s].
-        part : str
+        part
             Name of the part's sensor, for people.
-        limit : float
+        limit
             Where its axes stop, in the unit of what is sensed.
         """
         reading = self.playback.reading(sensed, time_s) if self.playback else None

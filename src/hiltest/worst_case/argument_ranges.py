@@ -33,21 +33,14 @@ _LARGEST = 1 << 53
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Numbers of one place that are left open.
-
-    Attributes
-    ----------
-    low, high : float
-    is_whole : bool
-        Whether only whole numbers are meant: both ends are written as such, and no type says otherwise.
-    is_single : bool
-        Whether the type is float32.
-    """
+    """Numbers of one place that are left open."""
 
     low: float
     high: float
     is_whole: bool
+    """Whether only whole numbers are meant: both ends are written as such, and no type says otherwise."""
     is_single: bool = False
+    """Whether the type is float32."""
 
     @classmethod
     def of(cls, found: re.Match[str]) -> Range:
@@ -106,10 +99,7 @@ class ArgumentRanges:
 
     Parameters
     ----------
-    elf : Path
-    function : str
-    texts : sequence of str
-    returns : Range, optional
+    returns
         What the function returns where it has succeeded; by default any answer is a success.
 
     Raises
@@ -122,7 +112,7 @@ class ArgumentRanges:
         self._board = board_for(elf)
         self._function, self._returns = function_named(self._board.image, function).name, returns
         self._pieces: list[list[str | Range]] = [_pieces(text) for text in texts]
-        self._open = [each for pieces in self._pieces for each in pieces if isinstance(each, Range)]
+        self._open = [piece for pieces in self._pieces for piece in pieces if isinstance(piece, Range)]
         if not self._open:
             raise ConfigError(f"{function}: no argument leaves a number open; write LOW..HIGH for one, or "
                               "int16:100:LOW..HIGH for a hundred by address")  # fmt: skip
@@ -158,7 +148,7 @@ class ArgumentRanges:
     def _texts(self, given: NDArray[np.float64]) -> tuple[str, ...]:
         numbers = iter(given)
         return tuple(
-            "".join(each.text(float(next(numbers))) if isinstance(each, Range) else each for each in pieces)
+            "".join(piece.text(float(next(numbers))) if isinstance(piece, Range) else piece for piece in pieces)
             for pieces in self._pieces
         )
 

@@ -35,41 +35,28 @@ _NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*?)\n\s*\]")
 
 @dataclass(frozen=True, slots=True)
 class WorstCase:
-    """The most cycles of a function that a search found, and the input that takes them.
-
-    Attributes
-    ----------
-    function : str
-        A calibrator by its name on the link, or a function of the ELF.
-    cycles : int
-        Of a calibrator as the firmware reports them, less those of an empty call.
-    cycle_model : str
-        That counted them.
-    elf : str
-        Name of the file that was searched.
-    elf_sha256 : str
-    hiltest : str
-        Version that searched.
-    seed, calls : int
-        Of the search.
-    points : tuple of (int, int, int)
-        Points that the calibrator got [counts]; empty for a function that is none.
-    arguments : tuple of str
-        Arguments of a function, as `hiltest profile` takes them; empty for a calibrator.
-    """
+    """The most cycles of a function that a search found, and the input that takes them."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True}
     schema: Literal["hiltest.worst-case/1"]
     function: str
+    """A calibrator by its name on the link, or a function of the ELF."""
     cycles: int
+    """Of a calibrator as the firmware reports them, less those of an empty call."""
     cycle_model: str
+    """That counted them."""
     elf: str
+    """Name of the file that was searched."""
     elf_sha256: str
     hiltest: str
+    """Version that searched."""
     seed: int
     calls: int
+    """Of the search."""
     points: tuple[tuple[int, int, int], ...] = ()
+    """Points that the calibrator got [counts]; empty for a function that is none."""
     arguments: tuple[str, ...] = ()
+    """Arguments of a function, as `hiltest profile` takes them; empty for a calibrator."""
 
     def __post_init__(self) -> None:
         if not self.function.isprintable() or not self.function:

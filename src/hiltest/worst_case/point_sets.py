@@ -32,10 +32,9 @@ class PointSets:
 
     Parameters
     ----------
-    calibrators : BoardCalibrators
-    name : str
+    name
         One of them.
-    most_points : int
+    most_points
         A set has from `hiltest.calibration.fit.ELLIPSOID_UNKNOWNS` to so many points.
     """
 

@@ -29,20 +29,13 @@ _REFUSED = 1e15
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One call of the function.
-
-    Attributes
-    ----------
-    cycles : int
-    returned : int or float or None
-        Its answer, of a calibrator the status of the fit.
-    counts : bool
-        Whether the answer is a success: only then it is a worst case.
-    """
+    """One call of the function."""
 
     cycles: int
     returned: int | float | None
+    """Its answer, of a calibrator the status of the fit."""
     counts: bool
+    """Whether the answer is a success: only then it is a worst case."""
 
     @property
     def rank(self) -> tuple[bool, int]:
@@ -72,21 +65,14 @@ class Problem(Protocol[Input]):
 
 @dataclass(slots=True)
 class Budget:
-    """What a search may take.
-
-    Attributes
-    ----------
-    calls : int or None
-        Number of calls: what is found follows from it and the seed alone.
-    seconds : float or None
-        Wall time [s]. One of both is given.
-    asked_to_end : callable
-        Whether to end after the call that is being made.
-    """
+    """What a search may take."""
 
     calls: int | None = None
+    """Number of calls: what is found follows from it and the seed alone."""
     seconds: float | None = None
+    """Wall time [s]. One of both is given."""
     asked_to_end: Callable[[], bool] = lambda: False
+    """Whether to end after the call that is being made."""
 
     def is_spent(self, calls: int, elapsed_s: float) -> bool:
         """Whether it is gone."""
@@ -97,23 +83,14 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Found(Generic[Input]):
-    """What a search has found.
-
-    Attributes
-    ----------
-    given : object
-        The worst input.
-    call : Call
-        What it takes; one that does not count where none did.
-    refused_cycles : int or None
-        Most cycles of a call that did not count.
-    calls : int
-    elapsed_s : float
-    """
+    """What a search has found."""
 
     given: Input
+    """The worst input."""
     call: Call
+    """What it takes; one that does not count where none did."""
     refused_cycles: int | None
+    """Most cycles of a call that did not count."""
     calls: int
     elapsed_s: float
 
@@ -198,10 +175,7 @@ def search(
 
     Parameters
     ----------
-    problem : Problem
-    seed : int
-    budget : Budget
-    progress : callable
+    progress
         Called after each call with their number, the time that is gone [s] and the most cycles so far.
 
     Returns

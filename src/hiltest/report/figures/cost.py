@@ -191,7 +191,7 @@ def _budget_figure(
 
 def _series(run: Run, name: str) -> tuple[str, Mark]:
     """Return how a calibrator is drawn, the same in every figure."""
-    costed = [each.name for each in calibrator_costs(run)]
+    costed = [calibrator_cost.name for calibrator_cost in calibrator_costs(run)]
     offered = run.board.calibrators if run.board else ()
     return series(list(dict.fromkeys([*costed, *offered, name])).index(name))
 

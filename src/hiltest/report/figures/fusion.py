@@ -24,7 +24,7 @@ def fusion_group(run: Run) -> FigureGroup | None:
     figure, table = motion_figure(run), run.table(MOTION_TABLE)
     if figure is None or table is None:
         return None
-    headings = [f"{each.name.replace('_', ' ')} [{each.unit}]" for each in table.columns]
+    headings = [f"{column.name.replace('_', ' ')} [{column.unit}]" for column in table.columns]
     limits = limit_figure(run.measurements, Section.FUSION, "Share of each fusion limit")
     return FigureGroup(
         "fusion", "Fusion during a motion",

@@ -29,7 +29,7 @@ def heading_group(run: Run) -> FigureGroup | None:
     table = run.table(POSES_TABLE)
     if table is None or not table.rows:
         return None
-    columns = [each.name.removeprefix(_ERROR) for each in table.columns if each.name.startswith(_ERROR)]
+    columns = [column.name.removeprefix(_ERROR) for column in table.columns if column.name.startswith(_ERROR)]
     errors = {name: numbers(table, f"{_ERROR}{name}") for name in columns if name != UNCALIBRATED}
     limits = {name: upper_limit(run.measurement(f"heading.{name}.max")) for name in errors}
     sizes = [abs(error) for each in errors.values() for error in each if math.isfinite(error)]
@@ -51,7 +51,7 @@ def _poses(table: Table, errors: Sequence[float]) -> list[_Pose]:
 
 
 def _panel(name: str, poses: Sequence[_Pose], limit: float | None, top: float, width: float) -> Figure:
-    worst = max(poses, key=lambda each: abs(each.error_deg), default=None)
+    worst = max(poses, key=lambda pose: abs(pose.error_deg), default=None)
     words = f"worst {worst.error_deg:+.2f}° at {worst.heading_deg:.0f}°" if worst else "no pose was answered"
     figure = Figure(
         title=f"{name}: {words}",
@@ -61,16 +61,16 @@ def _panel(name: str, poses: Sequence[_Pose], limit: float | None, top: float, w
     )
     figure.limit(limit)
     figure.level(0, "zero")
-    beyond = [each for each in poses if limit is not None and abs(each.error_deg) > limit]
+    beyond = [pose for pose in poses if limit is not None and abs(pose.error_deg) > limit]
     for words, style, mark, shown in (
-        ("tilted poses", "tilted hollow", Mark.DOT, [each for each in poses if not each.level and each not in beyond]),
-        ("level poses", "level filled", Mark.DOT, [each for each in poses if each.level and each not in beyond]),
+        ("tilted poses", "tilted hollow", Mark.DOT, [pose for pose in poses if not pose.level and pose not in beyond]),
+        ("level poses", "level filled", Mark.DOT, [pose for pose in poses if pose.level and pose not in beyond]),
         ("beyond the limit", "over", Mark.CROSS, beyond),
     ):
         if shown:
             points = [(each.heading_deg, each.error_deg) for each in shown]
             figure.series(words, points, mark=mark, mark_style=style, radius=2.5)
-    figure.line(sorted((each.heading_deg, each.error_deg) for each in poses if each.level), "level")
+    figure.line(sorted((pose.heading_deg, pose.error_deg) for pose in poses if pose.level), "level")
     return figure
 
 

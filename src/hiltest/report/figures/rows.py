@@ -23,32 +23,21 @@ _KEY = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One bar.
-
-    Attributes
-    ----------
-    name, number : str
-    at : float
-        Where the mark stands, 0 to 1 of the width.
-    mark : Mark
-    style : str
-        Class of the mark.
-    zone : (float, float) or None
-        The part of the width that is shaded.
-    ends : sequence of float
-        Where the zone has a limit, and a line says so.
-    start : float or None
-        Where a line to the mark begins.
-    """
+    """One bar."""
 
     name: str
     number: str
     at: float
+    """Where the mark stands, 0 to 1 of the width."""
     mark: Mark
     style: str
+    """Class of the mark."""
     zone: tuple[float, float] | None = None
+    """The part of the width that is shaded."""
     ends: Sequence[float] = ()
+    """Where the zone has a limit, and a line says so."""
     start: float | None = None
+    """Where a line to the mark begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +70,7 @@ def bars(title: str, values: Mapping[str, tuple[float, str]]) -> RowFigure:
 
 def limit_figure(measurements: Sequence[Measurement], section: Section, title: str) -> RowFigure | None:
     """Draw the measurements of a section that have a limit and a number, None when there are none."""
-    rows = [row for each in measurements if each.section is section and (row := _limit_row(each))]
+    rows = [row for measurement in measurements if measurement.section is section and (row := _limit_row(measurement))]
     if not rows:
         return None
     return RowFigure(title, rows, key=_KEY)

@@ -88,7 +88,7 @@ def _seen_along_z(title: str, words: str, samples: Array, width: float) -> Figur
 
 def _calibration_sheet(results: Table) -> Sheet:
     """Return a column for each calibrator: three of them and sixteen numbers are higher than wide."""
-    columns = [(each.name.replace("_", " "), each.unit, results.column(each.name)) for each in results.columns]
+    columns = [(column.name.replace("_", " "), column.unit, results.column(column.name)) for column in results.columns]
     (_, _, names), *others = columns
     rows = [[f"{name} [{unit}]" if unit else name, *written(cells)] for name, unit, cells in others]
     return Sheet("Calibrations that the board fitted", ["quantity", *map(str, names)], rows)
@@ -104,9 +104,9 @@ def coverage_map(corrected: Array, shown: Array, hole: Hole | None) -> Figure:
 
     Parameters
     ----------
-    corrected, shown : ndarray, shape (n, 3)
+    corrected, shown : shape (n, 3)
         All calibrated samples, and those that are drawn.
-    hole : Hole or None
+    hole
         Named where it is part of what is not covered.
     """
     covered = covered_directions(corrected)
@@ -128,8 +128,8 @@ def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
 
     Parameters
     ----------
-    corrected : ndarray, shape (n, 3)
-    width, height : float
+    corrected : shape (n, 3)
+    width, height
         Size of the drawing.
     """
     hole = largest_hole(corrected)

@@ -40,32 +40,21 @@ class Drawing(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FigureGroup:
-    """One section.
-
-    Attributes
-    ----------
-    anchor : str
-        Anchor of its heading.
-    heading, legend : str
-    panels : sequence of Drawing
-    most : int
-        Panels in a row on a desk; one more where it fills the last row better.
-    caption : str
-        What all panels show.
-    numbers : sequence of Sheet
-        Where those of the panels one by one would be harder to read.
-    short : str
-        The heading in the contents, where it is shorter there.
-    """
+    """One section."""
 
     anchor: str
+    """Anchor of its heading."""
     heading: str
     legend: str
     panels: Sequence[Drawing]
     most: int = 3
+    """Panels in a row on a desk; one more where it fills the last row better."""
     caption: str = ""
+    """What all panels show."""
     numbers: Sequence[Sheet] = ()
+    """Where those of the panels one by one would be harder to read."""
     short: str = ""
+    """The heading in the contents, where it is shorter there."""
 
     @property
     def columns(self) -> int:

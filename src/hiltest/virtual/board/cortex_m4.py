@@ -46,13 +46,13 @@ class VirtualCortexM4:
 
     Parameters
     ----------
-    elf : str, Path, bytes or FirmwareImage
+    elf
         File, or the content of one.
-    profile : str or TimingProfile
+    profile
         Name of a profile, or of a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
-    memory : str or MemoryMap, optional
+    memory
         Memories of the part, see `memory_map`, by default those that the image needs.
-    part : callable
+    part
         Connects what is around the processor.
 
     Raises
@@ -212,15 +212,15 @@ class VirtualCortexM4:
 
         Parameters
         ----------
-        symbol : str
+        symbol
             Name of the function.
-        *arguments : int, float, bytes, bytearray, numpy array or Structure
+        *arguments
             By the types in the DWARF; integers only without it. A buffer is
             copied to free RAM and passed by address; a writable one gets what
             the function left there.
-        timeout_s : float
+        timeout_s
             Virtual time after which it is taken to hang [s].
-        clock_hz : float, optional
+        clock_hz
             Core clock without boot [Hz], by default 120 MHz; a running board has the one that its firmware made.
 
         Returns

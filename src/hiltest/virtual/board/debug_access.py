@@ -27,7 +27,7 @@ class DebugAccess:
 
     Parameters
     ----------
-    machine : VirtualK64F
+    machine
         Halted whenever this is used.
     """
 

@@ -44,22 +44,15 @@ class StopReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A halt.
-
-    Attributes
-    ----------
-    watch : WatchKind, optional
-        Kind of the watchpoint that was hit.
-    address : int
-        Data that it was hit by.
-    fault : BoardFault, optional
-        What ends the firmware as soon as the processor goes on.
-    """
+    """A halt."""
 
     reason: StopReason
     watch: WatchKind | None = None
+    """Kind of the watchpoint that was hit."""
     address: int = 0
+    """Data that it was hit by."""
     fault: BoardFault | None = None
+    """What ends the firmware as soon as the processor goes on."""
 
 
 class _Stopped(Exception):
@@ -78,9 +71,9 @@ class Debugger:
 
     Parameters
     ----------
-    machine : VirtualK64F
+    machine
         Must not be running.
-    on_stop : callable
+    on_stop
         Called, in the thread that runs the board, when the processor has halted by itself.
 
     Attributes
@@ -116,7 +109,7 @@ class Debugger:
             self._enter()
             stop: Stop | None = None
             try:
-                returned = self._processor.run(until, wake=look, for_bytes=for_bytes)
+                returned = self._processor.run(until, wake=look, for_bytes=for_bytes or wake is None)
             except _Stopped as stopped:
                 stop = stopped.stop
             except BoardFault as fault:

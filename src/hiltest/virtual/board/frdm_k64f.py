@@ -21,21 +21,14 @@ BUTTONS = _pins("button")  # to ground when pressed; the board pulls them up
 
 @dataclass(frozen=True, slots=True)
 class BoardEvent:
-    """A change of an LED or a button.
-
-    Attributes
-    ----------
-    time_s : float
-        Virtual time since power-on.
-    what : str
-        ``LED red``, ``LED green``, ``LED blue``, ``SW2`` or ``SW3``.
-    on : bool
-        Lit, or pressed.
-    """
+    """A change of an LED or a button."""
 
     time_s: float
+    """Virtual time since power-on."""
     what: str
+    """``LED red``, ``LED green``, ``LED blue``, ``SW2`` or ``SW3``."""
     on: bool
+    """Lit, or pressed."""
 
     def __str__(self) -> str:
         return f"{self.time_s:.6f} s: {self.what} {'on' if self.on else 'off'}"
@@ -46,9 +39,9 @@ class LedsAndButtons(Restorable):
 
     Parameters
     ----------
-    ports : mapping of str to Port
+    ports
         Ports by letter.
-    time_s : callable
+    time_s
         Answers the virtual time, inside a peripheral's access too.
 
     Attributes

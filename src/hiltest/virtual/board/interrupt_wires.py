@@ -35,11 +35,11 @@ class InterruptWires(Restorable):
 
     Parameters
     ----------
-    source : InterruptSource
+    source
         The part.
-    wires : (2,)
+    wires
         Where INT1 and INT2 lead; None is not connected.
-    time : Clock
+    time
         Virtual time in picoseconds.
     """
 

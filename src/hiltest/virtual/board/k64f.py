@@ -51,17 +51,17 @@ class VirtualK64F(VirtualCortexM4):
 
     Parameters
     ----------
-    elf : str, Path, bytes or FirmwareImage
+    elf
         File, or the content of one: firmware laid out for the MK64FN1M0, as ELF, Intel HEX or raw binary at 0. One that
         belongs elsewhere: `load_image(path, base=0x8000)`.
-    i2c0, i2c1 : sequence of I2cDevice
+    i2c0, i2c1
         Parts on the two buses.
-    profile : str or TimingProfile
+    profile
         Name of a profile, or of a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
-    strict : bool
+    strict
         Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
         registers keep what is written, and `unmodelled` lists what was touched.
-    flash_file : str or Path, optional
+    flash_file
         Holds the flash from run to run. At power-on it gives back the sectors that the image has nothing in.
 
     Attributes
@@ -142,11 +142,11 @@ class VirtualK64F(VirtualCortexM4):
 
         Parameters
         ----------
-        time_s : float
+        time_s
             Virtual time since power-on [s].
-        wake : callable, optional
+        wake
             Asked after every event of a peripheral.
-        for_bytes : bool
+        for_bytes
             Whether it need not be asked before bytes come that the host of a UART expects, see `Uart.host_expect`.
 
         Raises
@@ -324,11 +324,11 @@ class VirtualK64F(VirtualCortexM4):
 
         Parameters
         ----------
-        bus : int
+        bus
             Which I2C bus the part is on: 0 or 1.
-        part : InterruptSource
+        part
             One of the parts given for that bus.
-        int1, int2 : str or None
+        int1, int2
             Pins of the processor, such as ``PTB9``; None leaves one open.
         """
         pins = self._chip.wire_to(int1), self._chip.wire_to(int2)

@@ -53,7 +53,7 @@ def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
 def refuse_wrong_vectors(image: FirmwareImage, stack: int, entry: int) -> None:
     """Raise a ConfigError when an initial stack pointer and a reset vector are none."""
     in_sram = SRAM[0] < stack <= SRAM[0] + SRAM[1] and stack % 4 == 0
-    in_code = any(each.address <= entry & ~1 < each.address + len(each.data) for each in image.segments)
+    in_code = any(segment.address <= entry & ~1 < segment.address + len(segment.data) for segment in image.segments)
     if not (in_sram and in_code and entry & 1):
         raise ConfigError(
             f"{image.name}: what stands at address 0x{image.vectors:x} is no vector table (stack 0x{stack:08x}, reset "

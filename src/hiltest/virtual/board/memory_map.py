@@ -28,8 +28,7 @@ def memory_map(image: FirmwareImage, described: str | None = None) -> MemoryMap:
 
     Parameters
     ----------
-    image : FirmwareImage
-    described : str, optional
+    described
         ``flash=0x08000000:512K,ram=0x20000000:128K``, each as often as there are such memories. By default the
         MK64FN1M0's where the image fits them, and else what its segments need.
 

@@ -14,9 +14,7 @@ def memory_use(image: FirmwareImage, memories: MemoryMap, stacks: Iterable[Stack
 
     Parameters
     ----------
-    image : FirmwareImage
-    memories : MemoryMap
-    stacks : iterable of Stack
+    stacks
         The first is the one that the firmware starts with.
 
     Returns
@@ -27,8 +25,8 @@ def memory_use(image: FirmwareImage, memories: MemoryMap, stacks: Iterable[Stack
         the stack of each task, by the function that it begins with; of several that begin with one the deepest.
     """
     used = {
-        "flash": sum(len(each.data) for each in image.segments if _within(each.address, memories.flash)),
-        "ram": sum(each.run_size for each in image.segments if _within(each.run_address, memories.ram)),
+        "flash": sum(len(segment.data) for segment in image.segments if _within(segment.address, memories.flash)),
+        "ram": sum(segment.run_size for segment in image.segments if _within(segment.run_address, memories.ram)),
     }
     for index, stack in enumerate(stacks):
         function = image.function_at(stack.first_pc)

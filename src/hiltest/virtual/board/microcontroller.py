@@ -48,12 +48,11 @@ class Microcontroller(Restorable):
 
     Parameters
     ----------
-    processor : Processor
-    i2c : (2,) sequence of sequence of I2cDevice
+    i2c
         Parts on I2C0 and I2C1.
-    strict : bool
+    strict
         Whether a peripheral that is not modelled is a bus error.
-    flash_file : str or Path, optional
+    flash_file
         Holds the flash from run to run.
 
     Attributes

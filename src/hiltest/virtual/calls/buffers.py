@@ -22,7 +22,7 @@ class Structure:
 
     Parameters
     ----------
-    *members : bytes, bytearray, numpy array or Address
+    *members
         One behind the other, each aligned to its item size as the procedure call
         standard has it, and the end to the largest of them.
 
@@ -61,10 +61,9 @@ def place(buffer: Any, reserve: Callable[[int], int], write: Callable[[int, Any]
 
     Parameters
     ----------
-    buffer : bytes-like or Structure
-    reserve : callable
+    reserve
         ``reserve(size)`` returns the address of that many free bytes.
-    write : callable
+    write
         ``write(address, buffer)`` copies a plain buffer.
 
     Returns

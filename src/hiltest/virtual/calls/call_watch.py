@@ -17,9 +17,9 @@ class CallWatch:
 
     Parameters
     ----------
-    processor : Processor
+    processor
         The emulator must not be running.
-    functions : iterable of str
+    functions
         Names.
 
     Attributes
@@ -75,12 +75,12 @@ class CallWatch:
         """Return the calls of a function that began and returned since `begin`, in the order of their return."""
         self.running.settle()
         first, _, _ = self._before[function]
-        return [each for each in self.functions[function].calls[first:] if each.entered >= self.began]
+        return [call for call in self.functions[function].calls[first:] if call.entered >= self.began]
 
     def stack(self, function: str) -> int | None:
         """Return the bytes that the deepest of all its calls so far took; None where that is not known."""
         self.running.settle()
-        taken = [each.stack for each in self.functions[function].calls]
+        taken = [call.stack for call in self.functions[function].calls]
         known = [each for each in taken if each is not None]
         return max(known) if known and len(known) == len(taken) else None
 
@@ -96,6 +96,6 @@ class CallWatch:
     def _ended_in(self, function: str, calls: Sequence[Call]) -> tuple[str, ...]:
         """Name the other functions that returned in the place of one."""
         own = self.functions[function].address
-        found = {self._image.function_at(place) for place in {each.ended_in for each in calls}}
+        found = {self._image.function_at(place) for place in {call.ended_in for call in calls}}
         names = {each.name for each in found if each is not None and each.address != own}
         return tuple(sorted(name for name in names if name.partition(_COLD)[0] != function))

@@ -21,25 +21,17 @@ _STACK_BYTES = 8192
 
 @dataclass(frozen=True, slots=True)
 class CallResult:
-    """Value and cost of a called function.
-
-    Attributes
-    ----------
-    value : int or float or None
-        Value of the function's type; r0 without debug information, None for void.
-    cycles, instructions : int
-        From its first instruction to its return, both included.
-    clock_hz : float
-        Core clock that it was called at [Hz].
-    executed : Slice or None
-        The call, to be executed again; None if devices answered to too many loads.
-    """
+    """Value and cost of a called function."""
 
     value: int | float | None
+    """Value of the function's type; r0 without debug information, None for void."""
     cycles: int
     instructions: int
+    """From its first instruction to its return, both included."""
     clock_hz: float
+    """Core clock that it was called at [Hz]."""
     executed: Slice | None = field(default=None, compare=False, repr=False, kw_only=True)
+    """The call, to be executed again; None if devices answered to too many loads."""
 
     @property
     def microseconds(self) -> float:

@@ -15,35 +15,22 @@ _MOST_SLICES = 4000  # of a solution, so that their snapshots have room
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """One call of a solution.
-
-    Attributes
-    ----------
-    function : str
-    begin : Snapshot
-        State before its first instruction.
-    cycles : int
-        What it took, without exceptions and other tasks.
-    """
+    """One call of a solution."""
 
     function: str
     begin: Snapshot
+    """State before its first instruction."""
     cycles: int
+    """What it took, without exceptions and other tasks."""
 
 
 @dataclass(frozen=True, slots=True)
 class KeptSolution:
-    """A solution that can be computed once more.
-
-    Attributes
-    ----------
-    slices : tuple of Slice
-    ended : int
-        Cycle at which its last slice returned.
-    """
+    """A solution that can be computed once more."""
 
     slices: tuple[Slice, ...]
     ended: int
+    """Cycle at which its last slice returned."""
 
     @property
     def cycles(self) -> int:
@@ -56,11 +43,11 @@ class KeptSlices:
 
     Parameters
     ----------
-    processor : Processor
+    processor
         The emulator must not be running.
-    watch : CallWatch
+    watch
         Of the functions whose calls are slices.
-    ends : callable
+    ends
         Whether a slice was the last of a solution, by the slice and by what the one before it left.
     """
 

@@ -27,7 +27,7 @@ class ArgumentRegisters:
 
     Parameters
     ----------
-    hard_float : bool
+    hard_float
         Whether floats go to float registers; else they go with the integers.
 
     Attributes
@@ -73,14 +73,12 @@ def assign(
 
     Parameters
     ----------
-    symbol : str
+    symbol
         The function, for messages.
-    signature : Signature or None
+    signature
         None without debug information: then integers and buffers can be passed.
-    arguments : sequence
-    place : callable
+    place
         Copies a buffer to the board's RAM and returns its address.
-    hard_float : bool
 
     Raises
     ------
@@ -164,11 +162,10 @@ def result(kind: str, core: Sequence[int], floating: Sequence[int], *, hard_floa
 
     Parameters
     ----------
-    kind : str
+    kind
         Its type, as `Signature.returns`.
-    core, floating : sequence of int
+    core, floating
         r0 and r1, s0 and s1, after its return.
-    hard_float : bool
     """
     if kind == "void":
         return None

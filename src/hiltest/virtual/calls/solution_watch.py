@@ -27,22 +27,15 @@ class EndsWhen(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SolutionEnd:
-    """How to tell that a solution is complete.
-
-    Attributes
-    ----------
-    word : str or int
-        A variable, and where in it: ``progress`` or ``sfg+0xa80``; or an address.
-    when : EndsWhen
-        What is looked for: 0, as of a state or a count of slices, or another value than at the return before, as of
-        a count of solutions.
-    size : int
-        Bytes of the word: 1, 2 or 4.
-    """
+    """How to tell that a solution is complete."""
 
     word: str | int
+    """A variable, and where in it: ``progress`` or ``sfg+0xa80``; or an address."""
     when: EndsWhen = EndsWhen.ZERO
+    """What is looked for: 0, as of a state or a count of slices, or another value than at the return before, as of
+    a count of solutions."""
     size: int = 4
+    """Bytes of the word: 1, 2 or 4."""
 
     def address(self, image: FirmwareImage) -> int:
         """Return where the word is.
@@ -75,11 +68,10 @@ class SolutionWatch:
 
     Parameters
     ----------
-    processor : Processor
+    processor
         The emulator must not be running.
-    functions : iterable of str
+    functions
         What is called once for each slice; those of several functions together make a solution.
-    end : SolutionEnd
 
     Raises
     ------

@@ -121,7 +121,7 @@ void remember_answer(struct machine *machine, uint32_t address, uint32_t size, u
 {
     const struct core *core = &machine->core;
     struct known_answers *known = &machine->known;
-    if (!(known->declared & DEVICE_STEADY) || known->until <= core->cycles || core->asks_devices)
+    if (!(known->declared & DEVICE_STEADY) || known->until <= core->cycles || core->executes_all)
         return;
     struct known_answer *entry = entry_of(machine, address);
     const bool is_another = entry->address != address || entry->place != core->r[15];

@@ -1,8 +1,9 @@
 /* Turns of a loop that waits, counted without executing each.
  *
- * An instruction has read a device over and over, and the answer was known. From behind it one turn is executed step by
- * step. If it comes back to the same state of the core with the same memory, and has asked no device, the turns behind
- * it are like it until an event or the deadline. What the instructions do need not be understood for that.
+ * An instruction has read a device over and over, and the answer was known; or the core has been for a while in a short
+ * loop that stores nothing, as if it waited for an interrupt that changes a variable. From there one turn is executed
+ * step by step. If it comes back to the same state of the core with the same memory, and has asked no device, the turns
+ * behind it are like it until an event or the deadline. What the instructions do need not be understood for that.
  */
 #include <stddef.h>
 #include <stdlib.h>
@@ -10,7 +11,7 @@
 
 #include "execute.h"
 
-enum { MOST_STEPS = 256, MOST_WORDS = 64, WORD_BYTES = 4, MOST_PATIENCE = 1024 };
+enum { MOST_STEPS = 256, MOST_WORDS = 64, WORD_BYTES = 4, MOST_PATIENCE = 1024, MOST_INSTRUCTIONS = 8 };
 
 /* A step of a turn: which count of its node it has raised. */
 struct step {
@@ -212,9 +213,8 @@ static int64_t turns_until(const struct machine *machine, const struct turn *tur
     return fits && period > 0 && end > core->cycles ? (end - core->cycles) / period : 0;
 }
 
-int32_t pass_turns(struct machine *machine, int64_t until)
+int32_t pass_turns(struct machine *machine, int64_t until, int32_t *patience, int32_t least)
 {
-    struct known_answer *entry = machine->known.polled;
     machine->known.polled = NULL;
     if (!machine->turn)
         machine->turn = malloc(sizeof *machine->turn);
@@ -228,9 +228,53 @@ int32_t pass_turns(struct machine *machine, int64_t until)
     const bool is_cut_short = machine->looks || machine->core.cycles >= until;
     if (turns) {
         count_turns(machine, turn, turns);
-        entry->patience = FIRST_PATIENCE;
-    } else if (!is_cut_short && entry->patience < MOST_PATIENCE && (!is_wait || machine->known.soonest < until)) {
-        entry->patience *= 2; /* it costs more than it gains: try again later */
+        *patience = least;
+    } else if (!is_cut_short && *patience < MOST_PATIENCE && (!is_wait || machine->known.soonest < until)) {
+        *patience *= 2; /* it costs more than it gains: try again later */
     }
     return reason;
+}
+
+/* -- loops that poll memory --------------------------------------------------------------------------------------- */
+
+/* Whether an instruction may be part of a wait that shows no store, no call and no indirect jump. */
+static bool may_wait(const struct instruction *instruction)
+{
+    const bool jumps_far = instruction->transfer == TRANSFER_INDIRECT || instruction->operation == OP_BL;
+    const bool stores = instruction->row == ROW_store || instruction->row == ROW_store_register_offset
+        || instruction->row == ROW_fp_store || instruction->operation == OP_STM || instruction->operation == OP_STRD;
+    return !jumps_far && !stores;
+}
+
+/* The branch that leads back to before a node, behind at most so many instructions; NULL if there is none. */
+static const struct node *closing_branch(const struct node *node)
+{
+    const uint32_t first = node->address;
+    for (int32_t i = 0; i < MOST_INSTRUCTIONS && node && !node->marks && may_wait(&node->instruction); i++) {
+        const struct instruction *instruction = &node->instruction;
+        const bool branches = instruction->transfer == TRANSFER_DIRECT;
+        if (branches && node->taken && node->taken->address <= first)
+            return node;
+        if (branches && !instruction->conditional)
+            return NULL;
+        node = node->next;
+    }
+    return NULL;
+}
+
+int32_t *patience_in_loop(struct machine *machine)
+{
+    const struct core *core = &machine->core;
+    if (core->executes_all || (core->r[15] == core->return_address && !core->delivers_faults))
+        return NULL;
+    const struct node *node = next_node(machine), *end = node ? closing_branch(node) : NULL;
+    if (!end)
+        return NULL;
+    struct short_loop *loop = &machine->short_loops[end->address / 2 % SHORT_LOOPS];
+    if (loop->end != end->address)
+        *loop = (struct short_loop){.end = end->address, .patience = LEAST_LOOKS};
+    if (++loop->looks < loop->patience)
+        return NULL;
+    loop->looks = 0;
+    return &loop->patience;
 }

@@ -7,6 +7,8 @@
 #include "stacks.h"
 
 enum { SLICE_CYCLES = 4000000 }; /* about 10 ms of wall time */
+/* How soon after an event to look for a loop that waits, and how seldom at last, see patience_in_loop. */
+enum { FIRST_LOOK_CYCLES = 256, MOST_LOOK_CYCLES = 16384 };
 
 struct machine *machine_create(void)
 {
@@ -245,11 +247,13 @@ static bool concerns_host(const struct machine *machine)
 static int32_t run(struct machine *machine)
 {
     struct core *core = &machine->core;
-    int64_t slice_end = core->cycles + SLICE_CYCLES;
+    int64_t slice_end = core->cycles + SLICE_CYCLES, pace = FIRST_LOOK_CYCLES, look_at = core->cycles + pace;
     core->fault.kind = FAULT_NONE;
     look_at_stack(machine, true, core->r[15]); /* somebody may have set the stack pointer */
     machine->has_fired = machine->told_host = false;
     for (;;) {
+        if (machine_next_event(machine) <= core->cycles)
+            look_at = core->cycles + (pace = FIRST_LOOK_CYCLES);
         machine_fire_events(machine);
         if (concerns_host(machine))
             return STOP_HOST;
@@ -271,9 +275,18 @@ static int32_t run(struct machine *machine)
             continue; /* it has passed on the way into an exception */
         if (core->instructions >= core->instruction_limit)
             return STOP_STEP;
-        int32_t reason = machine->known.polled
-            ? pass_turns(machine, until)
-            : go_on(machine, core->instruction_limit == INT64_MAX ? slice_end : INT64_MIN);
+        int32_t reason;
+        int32_t *patience = machine->known.polled ? &machine->known.polled->patience : NULL;
+        const int32_t least = patience ? FIRST_PATIENCE : LEAST_LOOKS;
+        if (!patience && core->cycles >= look_at) {
+            patience = patience_in_loop(machine);
+            pace = patience ? FIRST_LOOK_CYCLES : earlier(2 * pace, MOST_LOOK_CYCLES);
+            look_at = core->cycles + pace;
+        }
+        if (patience)
+            reason = pass_turns(machine, until, patience, least);
+        else
+            reason = go_on(machine, core->instruction_limit == INT64_MAX ? earlier(slice_end, look_at) : INT64_MIN);
         if (reason >= 0)
             return reason;
     }

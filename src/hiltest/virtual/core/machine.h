@@ -140,7 +140,7 @@ struct core {
     bool leaves_sleep;     /* STOP_SLEEP in any sleep, as with `sleeps_deeply` */
     bool may_loop;         /* a branch to itself passes the time until the deadline */
     bool tells_returns;
-    bool asks_devices;     /* devices are asked although their answers are known, for tests */
+    bool executes_all;     /* every turn of a loop, and devices are asked although their answers are known: for tests */
     bool passes_breakpoint; /* the next instruction executes though there is a breakpoint; that, or an exception's
                                entry, clears this */
     uint32_t return_address;
@@ -276,8 +276,8 @@ int32_t machine_uart_arriving(struct machine *machine, uint32_t base);
  * bytes are lost, because the host had not fetched 16 MiB before them. */
 int32_t machine_uart_waiting(struct machine *machine, uint32_t base);
 int32_t machine_uart_read(struct machine *machine, uint32_t base, uint8_t *bytes, int32_t count);
-/* What HOST_BYTES stops at: so many bytes that the host has not fetched, or one with a value, -1 for none. At first it is
- * any byte. */
+/* What HOST_BYTES stops at: so many bytes that the host has not fetched, or one with a value, -1 for none. At first there
+ * is none. */
 void machine_uart_expect(struct machine *machine, uint32_t base, int32_t count, int32_t byte);
 
 /* I2C masters: `clock` is the module's, `time` counts picoseconds. The parts on the wires are asked at a time: an

@@ -94,6 +94,14 @@ struct history {
     struct stacks stacks;
 };
 
+/* loops.c: a loop in which the core has been when somebody looked. */
+enum { SHORT_LOOPS = 16, LEAST_LOOKS = 1 };
+struct short_loop {
+    uint32_t end;     /* address of the branch back, or 0 */
+    int32_t looks;    /* at it since turns were passed, or tried */
+    int32_t patience; /* after so many, try to pass turns */
+};
+
 struct device;
 enum { DEVICES = 32 };
 
@@ -131,6 +139,7 @@ struct machine {
     const struct node *running;  /* the instruction that runs, while a device or whoever watches calls is asked */
     struct known_answers known;
     struct turn *turn;   /* room for the turn of a loop, or NULL, see loops.c */
+    struct short_loop short_loops[SHORT_LOOPS];
     uint32_t answers[ANSWERS];   /* what devices have answered to loads: number n is at n % ANSWERS */
     int64_t oldest_answer;       /* number of the first that was kept */
 };
@@ -173,9 +182,13 @@ void forget_answers(struct machine *machine);
 /* Tell devices of repeated loads, before anything else that they get to know. */
 void tell_repeats(struct machine *machine);
 
-/* loops.c: execute a turn of a loop that polls a device, and count turns that are like it up to a cycle. Returns a
- * reason to stop, or -1. */
-int32_t pass_turns(struct machine *machine, int64_t until);
+/* loops.c: execute a turn of a loop that polls a device or memory, and count turns that are like it up to a cycle.
+ * *patience, which says how soon to try again, becomes `least` if that has saved time, and grows if not. Returns a reason
+ * to stop, or -1. */
+int32_t pass_turns(struct machine *machine, int64_t until, int32_t *patience, int32_t least);
+/* Whether the core is in a short loop that stores nothing, and may wait for memory to change: its patience if that is at
+ * an end, else NULL. */
+int32_t *patience_in_loop(struct machine *machine);
 
 /* snapshot.c: whether there was room for what a new memory needs. */
 bool begin_copies(struct memory *memory);

@@ -343,7 +343,7 @@ bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uar
             .base = base, .bytes = PAGE_BYTES, .read = read_by_bytes, .read_byte = read_register,
             .write = write_by_bytes, .write_byte = write_register, .reset = reset, .destroy = destroy,
             .restore = restore},
-        .connections = connections, .expected_byte = -1,
+        .connections = connections, .expected_count = INT32_MAX, .expected_byte = -1,
         .arrival.fire = arrive, .idle.fire = be_idle, .end.fire = end_byte};
     return add_device(machine, &uart.device, sizeof uart);
 }

@@ -53,13 +53,13 @@ def cycle_range(
 
     Parameters
     ----------
-    profile : TimingProfile
+    profile
         Profile that it was counted by.
-    cycles : int
+    cycles
         The count.
-    whole : sequence of Slice
+    whole
         What was counted.
-    empty : sequence of Slice
+    empty
         What was counted and subtracted.
 
     Returns
@@ -146,13 +146,13 @@ def range_where_it_ran(
 
     Parameters
     ----------
-    profile : TimingProfile
+    profile
         Profile that it was counted by.
-    cycle_model : str
+    cycle_model
         Its placement says where it ran.
-    cycles : int
+    cycles
         The count.
-    executed : tuple of sequences of Slice, or None
+    executed
         What was counted, and what was subtracted; None if that is unknown.
     """
     if in_flash(cycle_model):
@@ -165,11 +165,11 @@ class TimedSteps:
 
     Parameters
     ----------
-    counter : CycleCounter
+    counter
         Counter that firmware reads around each step, and around the empty call in front of each.
-    profile : TimingProfile
+    profile
         Profile that it was counted by.
-    cycle_model : str
+    cycle_model
         Its placement says where they ran.
     """
 

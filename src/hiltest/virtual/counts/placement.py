@@ -14,33 +14,23 @@ LEAST_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class LoopPlacement:
-    """A loop, and what the place of its instructions costs by the cycle model.
-
-    Attributes
-    ----------
-    function, location : str
-        Where it is; `location` is empty without debug information.
-    address, last : int
-        Its first instruction, and the branch back.
-    turns : int
-        How often the branch back was taken.
-    misplaced, wide : int
-        Instructions of four bytes that it executed, those first that do not begin at a multiple of four.
-    cycles : int
-        Cycles that they waited to be fetched; those of loops within it are theirs.
-    advice : str
-        What moves the instructions that wait most.
-    """
+    """A loop, and what the place of its instructions costs by the cycle model."""
 
     function: str
     location: str
+    """Where it is; `location` is empty without debug information."""
     address: int
     last: int
+    """Its first instruction, and the branch back."""
     turns: int
+    """How often the branch back was taken."""
     misplaced: int
     wide: int
+    """Instructions of four bytes that it executed, those first that do not begin at a multiple of four."""
     cycles: int
+    """Cycles that they waited to be fetched; those of loops within it are theirs."""
     advice: str
+    """What moves the instructions that wait most."""
 
 
 @dataclass(slots=True)
@@ -70,15 +60,15 @@ def placements(
 
     Parameters
     ----------
-    name : str
+    name
         The function's.
-    loops : mapping of Loop to int
+    loops
         How often each branch back was taken.
-    executed : mapping of int to FetchTally
+    executed
         The function's instructions, by address.
-    image : FirmwareImage
+    image
         Tells source lines.
-    text_at : callable
+    text_at
         Tells the text of the instruction at an address.
     """
     inside: dict[Loop, list[FetchTally]] = {}
@@ -99,14 +89,14 @@ def placements(
 
 def _advice(loop: Loop, tallies: list[FetchTally], text_at: Callable[[int], str]) -> str:
     """Say what moves the run of misplaced instructions that waits most."""
-    ends = {each.address + each.size: each for each in tallies}
+    ends = {tally.address + tally.size: tally for tally in tallies}
     late: Counter[int] = Counter()
-    for each in tallies:
-        if each.late:
-            begin = each.address
+    for tally in tallies:
+        if tally.late:
+            begin = tally.address
             while begin != loop[0] and begin in ends and ends[begin].misplaced:
                 begin = ends[begin].address
-            late[begin] += each.late
+            late[begin] += tally.late
     (begin, _), *others = late.most_common()
     more = f"; {len(others)} more such run{'s' if len(others) > 1 else ''}" if others else ""
     before = None if begin == loop[0] else ends.get(begin)

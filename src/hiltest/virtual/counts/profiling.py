@@ -33,24 +33,17 @@ _COLD = ".cold"  # the part of a function that the compiler moves away because i
 
 @dataclass(frozen=True, slots=True)
 class FunctionCost:
-    """Cost of one function.
-
-    Attributes
-    ----------
-    calls : int
-        How often it was entered.
-    cycles, self_cycles : int
-        Cycles with the functions that it called, and without.
-    instructions, stall_cycles : int
-        Its own.
-    """
+    """Cost of one function."""
 
     name: str
     calls: int
+    """How often it was entered."""
     cycles: int
     self_cycles: int
+    """Cycles with the functions that it called, and without."""
     instructions: int
     stall_cycles: int
+    """Its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,41 +79,30 @@ class StackCost:
 
 @dataclass(frozen=True, slots=True)
 class CallProfile(CallResult):
-    """Value and cost of a called function, and where its cycles went.
-
-    Attributes
-    ----------
-    function : str
-    cycle_model : str
-        Timing profile and placement of the code that ran: ``cortex-m4-trm/2@sram``.
-    work, stalls : mapping
-        Cycles of each class of instructions and of each cause of waiting; with
-        `asleep_cycles` they add up to `cycles`.
-    asleep_cycles : int
-        Cycles in which no instruction ran: WFI.
-    functions, lines, addresses, stacks : tuple
-        Most expensive first; `lines` is empty without debug information.
-    band : CycleRange or None
-        Uncertainty range of `cycles`; None when more than instructions took time,
-        and for code in flash by a profile that knows no memories.
-    memory_cycles : int or None
-        What accesses waited for, of no instruction in the tables; None when the timing profile knows no memories.
-    loops : tuple of LoopPlacement
-        Those whose instructions lie badly, the one that loses most first; none by a profile without rules of fetching.
-    """
+    """Value and cost of a called function, and where its cycles went."""
 
     function: str
     cycle_model: str
+    """Timing profile and placement of the code that ran: ``cortex-m4-trm/2@sram``."""
     work: Mapping[Work, int]
     stalls: Mapping[Stall, int]
+    """Cycles of each class of instructions and of each cause of waiting; with `asleep_cycles` they add up to
+    `cycles`."""
     asleep_cycles: int
+    """Cycles in which no instruction ran: WFI."""
     functions: tuple[FunctionCost, ...]
     lines: tuple[LineCost, ...]
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
+    """Most expensive first; `lines` is empty without debug information."""
     band: CycleRange | None
+    """Uncertainty range of `cycles`; None when more than instructions took time, and for code in flash by a profile
+    that knows no memories."""
     memory_cycles: int | None = None
+    """What accesses waited for, of no instruction in the tables; None when the timing profile knows no memories."""
     loops: tuple[LoopPlacement, ...] = ()
+    """Those whose instructions lie badly, the one that loses most first; none by a profile without rules of
+    fetching."""
 
     def share(self, cycles: int) -> float:
         """Return a part of the total [%]."""
@@ -135,8 +117,7 @@ def profile_call(
 
     Parameters
     ----------
-    board : VirtualCortexM4
-    function : str
+    function
         Its name.
     *arguments, timeout_s, clock_hz
         As `VirtualCortexM4.call` takes them.

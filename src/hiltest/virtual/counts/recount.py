@@ -19,17 +19,11 @@ _LARGEST_FACTOR = 100  # more than waits make of a count, unless something else 
 
 @dataclass(frozen=True, slots=True)
 class Recount:
-    """Cycles of a solution, counted with the waits of memories.
-
-    Attributes
-    ----------
-    cycles : int
-    waits : int
-        Part of them that accesses waited.
-    """
+    """Cycles of a solution, counted with the waits of memories."""
 
     cycles: int
     waits: int
+    """Part of them that accesses waited."""
 
 
 def counted_with_waits(board: VirtualK64F, kept: KeptSolution, profile: TimingProfile) -> Recount:
@@ -37,10 +31,9 @@ def counted_with_waits(board: VirtualK64F, kept: KeptSolution, profile: TimingPr
 
     Parameters
     ----------
-    board : VirtualK64F
+    board
         The board that executed them; it stands still, and stays as it is.
-    kept : KeptSolution
-    profile : TimingProfile
+    profile
         One with memory rows.
 
     Raises

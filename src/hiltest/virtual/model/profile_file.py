@@ -121,7 +121,7 @@ def load_profile(name: str) -> TimingProfile:
 
     Parameters
     ----------
-    name : str
+    name
         Name of a packaged profile, or a file of one's own, which ends in ``.toml``.
 
     Raises
@@ -211,7 +211,7 @@ def _base(
     place: str, name: str, base: Any, *, key: str = "base"
 ) -> tuple[dict[str, CostRow], dict[str, CostRow]]:
     if not isinstance(base, str) or base not in shipped_profiles() or base == name:
-        known = ", ".join(each for each in shipped_profiles() if each != name)
+        known = ", ".join(shipped_profile for shipped_profile in shipped_profiles() if shipped_profile != name)
         raise ConfigError(f"{place}: {key}: must be a profile that ships: {known}; not {shown(base)}")
     profile = load_profile(base)
     return profile.rows, profile.memory

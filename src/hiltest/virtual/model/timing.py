@@ -30,13 +30,13 @@ class TimingProfile:
 
     Parameters
     ----------
-    name : str
+    name
         Name and version, e.g. ``cortex-m4-trm/2``.
-    rows : dict of str to CostRow
+    rows
         The table.
-    memory : dict of str to CostRow, optional
+    memory
         What the memories add, for counting that looks at every access.
-    shipped : bool
+    shipped
         Whether a test checks the numbers under that name; otherwise the name gets the digest as an ending, so that two
         tables which call themselves alike are not compared: ``mine/1+0a1b2c3d``.
 

@@ -24,12 +24,7 @@ Region = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class MemoryMap:
-    """Memories of a part; as text, as ``--memory`` takes them.
-
-    Attributes
-    ----------
-    flash, ram : tuple of Region
-    """
+    """Memories of a part; as text, as ``--memory`` takes them."""
 
     flash: tuple[Region, ...]
     ram: tuple[Region, ...]
@@ -55,27 +50,19 @@ class ChipRegister:
 
 @dataclass(frozen=True, slots=True)
 class ChipPeripheral:
-    """One peripheral.
-
-    Attributes
-    ----------
-    base, size : int
-        Its addresses.
-    gates : tuple of (int, int)
-        Number of the SCGC register (1 to 7) and bit; any one that is set gives it a clock. Empty: it always has one.
-    interrupts : tuple of int
-        Its interrupts, in the order of the vector table.
-    requests : tuple of int
-        Its sources of the DMA multiplexer.
-    """
+    """One peripheral."""
 
     name: str
     base: int
     size: int
+    """Its addresses."""
     gates: tuple[tuple[int, int], ...]
+    """Number of the SCGC register (1 to 7) and bit; any one that is set gives it a clock. Empty: it always has one."""
     registers: tuple[ChipRegister, ...]
     interrupts: tuple[int, ...]
+    """Its interrupts, in the order of the vector table."""
     requests: tuple[int, ...]
+    """Its sources of the DMA multiplexer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +95,7 @@ class Chip:
 
     Parameters
     ----------
-    peripherals : tuple of ChipPeripheral
-    pins : tuple of ChipPin
+    pins
         Signals that pins may carry: of the timers, on the pins that the FRDM-K64F's headers have.
     """
 

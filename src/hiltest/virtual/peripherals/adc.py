@@ -38,13 +38,13 @@ class Converter(Restorable):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clocks : ClockGates
+    clocks
         Its clocks.
-    module : ChipPeripheral
+    module
         Its addresses and interrupt.
-    note : callable
+    note
         Told address, size and value of a write that asks for what is not modelled.
 
     Attributes
@@ -75,6 +75,7 @@ class Converter(Restorable):
         self._note = note
         self._initial = {register.address - module.base: register.reset for register in module.registers}
         self._event: Event | None = None
+        self._end = clocks.time, 0
         self.reset()
 
     def reset(self) -> None:
@@ -129,7 +130,11 @@ class Converter(Restorable):
             return
         clocks = self._conversion_clocks(bool(control & _DIFF), is_first=is_first)
         source, ticks = self._ticks(clocks, 5 if is_first else 0)
-        self._event = source.after(ticks, self._converted)
+        before, end = self._end
+        # The next conversion follows without a gap, however late the core comes to notice the end of this one.
+        begin = source.now() if is_first or before is not source else end
+        self._end = source, begin + ticks
+        self._event = source.at(begin + ticks, self._converted)
 
     def _converted(self) -> None:
         self._event = None

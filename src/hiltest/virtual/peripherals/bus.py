@@ -72,11 +72,11 @@ class StoredRegisters(Restorable):
 
     Parameters
     ----------
-    name : str
+    name
         As the reference manual calls it.
-    base : int
+    base
         First address.
-    initial : dict of int to int, optional
+    initial
         Bytes that are not zero after reset, by offset.
     """
 
@@ -134,11 +134,11 @@ class PeripheralBus(Restorable):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Processor that makes the accesses.
-    peripherals : iterable of Peripheral
+    peripherals
         The blocks.
-    register_name : callable
+    register_name
         Names the register of the chip at an address; None where it has nothing. None: the memories are another part's.
     """
 

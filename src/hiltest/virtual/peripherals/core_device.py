@@ -12,11 +12,11 @@ class CoreDevice(Restorable):
 
     Parameters
     ----------
-    machine : Machine
+    machine
         It has the block already.
-    name : str
+    name
         As the reference manual calls it.
-    base : int
+    base
         First address.
     """
 

@@ -29,7 +29,7 @@ class CheckValue(Restorable):
 
     Parameters
     ----------
-    module : ChipPeripheral
+    module
         Its address.
     """
 

@@ -25,10 +25,9 @@ def dma_pages(
 
     Parameters
     ----------
-    machine : Machine
-    module, multiplexer : ChipPeripheral
+    module, multiplexer
         Their addresses and interrupts.
-    timers : PeriodicTimers
+    timers
         Let requests of triggered channels through.
     """
     connections = module.base, multiplexer.base, timers.base, module.interrupts

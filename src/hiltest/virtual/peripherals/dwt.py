@@ -18,21 +18,14 @@ _READINGS = 400  # number of those kept, as the core keeps them
 
 @dataclass(frozen=True, slots=True)
 class CounterReading:
-    """One reading of CYCCNT.
-
-    Attributes
-    ----------
-    cycles : int
-        The answer.
-    snapshot : Snapshot
-        State before the instruction that read it.
-    answers : array of uint32_t or None
-        What devices answered to loads since the reading before; None if they were too many.
-    """
+    """One reading of CYCCNT."""
 
     cycles: int
+    """The answer."""
     snapshot: Snapshot
+    """State before the instruction that read it."""
     answers: Any
+    """What devices answered to loads since the reading before; None if they were too many."""
 
     @property
     def at(self) -> int:
@@ -52,12 +45,7 @@ class CounterReading:
 
 
 class CycleCounter(CoreDevice):
-    """DWT, which the core's library has: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set.
-
-    Parameters
-    ----------
-    machine : Machine
-    """
+    """DWT, which the core's library has: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set."""
 
     counters = frozenset(range(4, 8))  # CYCCNT
     steady = frozenset(ALL_STEADY) - counters
@@ -127,9 +115,9 @@ class CycleCounter(CoreDevice):
 
         Parameters
         ----------
-        cycles, overhead_cycles : int
+        cycles, overhead_cycles
             As the firmware reports them.
-        call : (int, int), optional
+        call
             Cycles since power-on when what was timed was entered and left: the readings must be those around it.
         """
         readings = list(self.readings)
@@ -183,7 +171,7 @@ def _slice(machine: Machine, first: CounterReading, last: CounterReading) -> Sli
 
 def _known(readings: Sequence[CounterReading | None]) -> list[CounterReading]:
     """Return successive readings; nothing where one was passed over."""
-    known = [each for each in readings if each is not None]
+    known = [reading for reading in readings if reading is not None]
     return known if len(known) == len(readings) else []
 
 

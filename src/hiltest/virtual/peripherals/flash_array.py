@@ -23,9 +23,9 @@ class FlashArray(Restorable):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Runs code from it.
-    file : str or Path, optional
+    file
         Holds the flash from run to run: its 1 MiB, then the records. It is made when it is not there.
 
     Attributes

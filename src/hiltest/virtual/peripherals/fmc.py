@@ -34,12 +34,7 @@ class FlashController(Protocol):
 
 
 class FlashControl(StoredRegisters):
-    """PFAPR, PFB0CR and PFB1CR; tags and data of the cache are only stored.
-
-    Parameters
-    ----------
-    controller : FlashController
-    """
+    """PFAPR, PFB0CR and PFB1CR; tags and data of the cache are only stored."""
 
     def __init__(self, controller: FlashController) -> None:
         self._controller = controller

@@ -46,15 +46,15 @@ class FlashMemory(StoredRegisters):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts, and where the code is that launches a command.
-    time : Clock
+    time
         Virtual time.
-    module : ChipPeripheral
+    module
         Its address and interrupts.
-    array : FlashArray
+    array
         The flash.
-    log : UnmodelledLog
+    log
         Gets the commands that are left out.
     """
 

@@ -23,13 +23,13 @@ class FlexTimer(CoreDevice):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clocks : ClockGates
+    clocks
         Bus clock and fixed clock; SOPT4.
-    module : ChipPeripheral
+    module
         Its addresses and interrupt.
-    note : callable
+    note
         Told address, size and value of a write that asks for what is not modelled.
 
     Attributes

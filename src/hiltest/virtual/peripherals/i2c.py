@@ -25,13 +25,13 @@ class I2c(CoreDevice):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clocks : ClockGates
+    clocks
         Time; the module clock is the bus clock.
-    bus : I2cBus
+    bus
         The parts on the wires.
-    module : ChipPeripheral
+    module
         Which of the chip's modules this is.
     """
 

@@ -48,7 +48,7 @@ class I2cBus(Restorable):
 
     Parameters
     ----------
-    devices : sequence of I2cDevice
+    devices
         At most one part an address.
 
     Attributes

@@ -21,11 +21,11 @@ class LowPowerTimer(CoreDevice):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clocks : ClockGates
+    clocks
         Its four clocks.
-    module : ChipPeripheral
+    module
         Its addresses and interrupt.
 
     Attributes

@@ -12,11 +12,11 @@ class PinSignal(Restorable):
 
     Parameters
     ----------
-    on_level : callable
+    on_level
         Told the new level of a pin that carries it, unless the peripheral drives that.
-    level : callable, optional
+    level
         Answers the level that the peripheral gives it; None for an input.
-    on_heard : callable, optional
+    on_heard
         Told that `is_heard` has changed.
     """
 

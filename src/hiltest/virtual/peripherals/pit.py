@@ -19,11 +19,11 @@ class PeriodicTimers(CoreDevice):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clocks : ClockGates
+    clocks
         The module clock is the bus clock.
-    module : ChipPeripheral
+    module
         Its addresses and interrupts.
     """
 

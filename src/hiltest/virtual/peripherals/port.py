@@ -21,10 +21,9 @@ class Port(CoreDevice):
 
     Parameters
     ----------
-    processor : Processor
-    module : ChipPeripheral
+    module
         The PORT module.
-    initial : dict of int to int
+    initial
         Bytes of the registers that are not zero after reset.
 
     Attributes
@@ -145,8 +144,7 @@ class Gpio(CoreDevice):
 
     Parameters
     ----------
-    machine : Machine
-    ports : sequence of Port
+    ports
         A to E.
     """
 

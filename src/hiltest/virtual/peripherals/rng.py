@@ -27,11 +27,11 @@ class RandomNumbers(Restorable):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clock : Clock
+    clock
         The module clock.
-    module : ChipPeripheral
+    module
         Its address and interrupt.
 
     Attributes

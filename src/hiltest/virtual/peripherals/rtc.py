@@ -27,11 +27,11 @@ class RealTimeClock(Restorable):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clocks : ClockGates
+    clocks
         Its crystal, which it switches on.
-    module : ChipPeripheral
+    module
         Its addresses and interrupts: of flags and alarm, and of each second.
     """
 

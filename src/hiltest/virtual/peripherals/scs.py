@@ -19,11 +19,11 @@ class SystemControlSpace(CoreDevice):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Processor that the registers belong to.
-    core : Clock
+    core
         The core clock, which SysTick counts.
-    request_reset : callable
+    request_reset
         Called when AIRCR asks for a system reset.
     """
 

@@ -39,9 +39,9 @@ class ClockGates(StoredRegisters):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Time.
-    generator : ClockGenerator
+    generator
         Where the core clock comes from.
 
     Attributes

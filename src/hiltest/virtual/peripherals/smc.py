@@ -74,10 +74,9 @@ class WakeUpUnit(Restorable):
 
     Parameters
     ----------
-    module : ChipPeripheral
-    processor : Processor
+    processor
         Its interrupt.
-    ports : mapping of str to Port
+    ports
         By letter: where its pins are.
     """
 
@@ -183,13 +182,9 @@ class SystemModes(StoredRegisters):
 
     Parameters
     ----------
-    module : ChipPeripheral
-    processor : Processor
-    clocks : ClockGates
-    oscillator : StoredRegisters
+    oscillator
         The OSC.
-    unit : WakeUpUnit
-    wake_up : callable
+    wake_up
         Called when VLLS ends, with its number: resets the part.
     """
 

@@ -20,15 +20,15 @@ class Uart(CoreDevice):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Interrupts.
-    clocks : ClockGates
+    clocks
         Time.
-    clock : Clock
+    clock
         The module clock.
-    module : ChipPeripheral
+    module
         Which of the chip's UARTs this is.
-    depth : int
+    depth
         Bytes that its FIFOs hold: 8, or 1 where it has none.
     """
 

@@ -21,35 +21,23 @@ class UnmodelledWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True)
 class UnmodelledAccess:
-    """The first access to a register that does nothing.
-
-    Attributes
-    ----------
-    register : str
-        Name of the register, ``FTM0_SC``.
-    address : int
-    written : int or None
-        The value, for a write.
-    size : int
-        In bytes.
-    place : str
-        Function and line of the instruction.
-    cycle : int
-        When [clock cycles since power-on].
-    accesses : int
-        How many there have been to the register so far.
-    outcome : str
-        What came of a write.
-    """
+    """The first access to a register that does nothing."""
 
     register: str
+    """Name of the register, ``FTM0_SC``."""
     address: int
     written: int | None
+    """The value, for a write."""
     size: int
+    """In bytes."""
     place: str
+    """Function and line of the instruction."""
     cycle: int
+    """When [clock cycles since power-on]."""
     accesses: int = 1
+    """How many there have been to the register so far."""
     outcome: str = "kept"
+    """What came of a write."""
 
     def __str__(self) -> str:
         if self.written is None:
@@ -64,9 +52,9 @@ class UnmodelledLog(Restorable):
 
     Parameters
     ----------
-    processor : Processor
+    processor
         Says who touches it, and when.
-    chip : Chip
+    chip
         Has the names.
 
     Attributes
@@ -146,13 +134,12 @@ class UnmodelledPage(StoredRegisters):
 
     Parameters
     ----------
-    base : int
+    base
         First address.
-    peripherals : list of ChipPeripheral
+    peripherals
         Which have registers there.
-    chip : Chip
+    chip
         Has their values after reset.
-    log : UnmodelledLog
     """
 
     steady = ALL_STEADY

@@ -29,9 +29,9 @@ class Watchdog(StoredRegisters):
 
     Parameters
     ----------
-    clocks : ClockGates
+    clocks
         It counts the bus clock, or a low-power oscillator of 1 kHz.
-    bite : callable
+    bite
         Called when its time is over; resets the part.
     """
 

@@ -23,9 +23,9 @@ class Clock(Restorable):
 
     Parameters
     ----------
-    schedule : Schedule
+    schedule
         Calendar in cycles of the core.
-    now : callable
+    now
         Answers the cycle, inside a peripheral's access too.
 
     Attributes

@@ -37,11 +37,10 @@ class Processor:
 
     Parameters
     ----------
-    image : FirmwareImage
+    image
         Names functions and lines in faults.
-    profile : TimingProfile
+    profile
         Prices instructions.
-    memories : MemoryMap
 
     Attributes
     ----------
@@ -228,11 +227,11 @@ class Processor:
 
         Parameters
         ----------
-        until : Event
+        until
             Time when to stop, before the first instruction that begins then or later.
-        wake : callable, optional
+        wake
             Asked after every event.
-        for_bytes : bool
+        for_bytes
             Whether it need not be asked before bytes come that the host of a UART expects.
 
         Returns

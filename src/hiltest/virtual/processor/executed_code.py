@@ -13,26 +13,16 @@ from hiltest.virtual.processor.cpu import Processor
 
 @dataclass(frozen=True, slots=True)
 class ExecutedCode:
-    """Counts by address; those of several processors may be added up.
-
-    Attributes
-    ----------
-    executed : Counter of int
-        How often each instruction was executed; skipped in an IT block is not executed.
-    jumped : Counter of int
-        How often each transfer of control jumped away.
-    """
+    """Counts by address; those of several processors may be added up."""
 
     executed: Counter[int] = field(default_factory=Counter)
+    """How often each instruction was executed; skipped in an IT block is not executed."""
     jumped: Counter[int] = field(default_factory=Counter)
+    """How often each transfer of control jumped away."""
 
 
 class ExecutionWatch:
     """Keeps what a processor executes from now on, resets and code that is written anew included.
-
-    Parameters
-    ----------
-    processor : Processor
 
     Attributes
     ----------

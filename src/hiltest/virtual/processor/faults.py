@@ -23,8 +23,7 @@ def describe_fault(machine: Machine, code: bytes) -> str:
 
     Parameters
     ----------
-    machine : Machine
-    code : bytes
+    code
         What stands at its place, if memory is there.
     """
     fault = machine.core.fault
@@ -81,21 +80,14 @@ def _jump(fault: Any) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FaultRecord:
-    """A fault that was delivered to the firmware.
-
-    Attributes
-    ----------
-    fault : BoardFault
-        Cause, place and registers, ready to be raised.
-    exception : str
-        Who got it: "HardFault", "BusFault", "UsageFault" or "MemManage".
-    cycle : int
-        When [clock cycles since power-on].
-    """
+    """A fault that was delivered to the firmware."""
 
     fault: BoardFault
+    """Cause, place and registers, ready to be raised."""
     exception: str
+    """Who got it: "HardFault", "BusFault", "UsageFault" or "MemManage"."""
     cycle: int
+    """When [clock cycles since power-on]."""
 
 
 class FaultLog(Restorable):

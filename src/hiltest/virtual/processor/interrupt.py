@@ -19,7 +19,7 @@ def deferred_interrupt(look: Callable[[], None]) -> Iterator[Callable[[], bool]]
 
     Parameters
     ----------
-    look : callable
+    look
         Called at once: makes the emulator stop soon.
 
     Yields

@@ -46,8 +46,7 @@ class BoardMemory:
 
     Parameters
     ----------
-    machine : Machine
-    regions : MemoryMap
+    regions
         Where they are.
 
     Attributes

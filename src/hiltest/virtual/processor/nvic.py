@@ -30,12 +30,7 @@ def exception_name(exception: int) -> str:
 
 
 class Nvic:
-    """Pending and active exceptions of the processor.
-
-    Parameters
-    ----------
-    machine : Machine
-    """
+    """Pending and active exceptions of the processor."""
 
     def __init__(self, machine: Machine) -> None:
         self._core, self._handle = machine.core, machine.handle

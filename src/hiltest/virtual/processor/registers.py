@@ -56,8 +56,7 @@ class RegisterGroup:
 
     Parameters
     ----------
-    machine : Machine
-    names : sequence of str
+    names
         Which registers, in which order: ``R0`` to ``R15``, ``SP``, ``S0`` to ``S31``, ``XPSR``, ``PRIMASK`` and so on.
     """
 

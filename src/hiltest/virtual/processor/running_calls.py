@@ -24,11 +24,11 @@ class WatchedFunction:
 
     Parameters
     ----------
-    address : int
+    address
         First instruction.
-    number : int
+    number
         The core's number of it.
-    counts : struct machine_function
+    counts
         What the core knows of it.
 
     Attributes
@@ -85,8 +85,7 @@ class RunningCalls:
 
     Parameters
     ----------
-    machine : Machine
-    abort : callable
+    abort
         Gets any exception that a listener raises.
 
     Notes

@@ -41,21 +41,14 @@ class Schedule(Restorable):
 
     Parameters
     ----------
-    planned : callable, optional
+    planned
         Told the cycle of every new event: one may be due before what runs would have stopped.
-
-    Attributes
-    ----------
-    time : float
-        When the event that is running was due [cycles]. The processor notices an
-        event at the end of a block; what follows from it counts from here.
     """
 
     def __init__(self, planned: Callable[[float], None] | None = None) -> None:
         self._planned = planned
         self._heap: list[tuple[float, int, Event]] = []
         self._order = itertools.count()
-        self.time: float = 0.0
 
     def at(
         self, cycle: float, action: Callable[[], None], *, wakes: bool = True,
@@ -65,12 +58,11 @@ class Schedule(Restorable):
 
         Parameters
         ----------
-        cycle : float
+        cycle
             Cycle of the core.
-        action : callable
-        wakes : bool
+        wakes
             Whether firmware may wait for what the action does.
-        replan : callable, optional
+        replan
             Answers the cycle anew after clocks have changed their rates.
         """
         event = Event(cycle, action, wakes, replan)
@@ -91,15 +83,13 @@ class Schedule(Restorable):
 
     def state(self) -> Any:
         """Return the events that are planned, with all that may change of them."""
-        planned = [(*entry, entry[2].action) for entry in self._heap if entry[2].action is not None]
-        return self.time, planned
+        return [(*entry, entry[2].action) for entry in self._heap if entry[2].action is not None]
 
     def restore(self, state: Any) -> None:
         """Plan the events of a state, and no others."""
-        self.time, planned = state
-        self._heap = [(cycle, order, event) for cycle, order, event, _ in planned]
+        self._heap = [(cycle, order, event) for cycle, order, event, _ in state]
         heapq.heapify(self._heap)
-        for cycle, _, event, action in planned:
+        for cycle, _, event, action in state:
             event.at_cycle, event.action = cycle, action
 
     @property
@@ -118,5 +108,4 @@ class Schedule(Restorable):
     def run_due(self, now: float) -> None:
         """Run every event that is due at cycle `now`."""
         while self.next_cycle <= now:
-            self.time, _, event = heapq.heappop(self._heap)
-            event.fire()
+            heapq.heappop(self._heap)[2].fire()

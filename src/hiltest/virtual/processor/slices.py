@@ -14,22 +14,14 @@ from hiltest.virtual.model.timing import TimingProfile
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """What a machine executed from a snapshot on, until a load from a device or until a function's return.
-
-    Attributes
-    ----------
-    machine : Machine
-    begin : Snapshot
-    cycles, instructions : int
-    answers : array of uint32_t
-        What devices answered to its loads, in order.
-    """
+    """What a machine executed from a snapshot on, until a load from a device or until a function's return."""
 
     machine: Machine
     begin: Snapshot
     cycles: int
     instructions: int
     answers: Any
+    """What devices answered to its loads, in order."""
 
 
 class PriceTables:
@@ -37,11 +29,11 @@ class PriceTables:
 
     Parameters
     ----------
-    machine : Machine
+    machine
         One with the memories of that which executed them.
-    profile : TimingProfile
+    profile
         The first table.
-    moves : sequence of mapping
+    moves
         Rows and values in which each other table differs from the first one.
 
     Raises

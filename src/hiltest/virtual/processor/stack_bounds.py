@@ -26,28 +26,17 @@ class NoBound(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Where execution may come to by a jump.
-
-    Attributes
-    ----------
-    address : int
-    depth : int
-        Bytes below the stack pointer that the function began with.
-    frame : int or None
-        The same of the frame pointer, where that was set from the stack pointer.
-    """
+    """Where execution may come to by a jump."""
 
     address: int
     depth: int
+    """Bytes below the stack pointer that the function began with."""
     frame: int | None = None
+    """The same of the frame pointer, where that was set from the stack pointer."""
 
 
 class StackBounds:
     """Bounds of an image's functions.
-
-    Parameters
-    ----------
-    image : FirmwareImage
 
     Notes
     -----
@@ -64,7 +53,7 @@ class StackBounds:
 
         Parameters
         ----------
-        address : int
+        address
             Its first instruction.
 
         Raises
@@ -76,7 +65,7 @@ class StackBounds:
 
     def _bound(self, entry: int, callers: tuple[int, ...]) -> int:
         if entry in callers:
-            chain = " -> ".join(self._name(each) for each in (*callers[callers.index(entry) :], entry))
+            chain = " -> ".join(self._name(caller) for caller in (*callers[callers.index(entry) :], entry))
             raise NoBound(f"it calls itself: {chain}")
         if entry not in self._bounds:
             self._bounds[entry] = self._walk(entry, (*callers, entry))
@@ -189,10 +178,9 @@ def bound_with_exceptions(bounds: StackBounds, entry: int, handlers: Iterable[It
 
     Parameters
     ----------
-    bounds : StackBounds
-    entry : int
+    entry
         Where it starts.
-    handlers : iterable of iterable of int
+    handlers
         Of exceptions that cannot interrupt each other: the deepest of each comes on top.
 
     Raises

@@ -16,13 +16,6 @@ from hiltest.virtual.processor.schedule import Schedule
 class Waiting(Restorable):
     """Sleep and rest of a processor.
 
-    Parameters
-    ----------
-    machine : Machine
-    nvic : Nvic
-    schedule : Schedule
-    fault_log : FaultLog
-
     Attributes
     ----------
     may_rest : bool

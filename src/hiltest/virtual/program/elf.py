@@ -43,24 +43,16 @@ LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
 
 @dataclass(frozen=True, slots=True)
 class LoadSegment:
-    """A loadable part of the image.
-
-    Attributes
-    ----------
-    address : int
-        Where a programmer puts it (physical, load address).
-    run_address : int
-        Where it stands while the firmware runs; start-up code copies it there.
-    data : bytes
-        Its content.
-    run_size : int
-        Its size while running, zeroed data included.
-    """
+    """A loadable part of the image."""
 
     address: int
+    """Where a programmer puts it (physical, load address)."""
     run_address: int
+    """Where it stands while the firmware runs; start-up code copies it there."""
     data: bytes
+    """Its content."""
     run_size: int
+    """Its size while running, zeroed data included."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +70,9 @@ def load_image(source: Path | bytes, *, base: int | None = None) -> FirmwareImag
 
     Parameters
     ----------
-    source : Path or bytes
+    source
         The file, or its content.
-    base : int, optional
+    base
         Address of a raw binary, and of its vector table; by default 0.
 
     Raises
@@ -106,11 +98,11 @@ class FirmwareImage:
 
     Parameters
     ----------
-    source : Path or bytes
+    source
         The file, or its content.
-    name : str
+    name
         What messages call a content.
-    vectors : int
+    vectors
         Where the vector table stands that it boots from.
 
     Raises

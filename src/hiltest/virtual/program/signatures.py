@@ -38,18 +38,12 @@ class Element:
 
 @dataclass(frozen=True, slots=True)
 class Pointed:
-    """What a parameter points to.
-
-    Attributes
-    ----------
-    text : str
-        The parameter's type as C has it, ``const int16_t *``.
-    elements : frozenset of Element
-        The numbers that are there, of all members of a struct; empty where there may be anything.
-    """
+    """What a parameter points to."""
 
     text: str
+    """The parameter's type as C has it, ``const int16_t *``."""
     elements: frozenset[Element]
+    """The numbers that are there, of all members of a struct; empty where there may be anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +52,12 @@ class Signature:
 
     "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
     or "unsupported".
-
-    Attributes
-    ----------
-    pointed : tuple of Pointed or None
-        For each parameter that is a pointer.
     """
 
     parameters: tuple[str, ...]
     returns: str
     pointed: tuple[Pointed | None, ...] = ()
+    """For each parameter that is a pointer."""
 
 
 def read_subprograms(dwarf: Any) -> dict[str, Any]:
@@ -86,8 +76,8 @@ def read_subprograms(dwarf: Any) -> dict[str, Any]:
 def read_signature(die: Any) -> Signature:
     """Read the types of a function's entry."""
     parameters = [child for child in children(die) if child.tag == "DW_TAG_formal_parameter"]
-    kinds = tuple(_classify(_type_of(each)) for each in parameters)
-    return Signature(kinds, _classify(_type_of(_declared(die))), tuple(_pointed(each) for each in parameters))
+    kinds = tuple(_classify(_type_of(parameter)) for parameter in parameters)
+    return Signature(kinds, _classify(_type_of(_declared(die))), tuple(_pointed(parameter) for parameter in parameters))
 
 
 def _pointed(parameter: Any) -> Pointed | None:

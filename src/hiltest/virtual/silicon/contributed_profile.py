@@ -22,32 +22,22 @@ _LONGEST = 200
 
 @dataclass(frozen=True, slots=True)
 class MeasuredOn:
-    """Table ``[board]`` of a measured profile.
-
-    Attributes
-    ----------
-    name, revision : str
-        Of the board, as printed on it; its owner fills them in.
-    unique_id : str
-        Of the chip.
-    core_clock_hz : int
-    firmware, build_id, compiler : str
-        Of the firmware that counted.
-    date : str
-        Of the measurement, as in ISO 8601.
-    signed_off_by : str
-        ``Name <address>`` of who measured it and gives it away under hiltest's licence.
-    """
+    """Table ``[board]`` of a measured profile."""
 
     name: str
     revision: str
+    """Of the board, as printed on it; its owner fills them in."""
     unique_id: str
+    """Of the chip."""
     core_clock_hz: int
     firmware: str
     build_id: str
     compiler: str
+    """Of the firmware that counted."""
     date: str
+    """Of the measurement, as in ISO 8601."""
     signed_off_by: str
+    """``Name <address>`` of who measured it and gives it away under hiltest's licence."""
 
 
 #: What its owner fills in.
@@ -60,24 +50,16 @@ BY_HAND = {
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """A file that was checked.
-
-    Attributes
-    ----------
-    name : str
-        Of the profile.
-    board : MeasuredOn or None
-        None where that is not all there.
-    objections : tuple of str
-        Why it cannot be taken as it is; none where it can.
-    remarks : tuple of str
-        What the measurement says of the model's rules; no objection.
-    """
+    """A file that was checked."""
 
     name: str
+    """Of the profile."""
     board: MeasuredOn | None
+    """None where that is not all there."""
     objections: tuple[str, ...]
+    """Why it cannot be taken as it is; none where it can."""
     remarks: tuple[str, ...]
+    """What the measurement says of the model's rules; no objection."""
 
 
 def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> Checked:
@@ -85,10 +67,9 @@ def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> Check
 
     Parameters
     ----------
-    file : Path
-    image : FirmwareImage
+    image
         Of the firmware that ships, which has the sequences.
-    sequences : collection of str
+    sequences
         Names of all that it can time.
 
     Raises
@@ -119,18 +100,18 @@ def _board(given: Any) -> tuple[MeasuredOn | None, list[str]]:
     if not isinstance(given, dict) or not given:
         return None, ["it has no table [board]: measure again, this version writes one"]
     found, objections = dict[str, Any](), list[str]()
-    for each in fields(MeasuredOn):
-        value = given.get(each.name, "")
-        kind: type = int if each.name == "core_clock_hz" else str
+    for field in fields(MeasuredOn):
+        value = given.get(field.name, "")
+        kind: type = int if field.name == "core_clock_hz" else str
         if isinstance(value, bool) or not isinstance(value, kind):
             what = "a number" if kind is int else "a text"
-            objections.append(f"board.{each.name}: must be {what}, not {shown(value)}")
+            objections.append(f"board.{field.name}: must be {what}, not {shown(value)}")
         elif isinstance(value, str) and (len(value) > _LONGEST or not value.isprintable()):
-            objections.append(f"board.{each.name}: must be one line of at most {_LONGEST} printable characters")
+            objections.append(f"board.{field.name}: must be one line of at most {_LONGEST} printable characters")
         elif not value:
-            by_hand = BY_HAND.get(each.name)
-            objections.append(f"board.{each.name} is empty: {by_hand or 'measure again'}")
-        found[each.name] = value
+            by_hand = BY_HAND.get(field.name)
+            objections.append(f"board.{field.name} is empty: {by_hand or 'measure again'}")
+        found[field.name] = value
     return (None if objections else MeasuredOn(**found)), objections
 
 
@@ -155,7 +136,7 @@ def _clocks(given: Any, sequences: Collection[str]) -> tuple[dict[str, dict[str,
         clocks = given.get(place)
         if not isinstance(clocks, dict) or set(clocks) != set(sequences):
             objections.append(f"[measured.{place}] has not the clocks of all {len(sequences)} sequences: measure again")
-        elif any(isinstance(each, bool) or not isinstance(each, int) or each < 0 for each in clocks.values()):
+        elif any(isinstance(clock, bool) or not isinstance(clock, int) or clock < 0 for clock in clocks.values()):
             objections.append(f"[measured.{place}]: clocks are whole numbers from 0 on")
     return given, objections
 

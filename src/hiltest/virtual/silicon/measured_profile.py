@@ -112,24 +112,16 @@ PLACES = {
 
 @dataclass(frozen=True, slots=True)
 class MeasuredProfile:
-    """Rows solved from measurements.
-
-    Attributes
-    ----------
-    rows : dict of str to CostRow
-        Those that were measured. One that came out as no whole number has both neighbours as its range.
-    remarks : tuple of str
-        What does not fit the rules.
-    judgements : tuple of Judgement
-        Of each rule of fetching and of addresses, which candidate survives.
-    base : TimingProfile
-        Has the rows that no sequence gives: with those of the rules where one of them holds, or may.
-    """
+    """Rows solved from measurements."""
 
     rows: dict[str, CostRow]
+    """Those that were measured. One that came out as no whole number has both neighbours as its range."""
     remarks: tuple[str, ...]
+    """What does not fit the rules."""
     judgements: tuple[Judgement, ...]
+    """Of each rule of fetching and of addresses, which candidate survives."""
     base: TimingProfile
+    """Has the rows that no sequence gives: with those of the rules where one of them holds, or may."""
 
 
 def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> MeasuredProfile:
@@ -137,18 +129,18 @@ def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> Measur
 
     Parameters
     ----------
-    clocks : mapping of str to int
+    clocks
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
-    about : str
+    about
         What was measured, and with what: ends the source of each row.
-    image : FirmwareImage
+    image
         Has the sequences, from which candidates are priced.
     """
     rows, remarks, exact = _solved(clocks, about)
     base = load_profile(WITH_RULES)
     priced = TimingProfile(base.name, base.rows | rows, shipped=False)
     judgements = tuple(judge(clocks, priced, image))
-    if any(each.shows_rule for each in judgements if each.question.row not in ("", "refill_table")):
+    if any(judgement.shows_rule for judgement in judgements if judgement.question.row not in ("", "refill_table")):
         of_rules, more = _decided(judgements, about)
         rows |= of_rules
         remarks += more
@@ -205,12 +197,12 @@ def _decided(judgements: Iterable[Judgement], about: str) -> tuple[dict[str, Cos
     """Return the rows of rules that all their sequences agree on, and of the others why there is none."""
     found: dict[str, dict[int, str]] = {}
     left: dict[str, str] = {}
-    for each in judgements:
-        row, candidate = each.question.row, each.decided
+    for judgement in judgements:
+        row, candidate = judgement.question.row, judgement.decided
         if row in ("", "refill_table"):
             continue
-        told = f"{each.question.sequence}: {each.clocks} clocks, {each.verdict}"
-        if not each.survivors or (candidate and not candidate.in_rows):
+        told = f"{judgement.question.sequence}: {judgement.clocks} clocks, {judgement.verdict}"
+        if not judgement.survivors or (candidate and not candidate.in_rows):
             left[row] = told
         elif candidate and row in candidate.rows:
             found.setdefault(row, {}).setdefault(candidate.rows[row], told)
@@ -240,12 +232,11 @@ def profile_text(
 
     Parameters
     ----------
-    name : str
+    name
         Name of the profile.
-    measured : MeasuredProfile
-    raw : mapping of str to mapping
+    raw
         Clocks of each sequence, by the memory that it ran from: kept, so that they can be evaluated again later.
-    board : iterable of str, optional
+    board
         Lines of table ``[board]``: what it was measured on.
     """
     return "\n".join(_lines(name, measured, raw, board)) + "\n"
@@ -259,8 +250,8 @@ def _lines(
     yield f'base = "{measured.base.name}"'
     for remark in measured.remarks:
         yield f"# {remark}"
-    for each in measured.judgements:
-        yield f"# {each.question.sequence}: {each.clocks} clocks, {each.verdict}"
+    for judgement in measured.judgements:
+        yield f"# {judgement.question.sequence}: {judgement.clocks} clocks, {judgement.verdict}"
     if lines := list(board):
         yield ""
         yield from lines

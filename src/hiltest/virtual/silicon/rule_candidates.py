@@ -23,19 +23,13 @@ _PAST_NARROW = {"late_past_narrow": 1}
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One way in which a core may behave.
-
-    Attributes
-    ----------
-    rows : mapping of str to int
-        Values of rows.
-    in_rows : bool
-        Whether a profile file can say it.
-    """
+    """One way in which a core may behave."""
 
     says: str
     rows: Mapping[str, int] = field(default_factory=dict)
+    """Values of rows."""
     in_rows: bool = True
+    """Whether a profile file can say it."""
 
     def of(self, profile: TimingProfile) -> TimingProfile:
         """Return a profile that behaves so, and else as this one."""
@@ -47,24 +41,16 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What a sequence tells of a row, or of what no row says.
-
-    Attributes
-    ----------
-    sequence : str
-        Its name.
-    about : str
-        What stands in its half.
-    row : str
-        Row that it decides, or that one of its candidates contradicts; empty without one.
-    candidates : tuple of Candidate
-        The first one is that the rule does not hold.
-    """
+    """What a sequence tells of a row, or of what no row says."""
 
     sequence: str
+    """Its name."""
     about: str
+    """What stands in its half."""
     row: str
+    """Row that it decides, or that one of its candidates contradicts; empty without one."""
     candidates: tuple[Candidate, ...]
+    """The first one is that the rule does not hold."""
 
 
 def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
@@ -72,7 +58,7 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
 
     Parameters
     ----------
-    value : mapping of str to int
+    value
         Values of the rows that other sequences have given.
     """
 
@@ -154,7 +140,7 @@ class Judgement:
         if not self.survivors:
             return "none of the candidates predicts it"
         if self.decided is None:
-            return "it cannot be told: " + ", or ".join(each.says for each in self.survivors)
+            return "it cannot be told: " + ", or ".join(survivor.says for survivor in self.survivors)
         return self.decided.says
 
 
@@ -172,11 +158,11 @@ def judge(clocks: Mapping[str, int], profile: TimingProfile, image: FirmwareImag
 
     Parameters
     ----------
-    clocks : mapping of str to int
+    clocks
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
-    profile : TimingProfile
+    profile
         One that has the rows of all rules, and those that the other sequences have given.
-    image : FirmwareImage
+    image
         Has the sequences.
     """
     for question in questions({name: row.value for name, row in profile.rows.items()}):
