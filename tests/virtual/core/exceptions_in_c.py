@@ -26,7 +26,8 @@ def exception_library() -> tuple[Any, Any]:
     """Return `inner_library`, with what state.h declares."""
     ffi, library = inner_library()
     text = "".join((SOURCES / name).read_text() for name in ("events.h", "state.h"))
-    declarations = re.sub(r"^(#|static const ).*$", "", text, flags=re.MULTILINE)
+    declarations = re.sub(r"static inline [^{]*\{[^}]*\}", "", text)
+    declarations = re.sub(r"^(#|static const ).*$", "", declarations, flags=re.MULTILINE)
     ffi.cdef(declarations, override=True)
     return ffi, library
 
@@ -36,8 +37,6 @@ class Machine:
 
     Parameters
     ----------
-    baseline : bool
-        Whether the core is of ARMv6-M.
     prices : mapping
         Rows of its timing profile.
 
@@ -48,18 +47,18 @@ class Machine:
         Bytes of its memories.
     """
 
-    def __init__(self, *, baseline: bool = False, prices: Mapping[str, int] = PRICES) -> None:
+    def __init__(self, *, prices: Mapping[str, int] = PRICES) -> None:
         self._ffi, self._library = exception_library()
         destroy = self._library.machine_destroy
-        self.pointer = self._ffi.gc(self._library.machine_create(baseline), destroy)
+        self.pointer = self._ffi.gc(self._library.machine_create(), destroy)
         self.core = self._library.machine_core(self.pointer)
         self.flash = self._memory(0, FLASH_BYTES, writable=False)
         self.ram = self._memory(RAM, RAM_BYTES, writable=True)
         for row, value in prices.items():
-            assert self._library.machine_set_price(self.pointer, row.encode(), value)
+            assert self._library.machine_set_price(self.pointer, 0, row.encode(), value)
         core = self.core
         core.interrupts = INTERRUPTS
-        core.priority_mask = 0xC0 if baseline else 0xF0
+        core.priority_mask = 0xF0
         core.thumb = 1
         core.zero = 1
         core.r[13], core.other_stack, core.r[15] = RAM + 0x2000, RAM + 0x3000, 0x800

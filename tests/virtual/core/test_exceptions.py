@@ -1,4 +1,4 @@
-"""Exceptions of the core in C, where the model does not look: ARMv6-M, and numbers out of range."""
+"""Exceptions of the core in C, where the model does not look: numbers out of range."""
 
 from __future__ import annotations
 
@@ -6,15 +6,10 @@ import pytest
 
 from .exceptions_in_c import (
     FIRST_INTERRUPT,
-    FPCA,
-    HARD_FAULT,
-    IDLE,
     INTERRUPTS,
     NMI,
-    NPRIV,
     PENDSV,
     RAM_END,
-    SPSEL,
     SYSTICK,
     THUMB,
     Machine,
@@ -77,11 +72,12 @@ def test_whatever_may_make_an_exception_deliverable_has_the_core_look(machine: M
 
 def test_entries_and_returns_empty_the_pipeline_and_clear_the_monitor_and_are_events(machine: Machine) -> None:
     def dirty() -> None:
-        machine.pointer.pipeline.fpu_busy = 9
-        machine.pointer.exclusive, machine.core.event = True, False
+        machine.pointer.history.pipeline.fpu_busy = 9
+        machine.pointer.history.exclusive, machine.core.event = True, False
 
     def is_clean() -> bool:
-        return not machine.pointer.pipeline.fpu_busy and not machine.pointer.exclusive and machine.core.event
+        history = machine.pointer.history
+        return not history.pipeline.fpu_busy and not history.exclusive and machine.core.event
 
     dirty()
     machine.enter(SYSTICK)
@@ -108,7 +104,7 @@ def test_a_return_to_thread_mode_sleeps_where_firmware_has_set_sleeponexit(machi
 def test_state_whose_frame_is_gone_is_dropped(machine: Machine, place: int) -> None:
     flash, ram = bytes(machine.flash), bytes(machine.ram)
     machine.core.lazy_frame = place
-    machine.call("floating_point_runs")
+    machine.call("machine_save_floats")
     assert machine.core.lazy_frame == 0
     assert (bytes(machine.flash), bytes(machine.ram)) == (flash, ram)
 
@@ -126,32 +122,6 @@ def test_xpsr_is_read_as_it_was_written(machine: Machine) -> None:
         assert machine.call("machine_xpsr") == 1 << bit
     machine.call("machine_set_xpsr", 0xFFFFFFFF)
     assert machine.call("machine_xpsr") == 0xFF0FFDFF
-
-
-def test_armv6_m_has_one_fault_handler_and_one_mask() -> None:
-    machine = Machine(baseline=True)
-    core = machine.core
-    core.fault_enabled, core.basepri, core.faultmask = 0x70, 0x40, 1
-    assert machine.call("machine_ceiling", False) == IDLE
-    assert machine.deliver("UNDEFINED_INSTRUCTION") == HARD_FAULT
-    assert (core.cfsr, core.hfsr) == (0, 0)
-    assert machine.leave()
-    core.primask = 1
-    assert machine.call("machine_ceiling", False) == 0
-
-
-def test_armv6_m_has_two_bits_of_priority_and_no_extended_frames() -> None:
-    machine = Machine(baseline=True)
-    machine.call("machine_set_priority", A, 0x7F)
-    assert machine.core.priority[A] == 0x40
-    machine.enter(A)
-    assert not machine.leave(FLOATS_TO_THREAD)
-    assert machine.fault == ("INVALID_RETURN", "RETURN_VALUE")
-    machine.call("machine_set_xpsr", 0xFFFFFFFF)
-    assert machine.call("machine_xpsr") == 0xF100003F
-    machine.call("machine_set_xpsr", THUMB)
-    machine.call("machine_set_control", NPRIV | SPSEL | FPCA)
-    assert machine.core.control == SPSEL
 
 
 def test_fields_out_of_their_range_do_no_harm(machine: Machine) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from unicorn import arm_const as arm
 from unicorn import unicorn_py3
 
-from .decoder import Encoding, encodings
+from .decoder import Encoding, encodings, operation_name
 from .inner_library import inner_library
 
 Words = NDArray[np.uint32]
@@ -151,7 +151,7 @@ class Core:
 
     def __init__(self) -> None:
         self._ffi, self._library = library()
-        self._machine = self._ffi.gc(self._library.machine_create(False), self._library.machine_destroy)
+        self._machine = self._ffi.gc(self._library.machine_create(), self._library.machine_destroy)
         self.code, self.data = (
             self._library.machine_add_memory(self._machine, base, size, True)
             for base, size in ((CODE, CODE_SIZE), (DATA, DATA_SIZE)))
@@ -293,8 +293,8 @@ def operation(bits: int, size: int) -> tuple[str, Any]:
     ffi, calls = library()
     decoded = ffi.new("struct instruction *")
     first, second = (bits, 0) if size == 2 else (bits >> 16, bits & 0xFFFF)
-    calls.decode_instruction(CODE, first, second, 0, False, decoded)
-    return ffi.string(calls.operation_name(decoded.operation)).decode(), decoded
+    calls.decode_instruction(CODE, first, second, 0, decoded)
+    return operation_name(decoded), decoded
 
 
 def explanation(name: str, decoded: Any, it_state: int, fpscr: int, outcomes: tuple[str, str]) -> str:

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "float.h"
-#include "nvic.h"
 #include "registers.h"
 #include "stacks.h"
 
@@ -18,10 +17,6 @@ enum {
 
 #define EXC_RETURN 0xFFFFFFE1u /* the bits that are always set (B1.5.8) */
 enum { RETURN_PROCESS_STACK = 1 << 2, RETURN_THREAD = 1 << 3, RETURN_BASIC_FRAME = 1 << 4 };
-
-/* FPCCR (B3.2.21). */
-#define FPCCR_ASPEN (1u << 31)
-#define FPCCR_LSPEN (1u << 30)
 
 /* -- faults ------------------------------------------------------------------------------------------------------- */
 
@@ -68,12 +63,10 @@ static bool refuse_return(struct machine *machine, int32_t kind, int32_t cause, 
     return false;
 }
 
-/* Set what the handler reads. ARMv6-M has no status registers. */
+/* Set what the handler reads. */
 static void record(struct machine *machine, const struct machine_fault *fault, bool is_forced)
 {
     struct core *core = &machine->core;
-    if (machine->baseline)
-        return;
     core->cfsr |= FAULT_TABLE[fault->kind].cfsr;
     core->hfsr |= FAULT_TABLE[fault->kind].hfsr | (is_forced ? HFSR_FORCED : 0);
     if (fault->kind == FAULT_DATA_BUS) {
@@ -86,28 +79,16 @@ static void record(struct machine *machine, const struct machine_fault *fault, b
 
 static bool read_words(struct machine *machine, uint32_t address, uint32_t *words, uint32_t count)
 {
-    uint8_t bytes[FLOATING_BYTES];
-    if (!machine_read(machine, address, 4 * count, bytes))
-        return false;
-    for (uint32_t i = 0; i < count; i++) {
-        const uint8_t *byte = bytes + 4 * i;
-        words[i] = byte[0] | (uint32_t)byte[1] << 8 | (uint32_t)byte[2] << 16 | (uint32_t)byte[3] << 24;
-    }
-    return true;
+    return machine_read(machine, address, 4 * count, (uint8_t *)words);
 }
 
 static void write_words(struct machine *machine, uint32_t address, const uint32_t *words, uint32_t count)
 {
-    uint8_t bytes[FLOATING_BYTES];
-    for (uint32_t i = 0; i < count; i++)
-        for (uint32_t byte = 0; byte < 4; byte++)
-            bytes[4 * i + byte] = (uint8_t)(words[i] >> 8 * byte);
-    uint8_t *page = machine->writable[address >> PAGE_BITS];
-    uint32_t offset = address % PAGE_BYTES;
-    if (page != NULL && offset + 4 * count <= PAGE_BYTES)
-        memcpy(page + offset, bytes, 4 * count);
+    uint8_t *place = writable_bytes(machine, address, 4 * count);
+    if (place)
+        memcpy(place, words, 4 * count);
     else
-        machine_write(machine, address, 4 * count, bytes); /* the page holds code, or the frame crosses its end */
+        machine_write(machine, address, 4 * count, (const uint8_t *)words); /* the page holds code, or it ends there */
 }
 
 /* -- floating-point state ----------------------------------------------------------------------------------------- */
@@ -133,7 +114,7 @@ static void restore_floating_point(struct machine *machine, uint32_t address)
     machine->core.fpscr = words[S_REGISTERS] & FPSCR_WRITABLE;
 }
 
-void floating_point_runs(struct machine *machine)
+void machine_save_floats(struct machine *machine)
 {
     if (machine->core.lazy_frame == 0)
         return;
@@ -150,8 +131,8 @@ static void start_anew(struct machine *machine)
 {
     machine_flush_pipeline(machine);
     forget_answers(machine);
-    machine->jumped_at = -1;
-    machine->exclusive = false;
+    machine->history.jumped_at = -1;
+    machine->history.exclusive = false;
     machine->core.event = true;
 }
 
@@ -260,7 +241,7 @@ bool take_exception(struct machine *machine)
 static int32_t fault_handler(struct machine *machine, int32_t wanted)
 {
     int32_t priority = machine_execution_priority(machine, machine_ceiling(machine, false));
-    bool is_enabled = !machine->baseline && (machine->core.fault_enabled >> wanted & 1) != 0;
+    bool is_enabled = (machine->core.fault_enabled >> wanted & 1) != 0;
     if (is_enabled && machine_preemption_priority(machine, wanted) < priority)
         return wanted;
     bool is_lockup = priority <= machine_preemption_priority(machine, EXCEPTION_HARD_FAULT);
@@ -292,28 +273,24 @@ int32_t machine_deliver_fault(struct machine *machine)
 
 /* -- return ------------------------------------------------------------------------------------------------------- */
 
-/* EXC_RETURN values (B1.5.8); without an FPU, and in ARMv6-M, every frame is a basic one. */
-static bool is_return_value(const struct machine *machine, uint32_t exc_return)
+/* EXC_RETURN values (B1.5.8) */
+static bool is_return_value(uint32_t exc_return)
 {
-    switch (exc_return | (machine->baseline ? 0 : RETURN_BASIC_FRAME)) {
+    switch (exc_return | RETURN_BASIC_FRAME) {
     case EXC_RETURN | RETURN_BASIC_FRAME:
     case EXC_RETURN | RETURN_BASIC_FRAME | RETURN_THREAD:
-    case EXC_RETURN | RETURN_BASIC_FRAME | RETURN_THREAD | RETURN_PROCESS_STACK:
-        return true;
-    default:
-        return false;
+    case EXC_RETURN | RETURN_BASIC_FRAME | RETURN_THREAD | RETURN_PROCESS_STACK: return true;
+    default: return false;
     }
 }
 
 /* Only the last active exception returns to thread mode, unless CCR.NONBASETHRDENA permits it to others (B1.5.8). */
-static bool may_return(const struct machine *machine, uint32_t exc_return)
+static bool may_return(const struct core *core, uint32_t exc_return)
 {
-    const struct core *core = &machine->core;
-    if (!is_return_value(machine, exc_return))
+    const int32_t active = active_exceptions(core);
+    if (!is_return_value(exc_return))
         return false;
-    if ((exc_return & RETURN_THREAD) != 0)
-        return active_exceptions(core) == 1 || core->base_thread_enabled;
-    return active_exceptions(core) > 1;
+    return (exc_return & RETURN_THREAD) != 0 ? active == 1 || core->base_thread_enabled : active > 1;
 }
 
 /* Read the frame that a return takes its registers from. False: core.fault is set, and nothing has changed. */
@@ -325,7 +302,7 @@ static bool find_frame(
     /* In thread mode a branch to an EXC_RETURN is one to an address where nothing may be executed (B1.5.8). */
     if (core->exception == EXCEPTION_NONE || active_exceptions(core) == 0)
         return refuse_return(machine, FAULT_EXECUTE_NEVER, CAUSE_RETURN_THREAD, place, exc_return);
-    if (!may_return(machine, exc_return))
+    if (!may_return(core, exc_return))
         return refuse_return(machine, FAULT_INVALID_RETURN, CAUSE_RETURN_VALUE, place, exc_return);
     if (!machine_holds_stack(machine, base, size) || !read_words(machine, base, frame, FRAME_WORDS)) {
         note_fault(machine, FAULT_UNSTACKING, CAUSE_STACK_FRAME, place, base, 0, 0);
