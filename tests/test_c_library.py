@@ -195,7 +195,7 @@ def test_zig_builds_a_wheel_where_no_compiler_is_on_the_path(
         wheel = Path(builder.build("wheel", tmp_path))
     assert wheel.name.endswith(f"-py3-none-linux_{platform.machine()}.whl")
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
-    code = "from hiltest.virtual.core.library import ffi, lib; print(lib.machine_create() != ffi.NULL)"
+    code = "from hiltest.virtual.core.library import ffi, lib; print(lib.machine_create(False) != ffi.NULL)"
     outside = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": str(tmp_path / "site")}}
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, **outside)
     assert result.stdout == "True\n", result.stderr

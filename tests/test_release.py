@@ -91,7 +91,7 @@ PROGRAM = """
 
 int main(void)
 {
-    struct machine *machine = machine_create();
+    struct machine *machine = machine_create(false);
     const uint8_t code[] = { 0x2A, 0x20, 0x40, 0x43, 0xFE, 0xE7 }; /* movs r0, #42; muls r0, r0; b . */
     struct core *core = machine_core(machine);
     machine_add_memory(machine, 0x1000, 0x1000, false);

@@ -51,11 +51,11 @@ def encodings() -> list[Encoding]:
     return [encoding for groups, size in GROUPS for encoding in _encodings(groups, size)]
 
 
-def decode(address: int, first: int, second: int = 0, it_state: int = 0) -> Any:
+def decode(address: int, first: int, second: int = 0, it_state: int = 0, *, baseline: bool = False) -> Any:
     """Return the `struct instruction` of an instruction."""
     ffi, library = inner_library()
     decoded = ffi.new("struct instruction *")
-    library.decode_instruction(address, first, second, it_state, decoded)
+    library.decode_instruction(address, first, second, it_state, baseline, decoded)
     return decoded
 
 

@@ -37,6 +37,8 @@ class Machine:
 
     Parameters
     ----------
+    baseline : bool
+        Whether the core is of ARMv6-M.
     prices : mapping
         Rows of its timing profile.
 
@@ -47,10 +49,10 @@ class Machine:
         Bytes of its memories.
     """
 
-    def __init__(self, *, prices: Mapping[str, int] = PRICES) -> None:
+    def __init__(self, *, baseline: bool = False, prices: Mapping[str, int] = PRICES) -> None:
         self._ffi, self._library = exception_library()
         destroy = self._library.machine_destroy
-        self.pointer = self._ffi.gc(self._library.machine_create(), destroy)
+        self.pointer = self._ffi.gc(self._library.machine_create(baseline), destroy)
         self.core = self._library.machine_core(self.pointer)
         self.flash = self._memory(0, FLASH_BYTES, writable=False)
         self.ram = self._memory(RAM, RAM_BYTES, writable=True)
@@ -58,7 +60,7 @@ class Machine:
             assert self._library.machine_set_price(self.pointer, 0, row.encode(), value)
         core = self.core
         core.interrupts = INTERRUPTS
-        core.priority_mask = 0xF0
+        core.priority_mask = 0xC0 if baseline else 0xF0
         core.thumb = 1
         core.zero = 1
         core.r[13], core.other_stack, core.r[15] = RAM + 0x2000, RAM + 0x3000, 0x800

@@ -102,7 +102,7 @@ static void fill(uint8_t *bytes, uint32_t size)
 
 static struct machine *new_machine(void)
 {
-    struct machine *machine = machine_create();
+    struct machine *machine = machine_create(random_below(8) == 0);
     if (!machine || !machine_add_memory(machine, 0, FLASH_BYTES, false)
         || !machine_add_memory(machine, RAM, RAM_BYTES, true))
         exit(2);

@@ -312,6 +312,25 @@ def test_an_instruction_is_defined_if_unicorn_executes_it_but_for_named_differen
     assert differences[:20] == []
 
 
+LONG_OF_BASELINE = {"BL T1", "DMB T1", "DSB T1", "ISB T1", "MRS T1", "MSR (register) T1"}
+SHORT_WITHOUT_BASELINE = {"CBZ T1", "CBNZ T1", "IT T1"}
+
+
+def test_a_baseline_core_has_the_instructions_of_armv6m_alone() -> None:
+    """DDI 0419E, A5.2 and A5.3: those of two bytes but CBZ, CBNZ and IT, and six of four bytes."""
+    for first, second in instances(20, seed=3):
+        name, is_short = _encoding_name(first, second), first < WIDE
+        is_of_both = name not in SHORT_WITHOUT_BASELINE if is_short else name in LONG_OF_BASELINE
+        decoded, baseline = decode(ADDRESS, first, second), decode(ADDRESS, first, second, baseline=True)
+        assert operation_name(baseline) == (operation_name(decoded) if is_of_both else "UNDEFINED"), name
+
+
+def _encoding_name(first: int, second: int) -> str:
+    """Name the encoding of an instruction. It may match several rows of its group: special cases stand first."""
+    size, bits = (4, first << 16 | second) if first >= WIDE else (2, first)
+    return next((row.name for row in encodings() if row.size == size and bits & row.mask == row.value), "")
+
+
 def test_every_encoding_has_a_name_and_a_value_within_its_mask() -> None:
     names = [encoding.name for encoding in encodings()]
     assert len(names) > 300

@@ -1,4 +1,4 @@
-"""Exceptions of the core in C, where the model does not look: numbers out of range."""
+"""Exceptions of the core in C, where the model does not look: ARMv6-M, and numbers out of range."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ import pytest
 
 from .exceptions_in_c import (
     FIRST_INTERRUPT,
+    FPCA,
+    HARD_FAULT,
+    IDLE,
     INTERRUPTS,
     NMI,
+    NPRIV,
     PENDSV,
     RAM_END,
+    SPSEL,
     SYSTICK,
     THUMB,
     Machine,
@@ -76,8 +81,7 @@ def test_entries_and_returns_empty_the_pipeline_and_clear_the_monitor_and_are_ev
         machine.pointer.history.exclusive, machine.core.event = True, False
 
     def is_clean() -> bool:
-        history = machine.pointer.history
-        return not history.pipeline.fpu_busy and not history.exclusive and machine.core.event
+        return not machine.pointer.history.pipeline.fpu_busy and not machine.pointer.history.exclusive and machine.core.event
 
     dirty()
     machine.enter(SYSTICK)
@@ -122,6 +126,32 @@ def test_xpsr_is_read_as_it_was_written(machine: Machine) -> None:
         assert machine.call("machine_xpsr") == 1 << bit
     machine.call("machine_set_xpsr", 0xFFFFFFFF)
     assert machine.call("machine_xpsr") == 0xFF0FFDFF
+
+
+def test_armv6_m_has_one_fault_handler_and_one_mask() -> None:
+    machine = Machine(baseline=True)
+    core = machine.core
+    core.fault_enabled, core.basepri, core.faultmask = 0x70, 0x40, 1
+    assert machine.call("machine_ceiling", False) == IDLE
+    assert machine.deliver("UNDEFINED_INSTRUCTION") == HARD_FAULT
+    assert (core.cfsr, core.hfsr) == (0, 0)
+    assert machine.leave()
+    core.primask = 1
+    assert machine.call("machine_ceiling", False) == 0
+
+
+def test_armv6_m_has_two_bits_of_priority_and_no_extended_frames() -> None:
+    machine = Machine(baseline=True)
+    machine.call("machine_set_priority", A, 0x7F)
+    assert machine.core.priority[A] == 0x40
+    machine.enter(A)
+    assert not machine.leave(FLOATS_TO_THREAD)
+    assert machine.fault == ("INVALID_RETURN", "RETURN_VALUE")
+    machine.call("machine_set_xpsr", 0xFFFFFFFF)
+    assert machine.call("machine_xpsr") == 0xF100003F
+    machine.call("machine_set_xpsr", THUMB)
+    machine.call("machine_set_control", NPRIV | SPSEL | FPCA)
+    assert machine.core.control == SPSEL
 
 
 def test_fields_out_of_their_range_do_no_harm(machine: Machine) -> None:

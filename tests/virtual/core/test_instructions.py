@@ -151,7 +151,7 @@ class Core:
 
     def __init__(self) -> None:
         self._ffi, self._library = library()
-        self._machine = self._ffi.gc(self._library.machine_create(), self._library.machine_destroy)
+        self._machine = self._ffi.gc(self._library.machine_create(False), self._library.machine_destroy)
         self.code, self.data = (
             self._library.machine_add_memory(self._machine, base, size, True)
             for base, size in ((CODE, CODE_SIZE), (DATA, DATA_SIZE)))
@@ -293,7 +293,7 @@ def operation(bits: int, size: int) -> tuple[str, Any]:
     ffi, calls = library()
     decoded = ffi.new("struct instruction *")
     first, second = (bits, 0) if size == 2 else (bits >> 16, bits & 0xFFFF)
-    calls.decode_instruction(CODE, first, second, 0, decoded)
+    calls.decode_instruction(CODE, first, second, 0, False, decoded)
     return operation_name(decoded), decoded
 
 

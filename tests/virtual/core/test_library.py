@@ -58,7 +58,7 @@ def test_a_machine_that_outlives_the_library_is_destroyed_all_the_same() -> None
     # When Python ends, the order in which it drops modules and machines is anybody's guess.
     made = (
         "from hiltest.virtual.core.library import ffi, lib\n"
-        "machine = ffi.gc(lib.machine_create(), lib.machine_destroy)\n"
+        "machine = ffi.gc(lib.machine_create(False), lib.machine_destroy)\n"
         "ffi.dlclose(lib)\n"
         "del machine\n"
     )

@@ -318,7 +318,7 @@ static struct instruction instruction_at(struct machine *machine, uint32_t addre
     struct instruction instruction;
     if (fetch(machine, address, &first) && instruction_size(first) == 4)
         fetch(machine, address + 2, &second);
-    decode_instruction(address, first, second, 0, &instruction);
+    decode_instruction(address, first, second, 0, machine->baseline, &instruction);
     return instruction;
 }
 

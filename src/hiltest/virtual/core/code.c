@@ -303,7 +303,7 @@ static struct node *make_node(struct machine *machine, uint32_t address, uint8_t
     node->it_state = it_state;
     node->state = state;
     node->path = machine->path;
-    decode_instruction(address, first, second, it_state, &node->instruction);
+    decode_instruction(address, first, second, it_state, machine->baseline, &node->instruction);
     if (node->instruction.operation == OP_BKPT)
         node->instruction.condition = CONDITION_ALWAYS; /* also in an IT block, see BKPT */
     node->moves_stack = node->instruction.core_writes >> 13 & 1 || node->instruction.sets_stack;

@@ -74,8 +74,16 @@ static void take_fields(const struct code_word *word, const struct encoding *enc
     if (!is_defined) undefine(decoded);
 }
 
+static bool has_baseline(const struct encoding *encoding, uint8_t size)
+{
+    switch (encoding->operation) {
+    case OP_CBZ: case OP_CBNZ: case OP_IT: return false;
+    default: return size == 2 || encoding->is_baseline;
+    }
+}
+
 void decode_instruction(
-    uint32_t address, uint16_t first, uint16_t second, uint8_t it_state, struct instruction *decoded)
+    uint32_t address, uint16_t first, uint16_t second, uint8_t it_state, bool baseline, struct instruction *decoded)
 {
     uint8_t size = instruction_size(first);
     uint32_t bits = size == 2 ? first : (uint32_t)first << 16 | second;
@@ -83,7 +91,7 @@ void decode_instruction(
     const struct encoding *encoding = find_encoding(size == 2 ? NARROW : WIDE, bits);
 
     clear(decoded, size, it_state);
-    if (!encoding) return;
+    if (!encoding || (baseline && !has_baseline(encoding, size))) return;
     take_fields(&word, encoding, decoded);
     if (decoded->operation == OP_UNDEFINED || decoded->operation == OP_NO_COPROCESSOR) {
         uint16_t operation = decoded->operation;

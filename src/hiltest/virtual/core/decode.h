@@ -19,8 +19,8 @@ struct code_word {
 enum register_kind {
     REGISTER_ABSENT,
     REGISTER_LOW,    /* three bits: r0 to r7 */
-    REGISTER_NOT_PC, /* four bits, and UNPREDICTABLE with the PC: nobody has published what the silicon does, and to take
-                        the instruction as undefined shows the mistake at once */
+    REGISTER_NOT_PC, /* four bits, and UNPREDICTABLE with the PC. Nobody has published what the silicon does; to take the
+                        instruction as undefined shows the mistake at once. */
     REGISTER_ANY,    /* four bits */
     REGISTER_SINGLE, /* an s register: four bits, and a lowest bit that stands alone */
     REGISTER_FIXED,  /* `low` itself */
@@ -43,6 +43,7 @@ struct encoding {
     /* Write the other fields, if there are any: all above are written. It may change the operation, since one row may
      * stand for several forms of one. */
     void (*extract)(const struct code_word *word, struct instruction *decoded);
+    bool is_baseline;     /* ARMv6-M has this encoding of four bytes too; of two bytes it has all but CBZ, CBNZ and IT */
 };
 
 struct encoding_group {

@@ -186,9 +186,9 @@ static const struct encoding PLAIN[] = {
 
 /* A5.3.4. MSR, hints and the like stand where a branch would have condition 14 or 15. */
 static const struct encoding CONTROL[] = {
-    {"BL T1", 0xF800D000, 0xF000D000, OP_BL, .extract = branch},
+    {"BL T1", 0xF800D000, 0xF000D000, OP_BL, .extract = branch, .is_baseline = true},
     {"B T4", 0xF800D000, 0xF0009000, OP_B, .extract = branch},
-    {"MSR (register) T1", 0xFFF0F300, 0xF3808000, OP_MSR, N, NUMBER(0, 8, 0), AMOUNT(10, 2)},
+    {"MSR (register) T1", 0xFFF0F300, 0xF3808000, OP_MSR, N, NUMBER(0, 8, 0), AMOUNT(10, 2), .is_baseline = true},
     {"YIELD T2", 0xFFFFFFFF, 0xF3AF8001, OP_YIELD, .extract = hint},
     {"WFE T2", 0xFFFFFFFF, 0xF3AF8002, OP_WFE, .extract = hint},
     {"WFI T2", 0xFFFFFFFF, 0xF3AF8003, OP_WFI, .extract = hint},
@@ -196,11 +196,11 @@ static const struct encoding CONTROL[] = {
     {"DBG T1", 0xFFFFFFF0, 0xF3AF80F0, OP_NOP, .extract = NULL},
     {"NOP T2, hints", 0xFFFFFF00, 0xF3AF8000, OP_NOP, .extract = hint},
     {"CLREX T1", 0xFFFFFFFF, 0xF3BF8F2F, OP_CLREX, .extract = NULL},
-    {"DSB T1", 0xFFFFFFF0, 0xF3BF8F40, OP_DSB, .extract = NULL},
-    {"DMB T1", 0xFFFFFFF0, 0xF3BF8F50, OP_DMB, .extract = NULL},
-    {"ISB T1", 0xFFFFFFF0, 0xF3BF8F60, OP_ISB, .extract = NULL},
-    {"MRS T1", 0xFFFFF000, 0xF3EF8000, OP_MRS, D, NUMBER(0, 8, 0)},
-    {"UDF T2 and other system instructions", 0xFB80D000, 0xF3808000, OP_UNDEFINED, .extract = NULL},
+    {"DSB T1", 0xFFFFFFF0, 0xF3BF8F40, OP_DSB, .extract = NULL, .is_baseline = true},
+    {"DMB T1", 0xFFFFFFF0, 0xF3BF8F50, OP_DMB, .extract = NULL, .is_baseline = true},
+    {"ISB T1", 0xFFFFFFF0, 0xF3BF8F60, OP_ISB, .extract = NULL, .is_baseline = true},
+    {"MRS T1", 0xFFFFF000, 0xF3EF8000, OP_MRS, D, NUMBER(0, 8, 0), .is_baseline = true},
+    {"UDF T2 and other system instructions", 0xFB80D000, 0xF3808000, OP_UNDEFINED, .is_baseline = true},
     {"B T3", 0xF800D000, 0xF0008000, OP_B, .extract = branch_if},
 };
 

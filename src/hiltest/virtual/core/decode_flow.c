@@ -100,7 +100,7 @@ int32_t machine_decode(
         if (size - place < bytes) break;
         uint16_t second = bytes == 4 ? halfword(code + place + 2) : 0;
         struct instruction instruction;
-        decode_instruction(address + place, first, second, *it_state, &instruction);
+        decode_instruction(address + place, first, second, *it_state, false, &instruction);
         decoded[count++] = describe(address + place, &instruction);
         *it_state = instruction.operation == OP_IT ? (uint8_t)instruction.immediate : advance_it_state(*it_state);
         place += bytes;

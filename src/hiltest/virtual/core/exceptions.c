@@ -63,10 +63,12 @@ static bool refuse_return(struct machine *machine, int32_t kind, int32_t cause, 
     return false;
 }
 
-/* Set what the handler reads. */
+/* Set what the handler reads. ARMv6-M has no status registers. */
 static void record(struct machine *machine, const struct machine_fault *fault, bool is_forced)
 {
     struct core *core = &machine->core;
+    if (machine->baseline)
+        return;
     core->cfsr |= FAULT_TABLE[fault->kind].cfsr;
     core->hfsr |= FAULT_TABLE[fault->kind].hfsr | (is_forced ? HFSR_FORCED : 0);
     if (fault->kind == FAULT_DATA_BUS) {
@@ -241,7 +243,7 @@ bool take_exception(struct machine *machine)
 static int32_t fault_handler(struct machine *machine, int32_t wanted)
 {
     int32_t priority = machine_execution_priority(machine, machine_ceiling(machine, false));
-    bool is_enabled = (machine->core.fault_enabled >> wanted & 1) != 0;
+    bool is_enabled = !machine->baseline && (machine->core.fault_enabled >> wanted & 1) != 0;
     if (is_enabled && machine_preemption_priority(machine, wanted) < priority)
         return wanted;
     bool is_lockup = priority <= machine_preemption_priority(machine, EXCEPTION_HARD_FAULT);
@@ -273,24 +275,28 @@ int32_t machine_deliver_fault(struct machine *machine)
 
 /* -- return ------------------------------------------------------------------------------------------------------- */
 
-/* EXC_RETURN values (B1.5.8) */
-static bool is_return_value(uint32_t exc_return)
+/* EXC_RETURN values (B1.5.8); without an FPU, and in ARMv6-M, every frame is a basic one. */
+static bool is_return_value(const struct machine *machine, uint32_t exc_return)
 {
-    switch (exc_return | RETURN_BASIC_FRAME) {
+    switch (exc_return | (machine->baseline ? 0 : RETURN_BASIC_FRAME)) {
     case EXC_RETURN | RETURN_BASIC_FRAME:
     case EXC_RETURN | RETURN_BASIC_FRAME | RETURN_THREAD:
-    case EXC_RETURN | RETURN_BASIC_FRAME | RETURN_THREAD | RETURN_PROCESS_STACK: return true;
-    default: return false;
+    case EXC_RETURN | RETURN_BASIC_FRAME | RETURN_THREAD | RETURN_PROCESS_STACK:
+        return true;
+    default:
+        return false;
     }
 }
 
 /* Only the last active exception returns to thread mode, unless CCR.NONBASETHRDENA permits it to others (B1.5.8). */
-static bool may_return(const struct core *core, uint32_t exc_return)
+static bool may_return(const struct machine *machine, uint32_t exc_return)
 {
-    const int32_t active = active_exceptions(core);
-    if (!is_return_value(exc_return))
+    const struct core *core = &machine->core;
+    if (!is_return_value(machine, exc_return))
         return false;
-    return (exc_return & RETURN_THREAD) != 0 ? active == 1 || core->base_thread_enabled : active > 1;
+    if ((exc_return & RETURN_THREAD) != 0)
+        return active_exceptions(core) == 1 || core->base_thread_enabled;
+    return active_exceptions(core) > 1;
 }
 
 /* Read the frame that a return takes its registers from. False: core.fault is set, and nothing has changed. */
@@ -302,7 +308,7 @@ static bool find_frame(
     /* In thread mode a branch to an EXC_RETURN is one to an address where nothing may be executed (B1.5.8). */
     if (core->exception == EXCEPTION_NONE || active_exceptions(core) == 0)
         return refuse_return(machine, FAULT_EXECUTE_NEVER, CAUSE_RETURN_THREAD, place, exc_return);
-    if (!may_return(core, exc_return))
+    if (!may_return(machine, exc_return))
         return refuse_return(machine, FAULT_INVALID_RETURN, CAUSE_RETURN_VALUE, place, exc_return);
     if (!machine_holds_stack(machine, base, size) || !read_words(machine, base, frame, FRAME_WORDS)) {
         note_fault(machine, FAULT_UNSTACKING, CAUSE_STACK_FRAME, place, base, 0, 0);

@@ -159,12 +159,13 @@ struct instruction {
  *
  * address: its address, an even number. first, second: its halfwords; `second` is not looked at if it has two bytes.
  * it_state: ITSTATE before it, 0 outside an IT block. In one, 16-bit data processing does not set flags (DDI 0403E,
- * A7.3.2) and `condition` is the block's.
+ * A7.3.2) and `condition` is the block's. baseline: only ARMv6-M's instructions are defined, everything else is
+ * OP_UNDEFINED.
  * Every field of *decoded is written. UNPREDICTABLE encodings are decoded as Cortex-M4 silicon or, where that is not
  * known, as QEMU's and Unicorn's decoder takes them; what neither defines is OP_UNDEFINED.
  */
 void decode_instruction(
-    uint32_t address, uint16_t first, uint16_t second, uint8_t it_state, struct instruction *decoded);
+    uint32_t address, uint16_t first, uint16_t second, uint8_t it_state, bool baseline, struct instruction *decoded);
 
 /* Bytes of the instruction that begins with a halfword: 2 or 4. */
 static inline uint8_t instruction_size(uint16_t first) { return first >> 11 >= 0x1D ? 4 : 2; }

@@ -67,7 +67,8 @@ static bool find_store(const struct core *core, const struct instruction *i, uin
         *address = transfer_address(core, i);
         *size = WORD_BYTES * i->words;
         return true;
-    case OP_STR_L: case OP_STRH_L: case OP_STRB_L: case OP_STREX: case OP_STREXB: case OP_STREXH: return false;
+    case OP_STR_L: case OP_STRH_L: case OP_STRB_L: case OP_STREX: case OP_STREXB: case OP_STREXH:
+        return false;
     default:
         *size = 0;
         return true;

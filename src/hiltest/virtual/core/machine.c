@@ -10,7 +10,7 @@ enum { SLICE_CYCLES = 4000000 }; /* about 10 ms of wall time */
 /* How soon after an event to look for a loop that waits, and how seldom at last, see patience_in_loop. */
 enum { FIRST_LOOK_CYCLES = 256, MOST_LOOK_CYCLES = 16384 };
 
-struct machine *machine_create(void)
+struct machine *machine_create(bool baseline)
 {
     struct machine *machine = calloc(1, sizeof *machine);
     if (!machine)
@@ -22,8 +22,9 @@ struct machine *machine_create(void)
         machine_destroy(machine);
         return NULL;
     }
+    machine->baseline = baseline;
     machine->core.interrupts = 240;
-    machine->core.priority_mask = 0xF0;
+    machine->core.priority_mask = baseline ? 0xC0 : 0xF0;
     machine->core.instruction_limit = INT64_MAX;
     machine->core.return_address = UINT32_MAX;
     machine_reset(machine);
@@ -210,15 +211,18 @@ int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon
         counts_fault(machine, core->r[15]);
         machine_flush_pipeline(machine);
         return STOP_FAULT;
-    case LOOPED: return STOP_LOOP;
-    case BROKE: return STOP_BREAKPOINT;
+    case LOOPED:
+        return STOP_LOOP;
+    case BROKE:
+        return STOP_BREAKPOINT;
     case LEFT:
         if (!leave_exception(machine, machine->history.exc_return, machine->history.previous))
             return STOP_FAULT;
         if (core->fault.kind)
             return STOP_FAULT;
         return core->tells_returns ? STOP_UNSTACKED : -1;
-    default: return -1;
+    default:
+        return -1;
     }
 }
 

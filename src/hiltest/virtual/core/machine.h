@@ -202,8 +202,8 @@ enum device_byte {
 /* Loads of an address by the instruction at `place` have been answered without the bus. */
 typedef void (*machine_repeated)(void *context, uint32_t address, uint32_t place, int64_t repeats);
 
-/* Make a machine without memories. NULL if there is no memory for it. */
-struct machine *machine_create(void);
+/* Make a machine without memories. baseline: an ARMv6-M core. NULL if there is no memory for it. */
+struct machine *machine_create(bool baseline);
 void machine_destroy(struct machine *machine);
 struct core *machine_core(struct machine *machine);
 void machine_connect(struct machine *machine, struct machine_bus bus);
@@ -560,7 +560,7 @@ bool machine_read_snapshot(const struct snapshot *snapshot, uint32_t address, ui
  * or gets none is under way then. Calls that are under way are abandoned. False, and nothing happens, inside a callback,
  * if the memories are not the same, and if the snapshot has the peripherals of another machine. */
 bool machine_restore(struct machine *machine, const struct snapshot *snapshot);
-/* Make a machine with the same memories, which hold zeros, and prices. NULL if there is no memory. */
+/* Make a machine with the same kind of core, memories that hold zeros, and prices. NULL if there is no memory. */
 struct machine *machine_like(const struct machine *machine);
 
 /* Copy the answers of devices to `count` loads from number `first` on (`device_loads` counts them). False if they are

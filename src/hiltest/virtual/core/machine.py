@@ -94,7 +94,7 @@ class Machine:
     """
 
     def __init__(self, profile: TimingProfile) -> None:
-        self.handle = ffi.gc(lib.machine_create(), lib.machine_destroy)
+        self.handle = ffi.gc(lib.machine_create(False), lib.machine_destroy)
         if self.handle == ffi.NULL:
             raise MemoryError
         self.core: Any = lib.machine_core(self.handle)

@@ -170,9 +170,10 @@ static bool is_device(const struct machine *machine, uint32_t address)
     return is_within(address, PERIPHERALS, PERIPHERAL_BYTES) || is_within(address, PRIVATE_PERIPHERALS, PRIVATE_BYTES);
 }
 
-static bool is_alias(uint32_t address)
+static bool is_alias(const struct machine *machine, uint32_t address)
 {
-    return is_within(address, SRAM_ALIAS, ALIAS_BYTES) || is_within(address, PERIPHERAL_ALIAS, ALIAS_BYTES);
+    return !machine->baseline
+        && (is_within(address, SRAM_ALIAS, ALIAS_BYTES) || is_within(address, PERIPHERAL_ALIAS, ALIAS_BYTES));
 }
 
 static bool refuse(struct machine *machine, int32_t cause, uint32_t address, uint32_t size)
@@ -234,7 +235,7 @@ static bool load_elsewhere(struct machine *machine, uint32_t address, uint32_t s
         *value = assemble(memory->bytes + (address - memory->base), size);
         return true;
     }
-    if (is_alias(address)) {
+    if (is_alias(machine, address)) {
         uint32_t bit = 0, target = aliased(address, size, &bit);
         if (!load_elsewhere(machine, target, size, value))
             return name_alias(machine, false, address);
@@ -276,7 +277,7 @@ static bool store_elsewhere(struct machine *machine, uint32_t address, uint32_t 
         return refuse(machine, CAUSE_WRITE_FLASH, address, size);
     if (memory)
         return machine_write(machine, address, size, (const uint8_t *)&value);
-    if (is_alias(address)) {
+    if (is_alias(machine, address)) {
         uint32_t bit = 0, before = 0, target = aliased(address, size, &bit);
         if (!load_elsewhere(machine, target, size, &before)
             || !store_elsewhere(machine, target, size, (before & ~(1u << bit)) | (value & 1) << bit))

@@ -130,14 +130,15 @@ int32_t machine_preemption_priority(struct machine *machine, int32_t exception)
     return priority < 0 ? priority : group_of(&machine->core, (uint32_t)priority);
 }
 
+/* ARMv6-M has neither FAULTMASK nor BASEPRI. */
 int32_t machine_ceiling(struct machine *machine, bool without_primask)
 {
     const struct core *core = &machine->core;
-    if ((core->faultmask & 1) != 0)
+    if (!machine->baseline && (core->faultmask & 1) != 0)
         return PRIORITY_HARD_FAULT;
     if (!without_primask && (core->primask & 1) != 0)
         return 0;
-    uint32_t basepri = core->basepri & core->priority_mask & 0xFF;
+    uint32_t basepri = machine->baseline ? 0 : core->basepri & core->priority_mask & 0xFF;
     return basepri != 0 ? group_of(core, basepri) : PRIORITY_IDLE;
 }
 

@@ -4,6 +4,7 @@
 /* Where the parts of xPSR lie (B1.4.2). */
 enum {
     N_BIT = 31, Z_BIT = 30, C_BIT = 29, V_BIT = 28, Q_BIT = 27, IT_LOW_BIT = 25, GE_BIT = 16, IT_HIGH_BIT = 10,
+    BASELINE_EXCEPTION = 0x3F, /* ARMv6-M has six bits of IPSR, and neither Q nor GE nor IT */
 };
 
 void set_mode(struct core *core, uint32_t exception, uint32_t control)
@@ -28,22 +29,25 @@ uint32_t machine_xpsr(struct machine *machine)
     const struct core *core = &machine->core;
     uint32_t flags = (core->negative >> 31) << N_BIT | (uint32_t)(core->zero == 0) << Z_BIT | (core->carry & 1) << C_BIT
         | (core->overflow & 1) << V_BIT;
-    return flags | (core->thumb ? XPSR_THUMB : 0) | (core->exception & XPSR_EXCEPTION)
-        | (core->saturated & 1) << Q_BIT | (core->ge & 0xF) << GE_BIT | it_bits(core->it_state);
+    uint32_t value = flags | (core->thumb ? XPSR_THUMB : 0) | (core->exception & XPSR_EXCEPTION);
+    if (machine->baseline)
+        return value;
+    return value | (core->saturated & 1) << Q_BIT | (core->ge & 0xF) << GE_BIT | it_bits(core->it_state);
 }
 
 void machine_set_xpsr(struct machine *machine, uint32_t value)
 {
     struct core *core = &machine->core;
+    bool baseline = machine->baseline;
     core->negative = value;
     core->zero = value >> Z_BIT & 1 ? 0 : 1;
     core->carry = value >> C_BIT & 1;
     core->overflow = value >> V_BIT & 1;
-    core->saturated = value >> Q_BIT & 1;
-    core->ge = value >> GE_BIT & 0xF;
-    core->it_state = (value >> IT_LOW_BIT & 3) | (value >> IT_HIGH_BIT & 0x3F) << 2;
+    core->saturated = baseline ? 0 : value >> Q_BIT & 1;
+    core->ge = baseline ? 0 : value >> GE_BIT & 0xF;
+    core->it_state = baseline ? 0 : (value >> IT_LOW_BIT & 3) | (value >> IT_HIGH_BIT & 0x3F) << 2;
     core->thumb = (value & XPSR_THUMB) != 0;
-    set_mode(core, value & XPSR_EXCEPTION, core->control);
+    set_mode(core, value & (baseline ? BASELINE_EXCEPTION : XPSR_EXCEPTION), core->control);
 }
 
 uint32_t machine_stack_pointer(struct machine *machine, bool process)
@@ -60,11 +64,11 @@ void machine_set_stack_pointer(struct machine *machine, bool process, uint32_t v
     *pointer = value & ~3u;
 }
 
-/* Handler mode leaves SPSEL as it is (B1.4.4). */
+/* Handler mode leaves SPSEL as it is (B1.4.4). ARMv6-M without the unprivileged extension has SPSEL alone. */
 void machine_set_control(struct machine *machine, uint32_t value)
 {
     struct core *core = &machine->core;
-    uint32_t writable = CONTROL_NPRIV | CONTROL_SPSEL | CONTROL_FPCA;
+    uint32_t writable = machine->baseline ? CONTROL_SPSEL : CONTROL_NPRIV | CONTROL_SPSEL | CONTROL_FPCA;
     if (core->exception != EXCEPTION_NONE)
         writable &= ~(uint32_t)CONTROL_SPSEL;
     set_mode(core, core->exception, (core->control & ~writable) | (value & writable));

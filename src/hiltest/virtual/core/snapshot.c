@@ -231,7 +231,7 @@ bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
 
 struct machine *machine_like(const struct machine *machine)
 {
-    struct machine *other = machine_create();
+    struct machine *other = machine_create(machine->baseline);
     if (!other)
         return NULL;
     other->prices = machine->prices;

@@ -118,6 +118,7 @@ struct machine {
     int32_t table_count;      /* with `prices`; 0 if they were never asked for */
     struct memory_waits *waits; /* what memories add to instructions; NULL if the profile has no rows of memories */
     struct code *code;
+    bool baseline;
     bool looks;          /* an exception may have become deliverable, or code has changed: look before the next
                             instruction */
     bool code_changed;   /* decoded instructions are out of date */

@@ -51,10 +51,10 @@ static void raise_base_priority(struct core *core, uint32_t value)
         core->basepri = value;
 }
 
-/* It cannot be set by NMI or by HardFault. */
+/* ARMv6-M has none; it cannot be set by NMI or by HardFault. */
 static void set_fault_mask(struct machine *machine, uint32_t value)
 {
-    if (!value || machine_execution_priority(machine, PRIORITY_IDLE) > -1)
+    if (!machine->baseline && (!value || machine_execution_priority(machine, PRIORITY_IDLE) > -1))
         machine->core.faultmask = value;
 }
 
@@ -69,8 +69,14 @@ void write_special(struct machine *machine, uint32_t number, uint32_t mask, uint
     switch (number) {
     case SYS_MSP: case SYS_PSP: machine_set_stack_pointer(machine, number == SYS_PSP, value); return;
     case SYS_PRIMASK: core->primask = value & 1; break;
-    case SYS_BASEPRI: core->basepri = priority; break;
-    case SYS_BASEPRI_MAX: raise_base_priority(core, priority); break;
+    case SYS_BASEPRI:
+        if (!machine->baseline)
+            core->basepri = priority;
+        break;
+    case SYS_BASEPRI_MAX:
+        if (!machine->baseline)
+            raise_base_priority(core, priority);
+        break;
     case SYS_FAULTMASK: set_fault_mask(machine, value & 1); break;
     case SYS_CONTROL: machine_set_control(machine, value); break;
     default: return;
