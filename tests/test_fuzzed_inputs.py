@@ -245,7 +245,7 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
     )
     compass = default_firmware().with_name("compass-lines.elf")
     rigs = [each.read_bytes() for each in sorted((shipped() / "rigs").glob("*.toml"))]
-    profiles = [each.read_bytes() for each in shipped_profiles().values()]
+    profiles = [shipped_profile.read_bytes() for shipped_profile in shipped_profiles().values()]
     replies = [bytes([number]) + bytes(size) for number in range(len(REQUESTS)) for size in (1, 2, 5, 17, 49, 62, 100)]
     requests = [bytes([each.code]) + each.payload() for each in REQUESTS]
     wires = _wires()
@@ -314,7 +314,7 @@ NAMES = (
 
 def test_every_reader_has_its_share(readers: dict[str, Reader]) -> None:
     assert sorted(readers) == sorted(NAMES)
-    assert sum(each.share for each in readers.values()) >= 1.0
+    assert sum(reader.share for reader in readers.values()) >= 1.0
 
 
 @pytest.mark.parametrize("name", NAMES)

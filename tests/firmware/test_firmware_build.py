@@ -220,7 +220,7 @@ def test_the_stack_check_is_never_below_what_the_code_itself_can_take(rebuilt: P
     frames, calls = check.read_call_graph(build_folder(rebuilt, shipped))
     image = load_image(shipped)
     bounds, below, judged = StackBounds(image), {}, 0
-    for name in {*frames, *(each for targets in calls.values() for each in targets)} & image.symbols.keys():
+    for name in {*frames, *(target for targets in calls.values() for target in targets)} & image.symbols.keys():
         with contextlib.suppress(NoBound):
             bound, summed = bounds.bound(image.symbols[name].address), check.deepest(name, frames, calls)
             below.update({name: (summed, bound)} if summed < bound else {})

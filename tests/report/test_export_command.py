@@ -46,9 +46,9 @@ def test_bencher_has_both_senses_in_one_file(folder: Path, run: str) -> None:
 def test_the_action_has_one_sense_a_file_and_the_others_are_counted(folder: Path) -> None:
     smaller = export(folder, "run", "--format", "github-action-benchmark")
     larger = export(folder, "run", "--format", "github-action-benchmark", "--better", "larger", "--out", "l.json")
-    assert [each["name"] for each in json.loads(smaller.stdout)] == ["cycles.direct.total (m)"]
+    assert [load["name"] for load in json.loads(smaller.stdout)] == ["cycles.direct.total (m)"]
     assert smaller.stderr == "1 others are better when larger: --better larger\n"
-    assert [each["name"] for each in json.loads((folder / "l.json").read_text())] == ["tumble.points"]
+    assert [load["name"] for load in json.loads((folder / "l.json").read_text())] == ["tumble.points"]
     assert larger.stdout == ""
     assert larger.stderr.endswith("l.json: 1 numbers\n")
 

@@ -60,7 +60,7 @@ def test_what_is_gone_is_accepted_by_the_commands_that_it_says(changed: Changed,
     assert done.returncode == 22
     line = next(each for each in done.stdout.splitlines() if "measurement gone" in each)
     for command in re.findall(r"`hiltest ([^`]*)`", line):
-        words = [{"FILE": str(file), "TEXT": "no more"}.get(each, each) for each in shlex.split(command)]
+        words = [{"FILE": str(file), "TEXT": "no more"}.get(part, part) for part in shlex.split(command)]
         assert hiltest(*words).returncode == 0, command
     assert hiltest("compare", file, new).returncode == 0
 

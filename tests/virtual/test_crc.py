@@ -12,7 +12,7 @@ from hiltest.virtual.peripherals.crc import CheckValue
 from .conftest import Build, word
 
 DATA, GPOLY, CTRL = 0, 4, 8
-(MODULE,) = (each for each in mk64f12().peripherals if each.name == "CRC")
+(MODULE,) = (peripheral for peripheral in mk64f12().peripherals if peripheral.name == "CRC")
 
 
 def mirrored(value: int, bits: int) -> int:

@@ -102,7 +102,7 @@ def test_hex_of_both_kinds_of_address_is_placed_and_joined(tmp_path):
         record(4, 0, b"\x1f\xff") + record(0, 0x10, b"cd") + record(2, 0, b"\x10\0") + record(0, 2, b"g")
         + record(4, 0, b"\x1f\xff") + record(0, 0xE, b"ab") + record(5, 0, b"\0\0\4\1") + END
     )  # fmt: skip
-    segments = [(each.address, each.data) for each in load_image(path).segments]
+    segments = [(segment.address, segment.data) for segment in load_image(path).segments]
     assert segments == [(0x10002, b"g"), (0x1FFF000E, b"abcd")]
 
 

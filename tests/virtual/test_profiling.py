@@ -36,14 +36,14 @@ def assert_adds_up(profile: CallProfile, elf: Path, name: str, *arguments: objec
     sums = {
         "kinds": sum(profile.work.values()) + sum(profile.stalls.values()) + profile.asleep_cycles,
         "functions": sum(each.self_cycles for each in profile.functions),
-        "lines": sum(each.cycles for each in profile.lines) + profile.asleep_cycles,
-        "instructions": sum(each.cycles for each in profile.addresses) + profile.asleep_cycles,
-        "stacks": sum(each.cycles for each in profile.stacks),
+        "lines": sum(line.cycles for line in profile.lines) + profile.asleep_cycles,
+        "instructions": sum(address.cycles for address in profile.addresses) + profile.asleep_cycles,
+        "stacks": sum(stack.cycles for stack in profile.stacks),
     }
     if not profile.lines:
         del sums["lines"]
     assert set(sums.values()) == {counted.cycles}, sums
-    assert sum(each.executions for each in profile.addresses) == counted.instructions
+    assert sum(address.executions for address in profile.addresses) == counted.instructions
     assert sum(each.stall_cycles for each in profile.functions) == sum(profile.stalls.values())
     assert min(profile.stalls.values()) >= 0
     (root,) = [each for each in profile.functions if each.name == name]
@@ -116,7 +116,7 @@ def test_calls_and_tail_calls_are_told_apart_and_counted(build: Build) -> None:
         + function("g", "bx lr") + function("h", "bx lr")  # 3 each, twice
     )  # fmt: skip
     profile = profiled(elf, "outer")
-    assert {each.functions: each.cycles for each in profile.stacks} == {
+    assert {stack.functions: stack.cycles for stack in profile.stacks} == {
         ("outer",): 12, ("outer", "f"): 20, ("outer", "f", "g"): 6, ("outer", "f", "h"): 6,
     }
     assert {each.name: (each.calls, each.self_cycles, each.cycles) for each in profile.functions} == {
@@ -160,7 +160,7 @@ def test_a_deep_mutual_recursion_stays_small_and_exact(in_c: Callable[..., Path]
     elf = in_c(RECURSION)
     profile = profiled(elf, "even", 2000)
     assert {each.name: each.calls for each in profile.functions} == {"even": 1001, "odd": 1000}
-    assert max(len(each.functions) for each in profile.stacks) <= 102
+    assert max(len(stack.functions) for stack in profile.stacks) <= 102
     assert_adds_up(profile, elf, "even", 2000)
 
 
@@ -172,7 +172,7 @@ def test_inlined_code_is_shown_where_it_was_written(in_c: Callable[..., Path]) -
     )
     profile = profiled(elf, "sum", 10)
     assert [each.name for each in profile.functions] == ["sum"]
-    (inlined,) = [each for each in profile.lines if each.location == "square.h:2"]
+    (inlined,) = [line for line in profile.lines if line.location == "square.h:2"]
     assert inlined.instructions >= 10, "the multiplication of each round"
     assert_adds_up(profile, elf, "sum", 10)
 
@@ -188,7 +188,7 @@ def test_static_functions_of_one_name_are_told_apart(in_c: Callable[..., Path]) 
     )
     profile = profiled(elf, "main")
     steps = [each for each in profile.functions if each.name.startswith("step@0x")]
-    assert [each.calls for each in steps] == [1, 1]
+    assert [step.calls for step in steps] == [1, 1]
     assert len({each.name for each in profile.functions}) == len(profile.functions) == 5
 
 
@@ -248,5 +248,5 @@ def test_profiles_can_be_taken_one_after_the_other_on_one_board() -> None:
     board.call("crc32", bytes(500), 500)
     assert profile_call(board, "crc32", b"123456789", 9) == first
     assert first.value == 0xCBF43926
-    assert Counter(each.function for each in first.addresses) == {"crc32": len(first.addresses)}
+    assert Counter(address.function for address in first.addresses) == {"crc32": len(first.addresses)}
     assert struct.pack("<I", first.value)[0] == 0x26

@@ -118,10 +118,10 @@ def test_a_call_takes_what_it_and_what_it_calls_put_on_the_stack(
     board = VirtualK64F(build(tmp_path / "deep.S"))
     watch = board.watch_calls([*used, "SVC_Handler"])
     board.run_until(0.001)
-    assert {name: {each.stack for each in watch.calls(name)} for name in used} == {
+    assert {name: {call.stack for call in watch.calls(name)} for name in used} == {
         name: {each} for name, each in used.items()
     }
-    assert {each.stack for each in watch.calls("SVC_Handler")} == ({8} if function == "calls" else set())
+    assert {call.stack for call in watch.calls("SVC_Handler")} == ({8} if function == "calls" else set())
 
 
 def test_a_reset_begins_at_the_top_again_and_forgets_nothing(build: Build, tmp_path: Path) -> None:

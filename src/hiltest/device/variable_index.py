@@ -276,7 +276,7 @@ def nearest_names(name: str, names: list[str]) -> str:
     """Return the names most like one, or some where none is, as the end of a sentence."""
     lower = {each.lower(): each for each in names}
     scoped = [each for each in names if each.endswith(f"::{name}")]
-    close = scoped[:3] or [lower[get_close_match] for get_close_match in get_close_matches(name.lower(), lower, n=3)]
+    close = scoped[:3] or [lower[match] for match in get_close_matches(name.lower(), lower, n=3)]
     if close:
         return f"nearest: {', '.join(close)}"
     if not names:

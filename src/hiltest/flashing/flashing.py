@@ -66,7 +66,7 @@ class Target:
 
     def mounted_at(self) -> Path | None:
         """Return where the drive is mounted now."""
-        found = (find_board.volume for find_board in find_boards() if find_board.serial_number == self.serial_number)
+        found = (board.volume for board in find_boards() if board.serial_number == self.serial_number)
         return next((volume.path for volume in found if volume), None)
 
 

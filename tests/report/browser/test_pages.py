@@ -61,7 +61,7 @@ PAINTED = 8
 def faults(visit: Visit, path: Path) -> list[str]:
     """Return what a reader would meet: complaints, requests, and what has to be scrolled to sideways."""
     asked = [address for address in visit.requests if address != path.as_uri()]
-    found = [f"complaint: {each}" for each in visit.complaints] + [f"request: {each}" for each in asked]
+    found = [f"complaint: {complaint}" for complaint in visit.complaints] + [f"request: {each}" for each in asked]
     if visit.page.evaluate("document.documentElement.scrollWidth > innerWidth"):
         found.append("the page scrolls sideways")
     return found + [f"too wide: {each}" for each in visit.page.evaluate(_TOO_WIDE)]
@@ -172,7 +172,7 @@ def test_markup_in_names_does_nothing_and_is_read(hostile: Run, visit: Open, tmp
         # Were something in it a script after all, or asked for a picture, the page's own policy would refuse.
         asked = "new Promise(tell => {const i = new Image(); i.onerror = i.onload = () => tell(i.naturalWidth);"
         assert here.page.evaluate(asked + "i.src = 'data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA='})") == 0
-        assert any("Content Security Policy" in each for each in here.complaints)
+        assert any("Content Security Policy" in complaint for complaint in here.complaints)
         assert here.page.locator("body").inner_text().count("<script>document.title='taken'</script>\"'⟨U+202E⟩") >= 5
         assert here.page.locator("a", has_text="wire trace").evaluate("each => each.protocol") == "file:"
 

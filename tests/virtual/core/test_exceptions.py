@@ -81,7 +81,8 @@ def test_entries_and_returns_empty_the_pipeline_and_clear_the_monitor_and_are_ev
         machine.pointer.history.exclusive, machine.core.event = True, False
 
     def is_clean() -> bool:
-        return not machine.pointer.history.pipeline.fpu_busy and not machine.pointer.history.exclusive and machine.core.event
+        history = machine.pointer.history
+        return not history.pipeline.fpu_busy and not history.exclusive and machine.core.event
 
     dirty()
     machine.enter(SYSTICK)
