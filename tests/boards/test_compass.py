@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.bench_files import rig_file
-from hiltest.boards import open_compass
+from hiltest.boards import BoardKind, CompassBoard, open_compass
+from hiltest.device.kinds import open_interfaces
 from hiltest.device.packets import AnglesPacket, MainPacket, encode
 from hiltest.device.quantities import Quantity
 from hiltest.errors import ConfigError, DeviceSilentError, LinkLostError, VersionMismatchError
@@ -121,7 +122,32 @@ def test_a_heading_that_goes_on_moving_is_not_settled(far_end: Callable[..., Far
     with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
         settled = wait_until_settled(board, frame_of(rig))
     assert not settled.is_settled
-    assert 1.0 <= settled.took_s < 1.25, "five windows of 0.2 s, although the line makes them a little longer"
+    assert settled.took_s == pytest.approx(0.8, abs=0.1), "a fifth window would end after the longest time, 1 s"
+
+
+class ExactLine:
+    """A line on which a read takes its timeout and an error of the clock, and brings a heading that goes on moving."""
+
+    timeout, name = 0.0, "exact"
+
+    def __init__(self, error_s: float) -> None:
+        self._time_s, self._error_s = 0.0, error_s
+
+    def now(self) -> float:
+        return self._time_s
+
+    def read(self, _size: int) -> bytes:
+        self._time_s += self.timeout + self._error_s
+        return angles(20.0 * self._time_s)
+
+
+@pytest.mark.parametrize("error_s", [0.0, 2e-9])
+def test_nanoseconds_of_the_clock_do_not_decide_how_long_a_heading_is_waited_for(rig: Rig, error_s: float) -> None:
+    board = CompassBoard(
+        ExactLine(error_s), rig, open_interfaces(rig), kind=BoardKind.REAL, description="a line without a board"
+    )
+    settled = wait_until_settled(board, frame_of(rig))
+    assert (settled.is_settled, round(settled.took_s, 3)) == (False, 0.8)
 
 
 def test_a_heading_that_the_line_has_changed_does_not_count(far_end: Callable[..., FarEnd], rig: Rig) -> None:

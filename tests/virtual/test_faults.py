@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
+from collections.abc import Callable, Iterator
 
 import pytest
 from hypothesis import given, settings
@@ -230,3 +231,30 @@ def test_ctrl_c_stops_a_running_board_and_it_can_go_on(build: Build) -> None:
     assert stopped > 0
     board.run_until(board.time_s + 0.001)
     assert board.cycles - stopped == pytest.approx(0.001 * board.clocks.core_hz, abs=3)  # of the last instruction
+
+
+def test_a_handler_of_ctrl_c_that_raises_nothing_does_not_end_a_run_early(build: Build) -> None:
+    board = VirtualK64F(build(HEAD + "1:  adds r7, #1\n    nop\n    b 1b" + TAIL))
+    presses: list[int] = []
+
+    def note(number: int, _frame: object) -> None:
+        presses.append(number)
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # the next one breaks in
+
+    with restored_handler(note):
+        threading.Timer(0.03, signal.raise_signal, [signal.SIGINT]).start()
+        board.run_until(5.0)
+        assert board.time_s == pytest.approx(5.0)
+        threading.Timer(0.03, signal.raise_signal, [signal.SIGINT]).start()
+        with pytest.raises(KeyboardInterrupt):
+            board.run_until(3600.0)
+    assert presses == [signal.SIGINT]
+
+
+@contextlib.contextmanager
+def restored_handler(handler: Callable[[int, object], None]) -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -248,7 +248,7 @@ class Processor:
         waiting.has_end = math.isfinite(until.at_cycle)
         core.leaves_sleep = not waiting.has_end  # nothing may ever end it
         core.stops_at = lib.HOST_NONE if wake is None else lib.HOST_BYTES if for_bytes else lib.HOST_ANY
-        with self._marked_running(), deferred_interrupt(self.look_soon) as interrupted:
+        with self._marked_running(), deferred_interrupt(self.look_soon) as pass_interrupt_on:
             while True:
                 now = core.cycles
                 schedule.run_due(now)
@@ -257,8 +257,9 @@ class Processor:
                     self._raise_error()
                     waiting.on_events()
                     schedule.run_due(now)  # what follows from them at once
-                if (wake is not None and wake()) or now >= until.at_cycle or interrupted():
+                if (wake is not None and wake()) or now >= until.at_cycle:
                     return False
+                pass_interrupt_on()
                 if waiting.is_told:
                     waiting.wake()
                     if waiting.sleeping:

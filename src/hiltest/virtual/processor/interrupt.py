@@ -10,8 +10,8 @@ from types import FrameType
 
 
 @contextmanager
-def deferred_interrupt(look: Callable[[], None]) -> Iterator[Callable[[], bool]]:
-    """Hold Ctrl-C back until the emulator has stopped, then raise it.
+def deferred_interrupt(look: Callable[[], None]) -> Iterator[Callable[[], None]]:
+    """Hold Ctrl-C back until the emulator has stopped.
 
     Python raises KeyboardInterrupt wherever it happens to be. Within a callback
     of the emulator it would be printed and dropped, or leave the board half way
@@ -25,29 +25,37 @@ def deferred_interrupt(look: Callable[[], None]) -> Iterator[Callable[[], bool]]
     Yields
     ------
     callable
-        Answers whether Ctrl-C was pressed.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        On leaving, when it was (or what the handler before this one does).
+        If Ctrl-C was pressed, calls the handler that was installed before, which raises KeyboardInterrupt or returns.
+        It is called on leaving as well.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: False  # signals reach the main thread only
+        yield lambda: None  # signals reach the main thread only
         return
     pressed: list[FrameType | None] = []
+    before = signal.getsignal(signal.SIGINT)
 
     def press(_number: int, frame: FrameType | None) -> None:
         pressed.append(frame)
         look()
 
-    before = signal.signal(signal.SIGINT, press)
-    try:
-        yield lambda: bool(pressed)
-    finally:
+    def call_handler() -> None:
         signal.signal(signal.SIGINT, before)
+        if not pressed:
+            return
+        frame = pressed[0]
+        pressed.clear()
+        if not callable(before):
+            raise KeyboardInterrupt
+        before(signal.SIGINT, frame)
+
+    def pass_on() -> None:
+        nonlocal before
         if pressed:
-            if callable(before):
-                before(signal.SIGINT, pressed[0])
-            else:
-                raise KeyboardInterrupt
+            call_handler()
+            before = signal.signal(signal.SIGINT, press)  # a handler may have installed another one
+
+    signal.signal(signal.SIGINT, press)
+    try:
+        yield pass_on
+    finally:
+        call_handler()
