@@ -122,7 +122,7 @@ def test_a_heading_that_goes_on_moving_is_not_settled(far_end: Callable[..., Far
     with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
         settled = wait_until_settled(board, frame_of(rig))
     assert not settled.is_settled
-    assert settled.took_s == pytest.approx(0.8, abs=0.1), "a fifth window would end after the longest time, 1 s"
+    assert 1.0 <= settled.took_s < 1.25, "five windows of 0.2 s, although the line makes them a little longer"
 
 
 class ExactLine:
@@ -147,7 +147,7 @@ def test_nanoseconds_of_the_clock_do_not_decide_how_long_a_heading_is_waited_for
         ExactLine(error_s), rig, open_interfaces(rig), kind=BoardKind.REAL, description="a line without a board"
     )
     settled = wait_until_settled(board, frame_of(rig))
-    assert (settled.is_settled, round(settled.took_s, 3)) == (False, 0.8)
+    assert (settled.is_settled, round(settled.took_s, 3)) == (False, 1.0)
 
 
 def test_a_heading_that_the_line_has_changed_does_not_count(far_end: Callable[..., FarEnd], rig: Rig) -> None:

@@ -20,8 +20,8 @@ STANDARD_ERRORS = 2.0
 """Or so near by their own noise."""
 NEIGHBOURS_DEG = 5.0
 """Two headings in a row at rest are so near: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte 25."""
-# Clocks are read late, by nanoseconds on a virtual board: that must not decide whether a window is still listened to.
-_CLOCK_ERROR_S = 1e-3
+# A quotient of two times may lie below its whole number by rounding.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,8 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
     frame
         In which its headings are.
     longest_s
-        By default the rig's. A window begins only if it ends clearly before this time is over.
+        By default the rig's. The wait lasts for as many windows as fit into this time: their number does not depend on
+        the nanoseconds by which a clock is read late.
 
     Raises
     ------
@@ -66,6 +67,7 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
     """
     device, began_s = board.device, board.now_s()
     longest_s = device.settle_s if longest_s is None else longest_s
+    windows_left = math.floor(longest_s / device.window_s + _ROUNDING)
     before: list[float] = []
     unconfirmed = 0
     while True:
@@ -81,7 +83,8 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
             raise board.heading_missing(device.window_s, window)
         took_s = board.now_s() - began_s
         settled = bool(before) and agree(before, headings_deg)
-        if settled or took_s + device.window_s > longest_s - _CLOCK_ERROR_S:
+        windows_left -= 1
+        if settled or windows_left <= 0:
             return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed)
         before = headings_deg
 
