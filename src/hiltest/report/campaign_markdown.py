@@ -15,7 +15,7 @@ from hiltest.verdict.wording import counted_by
 
 @dataclass(frozen=True, slots=True)
 class SeedLine:
-    """The end of one seed's run, in words."""
+    """Result of one seed's run, in words."""
 
     seed: int
     exit_code: int
@@ -24,7 +24,7 @@ class SeedLine:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """One measurement over the seeds that have a number of it."""
+    """One measurement over the seeds on which it has a number."""
 
     name: str
     unit: str
@@ -39,12 +39,12 @@ def campaign_markdown(
     verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None,
     cycle_models: Iterable[str] = (),
 ) -> str:
-    """Return the page: verdict, what changed, seeds that did not pass and limits they missed; the rest folded.
+    """Return the page: verdict, changes, failed seeds and the limits that they missed; the rest is folded.
 
     Parameters
     ----------
     cycle_models
-        What counted the cycles among the spreads.
+        Cycle models of the counts among the spreads.
     """
     return "\n".join(_lines(verdict, seeds, spreads, comparison, counted_by(cycle_models))) + "\n"
 

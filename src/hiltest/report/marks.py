@@ -23,19 +23,19 @@ class Mark(StrEnum):
     HOURGLASS = "M-1 -1.1h2L-1 1.1h2z"
 
     def at(self, x: float, y: float, radius: float, style: str) -> Markup:
-        """Return the mark at a place of the view box."""
+        """Return the mark at a position in the view box."""
         if self is Mark.DOT:
             return shape('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, radius)
         template = '<path class="mark {}" transform="translate({} {}) scale({})" d="{}"/>'
         return shape(template, style, x, y, radius, self.value)
 
 
-# One series after the other: a class of the style sheet, which has a colour and dashes, and a shape.
+# Styles of successive series: a class of the style sheet with a colour and dashes, and a shape.
 SERIES = tuple((f"series-{index}", mark) for index, mark in enumerate(Mark))
 
 
 def series(index: int) -> tuple[str, Mark]:
-    """Return class and shape of a series; after the eighth they begin again."""
+    """Return class and shape of a series; they repeat after the eighth."""
     return SERIES[index % len(SERIES)]
 
 
@@ -50,7 +50,7 @@ class KeyEntry:
 
     @property
     def swatch(self) -> Markup:
-        """The line and the mark as small as a letter."""
+        """The line and the mark at the size of a letter."""
         width = 34.0 if self.line else 14.0
         parts = []
         if self.line:

@@ -1,4 +1,4 @@
-"""Streaming calibrators, as the HTML and the Markdown report show them: a row for each stage."""
+"""Streaming calibrators in the HTML and the Markdown report: one row per stage."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MEASURED = ("cycles_mean", "cycles_median", "cycles_max", "fit_cycles")
 
 
 def stream_stages(run: Run) -> list[tuple[str, ...]]:
-    """Return the rows under `HEADINGS`, empty when there were no streams."""
+    """Return the rows under `HEADINGS`; empty if nothing was streamed."""
     return list(_rows(run))
 
 
@@ -38,7 +38,7 @@ def _rows(run: Run) -> Iterator[tuple[str, ...]]:
         yield (
             str(name), str(points), str(held), str(elements or ""), _fit_in_words(fit, is_sphere),
             _number(fit_error, "%") if has_fit else "", _number(worst, "deg"), _number(mean, "deg"),
-            *(_cycles(run, f"stream.{name}.{what}") if last[name] == index else "" for what in _MEASURED),
+            *(_cycles(run, f"stream.{name}.{quantity}") if last[name] == index else "" for quantity in _MEASURED),
         )
 
 
