@@ -27,7 +27,7 @@ def page(study: Study, run: Run) -> str:
 
 
 def printed_rows(study: Study, run: Run) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each figure that a paper printed, as `PRINTED_HEADER` says."""
+    """Yield a row under `PRINTED_HEADER` for each figure that a paper printed."""
     table = run.table(f"study.{study.name}.printed") or Table("", (), ())
     for row in table.rows:
         yield tuple(_text(cell) for cell in row)
