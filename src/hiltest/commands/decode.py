@@ -27,7 +27,7 @@ Exit codes:
   4   usage: an option, a file or a port is wrong
   20  connection lost; what came before is printed and written
 """
-# Half a day of the line's 11.5 kB/s.
+# Half a day at the line's 11.5 kB/s.
 _LARGEST_BYTES = 512 << 20
 
 
@@ -132,7 +132,7 @@ def _write(csv_file: Path, kinds: Sequence[type[Packet]], came: Iterator[PacketB
 
 
 def _show(source: str, summary: StreamSummary) -> None:
-    """Print what came."""
+    """Print a summary of the packets."""
     from hiltest.text import counted, readable
 
     packets = sum(summary.counts.values())
@@ -156,7 +156,7 @@ def _show(source: str, summary: StreamSummary) -> None:
 
 
 def _is_port(source: str) -> bool:
-    """Say whether a name is that of a port: a URL, a device of this machine, or a terminal."""
+    """Return whether a name is that of a port: a URL, a device of this machine, or a terminal."""
     from hiltest.link.ports import list_ports
 
     if "://" in source or source in list_ports():
@@ -171,7 +171,7 @@ def _is_port(source: str) -> bool:
     try:
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
     except OSError:
-        return False  # reading it as a file says why not
+        return False  # an attempt to read it as a file reports the reason
     try:
         return os.isatty(number)
     finally:
