@@ -12,16 +12,16 @@ _ALLOWED = frozenset("\n\t")
 _FEWEST_BYTES, _MOST_IS_PRINTED = 24, 0.95
 
 
-def readable(value: float | int | None, digits: int = 4) -> str:
+def format_number(value: float | int | None, digits: int = 4) -> str:
     """Return a number for a human reader: thousands separated, and `digits` significant ones below a thousand.
 
     Examples
     --------
-    >>> readable(11061.25)
+    >>> format_number(11061.25)
     '11 061.2'
-    >>> readable(1.96875)
+    >>> format_number(1.96875)
     '1.969'
-    >>> readable(None)
+    >>> format_number(None)
     '-'
     """
     if value is None:
@@ -45,14 +45,14 @@ def hundredths(value: float) -> str:
 
 
 def number(value: float | int | None, unit: str = "") -> str:
-    """Return a measured value as in every report: degrees and percents to hundredths, others as `readable` does.
+    """Return a measured value as in every report: degrees and percents to hundredths, others as `format_number` does.
 
     Examples
     --------
     >>> number(0.8911, "deg"), number(10838, "cycle"), number(None, "deg")
     ('0.89', '10 838', '-')
     """
-    return hundredths(value) if value is not None and unit in ("deg", "%") else readable(value)
+    return hundredths(value) if value is not None and unit in ("deg", "%") else format_number(value)
 
 
 def with_unit(value: float | int | None, unit: str) -> str:
@@ -66,23 +66,23 @@ def with_unit(value: float | int | None, unit: str) -> str:
     return f"{number(value, unit)} {'cycles' if unit == 'cycle' else unit}".rstrip()
 
 
-def counted(count: int, word: str) -> str:
+def format_count(count: int, word: str) -> str:
     """Return a count with its noun.
 
     Examples
     --------
-    >>> counted(1, "test"), counted(28, "test")
+    >>> format_count(1, "test"), format_count(28, "test")
     ('1 test', '28 tests')
     """
-    return f"{readable(count)} {word}{'s' * (count != 1)}"
+    return f"{format_number(count)} {word}{'s' * (count != 1)}"
 
 
-def listed(texts: Sequence[str], at_most: int) -> str:
+def join_words(texts: Sequence[str], at_most: int) -> str:
     """Return the first texts separated by commas, and the number of others.
 
     Examples
     --------
-    >>> listed(["a", "b", "c"], 2)
+    >>> join_words(["a", "b", "c"], 2)
     'a, b and 1 more'
     """
     more = len(texts) - at_most

@@ -10,7 +10,7 @@ import click
 
 from hiltest.commands.options import documented
 from hiltest.errors import ConfigError
-from hiltest.text import counted, readable
+from hiltest.text import format_count, format_number
 
 if TYPE_CHECKING:
     from hiltest.verdict.baseline import Baseline, BaselineRow
@@ -130,7 +130,7 @@ def _write(written: Baseline, file: Path, before: object = None) -> None:
 
 
 def _value(value: float | None) -> str:
-    return "none" if value is None else readable(value, 6)
+    return "none" if value is None else format_number(value, 6)
 
 
 def _accepted_remark(was: BaselineRow | None, now: BaselineRow | None) -> str:
@@ -151,6 +151,6 @@ def _count_measurements(count: int) -> str:
 
 def _seeds(saved: Baseline) -> str:
     if saved.conditions.board == "real":
-        return counted(len(saved.seeds), "run")
+        return format_count(len(saved.seeds), "run")
     seeds = [str(seed) for seed in saved.seeds if seed is not None]
     return f"seed{'s' * (len(seeds) != 1)} {', '.join(seeds)}" if seeds else "no seed"

@@ -15,7 +15,7 @@ from hiltest.commands.options import checked, documented
 from hiltest.errors import ConfigError
 from hiltest.operator_prompt import ask
 from hiltest.settings import file_name, seed
-from hiltest.text import readable
+from hiltest.text import format_number
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -127,7 +127,7 @@ class _TerminalGuide:
         click.echo(f"{step} of {of}: {action}")
 
     def found(self, part: str, method: str, figures: tuple[FigureOfMerit, ...]) -> None:
-        words = ", ".join(f"{figure.name} {readable(figure.value)} {figure.unit}".rstrip() for figure in figures)
+        words = ", ".join(f"{figure.name} {format_number(figure.value)} {figure.unit}".rstrip() for figure in figures)
         click.echo(f"   {part} by {method}: {words}")
 
     def again(self, why: str) -> bool:

@@ -133,12 +133,12 @@ def _write(csv_file: Path, kinds: Sequence[type[Packet]], came: Iterator[PacketB
 
 def _show(source: str, summary: StreamSummary) -> None:
     """Print a summary of the packets."""
-    from hiltest.text import counted, readable
+    from hiltest.text import format_count, format_number
 
     packets = sum(summary.counts.values())
     releases = " or ".join(map(str, summary.releases()))
     click.echo(
-        f"{source}: {counted(packets, 'packet')}"
+        f"{source}: {format_count(packets, 'packet')}"
         + (f" of release {releases}" if releases else "")
         + (f", firmware {summary.firmware / 100:.2f}" if summary.firmware is not None else "")
         + (f", {summary.clock.elapsed_us / 1e6:.1f} s by the board's clock" if summary.clock.elapsed_us else "")
@@ -148,10 +148,10 @@ def _show(source: str, summary: StreamSummary) -> None:
     for kind in summary.kinds:
         rate_hz = summary.rate_hz(kind)
         rate = "-" if rate_hz is None else f"{rate_hz:.1f}"
-        click.echo(f"{kind.type:>4}  {kind.title:<25}  {readable(summary.counts[kind]):>11}  {rate:>10}")
+        click.echo(f"{kind.type:>4}  {kind.title:<25}  {format_number(summary.counts[kind]):>11}  {rate:>10}")
     click.echo(
-        f"{counted(summary.lost_bytes, 'byte')} in no packet, {counted(summary.missing, 'packet')} missing by the "
-        f"packets' numbers, {counted(summary.clock.resets, 'reset')} of the board's clock"
+        f"{format_count(summary.lost_bytes, 'byte')} in no packet, {format_count(summary.missing, 'packet')} missing "
+        f"by the packets' numbers, {format_count(summary.clock.resets, 'reset')} of the board's clock"
     )
 
 

@@ -120,7 +120,7 @@ def _to_json(played: PlayedBack, playback: Playback) -> str:
 
 def _calibrations(played: PlayedBack) -> list[str]:
     """Return the table of calibrations, one column each."""
-    from hiltest.text import readable
+    from hiltest.text import format_number
 
     def axis(number: int) -> list[str]:
         return ["-" if row.hard_iron_ut is None else f"{row.hard_iron_ut[number]:.1f}" for row in played.found]
@@ -135,7 +135,7 @@ def _calibrations(played: PlayedBack) -> list[str]:
         ["error of its fit, as it says [%]", *rounded([row.said_error_percent for row in played.found], 1)],
         [f"residual over the same {played.points} points [%]",
          *rounded([row.residual_percent for row in played.found], 1)],
-        ["cycles", *(readable(row.cycles) for row in played.found)],
+        ["cycles", *(format_number(row.cycles) for row in played.found)],
     ])
 
 

@@ -115,14 +115,14 @@ def _run_search(
     """Return the result, the case to save, and a summary; nothing is saved if no call succeeded."""
     from hiltest.commands.options import ErrorOutput
     from hiltest.progress_line import ProgressLine
-    from hiltest.text import readable
+    from hiltest.text import format_number
     from hiltest.worst_case.kept import case_of
     from hiltest.worst_case.search import search
 
     line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
 
     def progress(calls: int, elapsed_s: float, cycles: int) -> None:
-        note = f"{readable(cycles)} cycles so far"
+        note = f"{format_number(cycles)} cycles so far"
         if budget.calls is not None:
             line(f"{function}: call", calls, budget.calls, note)
         elif budget.seconds is not None:
@@ -130,22 +130,22 @@ def _run_search(
 
     result = search(problem, seed=seed_number, budget=budget, progress=progress)
     line.clear()
-    searched = f"{readable(result.calls)} calls, {result.elapsed_s:.0f} s, seed {seed_number}"
-    refused = "" if result.refused_cycles is None else f"; refused ones {readable(result.refused_cycles)} at most"
+    searched = f"{format_number(result.calls)} calls, {result.elapsed_s:.0f} s, seed {seed_number}"
+    refused = "" if result.refused_cycles is None else f"; refused ones {format_number(result.refused_cycles)} at most"
     if not result.call.counts:
         return result, None, f"{function}: no call has succeeded of {searched}{refused}"
     case = case_of(result, problem.kept(result.given), elf, function, seed_number)
-    summary = f"{case.said}: {readable(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
+    summary = f"{case.said}: {format_number(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
     return result, case, summary
 
 
 def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
-    from hiltest.text import readable
+    from hiltest.text import format_number
     from hiltest.worst_case.kept import digest, load_worst_case
 
     case = load_worst_case(file)
     call, cycle_model = case.replayed(elf)
-    now = f"{case.said}: {readable(call.cycles)} cycles ({cycle_model})"
+    now = f"{case.said}: {format_number(call.cycles)} cycles ({cycle_model})"
     if not call.counts:
         now += f"; refused, with {call.returned}"
     is_same_build = digest(elf) == case.elf_sha256
@@ -154,7 +154,7 @@ def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
     if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
         click.echo(f"{now}, as it was kept{'' if is_same_build else f', on another build than {case.elf}'}")
         return 0, document
-    saved = f"{readable(case.cycles)} ({case.cycle_model})"
+    saved = f"{format_number(case.cycles)} ({case.cycle_model})"
     if is_same_build and cycle_model == case.cycle_model:
         click.echo(f"{now}, and {saved} were kept of the same build, by hiltest {case.hiltest}")
         return 1, document

@@ -14,7 +14,7 @@ from pathlib import Path
 from hiltest.bench_files import shipped
 from hiltest.boards.daplink import NO_PORT, UsbBoard, plugged_in
 from hiltest.doctor.check import Check, failed, not_looked_at, ok, warning
-from hiltest.text import legible, listed
+from hiltest.text import join_words, legible
 
 RULES = "70-hiltest.rules"
 _RULES_FOLDERS = ("etc", "run", "usr/local/lib", "usr/lib", "lib")
@@ -185,7 +185,7 @@ def see_holders(port: HostPort) -> Check:
         if process.name != str(os.getpid()) and any(_link_target(descriptor) == real for descriptor in opened):
             holders[process.name] = f"{_command(process)} (process {process.name})"
     if holders:
-        finding = f"{port.path} is held by {listed([*holders.values()], 3)}"
+        finding = f"{port.path} is held by {join_words([*holders.values()], 3)}"
         return failed("port", finding, f"close that program, or: kill {' '.join(holders)}")
     return ok("port", f"no program has {port.path} open" + (", of those that this user sees" if unseen else ""))
 

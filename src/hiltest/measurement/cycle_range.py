@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hiltest.text import readable
+from hiltest.text import format_number
 
 #: Row of a cycle model for differences of published counts that the other rows do not explain, as a part of any count.
 DOUBT = "doubt_permille"
@@ -62,4 +62,4 @@ class CycleRange:
 
 
 def _range(low: int, high: int) -> str:
-    return f"{readable(min(low, high))} to {readable(max(low, high))}"
+    return f"{format_number(min(low, high))} to {format_number(max(low, high))}"

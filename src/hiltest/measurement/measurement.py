@@ -15,7 +15,7 @@ from hiltest.measurement.catalogue import better_of, identify
 from hiltest.measurement.cycle_range import CycleRange
 from hiltest.measurement.kind import COSTS_TOO_MUCH, Better, Kind, Section
 from hiltest.measurement.limit import Limit
-from hiltest.text import readable
+from hiltest.text import format_number
 
 SIGNIFICANT_DIGITS = 9
 """Significant digits of numbers that the host computes.
@@ -145,9 +145,9 @@ class Measurement:
         return replace(self, value=round_significant(self.value), uncertainty=round_significant(self.uncertainty))
 
     def __str__(self) -> str:
-        value = "no value" if self.value is None else f"{readable(self.value, 6)} {self.unit}".rstrip()
+        value = "no value" if self.value is None else f"{format_number(self.value, 6)} {self.unit}".rstrip()
         limit = f", limit {self.limit}" if self.limit else ""
-        limit += f" with U {readable(self.uncertainty, 2)}" if self.limit and self.uncertainty else ""
+        limit += f" with U {format_number(self.uncertainty, 2)}" if self.limit and self.uncertainty else ""
         note = f" ({self.note})" if self.note else ""
         return f"{self.name} = {value}{limit}: {self.outcome}{note}"
 
@@ -215,7 +215,7 @@ def check(
         uncertainty = about.get("uncertainty") or 0.0
         outcome = _DECIDED[limit.is_met(value, uncertainty)]
         if outcome is Outcome.CANNOT_TELL:
-            note = f"it is nearer to its limit than its reference is known, U = {readable(uncertainty, 2)} {unit}"
+            note = f"it is nearer to its limit than its reference is known, U = {format_number(uncertainty, 2)} {unit}"
     about["note"] = note
     return Measurement(name, value, unit, limit, outcome=outcome, **about)
 

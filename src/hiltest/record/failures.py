@@ -8,7 +8,7 @@ from hiltest.measurement import Measurement, Outcome
 from hiltest.record.exit_codes import ExitCode
 from hiltest.record.outcomes import RED
 from hiltest.record.run import Run, TestResult, Verdict
-from hiltest.text import counted, listed, readable, without_folders
+from hiltest.text import format_count, format_number, join_words, without_folders
 
 _NAMED_AT_MOST = 3
 _OF_COMPARISONS = (ExitCode.OK, ExitCode.REGRESSION, ExitCode.NOT_EVALUATED)
@@ -29,7 +29,7 @@ def measured(measurement: Measurement) -> str:
     """Return a measurement's value and limit, or the reason for a missing value."""
     if measurement.value is None:
         return f"{measurement.name} ({measurement.note})"
-    value = f"{measurement.name} {readable(measurement.value)} {measurement.unit}".rstrip()
+    value = f"{measurement.name} {format_number(measurement.value)} {measurement.unit}".rstrip()
     return f"{value} ({measurement.limit})"
 
 
@@ -41,13 +41,13 @@ def failed_test(test: TestResult) -> str:
 def limits_in_words(failed: Sequence[Measurement]) -> str:
     """Name measurements out of their limits; empty without any."""
     named = [measured(measurement) for measurement in failed]
-    return f"Out of limit: {listed(named, _NAMED_AT_MOST)}." if failed else ""
+    return f"Out of limit: {join_words(named, _NAMED_AT_MOST)}." if failed else ""
 
 
 def tests_in_words(tests: Sequence[TestResult]) -> str:
     """Name tests that failed, with their reasons; empty without any."""
     named = [f"{tests_named(tests_of_reason)} ({reason})" for reason, tests_of_reason in by_reason(tests).items()]
-    return f"Failed: {listed(named, _NAMED_AT_MOST)}." if tests else ""
+    return f"Failed: {join_words(named, _NAMED_AT_MOST)}." if tests else ""
 
 
 def by_reason(tests: Iterable[TestResult]) -> dict[str, list[TestResult]]:
@@ -60,7 +60,7 @@ def by_reason(tests: Iterable[TestResult]) -> dict[str, list[TestResult]]:
 
 def tests_named(tests: Sequence[TestResult]) -> str:
     """Name the first of several tests, and count the others."""
-    return listed([without_folders(test.id) for test in tests], 1)
+    return join_words([without_folders(test.id) for test in tests], 1)
 
 
 def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
@@ -77,13 +77,13 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
         A verdict that is never complete. Its exit code is that of an interrupted run.
     """
     word = "still running" if going_on else "cut short"
-    progress = f"{counted(len(run.tests), 'test')} finished, {counted(len(run.measurements), 'measurement')} kept"
+    tests, measurements = format_count(len(run.tests), "test"), format_count(len(run.measurements), "measurement")
     last = f"; the last test was {without_folders(run.tests[-1].id)}" if run.tests else ""
     failed = out_of_limit(run.measurements)
     remarks = (limits_in_words(failed), tests_in_words(failed_otherwise(run.tests, failed)))
     return Verdict(
         outcome=word, exit_code=ExitCode.INTERRUPTED, complete=False,
-        sentence=" ".join(filter(None, (f"{word.upper()}: {progress}{last}.", *remarks))),
+        sentence=" ".join(filter(None, (f"{word.upper()}: {tests} finished, {measurements} kept{last}.", *remarks))),
     )
 
 

@@ -19,7 +19,7 @@ from hiltest.record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.record.journal import JOURNAL_FILE, is_going_on
 from hiltest.record.run import SCHEMA, Run, Verdict, in_force, marked, volatile_places
 from hiltest.strict_json import LARGEST_BYTES, JsonFile, parse_json, read_bounded, read_json, shown
-from hiltest.text import listed
+from hiltest.text import join_words
 
 OTHERWISE = "render another record, or run again: hiltest run"
 """The next step for a record that cannot be read."""
@@ -76,7 +76,7 @@ def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
         if record.exists():
             return record_in(read_json(record, otherwise=otherwise))
     if seeds := sorted(str(folder) for folder in place.glob(SEED_FOLDERS) if folder.is_dir()):
-        named = listed(seeds, _SEEDS_AT_MOST)
+        named = join_words(seeds, _SEEDS_AT_MOST)
         raise ConfigError(f"{place}: a campaign, not one run: {_campaign_state(place)}; name one of {named}")
     raise ConfigError(f"{place}: no record of a run: neither {RUN_FILE} nor a line in {JOURNAL_FILE}")
 

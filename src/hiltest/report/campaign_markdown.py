@@ -9,7 +9,7 @@ from hiltest.record.comparison import Comparison
 from hiltest.record.run import Verdict
 from hiltest.report.markdown import comparison_lines
 from hiltest.report.markdown_text import folded, plain_text, table
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.wording import counted_by
 
 
@@ -74,7 +74,7 @@ def _seeds(seeds: Sequence[SeedLine]) -> Iterator[str]:
 
 def _spreads(spreads: Sequence[Spread]) -> Iterator[str]:
     rows = (
-        [spread.name, str(spread.n), *map(readable, (spread.min, spread.median, spread.max)), spread.unit,
+        [spread.name, str(spread.n), *map(format_number, (spread.min, spread.median, spread.max)), spread.unit,
          ", ".join(map(str, spread.failed_seeds))]
         for spread in spreads
     )  # fmt: skip

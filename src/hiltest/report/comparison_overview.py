@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from hiltest.record.comparison import Answer, Change, Comparison, Difference, Side
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.wording import (
     SHOWN,
     build,
@@ -107,7 +107,7 @@ def _changed_row(difference: Difference) -> Changed:
 
 
 def _number(value: float | None, unit: str) -> str:
-    return "-" if value is None else f"{readable(value)} {unit}".rstrip()
+    return "-" if value is None else f"{format_number(value)} {unit}".rstrip()
 
 
 def _side(side: Side) -> Iterator[tuple[str, str]]:

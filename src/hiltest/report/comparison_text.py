@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from hiltest.record.comparison import Answer, Change, Comparison, Side
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.detection import Detection
 from hiltest.verdict.wording import build, counted_by, entry, how_to_keep, models_shown, revision, seen_from, shown
 
@@ -39,7 +39,7 @@ def print_smallest_changes(console: Console, heading: str, detectable: Mapping[s
     """Print the smallest changes in degrees that a comparison detects, for measurements with a limit, if any."""
     if detectable:
         say(console, f"{heading}, where there is a limit [deg]")
-        _entries(console, [", ".join(f"{name} {readable(change, 2)}" for name, change in detectable.items())])
+        _entries(console, [", ".join(f"{name} {format_number(change, 2)}" for name, change in detectable.items())])
 
 
 def print_changes(console: Console, comparison: Comparison, *, at_most: int | None = None) -> None:

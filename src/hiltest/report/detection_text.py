@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest.report.comparison_text import say
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.detection import Detection
 from hiltest.verdict.evidence import REAL
 
@@ -24,9 +24,9 @@ def print_detection(console: Console, detection: Detection) -> None:
     for heading in headings:
         grid.add_column(heading, justify="right", no_wrap=True)
     for needed in detection.measurements:
-        cells = [readable(needed.deviation, 3), _count(needed.runs)]
+        cells = [format_number(needed.deviation, 3), _count(needed.runs)]
         grid.add_row(
-            escape(needed.name), *cells, *([_count(needed.seeds), readable(needed.tolerance, 3)] if paired else [])
+            escape(needed.name), *cells, *([_count(needed.seeds), format_number(needed.tolerance, 3)] if paired else [])
         )
     console.print(grid)
     if not detection.of_base:
@@ -37,4 +37,4 @@ def print_detection(console: Console, detection: Detection) -> None:
 
 
 def _count(count: int | None) -> str:
-    return "none is enough" if count is None else readable(count)
+    return "none is enough" if count is None else format_number(count)

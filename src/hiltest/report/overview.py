@@ -10,7 +10,7 @@ from itertools import compress, groupby
 from hiltest.measurement import Measurement, Outcome, Section
 from hiltest.record.run import BoardRecord, Run
 from hiltest.report.terminal import shown_limit, shown_value
-from hiltest.text import readable, without_folders
+from hiltest.text import format_number, without_folders
 from hiltest.verdict.calibrators import (
     FROM_FLASH,
     UNCALIBRATED,
@@ -220,7 +220,7 @@ def _batch_cells(run: Run, name: str) -> list[Cell]:
     total, *parts = (_cell(run, f"cycles.{name}.{quantity}") for quantity in ("total", "per_point", "fixed"))
     worst = run.measurement(f"cycles.{name}.worst_found")
     if worst is not None and worst.value is not None:
-        total = replace(total, note=", ".join(filter(None, (total.note, f"worst found {readable(worst.value)}"))))
+        total = replace(total, note=", ".join(filter(None, (total.note, f"worst found {format_number(worst.value)}"))))
     return [total, *parts]
 
 
@@ -228,9 +228,9 @@ def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:
     """Return the cells of a streaming calibrator: its fixed part is the final fit, its points have mean and maximum."""
     whole = run.measurement(f"stream.{cost.name}.total")
     band = f", {whole.band}" if whole and whole.band else ""
-    total = Cell("" if cost.cycles is None else readable(cost.cycles), note=f"{cost.points} points{band}")
+    total = Cell("" if cost.cycles is None else format_number(cost.cycles), note=f"{cost.points} points{band}")
     most = run.measurement(f"stream.{cost.name}.cycles_max")
-    note = "" if most is None or most.value is None else f"max {readable(most.value)}"
+    note = "" if most is None or most.value is None else f"max {format_number(most.value)}"
     per_point = replace(_cell(run, f"stream.{cost.name}.cycles_mean"), note=note)
     return [total, per_point, _cell(run, f"stream.{cost.name}.fit_cycles")]
 

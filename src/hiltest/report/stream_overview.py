@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from hiltest.record.run import Cell, Run
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.calibrators import STAGES_TABLE
 
 HEADING = "Streaming calibrators"
@@ -55,4 +55,4 @@ def _number(value: Cell, unit: str) -> str:
 
 def _cycles(run: Run, name: str) -> str:
     measurement = run.measurement(name)
-    return "" if measurement is None or measurement.value is None else readable(measurement.value)
+    return "" if measurement is None or measurement.value is None else format_number(measurement.value)

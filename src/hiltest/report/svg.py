@@ -10,7 +10,7 @@ from itertools import count
 from markupsafe import Markup
 
 from hiltest.report.marks import KeyEntry, Mark, shape
-from hiltest.text import legible, readable
+from hiltest.text import format_number, legible
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 68.0, 14.0, 14.0, 44.0
 _LABEL = 24.0  # room that the plot gains if an axis has no label
@@ -123,7 +123,7 @@ class Figure:
         entry = KeyEntry(name, line, mark, mark_style or f"{line} filled")
         self.key += [] if entry in self.key else [entry]
         rows = self.sheet.rows if self.sheet else ()
-        more = [(name, readable(x), readable(y)) for x, y in points]
+        more = [(name, format_number(x), format_number(y)) for x, y in points]
         self.sheet = Sheet(self.title, ("series", self.x_label or "x", self.y_label or "y"), [*rows, *more])
 
     def band(self, low: float, high: float, style: str) -> None:

@@ -18,7 +18,7 @@ from hiltest.record.failures import by_reason, tests_named
 from hiltest.record.files import REPORT_FILE
 from hiltest.record.run import CoverageRecord, Run
 from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
-from hiltest.text import counted, number, readable, with_unit, without_folders
+from hiltest.text import format_count, format_number, number, with_unit, without_folders
 from hiltest.verdict.calibrators import WITH_WAITS, WITHOUT_WAITS
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import (
@@ -81,7 +81,7 @@ def summary(
     if run.comparison is not None:
         print_changes(console, run.comparison, at_most=None if verbose else _CHANGES_AT_MOST)
         say_how_to_keep(console, run.comparison, shown_path(folder), options)
-    count = counted(len(run.measurements), "measurement")
+    count = format_count(len(run.measurements), "measurement")
     more = "" if verbose else f"; -v prints {'it' if len(run.measurements) == 1 else 'them'}"
     if run.coverage is not None:
         file = shown_path(Path(os.path.normpath(folder / run.coverage.file)))
@@ -115,7 +115,9 @@ def shown_limit(measurement: Measurement) -> str:
     """Return the limit as text; one in brackets is a reference value that is not enforced."""
     if measurement.limit is None and measurement.information is not None:
         return f"({measurement.information})"
-    uncertainty = f", U {readable(measurement.uncertainty, 2)}" if measurement.limit and measurement.uncertainty else ""
+    uncertainty = ""
+    if measurement.limit and measurement.uncertainty:
+        uncertainty = f", U {format_number(measurement.uncertainty, 2)}"
     return f"{measurement.limit or ''}{uncertainty}"
 
 
@@ -123,7 +125,7 @@ def shown_seen(measurement: Measurement, detectable: Mapping[str, float]) -> str
     """Return the smallest change that a comparison detects, for a measurement with a limit."""
     if measurement.limit is None or (change := detectable.get(measurement.name)) is None:
         return ""
-    return readable(change, 2) if change else "any"
+    return format_number(change, 2) if change else "any"
 
 
 def shown_outcome(measurement: Measurement) -> str:
@@ -178,7 +180,7 @@ def _print_failures(console: Console, summary_of_run: Summary, run: Run, folder:
         _print_wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}{why}", "red", _INDENT)
     if traces := {test.trace: test for test in run.tests if test.trace}:
         (trace, test), *more = traces.items()
-        tests_traced = counted(len(traces), "test") if more else without_folders(test.id)
+        tests_traced = format_count(len(traces), "test") if more else without_folders(test.id)
         file = folder / trace
         _print_wrapped(
             console, f"wire trace of {tests_traced}: {shown_path(file.parent if more else file)}", indent=_INDENT
@@ -236,7 +238,7 @@ def _costs(summary_of_run: Summary) -> list[tuple[str, list[str]]]:
 
 def _upper_limit(measurement: Measurement | None) -> str:
     most = measurement.limit.max if measurement and measurement.limit else None
-    return "" if most is None else readable(most)
+    return "" if most is None else format_number(most)
 
 
 def _print_close(console: Console, summary_of_run: Summary) -> None:
@@ -314,5 +316,5 @@ def _print_ranges(console: Console, measurements: Sequence[Measurement]) -> None
                     by += f"; fetch {100 * band.about_fetch / measurement.value:.1f} %"
                 grid.add_row(escape(
                     measurement.name
-                ), shown_value(measurement), readable(band.low), readable(band.high), escape(by))
+                ), shown_value(measurement), format_number(band.low), format_number(band.high), escape(by))
         console.print(grid)

@@ -51,7 +51,7 @@ from hiltest.runs.older_firmware import (
 )
 from hiltest.runs.sent_bench import run_there, sent_bench
 from hiltest.settings import make_folder, run_options
-from hiltest.text import listed
+from hiltest.text import join_words
 from hiltest.verdict.calibrators import UNCALIBRATED, WORST_HEADING
 from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds, no_evidence, with_misses_allowed
 from hiltest.verdict.wording import on_seeds
@@ -223,8 +223,8 @@ def _kept_in_words(seeds: Sequence[int], out: Path, name: str) -> str:
     finished = [str(folder) for folder, complete in is_complete.items() if complete]
     begun = [str(folder) for folder, complete in is_complete.items() if not complete]
     parts = [f"{len(finished)} of {len(seeds)} {name} finished"]
-    parts += [f"records in {listed(finished, _NAMED_AT_MOST)}"] if finished else []
-    parts += [f"cut short: {listed(begun, _NAMED_AT_MOST)}"] if begun else []
+    parts += [f"records in {join_words(finished, _NAMED_AT_MOST)}"] if finished else []
+    parts += [f"cut short: {join_words(begun, _NAMED_AT_MOST)}"] if begun else []
     return "; ".join(parts)
 
 

@@ -48,7 +48,7 @@ class Gate(NamedTuple):
 
     def describe(self) -> str:
         """Return the header line: the base that the run is compared with."""
-        from hiltest.text import counted
+        from hiltest.text import format_count
         from hiltest.verdict.wording import build
 
         if self.base is None:
@@ -56,7 +56,7 @@ class Gate(NamedTuple):
         side = self.base.side
         if not side.firmware:
             return f"base: {self.file}, of no board"
-        runs = counted(len(side.seeds), "seed") if side.seeds else counted(len(self.base.measurements), "run")
+        runs = format_count(len(side.seeds), "seed") if side.seeds else format_count(len(self.base.measurements), "run")
         return f"base: {self.file}, {build(side)}, {runs}"
 
 

@@ -29,7 +29,7 @@ from hiltest.record.exit_codes import ExitCode
 from hiltest.record.reader import read_record
 from hiltest.report.comparison_text import printable
 from hiltest.runs.older_firmware import UNCOVERED, UNJUDGED, last_words, run_command
-from hiltest.text import listed
+from hiltest.text import join_words
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence_reader import read_evidence
 from hiltest.verdict.wording import entry, reasons
@@ -206,7 +206,7 @@ def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[F
         result = {Answer.NOT: Found.WORSE, Answer.MAY: Found.NOT_WORSE}.get(comparison.answer, Found.SKIPPED)
         return result, ("it cannot be compared: " if result is Found.SKIPPED else "") + reasons(comparison)
     if worse := worse_in(comparison, measures):
-        return Found.WORSE, listed([entry(difference) for difference in worse], _NAMED_AT_MOST)
+        return Found.WORSE, join_words([entry(difference) for difference in worse], _NAMED_AT_MOST)
     named = {pattern: [difference for difference in comparison.differences if fnmatchcase(difference.name, pattern)]
              for pattern in measures}  # fmt: skip
     decide = {difference.name: difference for matches in named.values() for difference in matches}.values()
@@ -218,8 +218,8 @@ def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[F
     if without:
         names = [difference.name for difference in comparison.differences]
         why = next(iter((*comparison.obstacles, *comparison.failed)), nearest_hint(without[0], names))
-        return Found.SKIPPED, f"it has no number of {listed(without, _NAMED_AT_MOST)}: {why}"
-    return Found.NOT_WORSE, listed([entry(difference) for difference in decide], _NAMED_AT_MOST)
+        return Found.SKIPPED, f"it has no number of {join_words(without, _NAMED_AT_MOST)}: {why}"
+    return Found.NOT_WORSE, join_words([entry(difference) for difference in decide], _NAMED_AT_MOST)
 
 
 def worse_in(comparison: Comparison, measures: Sequence[str]) -> list[Difference]:

@@ -26,7 +26,7 @@ from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
 from hiltest.runs.older_firmware import last_words, run_command
 from hiltest.settings import make_folder
-from hiltest.text import listed
+from hiltest.text import join_words
 
 SCHEMA = "hiltest.boards/1"
 
@@ -61,7 +61,7 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     """
     benches = {_NO_FOLDER.sub("-", rig.name): rig for rig in (load_rig(rig_file(Path.cwd(), name)) for name in rigs)}
     if len(benches) < len(rigs):
-        raise ConfigError(f"two of {listed([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
+        raise ConfigError(f"two of {join_words([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
     _check_apart(benches)
     files = {name: str(rig.path) for name, rig in benches.items()}
     for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # an earlier verdict must not pass for this one's
@@ -165,7 +165,7 @@ def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
     code = next(ordered, int(ExitCode.NOT_EVALUATED if any(codes) else ExitCode.OK))
     red = [f"{board.name}: {_word(board.exit_code)}" for board in boards if board.exit_code]
     passed = f"{len(boards) - len(red)} of {len(boards)} boards pass"
-    sentence = f"{passed}; {listed(red, _NAMED_AT_MOST)}." if red else f"{passed}."
+    sentence = f"{passed}; {join_words(red, _NAMED_AT_MOST)}." if red else f"{passed}."
     return Verdict(_word(code), code, sentence, complete=True)
 
 

@@ -15,7 +15,7 @@ from hiltest.link.replies import AverageReply, SlotHeading, Statistic, Status
 from hiltest.procedures import Achieved, Tumble
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.record.recorder import Recorder
-from hiltest.text import counted, listed
+from hiltest.text import format_count, join_words
 
 Reals = NDArray[np.float64]
 
@@ -87,11 +87,12 @@ class ByHand:
         now = {name: list(numbers) for name, numbers in held.items()}
         others = sorted(name for name in now.keys() | self._held.keys() if now.get(name) != self._held.get(name))
         if self._poses and not others:
-            return self._poses, f"{counted(len(self._poses), 'known angle')} of the run of {self._since}, taken over.\n"
+            count = format_count(len(self._poses), "known angle")
+            return self._poses, f"{count} of the run of {self._since}, taken over.\n"
         self._keep(held=now)
         return {}, "" if not self._poses else (
-            f"The known angles begin anew: the calibration {listed(others, _NAMED_AT_MOST)} is another than in the run "
-            f"of {self._since}.\n"
+            f"The known angles begin anew: the calibration {join_words(others, _NAMED_AT_MOST)} is another than in the "
+            f"run of {self._since}.\n"
         )
 
     def keep(self, index: int, measured: tuple[Achieved, AverageReply]) -> None:
@@ -118,7 +119,7 @@ class ByHand:
             return f"begins anew: the journal of {run}, is damaged"
         others = [name for name, now in self._bench.items() if before.get(name) != now]
         if others:
-            return f"begins anew, and does not go on with {run}: another {listed(others, _NAMED_AT_MOST)}"
+            return f"begins anew, and does not go on with {run}: another {join_words(others, _NAMED_AT_MOST)}"
         try:
             for entry in entries[1:]:
                 self._restore(entry)
@@ -126,7 +127,7 @@ class ByHand:
             self._tumble, self._faces, self._poses, self._held = None, ([], 0), {}, {}
             return f"begins anew: the journal of {run}, is damaged"
         steps = [*(["the six faces"] if self._faces[0] else []), *(["the tumble"] if self._tumble else []),
-                 *([counted(len(self._poses), "known angle")] if self._poses else [])]
+                 *([format_count(len(self._poses), "known angle")] if self._poses else [])]
         for entry in entries[1:]:  # written again, since this run may be stopped before it reaches them
             self._keep(**{name: value for name, value in entry.items() if name != "kind"})
         return f"goes on with {run}: {', '.join(steps)} taken over" if steps else ""

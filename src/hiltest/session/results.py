@@ -145,9 +145,9 @@ class TestLog:
 
 def out_of_limit_in_words(names: Sequence[str]) -> str:
     """Return why measurements failed a test, without their values, which the list of failures shows."""
-    from hiltest.text import listed
+    from hiltest.text import join_words
 
-    return f"out of limit: {listed(names, _NAMED_AT_MOST)}"
+    return f"out of limit: {join_words(names, _NAMED_AT_MOST)}"
 
 
 def _outcome(report: pytest.TestReport) -> TestOutcome:

@@ -16,7 +16,7 @@ from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.estimators import quantile_and_interval
 from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Conditions, Numbers, Plan, Study
-from hiltest.text import hundredths, readable
+from hiltest.text import format_number, hundredths
 
 _HIGH = 0.95
 _NUMBERS = 3
@@ -42,10 +42,10 @@ class Candidate:
 
     def __str__(self) -> str:
         """Return name and numbers."""
-        at_most = f", at most {readable(self.most_cycles)}" if self.most_cycles > self.cycles else ""
+        at_most = f", at most {format_number(self.most_cycles)}" if self.most_cycles > self.cycles else ""
         return (
             f"{self.name} ({hundredths(self.median_deg)} deg in the median, {hundredths(self.high_deg)} or less in "
-            f"{100 * _HIGH:g} %, {readable(self.cycles)} cycles{at_most})"
+            f"{100 * _HIGH:g} %, {format_number(self.cycles)} cycles{at_most})"
         )
 
 
@@ -121,7 +121,7 @@ def chosen(candidates: Sequence[Candidate]) -> Candidate | None:
 
 
 def _conditions(plan: Plan, conditions: Conditions) -> str:
-    budget = "any number of" if conditions.cycles is None else f"at most {readable(conditions.cycles)}"
+    budget = "any number of" if conditions.cycles is None else f"at most {format_number(conditions.cycles)}"
     return (
         f"For {conditions.noise_ut:g} uT of noise in {conditions.field_ut:g} uT, {plan.points} points over at least "
         f"{conditions.coverage_percent:g} % of the sphere and {budget} cycles"

@@ -10,7 +10,7 @@ from hiltest.measurement import Limit
 from hiltest.record.comparison import Change
 from hiltest.report.marks import KeyEntry, Mark, series
 from hiltest.report.svg import Figure, Point, Sheet, nice_ticks
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.trend.series import Measured, Series
 from hiltest.trend.series import Point as At
 
@@ -44,12 +44,13 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
         x_range=(0.5, len(names) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(len(names)),
         width=width, height=_HEIGHT,
     )  # fmt: skip
-    for series_ in measured.series:
-        _draw(drawn, series_, scale)
+    for line_series in measured.series:
+        _draw(drawn, line_series, scale)
     for change, (style, mark) in _STEPS.items():
         at = [
-            (step.after + 1.0, point.value / scale) for series_ in measured.series for step in series_.change_points
-            for point in series_.points if point.entry == step.after and step.difference.change is change
+            (step.after + 1.0, point.value / scale)
+            for line_series in measured.series for step in line_series.change_points
+            for point in line_series.points if point.entry == step.after and step.difference.change is change
         ]  # fmt: skip
         drawn.marks(at, f"step {style}", mark, radius=6.0)
     drawn.sheet = _sheet(measured, names)
@@ -58,12 +59,14 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
 
 def _sheet(measured: Measured, names: Sequence[str]) -> Sheet:
     """Return the value of each run; for several seeds also the lowest and the highest."""
-    points = sorted((point for series_ in measured.series for point in series_.points), key=lambda point: point.entry)
+    points = sorted(
+        (point for line_series in measured.series for point in line_series.points), key=lambda point: point.entry
+    )
     spread = ("lowest", "highest") if any(point.low < point.high for point in points) else ()
     numbers = [(point.value, point.low, point.high)[: 1 + len(spread)] for point in points]
     return Sheet(
         measured.name, ("run", measured.unit or "value", *spread),
-        [[names[point.entry], *map(readable, values)] for point, values in zip(points, numbers, strict=True)],
+        [[names[point.entry], *map(format_number, values)] for point, values in zip(points, numbers, strict=True)],
     )
 
 
@@ -105,7 +108,7 @@ def _drop_level_points(points: Sequence[Point]) -> list[Point]:
 
 
 def _y_range(measured: Measured, scale: float) -> tuple[float, float]:
-    points = [point for series_ in measured.series for point in series_.points]
+    points = [point for line_series in measured.series for point in line_series.points]
     low, high = min(point.low for point in points), max(point.high for point in points)
     furthest = max(abs(low), abs(high))
     sides = [side for point in points for side in _sides(point.limit) if abs(side) <= _NEAR * furthest]
@@ -123,7 +126,7 @@ def _sides(limit: Limit | None) -> list[float]:
 
 def _scale(measured: Measured) -> tuple[float, str]:
     """Return a divisor that makes the values' digits fit beside the axis, and the unit with it."""
-    points = [point for series_ in measured.series for point in series_.points]
+    points = [point for line_series in measured.series for point in line_series.points]
     largest = max(abs(value) for point in points for value in (point.low, point.high))
     power = 3 * max(0, math.floor(math.log10(largest) / 3.0)) if largest >= 1e5 else 0
     return 10.0**power, f"1e{power} {measured.unit}".strip() if power else measured.unit
@@ -138,11 +141,11 @@ def _run_ticks(entries: int) -> Sequence[float]:
 
 def _in_words(measured: Measured) -> str:
     """Return a description of the plot, for readers who do not see it."""
-    first = min((series_.points[0] for series_ in measured.series), key=lambda point: point.entry)
-    last = max((series_.points[-1] for series_ in measured.series), key=lambda point: point.entry)
+    first = min((line_series.points[0] for line_series in measured.series), key=lambda point: point.entry)
+    last = max((line_series.points[-1] for line_series in measured.series), key=lambda point: point.entry)
     words = (
-        f"From {readable(first.value)} in run {first.entry + 1} to {readable(last.value)} {measured.unit}".rstrip()
-        + f" in run {last.entry + 1}"
+        f"From {format_number(first.value)} in run {first.entry + 1} to "
+        + f"{format_number(last.value)} {measured.unit}".rstrip() + f" in run {last.entry + 1}"
     )
     words += f", limit {measured.limit}" if measured.limit else ""
     if len(measured.series) > 1:

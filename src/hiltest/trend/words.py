@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.trend.series import ChangePoint, Measured, Trend, TrendLine
 from hiltest.verdict.evidence import Evidence
 from hiltest.verdict.wording import counted_by, model_names, numbers, revision
@@ -69,8 +69,8 @@ def _row(measured: Measured, unit: str) -> tuple[str, ...]:
     points = sorted((point for series in measured.series for point in series.points), key=lambda point: point.entry)
     steps = measured.change_points
     return (
-        measured.name, str(len(points)), readable(points[0].value), readable(points[-1].value),
-        readable(min(point.low for point in points)), readable(max(point.high for point in points)), unit,
+        measured.name, str(len(points)), format_number(points[0].value), format_number(points[-1].value),
+        format_number(min(point.low for point in points)), format_number(max(point.high for point in points)), unit,
         str(measured.limit or ""), f"{len(steps)}, last in run {steps[-1].after + 1}" if steps else "",
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from hiltest.measurement import KINDS, Measurement
 from hiltest.record.run import Table
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause
 
@@ -100,11 +100,11 @@ def costs_in_words(results: Sequence[CalibratorResult]) -> str:
     if own is None or cycles is None:
         return ""
     waited = value_of(own.from_flash)
-    cost = f"Its fit takes {readable(cycles)} cycles"
-    cost += "" if waited is None else f" without memory waits, {readable(waited)} from flash"
+    cost = f"Its fit takes {format_number(cycles)} cycles"
+    cost += "" if waited is None else f" without memory waits, {format_number(waited)} from flash"
     other = next((result for result in results if result is not own and value_of(result.cycles) is not None), None)
     parts = [f"{cost}{_note_in_brackets(own)}"]
-    parts += [f"{other.name} {readable(value_of(other.cycles))}{_note_in_brackets(other)}"] if other else []
+    parts += [f"{other.name} {format_number(value_of(other.cycles))}{_note_in_brackets(other)}"] if other else []
     return f"{'; '.join(parts)}."
 
 

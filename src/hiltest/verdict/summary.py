@@ -18,7 +18,7 @@ from hiltest.measurement import (
 )
 from hiltest.record.failures import failed_otherwise, out_of_limit
 from hiltest.record.run import Findings, Run, TestResult
-from hiltest.text import counted, listed, number, readable
+from hiltest.text import format_count, format_number, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
 from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
@@ -141,8 +141,8 @@ def unmeasured_in_words(unmeasured: Sequence[Measurement]) -> str:
     """Return the limits that failed tests left without a measurement, in words; empty without any."""
     if not unmeasured:
         return ""
-    named = listed([measurement.name for measurement in unmeasured], 1)
-    return f"not measured, since tests failed: {counted(len(unmeasured), 'limit')} of the rig, {named}"
+    named = join_words([measurement.name for measurement in unmeasured], 1)
+    return f"not measured, since tests failed: {format_count(len(unmeasured), 'limit')} of the rig, {named}"
 
 
 def cost_reference(run: Run | Findings, results: Sequence[CalibratorResult]) -> CalibratorResult | None:
@@ -155,7 +155,7 @@ def limit_in_words(measurement: Measurement) -> str:
     """Return the limit in a sentence: ``limit 1.8``, ``limit at least 300``, ``limit 2 with U 0.71``; may be empty."""
     if measurement.limit is None:
         return ""
-    uncertainty = f" with U {readable(measurement.uncertainty, 2)}" if measurement.uncertainty else ""
+    uncertainty = f" with U {format_number(measurement.uncertainty, 2)}" if measurement.uncertainty else ""
     return f"limit {measurement.limit}".replace("limit at most ", "limit ") + uncertainty
 
 
@@ -274,7 +274,7 @@ def _budget(run: Run, name: str) -> str:
     if not 1.0 <= points <= _MOST_POINTS:
         return ""
     budget = "Thesis budget" if (slope, rest) == _OF_THE_THESIS else "Budget"
-    return f"{budget} for {round(points)} points {readable(round(points) * slope + rest)} cycles"
+    return f"{budget} for {round(points)} points {format_number(round(points) * slope + rest)} cycles"
 
 
 def _information_limit(measurement: Measurement | None) -> float | None:
@@ -286,5 +286,5 @@ def _cost(result: CalibratorResult, reference: CalibratorResult | None) -> str:
     band = f" ({cycles.band})" if cycles and cycles.band else ""
     worst = "no heading" if maximum.value is None else f"{number(maximum.value, maximum.unit)} {maximum.unit}"
     ratio = ratio_in_words(result, reference) if reference else ""
-    cost = f"{result.name} {readable(cycles.value if cycles else None)}{band} for {worst}"
+    cost = f"{result.name} {format_number(cycles.value if cycles else None)}{band} for {worst}"
     return ", ".join(filter(None, (cost, ratio)))

@@ -12,7 +12,7 @@ from hiltest.record.failures import (
 )
 from hiltest.record.outcomes import RED, TestOutcome
 from hiltest.record.run import Findings, TestResult, Verdict
-from hiltest.text import counted, listed, number, with_unit
+from hiltest.text import format_count, join_words, number, with_unit
 from hiltest.verdict.calibrators import (
     MEAN_ERROR,
     UNCALIBRATED,
@@ -96,7 +96,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     """Compose the verdict: the word, the failures or the accuracy, and the limits that were not evaluated."""
     word, against_base = word.upper(), _base_sentence(findings)
     if stopped := _stop_reason(findings):
-        saved = f"{counted(len(findings.measurements), 'measurement')} kept."
+        saved = f"{format_count(len(findings.measurements), 'measurement')} kept."
         return " ".join(filter(None, (f"{word}: {stopped} {saved}", against_base)))
     summary = summarise(findings)
     poses = findings.tables.get(POSES_TABLE)
@@ -119,11 +119,11 @@ def headline(verdict: Verdict, summary: Summary) -> str:
         Summary of the same run.
     """
     failures, broken = len(summary.failures), len(summary.broken)
-    out = f"{counted(failures, 'measurement')} out of {'its limit' if failures == 1 else 'their limits'}."
+    out = f"{format_count(failures, 'measurement')} out of {'its limit' if failures == 1 else 'their limits'}."
     words = verdict.sentence
     for named, instead in (
         (failures_in_words(summary.failures), out),
-        (tests_in_words(summary.broken), f"{counted(broken, 'test')} failed."),
+        (tests_in_words(summary.broken), f"{format_count(broken, 'test')} failed."),
         (_cause_sentence(summary.causes), ""),
         (_as_sentence(unmeasured_in_words(summary.unmeasured)), ""),
     ):
@@ -191,11 +191,11 @@ def failures_in_words(failures: Sequence[Failure]) -> str:
         + held_to(failure.measurement, failure.was)
         for failure in failures
     ]
-    return f"{listed(named, _NAMED_AT_MOST)}."
+    return f"{join_words(named, _NAMED_AT_MOST)}."
 
 
 def _cause_sentence(causes: Sequence[str]) -> str:
-    return f"Likely cause: {listed(causes, 1)}." if causes else ""
+    return f"Likely cause: {join_words(causes, 1)}." if causes else ""
 
 
 def _value(measurement: Measurement) -> str:
@@ -213,7 +213,7 @@ def _not_evaluated(summary: Summary, findings: Findings, word: str) -> str:
     """Name the limits that could not be decided or applied, and the checks that replaced them."""
     near = [measurement for measurement in summary.unset if measurement.outcome is Outcome.CANNOT_TELL]
     unset = [measurement for measurement in summary.unset if measurement not in near]
-    undecided = listed(
+    undecided = join_words(
         [f"{measurement.name} {_value(measurement)}{held_to(measurement)}" for measurement in near], _NAMED_AT_MOST
     )
     open_ = f"Cannot tell at this uncertainty: {undecided}." if near else ""
@@ -231,7 +231,7 @@ def _unset_in_words(unset: Sequence[Measurement], findings: Findings, word: str)
         ]
         mean = f"; mean error {number(means[0].value, 'deg')} deg" if means else ""
         return f"Only centred values were checked: {unset[0].note}{mean}."
-    named = listed([f"{measurement.name} ({measurement.note})" for measurement in unset], _NAMED_AT_MOST)
+    named = join_words([f"{measurement.name} ({measurement.note})" for measurement in unset], _NAMED_AT_MOST)
     is_in_verdict = word == str(WORDS[ExitCode.NOT_EVALUATED]).upper()
     return f"{named}." if is_in_verdict else f"Not evaluated: {named}."
 

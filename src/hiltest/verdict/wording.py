@@ -9,7 +9,7 @@ from shlex import quote
 
 from hiltest.measurement import Outcome, Tolerance, is_direction
 from hiltest.record.comparison import Answer, BaseKind, Change, Comparison, Difference, Revision, Side
-from hiltest.text import listed, readable
+from hiltest.text import format_number, join_words
 from hiltest.verdict.evidence import Seed
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
@@ -57,7 +57,7 @@ def numbers(difference: Difference) -> str:
     --------
     ``11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)``
     """
-    was, now = (readable(value) for value in (difference.base, difference.new))
+    was, now = (format_number(value) for value in (difference.base, difference.new))
     if difference.base is None or difference.new is None:
         values = was if difference.new is None else now
     else:
@@ -73,7 +73,7 @@ def held_to(tolerance: Tolerance, unit: str) -> str:
     --------
     ``0.01 deg and 1 %``, or ``exact``
     """
-    absolute = f"{readable(tolerance.absolute)} {_plural_unit(unit)}".rstrip() if tolerance.absolute else ""
+    absolute = f"{format_number(tolerance.absolute)} {_plural_unit(unit)}".rstrip() if tolerance.absolute else ""
     relative = f"{100.0 * tolerance.relative:g} %" if tolerance.relative else ""
     return " and ".join(filter(None, (absolute, relative))) or "exact"
 
@@ -85,7 +85,9 @@ def seen_from(difference: Difference) -> str:
     --------
     ``seen from 0.0123 deg on``
     """
-    return f"seen from {readable(difference.seen, 3)} deg on" if difference.seen and difference.unit == "deg" else ""
+    if not difference.seen or difference.unit != "deg":
+        return ""
+    return f"seen from {format_number(difference.seen, 3)} deg on"
 
 
 def entry(difference: Difference) -> str:
@@ -167,7 +169,7 @@ def models_shown(comparison: Comparison) -> set[str]:
 
 def on_seeds(seeds: Sequence[Seed]) -> str:
     """Return seeds in words."""
-    return f" on seed {listed([str(seed) for seed in seeds], _SEEDS_AT_MOST)}"
+    return f" on seed {join_words([str(seed) for seed in seeds], _SEEDS_AT_MOST)}"
 
 
 def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]:
@@ -210,11 +212,11 @@ def _count_and_names(change: Change, differences: Sequence[Difference]) -> str:
 
 
 def _name_first(before: str, texts: Sequence[str]) -> str:
-    return f"{before}{listed(texts, _NAMED_AT_MOST)}" if texts else ""
+    return f"{before}{join_words(texts, _NAMED_AT_MOST)}" if texts else ""
 
 
 def _format_signed(value: float) -> str:
-    return f"{'+' if value >= 0 else '-'}{readable(abs(value))}"
+    return f"{'+' if value >= 0 else '-'}{format_number(abs(value))}"
 
 
 def _plural_unit(unit: str) -> str:

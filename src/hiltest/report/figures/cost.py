@@ -11,7 +11,7 @@ from hiltest.record.run import Run, Table
 from hiltest.report.figures.section import FigureGroup, numbers, panel_width, upper_limit, written
 from hiltest.report.marks import KeyEntry, Mark, series
 from hiltest.report.svg import Figure, Point, Sheet
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.calibrators import calibrator_costs
 
 SIZES_TABLE, CURVE_TABLE = "cycles.sizes", "budget.curve"
@@ -54,7 +54,8 @@ def _accuracy_figure(run: Run) -> Figure | None:
     figure = Figure(
         title="Worst heading error over cycles",
         description="; ".join(
-            f"{cost.name}: {error:.2f} degrees for {readable(cost.cycles or 0)} cycles" for cost, _, error, _ in rated
+            f"{cost.name}: {error:.2f} degrees for {format_number(cost.cycles or 0)} cycles"
+            for cost, _, error, _ in rated
         ),
         x_label="thousand cycles", y_label="worst heading error [deg]", x_range=(min(xs) / 1.5, max(xs) * 1.5),
         y_range=(0.0, top), log_x=True, width=_WIDTH,
@@ -84,8 +85,8 @@ def _sizes_figure(run: Run, table: Table) -> Figure | None:
     figure = Figure(
         title="Cycles of one calibration over its points",
         description="; ".join(
-            f"{name}: {readable(1000.0 * points[0][1])} cycles for {points[0][0]:g} points to "
-            f"{readable(1000.0 * points[-1][1])} for {points[-1][0]:g}" for name, points in curves.items()
+            f"{name}: {format_number(1000.0 * points[0][1])} cycles for {points[0][0]:g} points to "
+            f"{format_number(1000.0 * points[-1][1])} for {points[-1][0]:g}" for name, points in curves.items()
         ),
         x_label="points n", y_label="thousand cycles", x_range=(0.0, 1.05 * max(n for n, _ in points)),
         y_range=_axis_range([y for _, y in points]), log_y=True, width=_WIDTH,
@@ -102,8 +103,8 @@ def _law(run: Run, name: str) -> str:
     per_point, fixed, sweeps, sweep = (
         _value(run, f"cycles.{name}.{quantity}") for quantity in ("per_point", "fixed", "sweeps", "per_iteration")
     )
-    line = "" if per_point is None or fixed is None else f"{per_point:.1f} n + {readable(fixed)}"
-    line += f" + {sweeps:.0f} sweeps of {readable(sweep)}" if line and sweeps and sweep else ""
+    line = "" if per_point is None or fixed is None else f"{per_point:.1f} n + {format_number(fixed)}"
+    line += f" + {sweeps:.0f} sweeps of {format_number(sweep)}" if line and sweeps and sweep else ""
     worst, distance = _value(run, f"heading.{name}.max"), _value(run, f"cycles.{name}.float64_distance")
     bought = "" if distance is None else f"{distance:.2g} deg from float64 on even samples"
     bought = bought if worst is None else f"worst heading {worst:.2f} deg"
@@ -165,9 +166,9 @@ class _Curve:
     def in_words(self, name: str) -> str:
         """Return the end of the curve in words, or the cycles that gave no calibration."""
         if not self.points:
-            return f"{name} has no calibration after {readable(self.cycles)} cycles"
+            return f"{name} has no calibration after {format_number(self.cycles)} cycles"
         thousands, error = self.points[-1]
-        return f"{name} ends at {error:.2f} degrees for {readable(1000.0 * thousands)} cycles"
+        return f"{name} ends at {error:.2f} degrees for {format_number(1000.0 * thousands)} cycles"
 
 
 def _thesis(points: float) -> list[tuple[str, float]]:
@@ -183,7 +184,7 @@ def _budget_figure(
         height=300.0, log_x=True, log_y=True,
     )
     for words, cycles in _thesis(points):
-        figure.upright(cycles / 1000.0, f"{words} = {readable(cycles)}", "thesis")
+        figure.upright(cycles / 1000.0, f"{words} = {format_number(cycles)}", "thesis")
     for name, curve in curves.items():
         style, mark = _series(run, name)
         # A calibrator without a calibration is shown as well, since that is a result.

@@ -13,7 +13,7 @@ from hiltest.measurement import Measurement
 from hiltest.record.run import Cell, Table
 from hiltest.report.marks import KeyEntry
 from hiltest.report.svg import Sheet
-from hiltest.text import readable
+from hiltest.text import format_number
 
 _WIDTH, _GAP = 1094.0, 16.0  # of the inside of a card on a wide screen, and between two panels, in px
 _FEWEST, _STYLED = 2, 6  # columns: a single panel is no wider than two, and the style sheet supports up to six
@@ -111,4 +111,4 @@ def _format_cell(cell: Cell, digits: int) -> str:
         return cell or ""
     if isinstance(cell, bool):
         return "yes" if cell else "no"
-    return readable(cell, digits) if math.isfinite(cell) else ""
+    return format_number(cell, digits) if math.isfinite(cell) else ""
