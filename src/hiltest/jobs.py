@@ -92,7 +92,7 @@ def _run_in_pool(
         return 0 if asked_to_end() else jobs + 1
 
     try:
-        yield from _keep_running(lambda piece: pool.submit(do, common, piece), room, pieces, {})
+        yield from _yield_results(lambda piece: pool.submit(do, common, piece), room, pieces, {})
     except BrokenProcessPool as error:
         raise HiltestError(f"a worker's process was ended from outside, as for want of memory; {remark}") from error
     finally:
@@ -103,7 +103,7 @@ def _leave_interruption_to_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _keep_running(
+def _yield_results(
     submit: Callable[[int], Any], room: Callable[[], int], pieces: Iterable[int], going: dict[Any, int]
 ) -> Iterator[tuple[int, Any]]:
     """Submit as many pieces as there is room for, and yield each finished one; `going` maps futures to numbers."""
@@ -154,7 +154,7 @@ def _run_by_scheduler(
         _refuse_without_hiltest(client, address)
         # The common argument is a task, too, so that the scheduler can recompute it if all workers that hold it died.
         shared = client.submit(_identity, common, key=f"common-{command}")
-        yield from _keep_running(submit, room, pieces, going)
+        yield from _yield_results(submit, room, pieces, going)
     except KilledWorker as error:
         raise SchedulerError(
             address, f"workers died over one piece, one after the other ({error}); {remark}"

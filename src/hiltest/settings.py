@@ -216,7 +216,7 @@ def check_environment(environment: Mapping[str, str] = os.environ) -> None:
     Raises
     ------
     ConfigError
-        With the nearest known name.
+        If a variable is unknown; the message has the nearest known name.
     """
     from hiltest.errors import UnknownKeyError
 

@@ -130,15 +130,15 @@ class Kind:
     subjects: Mapping[str, Allowance] = field(default_factory=dict)
     """Tolerances of subjects with another noise."""
     accuracy: str = ""
-    """For a cost: name of the accuracy that it is shown beside, with the same subject."""
+    """Name of the accuracy that a cost is shown beside, with the same subject; empty for other kinds."""
     reference: Reference = Reference.NONE
     compared: bool = True
     """False for a measurement that says nothing about the firmware."""
     direction: bool = False
     """True for a direction [deg]: 330 and 30 are 60 apart, and ratios have no meaning."""
     decided_by: str = ""
-    """For the largest of many numbers, or their median: name of their rms or mean, with the same subject, which decides
-    between runs that do not share their noise: a largest error is several times as noisy, and a median jumps."""
+    """Name of the rms or mean, with the same subject, that decides between runs that do not share their noise, in place
+    of a largest number or a median: a largest error is several times as noisy, and a median jumps. May be empty."""
     next_step: str = ""
     """Next step if it is out of its limit; by default `NEXT_STEP` of the section."""
 

@@ -40,7 +40,7 @@ class Outcome(StrEnum):
     FAIL = "fail"
     """Outside its limit, or not a number."""
     EXPECTED_FAIL = "expected fail"
-    """The same as `FAIL`, in a test that is marked to fail (``xfail``): no run is red because of it."""
+    """Outside its limit in a test that is marked to fail (``xfail``): no run is red because of it."""
     CANNOT_TELL = "cannot tell"
     """Nearer to its limit, on either side, than the uncertainty of its reference: neither a pass nor a failure."""
     UNSET = "unset"
@@ -85,13 +85,13 @@ class Measurement:
     volatile: bool = False
     """True if two runs of the same seed may differ in it, as in wall time."""
     cycle_model: str = ""
-    """For cycles: the cycle model that counted them. Numbers of different models are never compared."""
+    """Cycle model of a cycle count; numbers of different models are never compared."""
     note: str = ""
     """Reason for the outcome, if the numbers do not show it."""
     test: str = ""
     """Node id of the test that measured it."""
     band: CycleRange | None = None
-    """For cycles of a virtual board: the uncertainty range that follows from the cycle model."""
+    """Uncertainty range of a virtual board's cycles, which follows from the cycle model."""
     place: str = ""
     """File and line of the call that measured it: ``hil/suites/test_heading.py:81``."""
     uncertainty: float | None = None

@@ -408,7 +408,7 @@ def _to_json(
     content = {
         "schema": SEEDS_SCHEMA,
         "exit_code": int(campaign_exit_code(results, may_fail=may_fail)),  # of the seeds, apart from a comparison
-        "made_with": [asdict(made) for made in made_with],
+        "made_with": [asdict(origin) for origin in made_with],
         "seeds": seeds,
         "measurements": [_round_values(asdict(spread)) for spread in spreads],
         **({} if comparison is None else {"comparison": asdict(comparison)}),

@@ -25,7 +25,7 @@ class RecordFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._recorder: Recorder | None = None
-        self._made = False
+        self._is_new = False
 
     def claim(self, settings: Settings, rig: Rig | None) -> Recorder:
         """Return the recorder; from the first call on, `hiltest report` reads this record.
@@ -40,7 +40,7 @@ class RecordFolder:
         from hiltest.record.revision import revision_of
 
         if self._recorder is None:
-            self._made = not self.path.exists()
+            self._is_new = not self.path.exists()
             make_folder(self.path)
             poses = settings.poses or (rig.procedure.poses if rig else "all")
             self._recorder = Recorder(
@@ -52,7 +52,7 @@ class RecordFolder:
         """Release the folder after every file of the run is written."""
         if self._recorder is not None:
             self._recorder.release()
-        if self._made:
+        if self._is_new:
             with suppress(OSError):  # the folder is empty after a usage error, and not after a run
                 self.path.rmdir()
 

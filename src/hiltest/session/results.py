@@ -64,11 +64,11 @@ def carry_over(item: pytest.Item) -> None:
         item.stash.setdefault(FOUND, Found()).measurements.extend(before.measurements)
 
 
-def pack(found: Found) -> dict[str, Any]:
+def pack(findings: Found) -> dict[str, Any]:
     """Return findings as plain data that can leave the process, without enums and numpy's numbers."""
     return {
-        "measurements": [plain_data(measurement.rounded()) for measurement in found.measurements],
-        "tables": [plain_data(table.rounded()) for table in found.tables],
+        "measurements": [plain_data(measurement.rounded()) for measurement in findings.measurements],
+        "tables": [plain_data(table.rounded()) for table in findings.tables],
     }
 
 
