@@ -13,7 +13,7 @@ def c_float(value: float) -> str:
     return f"{np.format_float_scientific(np.float32(value), unique=True, trim='0')}f"
 
 
-def in_comment(text: str) -> str:
+def comment_text(text: str) -> str:
     """Return a text that can neither end a comment nor form a trigraph in it."""
     return re.sub(r"[^\w.+-]", "_", text, flags=re.ASCII)
 

@@ -142,7 +142,7 @@ def _run_by_scheduler(
     command, name = uuid4().hex, do.__name__.strip("_")
 
     def submit(piece: int) -> Any:
-        return client.submit(_on_worker, do, __version__, shared, piece, key=f"{name}-{command}-{piece}")
+        return client.submit(_run_on_worker, do, __version__, shared, piece, key=f"{name}-{command}-{piece}")
 
     def room() -> int:
         if asked_to_end():
@@ -214,7 +214,7 @@ def _identity(common: Common) -> Common:
     return common
 
 
-def _on_worker(do: Callable[[Common, int], Result], requested_version: str, common: Common, piece: int) -> Result:
+def _run_on_worker(do: Callable[[Common, int], Result], requested_version: str, common: Common, piece: int) -> Result:
     """Compute a piece if this worker has the same version of hiltest."""
     if requested_version != __version__:
         from distributed import get_worker

@@ -55,12 +55,12 @@ def number(value: float | int | None, unit: str = "") -> str:
     return hundredths(value) if value is not None and unit in ("deg", "%") else format_number(value)
 
 
-def with_unit(value: float | int | None, unit: str) -> str:
+def format_with_unit(value: float | int | None, unit: str) -> str:
     """Return a value followed by its unit, with cycles in the plural.
 
     Examples
     --------
-    >>> with_unit(10838, "cycle"), with_unit(26, "")
+    >>> format_with_unit(10838, "cycle"), format_with_unit(26, "")
     ('10 838 cycles', '26')
     """
     return f"{number(value, unit)} {'cycles' if unit == 'cycle' else unit}".rstrip()
@@ -89,12 +89,12 @@ def join_words(texts: Sequence[str], at_most: int) -> str:
     return ", ".join(texts[:at_most]) + (f" and {more} more" if more > 0 else "")
 
 
-def without_folders(test: str) -> str:
+def short_test_id(test: str) -> str:
     """Return a test's id with only the name of its file; the rest may contain slashes of its own.
 
     Examples
     --------
-    >>> without_folders("hil/suites/test_link.py::test_rate[1/2]")
+    >>> short_test_id("hil/suites/test_link.py::test_rate[1/2]")
     'test_link.py::test_rate[1/2]'
     """
     file, colons, name = test.partition("::")

@@ -114,7 +114,7 @@ def documented(schema: str) -> Callable[[Callable[..., tuple[int, Mapping[str, A
 
     def decorated(command: Callable[..., tuple[int, Mapping[str, Any]]]) -> Callable[..., int]:
         @functools.wraps(command)
-        def with_json(*, as_json: bool, **arguments: Any) -> int:
+        def command_with_json(*, as_json: bool, **arguments: Any) -> int:
             if not as_json:
                 return command(**arguments)[0]
             with contextlib.redirect_stdout(sys.stderr):
@@ -122,7 +122,7 @@ def documented(schema: str) -> Callable[[Callable[..., tuple[int, Mapping[str, A
             print_document(schema, content)
             return code
 
-        return json_option(schema)(with_json)
+        return json_option(schema)(command_with_json)
 
     return decorated
 

@@ -42,7 +42,7 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
 
     entries, skipped = read_folder(folder)
     if not entries:
-        raise ConfigError("\n".join([f"{folder}: no run in it", *map(_in_words, skipped[:_NAMED_AT_MOST])]))
+        raise ConfigError("\n".join([f"{folder}: no run in it", *map(_skipped_line, skipped[:_NAMED_AT_MOST])]))
     trend_of_folder = trend_of(entries)
     if not as_json:
         from hiltest.report.console import standard_output
@@ -59,10 +59,10 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
 
 def _print_skipped(skipped: list[Skipped]) -> None:
     for entry in skipped[:_NAMED_AT_MOST]:
-        click.echo(_in_words(entry), err=True)
+        click.echo(_skipped_line(entry), err=True)
     if len(skipped) > _NAMED_AT_MOST:
         click.echo(f"and {len(skipped) - _NAMED_AT_MOST} more; all of them are on the page", err=True)
 
 
-def _in_words(skipped: Skipped) -> str:
+def _skipped_line(skipped: Skipped) -> str:
     return f"skipped {skipped.file}: {skipped.reason}"

@@ -142,7 +142,7 @@ class Kind:
     next_step: str = ""
     """Next step if it is out of its limit; by default `NEXT_STEP` of the section."""
 
-    def of(self, subject: str) -> str:
+    def name_for(self, subject: str) -> str:
         """Return the name of the measurement of a subject."""
         return _name(self.name, subject)
 

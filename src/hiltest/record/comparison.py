@@ -154,7 +154,7 @@ class Comparison:
     remark: str = ""
     """Remark for the reader; it decides nothing."""
 
-    def of(self, change: Change) -> tuple[Difference, ...]:
+    def differences_with(self, change: Change) -> tuple[Difference, ...]:
         """Return the measurements with this change, in order of concern."""
         matching = (difference for difference in self.differences if difference.change is change)
         return tuple(sorted(matching, key=lambda difference: difference.concern))

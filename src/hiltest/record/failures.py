@@ -8,7 +8,7 @@ from hiltest.measurement import Measurement, Outcome
 from hiltest.record.exit_codes import ExitCode
 from hiltest.record.outcomes import RED
 from hiltest.record.run import Run, TestResult, Verdict
-from hiltest.text import format_count, format_number, join_words, without_folders
+from hiltest.text import format_count, format_number, join_words, short_test_id
 
 _NAMED_AT_MOST = 3
 _OF_COMPARISONS = (ExitCode.OK, ExitCode.REGRESSION, ExitCode.NOT_EVALUATED)
@@ -35,7 +35,7 @@ def measured(measurement: Measurement) -> str:
 
 def failed_test(test: TestResult) -> str:
     """Return the name of a failed test, and the reason."""
-    return f"{without_folders(test.id)} ({test.reason})"
+    return f"{short_test_id(test.id)} ({test.reason})"
 
 
 def limits_in_words(failed: Sequence[Measurement]) -> str:
@@ -46,11 +46,11 @@ def limits_in_words(failed: Sequence[Measurement]) -> str:
 
 def tests_in_words(tests: Sequence[TestResult]) -> str:
     """Name tests that failed, with their reasons; empty without any."""
-    named = [f"{tests_named(tests_of_reason)} ({reason})" for reason, tests_of_reason in by_reason(tests).items()]
+    named = [f"{tests_named(tests_of_reason)} ({reason})" for reason, tests_of_reason in group_by_reason(tests).items()]
     return f"Failed: {join_words(named, _NAMED_AT_MOST)}." if tests else ""
 
 
-def by_reason(tests: Iterable[TestResult]) -> dict[str, list[TestResult]]:
+def group_by_reason(tests: Iterable[TestResult]) -> dict[str, list[TestResult]]:
     """Return tests by the reason of their failure: tests that share a failed fixture have one reason."""
     groups: dict[str, list[TestResult]] = {}
     for test in tests:
@@ -60,7 +60,7 @@ def by_reason(tests: Iterable[TestResult]) -> dict[str, list[TestResult]]:
 
 def tests_named(tests: Sequence[TestResult]) -> str:
     """Name the first of several tests, and count the others."""
-    return join_words([without_folders(test.id) for test in tests], 1)
+    return join_words([short_test_id(test.id) for test in tests], 1)
 
 
 def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
@@ -78,7 +78,7 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
     """
     word = "still running" if going_on else "cut short"
     tests, measurements = format_count(len(run.tests), "test"), format_count(len(run.measurements), "measurement")
-    last = f"; the last test was {without_folders(run.tests[-1].id)}" if run.tests else ""
+    last = f"; the last test was {short_test_id(run.tests[-1].id)}" if run.tests else ""
     failed = out_of_limit(run.measurements)
     remarks = (limits_in_words(failed), tests_in_words(failed_otherwise(run.tests, failed)))
     return Verdict(

@@ -17,7 +17,7 @@ from hiltest.errors import ConfigError
 from hiltest.record.failures import unfinished_verdict
 from hiltest.record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.record.journal import JOURNAL_FILE, is_going_on
-from hiltest.record.run import SCHEMA, Run, Verdict, in_force, marked, volatile_places
+from hiltest.record.run import SCHEMA, Run, Verdict, marked, tolerances_in_force, volatile_places
 from hiltest.strict_json import LARGEST_BYTES, JsonFile, parse_json, read_bounded, read_json, shown
 from hiltest.text import join_words
 
@@ -59,7 +59,7 @@ def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
     Raises
     ------
     ConfigError
-        If there is no record, or it cannot be read; the message says why and what to do.
+        If there is no record, or it cannot be read; the message has the reason and a remedy.
     """
     if place.name.endswith(".jsonl") and not os.path.isdir(place):
         return _read_journal(place)
@@ -183,7 +183,7 @@ def _read_journal(path: Path) -> RecordFile:
 
 def _tolerances(run: Run, path: Path) -> dict[str, tuple[float, float]]:
     try:
-        return in_force(run)
+        return tolerances_in_force(run)
     except ValueError as error:
         raise ConfigError(f"{path}: rig.tolerances: {error}; {OTHERWISE}") from error
 

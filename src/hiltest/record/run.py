@@ -291,10 +291,10 @@ class Findings:
             other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts), chosen=self.chosen,
             revision=self.revision, coverage=self.coverage,
         )
-        return replace(run, volatile=volatile_places(run), tolerances=in_force(run))
+        return replace(run, volatile=volatile_places(run), tolerances=tolerances_in_force(run))
 
 
-def in_force(run: Run) -> dict[str, tuple[float, float]]:
+def tolerances_in_force(run: Run) -> dict[str, tuple[float, float]]:
     """Return the tolerances of all compared measurements: the rig's, or else those of their kind."""
     of_rig = {name: Tolerance(*values) for name, values in (run.rig.tolerances if run.rig else {}).items()}
     tolerances = {
@@ -336,8 +336,8 @@ def _round_cell(cell: Cell) -> Cell:
 def worst_first(earlier: Measurement, later: Measurement) -> tuple[Measurement, Measurement]:
     """Return the measurements of two attempts under one name; the first one counts.
 
-    The order is: out of its limit, too near to tell, not evaluated, not offered, with a number. Of two numbers the
-    worse one comes first; if none is worse, the earlier one.
+    The order is: out of its limit, too near to tell, not evaluated, not offered, with a number. The worse of two
+    numbers comes first; if none is worse, the earlier one.
     """
     worst, rest = sorted((earlier, later), key=_rank)
     return worst, rest

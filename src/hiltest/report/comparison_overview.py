@@ -82,7 +82,9 @@ def changed(comparison: Comparison) -> Iterator[Changed]:
 
 def counts(comparison: Comparison) -> str:
     """Return the number of measurements for each change, and the cycle models of the cycles shown."""
-    numbers = ((len(comparison.of(change)), change) for change in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED))
+    numbers = (
+        (len(comparison.differences_with(change)), change) for change in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED)
+    )
     words = ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
     return "; ".join(filter(None, (words, counted_by(models_shown(comparison)))))
 
@@ -123,7 +125,7 @@ def _side(side: Side) -> Iterator[tuple[str, str]]:
 
 def change_figure(comparison: Comparison) -> RowFigure | None:
     """Draw the changes in percent of the baseline's value; None without any."""
-    candidates = [(difference, by_percent) for change in _MARKS for difference in comparison.of(change)
+    candidates = [(difference, by_percent) for change in _MARKS for difference in comparison.differences_with(change)
                   if (by_percent := moved_percent(difference)) is not None]
     if not candidates:
         return None

@@ -58,9 +58,9 @@ def print_changes(console: Console, comparison: Comparison, *, at_most: int | No
             say(console, f"  and {more} more")
     if remark := counted_by(models_shown(comparison)):
         say(console, remark)
-    if not_taken := len(comparison.of(Change.NOT_TAKEN)):
+    if not_taken := len(comparison.differences_with(Change.NOT_TAKEN)):
         say(console, f"{not_taken} measurement{'s' * (not_taken != 1)} not taken")
-    if unchanged := len(comparison.of(Change.UNCHANGED)):
+    if unchanged := len(comparison.differences_with(Change.UNCHANGED)):
         say(console, f"unchanged ({unchanged})")
 
 

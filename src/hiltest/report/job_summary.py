@@ -19,7 +19,7 @@ MOST_BYTES = 1000 * 1024
 """GitHub drops a summary above 1 024 KiB per step and fails the step; it rejects some just below the limit."""
 
 
-def without_job_summary(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+def remove_job_summary(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
     """Return the environment for a run that is part of another run, which writes the summary of both."""
     return {name: value for name, value in environment.items() if name != VARIABLE}
 

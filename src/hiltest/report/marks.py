@@ -22,7 +22,7 @@ class Mark(StrEnum):
     PLUS = "M0 -1.2V1.2M-1.2 0H1.2"
     HOURGLASS = "M-1 -1.1h2L-1 1.1h2z"
 
-    def at(self, x: float, y: float, radius: float, style: str) -> Markup:
+    def draw(self, x: float, y: float, radius: float, style: str) -> Markup:
         """Return the mark at a position in the view box."""
         if self is Mark.DOT:
             return shape('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, radius)
@@ -56,7 +56,7 @@ class KeyEntry:
         if self.line:
             parts.append(shape('<path class="{}" d="M1 7h32"/>', self.line))
         if self.mark:
-            parts.append(self.mark.at(width / 2.0, 7.0, 3.5, self.mark_style or self.line))
+            parts.append(self.mark.draw(width / 2.0, 7.0, 3.5, self.mark_style or self.line))
         template = '<svg class="swatch" viewBox="0 0 {0:g} 14" width="{0:g}" height="14" aria-hidden="true">{1}</svg>'
         return Markup(template).format(width, Markup("").join(parts))
 

@@ -10,7 +10,7 @@ from itertools import compress, groupby
 from hiltest.measurement import Measurement, Outcome, Section
 from hiltest.record.run import BoardRecord, Run
 from hiltest.report.terminal import shown_limit, shown_value
-from hiltest.text import format_number, without_folders
+from hiltest.text import format_number, short_test_id
 from hiltest.verdict.calibrators import (
     FROM_FLASH,
     UNCALIBRATED,
@@ -131,7 +131,7 @@ def tone(measurement: Measurement) -> str:
 
 def origin(measurement: Measurement) -> str:
     """Return the test that measured it and, for cycles, the cycle model and the uncertainty range."""
-    where = f"{without_folders(measurement.test)} {measurement.cycle_model}".strip()
+    where = f"{short_test_id(measurement.test)} {measurement.cycle_model}".strip()
     return f"{where}; {measurement.band.explained(of=measurement.value)}" if measurement.band else where
 
 

@@ -19,7 +19,7 @@ from hiltest.report.figures.samples import samples_group
 from hiltest.report.markdown import markdown_report
 from hiltest.report.page import render
 from hiltest.report.terminal import CHANGE_SEEN, coverage_line, shown_limit, shown_outcome, shown_seen, shown_value
-from hiltest.text import number, with_unit
+from hiltest.text import format_with_unit, number
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
 
@@ -67,7 +67,8 @@ def html_report(run: Run) -> str:
         signs=_SIGNS, streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
         groups=overview.groups(run), provenance=list(overview.provenance(run)),
         value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin,
-        number=number, with_unit=with_unit, change=shown_seen, seen=changes_seen(run), change_seen=CHANGE_SEEN,
+        number=number, format_with_unit=format_with_unit, change=shown_seen, seen=changes_seen(run),
+        change_seen=CHANGE_SEEN,
     )
 
 

@@ -163,7 +163,7 @@ class Figure:
 
     def marks(self, points: Iterable[Point], style: str, mark: Mark = Mark.DOT, *, radius: float = 3.5) -> None:
         """Draw points as marks."""
-        self._shapes += [mark.at(*self.place(*point), radius, style) for point in points]
+        self._shapes += [mark.draw(*self.place(*point), radius, style) for point in points]
 
     def circle(self, centre: Point, radius: float, style: str) -> None:
         """Draw a circle whose radius is in units of x."""

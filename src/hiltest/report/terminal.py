@@ -14,11 +14,11 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
-from hiltest.record.failures import by_reason, tests_named
+from hiltest.record.failures import group_by_reason, tests_named
 from hiltest.record.files import REPORT_FILE
 from hiltest.record.run import CoverageRecord, Run
 from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
-from hiltest.text import format_count, format_number, number, with_unit, without_folders
+from hiltest.text import format_count, format_number, format_with_unit, number, short_test_id
 from hiltest.verdict.calibrators import WITH_WAITS, WITHOUT_WAITS
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import (
@@ -140,10 +140,10 @@ def shown_outcome(measurement: Measurement) -> str:
 def failure_line(failure: Failure) -> str:
     """Return a failure in one line: value, limit, value in the baseline, and place of the measurement."""
     measurement = failure.measurement
-    value = measurement.note or "no value" if measurement.value is None else with_unit(
+    value = measurement.note or "no value" if measurement.value is None else format_with_unit(
         measurement.value, measurement.unit
     )
-    place = measurement.place or without_folders(measurement.test)
+    place = measurement.place or short_test_id(measurement.test)
     note = f": {measurement.note}" if measurement.note and measurement.value is not None else ""
     return f"{measurement.name} {value}" + held_to(measurement, failure.was) + note + (f", {place}" if place else "")
 
@@ -165,7 +165,7 @@ def _print_failures(console: Console, summary_of_run: Summary, run: Run, folder:
         if failure.cause and failure.cause not in printed:
             _print_wrapped(console, f"likely cause: {failure.cause}", indent=2 * _INDENT)
         printed.add(failure.cause)
-    for reason, tests in by_reason(summary_of_run.broken).items():
+    for reason, tests in group_by_reason(summary_of_run.broken).items():
         _print_wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}: {reason}", "red", _INDENT)
     for words in summary_of_run.causes:
         if words not in printed:
@@ -175,12 +175,12 @@ def _print_failures(console: Console, summary_of_run: Summary, run: Run, folder:
         _print_wrapped(console, f"{status}: {measurement.name}: {measurement.note}", "yellow", _INDENT)
     if summary_of_run.unmeasured:
         _print_wrapped(console, unmeasured_in_words(summary_of_run.unmeasured), "yellow", _INDENT)
-    for reason, tests in by_reason(test for test in run.tests if test.outcome.is_of_bench).items():
+    for reason, tests in group_by_reason(test for test in run.tests if test.outcome.is_of_bench).items():
         why = "" if reason in run.verdict.sentence else f": {reason}"  # the sentence contains the first reason
         _print_wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}{why}", "red", _INDENT)
     if traces := {test.trace: test for test in run.tests if test.trace}:
         (trace, test), *more = traces.items()
-        tests_traced = format_count(len(traces), "test") if more else without_folders(test.id)
+        tests_traced = format_count(len(traces), "test") if more else short_test_id(test.id)
         file = folder / trace
         _print_wrapped(
             console, f"wire trace of {tests_traced}: {shown_path(file.parent if more else file)}", indent=_INDENT
@@ -248,7 +248,7 @@ def _print_close(console: Console, summary_of_run: Summary) -> None:
     console.print(f"Close to the limit (within {100 * CLOSE:g} %, or within the model's uncertainty):", soft_wrap=True)
     for measurement in summary_of_run.close:
         band = f" ({measurement.band})" if measurement.band else ""
-        value = with_unit(measurement.value, measurement.unit)
+        value = format_with_unit(measurement.value, measurement.unit)
         line = f"{measurement.name} {value}{band}, {limit_in_words(measurement)}"
         _print_wrapped(console, line, "yellow", _INDENT)
 

@@ -17,11 +17,11 @@ from hiltest.runs.judged_commit import (
     Bisection,
     Found,
     JudgedCommit,
+    environment_outside_git,
     forget_judged,
     git,
     judge,
     judged_commits,
-    without_git,
 )
 from hiltest.runs.older_firmware import last_words
 from hiltest.runs.sent_bench import digest_of_bench
@@ -156,7 +156,7 @@ def _bisect(bisection: Bisection, good: str, bad: str) -> None:
     step = [sys.executable, "-m", "hiltest.runs.judged_commit", bisection.out]
     done = subprocess.run(
         ["git", "-C", bisection.tree, "bisect", "run", *step], stdout=subprocess.PIPE, text=True, errors="replace",
-        check=False, env=without_git(),
+        check=False, env=environment_outside_git(),
     )  # fmt: skip
     remaining = _remaining_commits(bisection)
     skipped = {judged.commit for judged in judged_commits(Path(bisection.out)) if judged.found is Found.SKIPPED}

@@ -53,8 +53,8 @@ from hiltest.runs.sent_bench import run_there, sent_bench
 from hiltest.settings import make_folder, run_options
 from hiltest.text import join_words
 from hiltest.verdict.calibrators import UNCALIBRATED, WORST_HEADING
-from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds, no_evidence, with_misses_allowed
-from hiltest.verdict.wording import on_seeds
+from hiltest.verdict.evidence import Evidence, allow_misses, evidence_of, evidence_of_seeds, no_evidence
+from hiltest.verdict.wording import format_seeds
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
@@ -152,7 +152,7 @@ def run_seeds(
         _add_up_coverage(seeds, out, Path(coverage))
     evidence = evidence_of_all(results, str(out))
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
-        evidence = with_misses_allowed(evidence)
+        evidence = allow_misses(evidence)
     remark = PACKAGED if _is_packaged(evidence, options) else ""
     comparison = gate.compare(evidence, remark=remark) if gate else None
     return _conclude(results, comparison, out, may_fail=may_fail, options=run_options(options))
@@ -298,7 +298,7 @@ def evidence_of_all(results: Sequence[SeedResult], file: str) -> Evidence:
     for result in results:
         if result.evidence is None:
             missing.setdefault(result.sentence, []).append(result.seed)
-    faults = (f"{file}: no record{on_seeds(seeds)}: {sentence}" for sentence, seeds in missing.items())
+    faults = (f"{file}: no record{format_seeds(seeds)}: {sentence}" for sentence, seeds in missing.items())
     whole = evidence_of_seeds(evidence, file) if evidence else no_evidence(file)
     return replace(whole, faults=(*whole.faults, *faults))
 

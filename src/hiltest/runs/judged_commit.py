@@ -132,7 +132,7 @@ def git(tree: str, *arguments: str) -> str:
     try:
         done = subprocess.run(
             ["git", "-C", tree, *arguments], capture_output=True, text=True, errors="replace", check=False,
-            env=without_git(),
+            env=environment_outside_git(),
         )  # fmt: skip
     except OSError as error:
         raise ConfigError(f"cannot start git: {error.strerror}; install it") from error
@@ -141,7 +141,7 @@ def git(tree: str, *arguments: str) -> str:
     return done.stdout.removesuffix("\n")
 
 
-def without_git() -> dict[str, str]:
+def environment_outside_git() -> dict[str, str]:
     """Return the environment without the variables that describe git's own working tree."""
     return {name: value for name, value in os.environ.items() if name not in _OF_GIT}
 
@@ -224,7 +224,7 @@ def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[F
 
 def worse_in(comparison: Comparison, measures: Sequence[str]) -> list[Difference]:
     """Return the measurements that got worse among those that decide, in order of concern."""
-    worse = comparison.of(Change.WORSE)
+    worse = comparison.differences_with(Change.WORSE)
     return [difference for difference in worse if not measures or any(
         fnmatchcase(difference.name, pattern) for pattern in measures
     )]
@@ -252,7 +252,7 @@ def _build_firmware(bisection: Bisection, commit: str) -> tuple[Path, bool]:
         try:
             code = subprocess.run(
                 bisection.build[0] if shell else bisection.build, shell=shell, cwd=folder, check=False,
-                stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, env=without_git(),
+                stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, env=environment_outside_git(),
             ).returncode  # fmt: skip
         except OSError as error:
             raise _CannotBeJudged(f"its build does not start: {bisection.build[0]}: {error.strerror}") from error
@@ -293,7 +293,7 @@ def _run(bisection: Bisection, commit: str, firmware: Path) -> tuple[str, bool, 
     )  # fmt: skip
     done = run_command(
         *bisection.runs, f"--out={folder}", "--", *options, folder=folder, cwd=Path(bisection.here),
-        environment=without_git(),
+        environment=environment_outside_git(),
     )  # fmt: skip
     if done.returncode < 0 or done.returncode == ExitCode.INTERRUPTED:
         raise KeyboardInterrupt

@@ -14,7 +14,7 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.record.files import COVERAGE_FILE, RUN_FILE, SEED_FOLDERS
-from hiltest.report.job_summary import without_job_summary
+from hiltest.report.job_summary import remove_job_summary
 from hiltest.report.terminal import shown_path
 from hiltest.runs.folders import remove_run
 
@@ -124,4 +124,4 @@ def base_of_environment(environment: Mapping[str, str] = os.environ) -> str | No
 
 def _environment(environment: Mapping[str, str]) -> dict[str, str]:
     """Return the environment of a run within another: without a base, coverage and a job summary."""
-    return {name: value for name, value in without_job_summary(environment).items() if name not in _OF_ONE_RUN}
+    return {name: value for name, value in remove_job_summary(environment).items() if name not in _OF_ONE_RUN}

@@ -48,7 +48,7 @@ class RunCommand:
         if not config.pluginmanager.has_plugin("hiltest"):
             raise pytest.UsageError("hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest")
         out = Path(config.option.hil_out)
-        folder = folder_beside_complete(out) if Choice(config).of_any_tests and not only_looks(config) else out
+        folder = folder_beside_complete(out) if Choice(config).chose_any_tests and not only_looks(config) else out
         if folder == out:
             return
         config.option.hil_out = str(folder)

@@ -122,9 +122,9 @@ class Recording:
         if hil.divergence and not hil.trouble_reported:
             self._recorder.finish_test(TestResult(REPLAY, TestOutcome.CONNECTION_LOST, 0.0, hil.divergence))
         exitstatus = self._write_coverage(exitstatus)
-        self._recorder.findings.chosen = self._hil.choice.of_our_tests
+        self._recorder.findings.chosen = self._hil.choice.chose_our_tests
         stopped = bool(session.shouldstop or session.shouldfail)
-        left_out = self._record_unmet_limits(left_out=stopped or exitstatus > 1 or self._hil.choice.of_any_tests)
+        left_out = self._record_unmet_limits(left_out=stopped or exitstatus > 1 or self._hil.choice.chose_any_tests)
         cut_short = stopped or self._finished < session.testscollected
         decided = partial(
             decide, self._recorder.findings, pytest_exit=int(exitstatus), left_out=left_out, cut_short=cut_short

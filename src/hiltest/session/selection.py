@@ -42,12 +42,12 @@ class Choice:
         self.only_benchmarks = False
 
     @property
-    def of_any_tests(self) -> bool:
+    def chose_any_tests(self) -> bool:
         """True if the user asked for part of the tests: by ``-k``, ``-m``, ``--ignore``, files or node ids."""
         return self.only_benchmarks or self._has_given(_CHOICES) or self._named_tests
 
     @property
-    def of_our_tests(self) -> bool:
+    def chose_our_tests(self) -> bool:
         """True if tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others.
 
         A test that a conftest deselects is not the user's choice: it counts as missing.

@@ -172,7 +172,7 @@ class HilSession:
         if items and all(map(only_shows_cycles, items)):
             self.choice.only_benchmarks = True
             self.folder = RecordFolder(out / _BENCHMARKS)
-        elif self.choice.of_our_tests:
+        elif self.choice.chose_our_tests:
             self._record_in(folder_beside_complete(out))
         elif not self.must_meet_every_limit:
             self._record_in(folder_beside_complete(out, [self.test_id(item.nodeid) for item in items]))

@@ -47,7 +47,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
     """
     board = board_calibrators()
     model = Model(plan.seed, plan.points, _NOISE_UT, stream=block.condition)
-    drawn = draw_instances(model, block.first, block.count).with_hard_iron(RATIOS[block.condition] * model.field_ut)
+    drawn = draw_instances(model, block.first, block.count).set_hard_iron(RATIOS[block.condition] * model.field_ut)
     numbers: list[float | int] = []
     for k in range(block.count):
         counts = drawn.counts(k)

@@ -58,7 +58,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
             numbers += _accelerometer(np.random.Generator(np.random.Philox(key=[plan.seed, instance])))
         return numbers
     model = Model(plan.seed, plan.points, 50.0 * _NOISE, stream=block.condition, occluded=0.0, hard_iron_ut=1.0)
-    drawn = draw_instances(model, block.first, block.count).with_hard_iron(OFFSETS[block.condition] * model.field_ut)
+    drawn = draw_instances(model, block.first, block.count).set_hard_iron(OFFSETS[block.condition] * model.field_ut)
     for k in range(block.count):
         counts = drawn.counts(k)
         centred = counts - counts.mean(axis=0)

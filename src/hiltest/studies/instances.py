@@ -66,7 +66,7 @@ class Instances:
     hard_iron_ut: Array
     """Hard iron [uT], body frame; shape (m, 3)."""
 
-    def with_hard_iron(self, length_ut: float) -> Instances:
+    def set_hard_iron(self, length_ut: float) -> Instances:
         """Return the same instances with hard iron of one length and the same directions."""
         hard_iron_ut = length_ut * self.hard_iron_ut / np.linalg.norm(self.hard_iron_ut, axis=-1, keepdims=True)
         return replace(

@@ -40,7 +40,8 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
     """
     scale, unit = _scale(measured)
     drawn = Figure(
-        title=f"{measured.name}{unit and f' [{unit}]'}{more}", description=_in_words(measured), x_label="", y_label="",
+        title=f"{measured.name}{unit and f' [{unit}]'}{more}", description=_plot_description(measured), x_label="",
+        y_label="",
         x_range=(0.5, len(names) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(len(names)),
         width=width, height=_HEIGHT,
     )  # fmt: skip
@@ -139,7 +140,7 @@ def _run_ticks(entries: int) -> Sequence[float]:
     return [tick for tick in nice_ticks(1.0, float(entries)) if tick == int(tick)]
 
 
-def _in_words(measured: Measured) -> str:
+def _plot_description(measured: Measured) -> str:
     """Return a description of the plot, for readers who do not see it."""
     first = min((line_series.points[0] for line_series in measured.series), key=lambda point: point.entry)
     last = max((line_series.points[-1] for line_series in measured.series), key=lambda point: point.entry)

@@ -108,7 +108,7 @@ def _entries(path: Path, entry_name: str) -> Iterator[RunEntry]:
             for measurements in evidence.measurements.values() for measurement in measurements.values()
         )
         when_utc = _time(evidence.side.saved_utc, path)
-        yield _check_size(RunEntry(entry_name, when_utc, _with_file(evidence, entry_name), knows_limits), path)
+        yield _check_size(RunEntry(entry_name, when_utc, _set_file(evidence, entry_name), knows_limits), path)
     elif family == RUN_SCHEMA.partition("/")[0]:
         yield _run_entry(record_in(file).run, path, entry_name)
     elif not family.startswith("hiltest."):
@@ -130,7 +130,7 @@ def _check_size(entry: RunEntry, path: Path) -> RunEntry:
     return entry
 
 
-def _with_file(evidence: Evidence, entry_name: str) -> Evidence:
+def _set_file(evidence: Evidence, entry_name: str) -> Evidence:
     return replace(evidence, side=replace(evidence.side, file=entry_name))
 
 

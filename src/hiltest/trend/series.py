@@ -10,7 +10,7 @@ from statistics import fmean
 from hiltest.measurement import Limit, Measurement, Outcome
 from hiltest.record.comparison import Change, Difference
 from hiltest.verdict.chance import chance_of
-from hiltest.verdict.compare import with_accuracy
+from hiltest.verdict.compare import add_accuracy
 from hiltest.verdict.difference import difference
 from hiltest.verdict.evidence import Evidence, Seed
 from hiltest.verdict.noise import FALSE_ALARMS
@@ -212,7 +212,7 @@ def _steps(name: str, entries: Sequence[RunEntry], numbers: _Numbers) -> Iterato
         chance = replace(chance_of(pairs, board, evidence.tolerances), share=share)
         change = difference(pairs, board, evidence.tolerances, chance)
         if change.change in _MOVED:
-            described = with_accuracy(change, entries[before].evidence.measurements, evidence.measurements)
+            described = add_accuracy(change, entries[before].evidence.measurements, evidence.measurements)
             yield ChangePoint(before, after, replace(described, outcome=str(_deciding_seed(new).outcome)))
 
 

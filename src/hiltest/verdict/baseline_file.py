@@ -54,7 +54,7 @@ def to_json(baseline: Baseline, before: Any = None) -> str:
     before
         Previous content of the file; its unknown fields are preserved.
     """
-    content = with_unknown(asdict(baseline), _add_silent_fields(before))
+    content = add_unknown_fields(asdict(baseline), _add_silent_fields(before))
     for kind, silent in _SILENT.items():
         content[kind] = [
             {name: value for name, value in item.items() if name not in silent or value is not None}
@@ -127,7 +127,7 @@ def _field(name: str, value: Any) -> str:
     return _json(value) if name == "seeds" else json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
 
 
-def with_unknown(written: Any, read: Any) -> Any:
+def add_unknown_fields(written: Any, read: Any) -> Any:
     """Return the value to write, with the fields of the previous content that the writer does not know.
 
     Parameters
@@ -145,13 +145,13 @@ def with_unknown(written: Any, read: Any) -> Any:
 
     Examples
     --------
-    >>> with_unknown({"a": 2}, {"a": 1, "b": 3})
+    >>> add_unknown_fields({"a": 2}, {"a": 1, "b": 3})
     {'a': 2, 'b': 3}
-    >>> with_unknown([{"name": "x", "a": 1}, {"name": "y", "a": 2}], [{"name": "y", "a": 2, "b": 3}])
+    >>> add_unknown_fields([{"name": "x", "a": 1}, {"name": "y", "a": 2}], [{"name": "y", "a": 2, "b": 3}])
     [{'name': 'x', 'a': 1}, {'name': 'y', 'a': 2, 'b': 3}]
     """
     if isinstance(written, Mapping) and isinstance(read, Mapping):
-        merged = {key: with_unknown(value, read.get(key)) for key, value in written.items()}
+        merged = {key: add_unknown_fields(value, read.get(key)) for key, value in written.items()}
         return merged | {key: value for key, value in read.items() if key not in written}
     if not (isinstance(written, list | tuple) and isinstance(read, list)):
         return written

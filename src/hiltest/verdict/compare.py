@@ -17,7 +17,7 @@ from hiltest.verdict.evidence import REAL, Evidence, Seed, as_one_run, evidence_
 from hiltest.verdict.noise import FALSE_ALARMS
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.pairs import Pairs, number_of
-from hiltest.verdict.wording import entry, on_seeds, sentence
+from hiltest.verdict.wording import entry, format_seeds, sentence
 
 _Measured = Mapping[Seed, Mapping[str, Measurement]]
 _MOVED = (Change.BETTER, Change.WORSE)
@@ -54,7 +54,7 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
     changes = (
         _mark_not_taken(_mark_loosened(change, pair), pair, base, new) for change, pair in zip(raw, pairs, strict=True)
     )
-    differences = tuple(with_accuracy(change, base.measurements, new.measurements) for change in changes)
+    differences = tuple(add_accuracy(change, base.measurements, new.measurements) for change in changes)
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
     comparison = _comparison(base.side, new, differences, obstacles(base, new, differences, together=together), kind)
     return replace(comparison, remark=_ASSUMED) if _noise_is_assumed(chances.values()) else comparison
@@ -127,7 +127,7 @@ def _missed_limits(new: Evidence, differences: tuple[Difference, ...]) -> Iterat
     for changed in sorted(differences, key=lambda changed: changed.concern):
         if seeds := missed.pop(changed.name, None):
             named = changed.change is Change.WORSE or len(new.measurements) == 1
-            yield entry(changed) + ("" if named else on_seeds(list(seeds)))
+            yield entry(changed) + ("" if named else format_seeds(list(seeds)))
     for seeds in missed.values():
         yield measured(next(iter(seeds.values())))
 
@@ -214,7 +214,7 @@ def _values_on(
     return {seed: measurements[seed].get(name) for seed in seeds}
 
 
-def with_accuracy(difference: Difference, base: _Measured, new: _Measured) -> Difference:
+def add_accuracy(difference: Difference, base: _Measured, new: _Measured) -> Difference:
     """Return a difference; a calibrator's cost is supplemented by its accuracy on both sides, if both have it.
 
     Parameters

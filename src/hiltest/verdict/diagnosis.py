@@ -90,7 +90,7 @@ class _Suspect:
         calibrated = self.calibrated_axes is not None and self.calibrated_axes.explain_headings
         return self.sensors_have_wrong_axes or calibrated
 
-    def of(self, name: str) -> Measurement | None:
+    def measurement(self, name: str) -> Measurement | None:
         """Return a measurement of this calibrator: ``heading.max`` is ``heading.direct.max``."""
         section, _, quantity = name.partition(".")
         return self.measurements.get(f"{section}.{self.name}.{quantity}")
@@ -123,7 +123,7 @@ def diagnose(
     if not _is_off(name, measurements):
         return NOTHING
     is_arithmetic, source = _source(suspect, maximum)
-    same_as = evidence.same_as(name) if evidence and _fails(suspect.of("heading.float32_error")) else ""
+    same_as = evidence.same_as(name) if evidence and _fails(suspect.measurement("heading.float32_error")) else ""
     is_moved = source is not None and not is_arithmetic and _is_moved(suspect, source)
     symptoms = _symptoms(suspect, source, is_arithmetic=is_arithmetic, is_stale=bool(same_as) or is_moved)
     cause = Cause.NONE if symptoms is None else name_cause(symptoms)
@@ -136,7 +136,7 @@ def _source(suspect: _Suspect, maximum: Measurement) -> tuple[bool, ErrorSource 
     """Return whether the firmware's arithmetic causes most of the error, and the source."""
     if suspect.evidence is None:
         return False, None
-    arithmetic, largest = suspect.of("heading.float32_error"), value_of(maximum) or 0.0
+    arithmetic, largest = suspect.measurement("heading.float32_error"), value_of(maximum) or 0.0
     if _fails(arithmetic) and (
         not _fails(maximum) or (value_of(arithmetic) or 0.0) >= _MAKES_MOST * largest
     ):
@@ -146,7 +146,7 @@ def _source(suspect: _Suspect, maximum: Measurement) -> tuple[bool, ErrorSource 
 
 
 def _is_moved(suspect: _Suspect, source: ErrorSource) -> bool:
-    predicted = value_of(suspect.of("fit.residual_predicted")) or next((
+    predicted = value_of(suspect.measurement("fit.residual_predicted")) or next((
         value_of(measurement)
         for name, measurement in sorted(suspect.measurements.items()) if name.endswith(".residual_predicted")
     ), None)
@@ -162,8 +162,10 @@ def _symptoms(
     measurements, maximum = suspect.measurements, suspect.measurements[f"heading.{suspect.name}.max"]
     norm, tilt = measurements.get("accelerometer.norm_rms"), measurements.get("accelerometer.tilt_error")
     coverage = value_of(measurements.get("tumble.coverage"))
-    centred, bias = suspect.of("heading.max_centred"), suspect.of("heading.bias")
-    residual, predicted = value_of(suspect.of("fit.residual")), value_of(suspect.of("fit.residual_predicted"))
+    centred, bias = suspect.measurement("heading.max_centred"), suspect.measurement("heading.bias")
+    residual, predicted = value_of(suspect.measurement("fit.residual")), value_of(
+        suspect.measurement("fit.residual_predicted")
+    )
     # Without a declared mounting only the centred error can be compared with the limit.
     max_deg = value_of(centred if maximum.outcome is Outcome.UNSET else maximum)
     if max_deg is None or (suspect.evidence is None and (residual is None or predicted is None)):
@@ -209,7 +211,7 @@ def _words(
         return _append_details(cause, [f"{OF_SOURCE[source.source]} of {size[0]}, since {since}"])
     if cause is Cause.CONSTANT_OFFSET:
         return _append_details(
-            cause, [f"{value_of(suspect.of('heading.bias')) or 0.0:+.2f} deg", *_turned_axes(suspect)]
+            cause, [f"{value_of(suspect.measurement('heading.bias')) or 0.0:+.2f} deg", *_turned_axes(suspect)]
         )
     return _append_details(cause, size + _fit_details(suspect, cause))
 
@@ -220,7 +222,9 @@ def _turned_axes(suspect: _Suspect) -> list[str]:
 
 
 def _fit_details(suspect: _Suspect, cause: Cause) -> list[str]:
-    residual, predicted = value_of(suspect.of("fit.residual")), value_of(suspect.of("fit.residual_predicted"))
+    residual, predicted = value_of(suspect.measurement("fit.residual")), value_of(
+        suspect.measurement("fit.residual_predicted")
+    )
     if cause not in _OF_THE_FIT or residual is None or predicted is None:
         return []
     sphere = fit_status(suspect.name, suspect.measurements) is not FitStatus.ELLIPSOID

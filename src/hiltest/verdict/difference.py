@@ -24,7 +24,7 @@ from hiltest.verdict.evidence import Seed
 from hiltest.verdict.noise import FALSE_ALARMS, mean_interval, paired
 from hiltest.verdict.pairs import Pairs, has_number, is_out, values_of
 from hiltest.verdict.statistics import LARGEST, mean_value, moved_alone
-from hiltest.verdict.wording import held_to, on_seeds
+from hiltest.verdict.wording import format_seeds, held_to
 
 #: Number of significant digits in which values are written; a difference in the last one does not count.
 _LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
@@ -74,7 +74,7 @@ def difference(
 def _not_offered(pairs: Pairs) -> str:
     """Return the suite's reason for a missing number; empty if none is missing."""
     reasons = {measurement.note for seed in pairs.not_offered if (measurement := pairs.new[seed])}
-    return f"not offered{_on_seeds(pairs.not_offered, pairs)}: {'; '.join(sorted(reasons))}" if reasons else ""
+    return f"not offered{_seeds_remark(pairs.not_offered, pairs)}: {'; '.join(sorted(reasons))}" if reasons else ""
 
 
 def _limit_changed(pairs: Pairs) -> str:
@@ -108,10 +108,10 @@ def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
     if pairs.lost or (note and pairs.seeds):
         missing = [str(seed) for seed in pairs.lost if seed is not None]
         reasons = {measurement.note for seed in pairs.lost if (measurement := pairs.new[seed]) and measurement.note}
-        on_seeds = f"on seed {', '.join(missing)}" if pairs.seeds and missing else ""
-        return Change.GONE, "; ".join(filter(None, (note, on_seeds, *sorted(reasons))))
+        seeds_text = f"on seed {', '.join(missing)}" if pairs.seeds and missing else ""
+        return Change.GONE, "; ".join(filter(None, (note, seeds_text, *sorted(reasons))))
     if pairs.newly_out:
-        return Change.WORSE, f"out of its limit{_on_seeds(pairs.newly_out, pairs)}"
+        return Change.WORSE, f"out of its limit{_seeds_remark(pairs.newly_out, pairs)}"
     if pairs.seeds:
         return None
     if pairs.not_offered:
@@ -127,7 +127,7 @@ def _paired_change(
     change, remark = _mean_change(base, new, better, chance)
     way, alone = _single_seed_change(base, new, better, chance.tolerance) if chance.shared else (change, [])
     if alone and (change in (Change.UNCHANGED, way) or way is Change.WORSE):
-        change, remark = way, f"moved alone{_on_seeds([pairs.seeds[index] for index in alone], pairs)}"
+        change, remark = way, f"moved alone{_seeds_remark([pairs.seeds[index] for index in alone], pairs)}"
     again = "within its limit again" if _any_out(pairs.base) and not _any_out(pairs.new) else ""
     if change is Change.UNCHANGED and pairs.not_offered:
         change = Change.CHANGED
@@ -181,9 +181,9 @@ def _any_out(side: Mapping[Seed, Measurement | None]) -> bool:
     return any(map(is_out, side.values()))
 
 
-def _on_seeds(seeds: Sequence[Seed], pairs: Pairs) -> str:
+def _seeds_remark(seeds: Sequence[Seed], pairs: Pairs) -> str:
     """Return the seeds of a remark; empty for a single seed."""
-    return on_seeds(seeds) if len(pairs.new) > 1 else ""
+    return format_seeds(seeds) if len(pairs.new) > 1 else ""
 
 
 def _costs(values: Sequence[float], better: Better) -> list[float]:

@@ -198,7 +198,7 @@ def no_evidence(file: str) -> Evidence:
     return Evidence(Side(file=file), None, {})
 
 
-def with_misses_allowed(campaign: Evidence) -> Evidence:
+def allow_misses(campaign: Evidence) -> Evidence:
     """Return the side of a campaign that passed although some seeds missed a limit, as it was allowed to."""
     return replace(campaign, may_miss=True)
 

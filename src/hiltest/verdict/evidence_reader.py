@@ -12,7 +12,7 @@ from hiltest.record.files import RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.record.journal import JOURNAL_FILE
 from hiltest.strict_json import read_json
 from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
-from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds, with_misses_allowed
+from hiltest.verdict.evidence import Evidence, allow_misses, evidence_of, evidence_of_seeds
 
 _A_SIDE = "name a run.json, its folder or a baseline"
 
@@ -28,7 +28,7 @@ def read_evidence(place: Path) -> Evidence:
     Raises
     ------
     ConfigError
-        If no record is there, or it cannot be read; the message says why and what to do.
+        If no record is there, or it cannot be read; the message has the reason and a remedy.
     """
     if os.path.isdir(place):
         seeds = sorted(folder for folder in place.glob(SEED_FOLDERS) if folder.is_dir())
@@ -91,7 +91,7 @@ def _campaign_evidence(folder: Path, seeds: Sequence[Path]) -> Evidence:
         raise ConfigError(faults[0])
     evidence = evidence_of_seeds(runs, str(folder))
     evidence = replace(evidence, faults=(*faults, *evidence.faults))
-    return with_misses_allowed(evidence) if _seeds_may_fail(folder / SEEDS_FILE) else evidence
+    return allow_misses(evidence) if _seeds_may_fail(folder / SEEDS_FILE) else evidence
 
 
 def _seeds_may_fail(file: Path) -> bool:

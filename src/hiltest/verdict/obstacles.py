@@ -8,7 +8,7 @@ from shlex import quote
 
 from hiltest.record.comparison import Change, Difference
 from hiltest.record.outcomes import TestOutcome
-from hiltest.text import without_folders
+from hiltest.text import short_test_id
 from hiltest.verdict.evidence import NO_BOARD, REAL, Conditions, Evidence, Seed
 
 _NAMED_AT_MOST = 3
@@ -129,9 +129,9 @@ def _missing_tests(base: Evidence, new: Evidence, *, together: bool) -> Iterator
     for seed, before in base.tests.items():
         now = new.tests.get(seed, {} if seed in new.measurements else before)
         # Tests are matched by name and count: pytest's ids depend on the folder that it was started in.
-        passed = Counter(without_folders(test) for test, outcome in before.items() if outcome is TestOutcome.PASSED)
-        ran = Counter(without_folders(test) for test, outcome in now.items() if outcome.has_run)
-        outcomes = {without_folders(test): f"is {outcome}" for test, outcome in now.items() if not outcome.has_run}
+        passed = Counter(short_test_id(test) for test, outcome in before.items() if outcome is TestOutcome.PASSED)
+        ran = Counter(short_test_id(test) for test, outcome in now.items() if outcome.has_run)
+        outcomes = {short_test_id(test): f"is {outcome}" for test, outcome in now.items() if not outcome.has_run}
         missing |= {test: outcomes.get(test, "did not run") for test in passed - ran}
     if not missing:
         return
@@ -154,7 +154,7 @@ def _remedy_for_test(test: str, base: Evidence, new: Evidence, *, together: bool
 def _tests_broken_in_base(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
     """Yield an obstacle for measurements that are new only because their test broke off in the base."""
     broken = {
-        seed: {without_folders(test) for test, outcome in tests.items() if not outcome.came_to_its_end}
+        seed: {short_test_id(test) for test, outcome in tests.items() if not outcome.came_to_its_end}
         for seed, tests in base.tests.items()
     }
     lost = {}
@@ -172,7 +172,7 @@ def _tests_broken_in_base(base: Evidence, new: Evidence, differences: Sequence[D
 def _broken_test_of(name: str, new: Evidence, broken: Mapping[Seed, Set[str]]) -> str:
     """Return the test that measured this now and broke off on its seed before; empty if none did."""
     for seed, measurements in new.measurements.items():
-        if name in measurements and (test := without_folders(measurements[name].test)) in broken.get(seed, ()):
+        if name in measurements and (test := short_test_id(measurements[name].test)) in broken.get(seed, ()):
             return test
     return ""
 

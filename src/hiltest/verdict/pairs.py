@@ -40,19 +40,19 @@ class Pairs:
     @property
     def lost(self) -> list[Seed]:
         """Seeds with a number in the base alone and without a reason; a measurement with a limit is never excused."""
-        return [seed for seed in self._in_base_alone if not self._is_excused(seed)]
+        return [seed for seed in self._base_only_seeds if not self._is_excused(seed)]
 
     @property
     def not_offered(self) -> list[Seed]:
         """Seeds with a number in the base alone, for which the new run gives a reason."""
-        return [seed for seed in self._in_base_alone if self._is_excused(seed)]
+        return [seed for seed in self._base_only_seeds if self._is_excused(seed)]
 
     def _is_excused(self, seed: Seed) -> bool:
         was = self.base[seed]
         return _has_reason(self.new[seed]) and not (was and was.limit)
 
     @property
-    def _in_base_alone(self) -> list[Seed]:
+    def _base_only_seeds(self) -> list[Seed]:
         return [seed for seed, was in self.base.items() if has_number(was) and not has_number(self.new[seed])]
 
     @property

@@ -12,7 +12,7 @@ from hiltest.record.failures import (
 )
 from hiltest.record.outcomes import RED, TestOutcome
 from hiltest.record.run import Findings, TestResult, Verdict
-from hiltest.text import format_count, join_words, number, with_unit
+from hiltest.text import format_count, format_with_unit, join_words, number
 from hiltest.verdict.calibrators import (
     MEAN_ERROR,
     UNCALIBRATED,
@@ -165,10 +165,12 @@ def _accuracy_and_cost(result: CalibratorResult, poses: int) -> str:
     centred = result.maximum.outcome is Outcome.UNSET and result.centred is not None
     centred = centred and result.centred is not None and result.centred.outcome is not Outcome.UNSET
     heading = result.centred if centred and result.centred else result.maximum
-    worst = "no heading" if heading.value is None else f"worst heading {with_unit(heading.value, heading.unit)}"
+    worst = "no heading" if heading.value is None else f"worst heading {format_with_unit(heading.value, heading.unit)}"
     worst += (" about its mean" if centred else "") + (f" over {poses} poses" if poses else "") + held_to(heading)
     cycles = result.cycles
-    cost = "" if cycles is None or cycles.value is None else f", {with_unit(cycles.value, 'cycle')}{held_to(cycles)}"
+    cost = ""
+    if cycles is not None and cycles.value is not None:
+        cost = f", {format_with_unit(cycles.value, 'cycle')}{held_to(cycles)}"
     return f"{result.name}: {worst}{cost}."
 
 
@@ -199,7 +201,7 @@ def _cause_sentence(causes: Sequence[str]) -> str:
 
 
 def _value(measurement: Measurement) -> str:
-    return measurement.note if measurement.value is None else with_unit(measurement.value, measurement.unit)
+    return measurement.note if measurement.value is None else format_with_unit(measurement.value, measurement.unit)
 
 
 def _left_out_words(left_out: Sequence[str]) -> str:

@@ -135,7 +135,9 @@ def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
 
 def reasons(comparison: Comparison) -> str:
     """Return the reasons of a comparison's answer: failures, obstacles, and changes."""
-    worse = {entry(difference) for difference in comparison.of(Change.WORSE)} if comparison.evaluated else set()
+    worse = {
+        entry(difference) for difference in comparison.differences_with(Change.WORSE)
+    } if comparison.evaluated else set()
     parts = [
         _name_first("failed: ", [text for text in comparison.failed if text not in worse]),
         _first_obstacle(comparison), _name_first("not evaluated: ", comparison.unjudged), *_counts(comparison),
@@ -167,14 +169,14 @@ def models_shown(comparison: Comparison) -> set[str]:
     }
 
 
-def on_seeds(seeds: Sequence[Seed]) -> str:
+def format_seeds(seeds: Sequence[Seed]) -> str:
     """Return seeds in words."""
     return f" on seed {join_words([str(seed) for seed in seeds], _SEEDS_AT_MOST)}"
 
 
 def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]:
     """Return the groups that are shown, in order, without empty ones."""
-    groups = [(change, comparison.of(change)) for change in SHOWN]
+    groups = [(change, comparison.differences_with(change)) for change in SHOWN]
     return [(change, differences) for change, differences in groups if differences]
 
 
@@ -199,7 +201,7 @@ def _counts(comparison: Comparison, *, named: bool = True) -> list[str]:
     # Measurements that are gone are among the reasons if the comparison was not evaluated.
     without = () if comparison.evaluated else (Change.GONE,)
     kinds = [change for change in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED) if change not in without]
-    groups = [(change, group) for change in kinds if (group := comparison.of(change))]
+    groups = [(change, group) for change in kinds if (group := comparison.differences_with(change))]
     counts = [_count_and_names(change, group) if named else f"{len(group)} {change}" for change, group in groups]
     return [f"apart from that {counts[0]}", *counts[1:]] if comparison.obstacles and counts else counts
 
@@ -244,7 +246,7 @@ def how_to_keep(comparison: Comparison, run: str, options: str | None = None) ->
         Empty if nothing got better, the change must not be merged, or the base is an older firmware's ELF: the
         next run is then compared with this firmware.
     """
-    better = comparison.of(Change.BETTER)
+    better = comparison.differences_with(Change.BETTER)
     if not better or comparison.answer is not Answer.MAY or comparison.base_kind is BaseKind.TOGETHER:
         return ""
     count = f"{len(better)} better; keep {'them' if len(better) > 1 else 'it'}: "

@@ -163,7 +163,7 @@ class _Curve:
     spheres: list[Point] = field(default_factory=list)
     cycles: float = 0.0
 
-    def in_words(self, name: str) -> str:
+    def describe_end(self, name: str) -> str:
         """Return the end of the curve in words, or the cycles that gave no calibration."""
         if not self.points:
             return f"{name} has no calibration after {format_number(self.cycles)} cycles"
@@ -179,7 +179,7 @@ def _budget_figure(
     run: Run, points: float, curves: Mapping[str, _Curve], frame: Sequence[Point], width: float
 ) -> Figure:
     figure = Figure(
-        title=f"{points:g} points", description="; ".join(curve.in_words(name) for name, curve in curves.items()),
+        title=f"{points:g} points", description="; ".join(curve.describe_end(name) for name, curve in curves.items()),
         x_label="thousand cycles", y_label="mean error [deg]", x_range=frame[0], y_range=frame[1], width=width,
         height=300.0, log_x=True, log_y=True,
     )

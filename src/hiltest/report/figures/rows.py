@@ -10,7 +10,7 @@ from markupsafe import Markup
 from hiltest.measurement import Limit, Measurement, Outcome, Section
 from hiltest.report.marks import KeyEntry, Mark, shape
 from hiltest.report.svg import Sheet, drawing
-from hiltest.text import with_unit
+from hiltest.text import format_with_unit
 
 _WIDTH, _ROW, _LEFT, _RIGHT = 380.0, 42.0, 4.0, 376.0
 _TEXT, _BAR, _THICK = 15.0, 28.0, 8.0  # below the top of a row: text line, middle of the bar; height of the bar
@@ -86,7 +86,7 @@ def _limit_row(measurement: Measurement) -> Row | None:
     shares = [(side - low) / (high - low) for side in (limit.min, limit.max) if side is not None]
     zone = (shares[0], shares[1]) if len(shares) == 2 else (0.0, shares[0]) if limit.min is None else (shares[0], 1.0)
     return Row(
-        measurement.name, f"{with_unit(value, measurement.unit)}, {limit}",
+        measurement.name, f"{format_with_unit(value, measurement.unit)}, {limit}",
         at=(value - low) / (high - low), mark=Mark.DOT if held else Mark.CROSS,
         style="level filled" if held else "over", zone=zone, ends=shares,
     )
@@ -117,7 +117,7 @@ def _draw_row(row: Row, top: float) -> Markup:
     parts += [shape('<path class="end" d="M{} {}v{}"/>', _x(end), middle - _THICK, 2 * _THICK) for end in row.ends]
     if row.start is not None:
         parts.append(shape('<path class="thick {}" d="M{} {}H{}"/>', row.style, _x(row.start), middle, _x(row.at)))
-    parts.append(row.mark.at(_x(row.at), middle, 4.5, row.style))
+    parts.append(row.mark.draw(_x(row.at), middle, 4.5, row.style))
     return Markup("").join(parts)
 
 
