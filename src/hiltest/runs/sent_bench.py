@@ -41,7 +41,7 @@ class SentBench:
 
     files: bytes
     """Zip archive; names are relative to the root of the file system."""
-    here: str
+    folder: str
     """Folder of the command."""
     options: tuple[str, ...]
     """Options of pytest."""
@@ -183,7 +183,7 @@ def run_there(bench: SentBench, seed: int) -> RemoteResult:
         root = os.path.realpath(folder)
         with zipfile.ZipFile(io.BytesIO(bench.files)) as archive:
             archive.extractall(root)
-        cwd = Path(root + bench.here)
+        cwd = Path(root + bench.folder)
         cwd.mkdir(parents=True, exist_ok=True)
         out = Path(root) / "record"
         mine = {name: value for name, value in os.environ.items() if name not in _READ}
