@@ -10,7 +10,7 @@ from hiltest.bench_files import shipped
 from hiltest.measurement import KINDS, NEXT_STEP, Allowance, Better, Kind, Limit, Section, identify
 from hiltest.measurement.deviations import DEVIATIONS
 from hiltest.rig.file import load_rig
-from hiltest.text import readable
+from hiltest.text import format_number
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -78,7 +78,9 @@ def _deviations(kind: Kind) -> str:
     """Return what noise moves, by subject where there is one."""
     named = {name: identify(name) for name, deviation in DEVIATIONS.items() if deviation.value}
     found = [(each.subject, DEVIATIONS[name].value) for name, each in named.items() if each.kind is kind]
-    return "; ".join(f"{subject}: {readable(value, 3)}" if subject else readable(value, 3) for subject, value in found)
+    return "; ".join(
+        f"{subject}: {format_number(value, 3)}" if subject else format_number(value, 3) for subject, value in found
+    )
 
 
 def _tolerances(kind: Kind) -> str:
@@ -88,7 +90,7 @@ def _tolerances(kind: Kind) -> str:
 
 def _tolerance(allowance: Allowance, kind: Kind) -> str:
     absolute, relative = allowance.tolerance.absolute, allowance.tolerance.relative
-    size = f"{readable(absolute)} {kind.unit or ''}".rstrip() if absolute else ""
+    size = f"{format_number(absolute)} {kind.unit or ''}".rstrip() if absolute else ""
     share = f"{100 * relative:g} %" if relative else ""
     return " and ".join(filter(None, (size, share))) or "exact"
 

@@ -20,13 +20,13 @@ from hiltest.record.run import Environment, Run
 from hiltest.record.run_json import to_json
 from hiltest.report.svg import Figure
 from hiltest.studies.run import run_study
-from hiltest.studies.study import Given, Plan, study_of
+from hiltest.studies.study import Conditions, Plan, study_of
 
 FOLDER = Path(__file__).with_suffix("")
 
 # Small enough to be renewed by a test, and large enough for the picture to look as that of the full size does.
 PLANS = {plan.study: plan for plan in (
-    Plan("budget", 1, 3, 30), Plan("choose", 1, 60, 300, Given(48.5, 2.5)), Plan("compensation", 1, 2000, 100),
+    Plan("budget", 1, 3, 30), Plan("choose", 1, 60, 300, Conditions(48.5, 2.5)), Plan("compensation", 1, 2000, 100),
     Plan("constraints", 1, 10, 30), Plan("dpi", 1, 10, 0), Plan("ellipsoids", 1, 5000, 30),
     Plan("estimators", 1, 20, 0), Plan("float32", 1, 40, 100), Plan("imu", 1, 20, 100),
 )}  # fmt: skip

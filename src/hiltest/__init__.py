@@ -34,7 +34,7 @@ def cycles(
     elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None,
     clock_hz: float | None = None,
 ) -> ProfiledImage:  # fmt: skip
-    """Open an ELF whose functions are to be counted, on a virtual board of its own.
+    """Open an ELF to count cycles of its functions, on a virtual board of its own.
 
     Parameters
     ----------
@@ -43,20 +43,20 @@ def cycles(
     profile
         Timing profile; by default ``cortex-m4-trm/2``.
     memory
-        Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default what the
-        ELF needs, where that is something else.
+        Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default they
+        follow from the ELF if it needs other ones.
     clock_hz
         Core clock that the functions are called at [Hz], by default 120 MHz: cycles do not depend on it, seconds do.
 
     Returns
     -------
     ProfiledImage
-        ``cycles("app.elf").call("fn", 3).cycles`` is what one call costs.
+        ``cycles("app.elf").call("fn", 3).cycles`` is the cost of one call.
 
     Raises
     ------
     ConfigError
-        If the ELF cannot be loaded, or there is no such timing profile or clock.
+        If the ELF cannot be loaded, or the timing profile or the clock does not exist.
     """
     from hiltest.boards import default_firmware
     from hiltest.profiling.image import ProfiledImage

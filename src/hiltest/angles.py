@@ -22,7 +22,7 @@ Rows: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float], 
 
 _RADIANS_PER_DEGREE = math.pi / 180.0
 # Taylor coefficients, alternating signs, highest power first. On |angle| <= 45
-# degrees the first term left out is below 2e-17 of the result: under half an ulp.
+# degrees the first omitted term is below 2e-17 of the result: under half an ulp.
 _SINE_TERMS = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8, -1, -1))
 _COSINE_TERMS = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(8, -1, -1))
 # Below this cosine of pitch, heading and roll turn about the same axis to within double rounding.
@@ -81,7 +81,7 @@ def circular_mean_deg(angles_deg: Iterable[float]) -> float:
     Raises
     ------
     ValueError
-        When there are no angles, or they cancel so that no direction is left.
+        If there are no angles, or they cancel so that their mean has no direction.
     """
     pairs = [sin_cos_deg(angle) for angle in angles_deg]
     if not pairs:
@@ -96,7 +96,7 @@ def circular_mean_deg(angles_deg: Iterable[float]) -> float:
 def sin_cos_deg(angle_deg: float) -> tuple[float, float]:
     """Return sine and cosine of an angle in degrees, the same on every host.
 
-    Exact at multiples of 90 degrees, within 1.5 ulp elsewhere.
+    The result is exact at multiples of 90 degrees, and within 1.5 ulp elsewhere.
 
     Examples
     --------
@@ -130,7 +130,7 @@ def rotation_rows(pose: Pose) -> Rows:
 
 
 def rotation_body_from_ned(pose: Pose) -> Matrix:
-    """Return the matrix that takes earth-frame components to body-frame components.
+    """Return the matrix that transforms earth-frame components to body-frame components.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def pose_from_rotation(rotation: ArrayLike) -> Pose:
     Parameters
     ----------
     rotation : shape (3, 3)
-        Takes earth-frame components to body-frame components.
+        Matrix that transforms earth-frame components to body-frame components.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def pose_from_rotation(rotation: ArrayLike) -> Pose:
     Raises
     ------
     ValueError
-        When the matrix is not a rotation to within 1e-6.
+        If the matrix is not a rotation to within 1e-6.
     """
     matrix = np.asarray(rotation, dtype=np.float64)
     if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6):

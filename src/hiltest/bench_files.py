@@ -34,12 +34,12 @@ def suites(start: Path) -> Path:
 
 
 def has_own_rig(start: Path) -> bool:
-    """Say whether the default rig is a file under `start`, rather than the shipped one."""
+    """Return whether the default rig is a file under `start`, rather than the shipped one."""
     return (start / "hil" / "rigs" / DEFAULT_RIG).is_file()
 
 
 def rig_file(start: Path, named: str | None) -> Path:
-    """Return the rig file that a name means.
+    """Return the rig file for a name.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def rig_file(start: Path, named: str | None) -> Path:
     Raises
     ------
     ConfigError
-        If there is no such file; it lists the rigs there are.
+        If the file does not exist; the message lists the existing rigs.
     """
     folders = [start / "hil" / "rigs", shipped() / "rigs"]
     if named is None:

@@ -1,6 +1,6 @@
-"""Shared libraries in C: built with the C compiler that is there or with zig's, and checked against their sources.
+"""Shared libraries in C: built with an installed C compiler or zig's, and checked against their sources.
 
-The virtual board's core is required, with its binding for Python. The others make faster what Python does as well.
+The virtual board's core is required, with its binding for Python. The others are faster versions of Python functions.
 
 This module imports only the standard library and nothing of the package, because the build hook runs this file before
 the package is installed. cffi, which generates the binding, is imported when a binding is generated.
@@ -27,7 +27,7 @@ from tempfile import TemporaryDirectory
 _PACKAGE = Path(__file__).parent
 _FLAGS = (
     "-std=c11", "-O2", "-fPIC", "-shared", "-s",
-    "-ffp-contract=off",  # clang would contract a product and a sum to one fma if the processor has it
+    "-ffp-contract=off",  # clang would contract a product and a sum to one fma on processors with that instruction
     "-fno-semantic-interposition",  # gcc may inline a function although the library could export it
 )  # fmt: skip
 _CORE_FLAGS = (
@@ -45,7 +45,7 @@ ZIG_REQUIREMENT = "ziglang>=0.13,<0.18"
 
 RELEASE_ARCHITECTURES = ("x86_64", "aarch64")
 RELEASE_GLIBC = (2, 17)
-"""Version of glibc that is enough for libraries of a release: that of manylinux2014."""
+"""Minimum version of glibc for libraries of a release: that of manylinux2014."""
 
 INSTANCES_KERNEL = _PACKAGE / "studies" / "instances_kernel.so"
 CORE = _PACKAGE / "virtual" / "core" / "core.so"
@@ -72,7 +72,7 @@ float probe(const char *text, float value)
 
 
 def release_architecture() -> str:
-    """Return the architecture that HILTEST_WHEEL_ARCH names, or nothing: then libraries are for this machine alone.
+    """Return the architecture in HILTEST_WHEEL_ARCH; if it is empty, libraries are for this machine only.
 
     Raises
     ------
@@ -95,14 +95,14 @@ def build_requirements() -> list[str]:
 
 @cache
 def _system_compiler(cc: str | None, path: str | None) -> tuple[tuple[str, ...], str]:
-    """Return the command of the first compiler that works, or why there is none.
+    """Return the command of the first compiler that works, or the reason why none does.
 
     Parameters
     ----------
     cc
         Value of CC, which is the only candidate if it is set.
     path
-        Where commands are looked for; it is the environment's, and makes the cached answer one for this environment.
+        Search path of commands, from the environment; it makes the cached answer specific to this environment.
     """
     candidates = [("cc",), ("gcc",), ("clang",)] if cc is None else [tuple(shlex.split(cc))]
     present = [command for command in candidates if command and shutil.which(command[0], path=path)]
@@ -119,7 +119,7 @@ def _system_compiler(cc: str | None, path: str | None) -> tuple[tuple[str, ...],
 
 
 def _probe(command: Sequence[str]) -> str:
-    """Compile, link and load a few lines; return why that failed, or nothing.
+    """Compile, link and load a few lines; return the reason for a failure, or an empty text.
 
     A compiler without the headers of a C library, or one for other processors, fails here.
     """
@@ -136,9 +136,9 @@ def _probe(command: Sequence[str]) -> str:
 
 
 def _compiler() -> tuple[tuple[str, ...], str]:
-    """Return the command of the compiler to use, zig's if no other one works, or why there is none.
+    """Return the command of the compiler to use, zig's if no other one works, or the reason why none does.
 
-    A release is compiled by zig's: it links against any glibc, for any architecture.
+    A release is compiled by zig's, which links against any glibc, for any architecture.
     """
     zig = (sys.executable, "-m", "ziglang", "cc", *_ZIG_FLAGS)
     if name := release_architecture():
@@ -154,12 +154,12 @@ def _compiler() -> tuple[tuple[str, ...], str]:
 
 @cache
 def _zig_cache() -> TemporaryDirectory[str]:
-    """Return the folder in which zig keeps what it compiles for itself, until this process ends."""
+    """Return zig's cache folder, which exists until this process ends."""
     return TemporaryDirectory(prefix="hiltest-zig-")
 
 
 def _run(command: Sequence[str]) -> str:
-    """Run a compiler; return why it failed, or nothing."""
+    """Run a compiler; return the reason for a failure, or an empty text."""
     environment = dict(os.environ)
     if "ziglang" in command:
         for variable in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"):
@@ -176,7 +176,7 @@ def _run(command: Sequence[str]) -> str:
 
 
 def sha256_of(sources: Sequence[Path]) -> str:
-    """Return the hash of C sources, which their library has as its build ID."""
+    """Return the hash of C sources, which is the build ID of their library."""
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
@@ -186,23 +186,23 @@ def compiled(library: Path, sources: Sequence[Path], flags: Sequence[str] = (), 
     Parameters
     ----------
     library
-        What is made, of the sources alone; an older one goes if that fails.
+        Library to make from the sources alone; an older one is removed if that fails.
     sources
         C files, and the headers that they include.
     flags
-        For the compiler, beside its usual ones.
+        Flags of the compiler, beside its usual ones.
     exports
-        Pattern for the names of the functions that the library shows to others; empty for all of them.
+        Pattern for the names of exported functions; empty for all of them.
 
     Returns
     -------
     str
-        Why there is none now; empty when there is.
+        Reason why the library is missing; empty if it was made.
     """
     reason = _compile(library, sources, flags, exports)
     if reason:
-        with contextlib.suppress(OSError):  # where nothing can be written, nothing was
-            library.unlink(missing_ok=True)  # an older one is of another source
+        with contextlib.suppress(OSError):  # if the folder cannot be written to, it has no older library
+            library.unlink(missing_ok=True)  # an older library belongs to other sources
     return reason
 
 
@@ -214,7 +214,7 @@ def _compile(library: Path, sources: Sequence[Path], flags: Sequence[str], expor
     try:
         if reason := _link(compiler, fresh, sources, flags, exports):
             return reason
-        fresh.replace(library)  # at once: other processes may be loading it
+        fresh.replace(library)  # atomically, since other processes may load it now
     except OSError as error:
         return f"the C compiler could not be run: {error}"
     finally:
@@ -225,7 +225,7 @@ def _compile(library: Path, sources: Sequence[Path], flags: Sequence[str], expor
 def _link(
     compiler: Sequence[str], library: Path, sources: Sequence[Path], flags: Sequence[str] = (), exports: str = ""
 ) -> str:
-    """Compile sources and link them; return why that failed, or nothing."""
+    """Compile sources and link them; return the reason for a failure, or an empty text."""
     sha256 = sha256_of(sources)
     command = [*compiler, *_FLAGS, *flags, f'-DHILTEST_SOURCE_SHA256="{sha256}"']
     command += [str(source) for source in sources if source.suffix == ".c"]
@@ -244,13 +244,13 @@ def build_core() -> str:
     Returns
     -------
     str
-        Why they are not there now; empty when they are.
+        Reason why they are missing; empty if both were made.
     """
     return compiled(CORE, SOURCES[CORE], _CORE_FLAGS, exports="machine_*") or _bind_core()
 
 
 def _bind_core() -> str:
-    """Generate the binding: what cffi knows after it has read machine.h, as a module that reads nothing."""
+    """Generate the binding: the result of cffi's parsing of machine.h, as a module that parses nothing."""
     try:
         from cffi import FFI
     except ImportError as error:
@@ -274,9 +274,9 @@ def _bind_core() -> str:
 
 
 def core_is_missing_because() -> str:
-    """Return why the core or its binding cannot be used: missing, or older than the sources. Empty if they can."""
+    """Return why the core or its binding is unusable: missing, or older than the sources. Empty if it is usable."""
     sources = SOURCES[CORE]
-    if reason := _unfit_because(CORE, sources):
+    if reason := _unfit_reason(CORE, sources):
         return reason
     try:
         if sha256_of(sources).encode() not in CORE_BINDING.read_bytes():
@@ -289,23 +289,23 @@ def core_is_missing_because() -> str:
 def loaded(
     library: Path, sources: Sequence[Path], kind: type[ctypes.CDLL] = ctypes.CDLL
 ) -> tuple[ctypes.CDLL | None, str]:
-    """Load a library, or say why it is not used.
+    """Load a library, or return the reason why it is not used.
 
     Parameters
     ----------
     sources
-        What it must have been built from.
+        Sources that it must have been built from.
     kind
-        Class of ctypes: whether a call lets other threads of Python run.
+        Class of ctypes, which decides if a call lets other threads of Python run.
 
     Returns
     -------
     library : ctypes.CDLL or None
     reason : str
-        Empty where there is one.
+        Reason; empty if the library was loaded.
     """
-    # Before it is loaded: what a process has loaded from a place it does not load again when it is built anew.
-    if reason := _unfit_because(library, sources):
+    # The check comes before loading: a process does not reload a library from a path, even if it was rebuilt.
+    if reason := _unfit_reason(library, sources):
         return None, reason
     try:
         return kind(str(library)), ""
@@ -313,8 +313,8 @@ def loaded(
         return None, f"{library} cannot be loaded ({error})"
 
 
-def _unfit_because(library: Path, sources: Sequence[Path]) -> str:
-    """Return why a library is not to be loaded: it is missing, damaged, or built from other sources."""
+def _unfit_reason(library: Path, sources: Sequence[Path]) -> str:
+    """Return why a library must not be loaded: it is missing, damaged, or built from other sources."""
     try:
         content = library.read_bytes()
     except FileNotFoundError:
@@ -329,10 +329,10 @@ def _unfit_because(library: Path, sources: Sequence[Path]) -> str:
 
 
 def _is_cut_off(content: bytes) -> bool:
-    """Whether the end of an ELF file is missing: to load such a one can kill the process, not only fail."""
+    """Return whether the end of an ELF file is missing: loading such a file can kill the process."""
     if len(content) < 64 or content[:4] != b"\x7fELF":
-        return False  # what is no ELF file at all the loader refuses
+        return False  # the loader rejects other files
     wide = content[4] == 2
     (sections,) = struct.unpack_from("=Q" if wide else "=I", content, 0x28 if wide else 0x20)
     size, count = struct.unpack_from("=HH", content, 0x3A if wide else 0x2E)
-    return bool(sections + size * count > len(content))  # the table of sections ends the file
+    return bool(sections + size * count > len(content))  # the section table is the end of the file

@@ -17,8 +17,8 @@ from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
-_SAID_OF_OUTPUT = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
-# In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
+_OUTPUT_ERRORS = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
+# Groups in the order of the help. Each command is a function in a module of the same name in hiltest.commands.
 _GROUPS = {
     "Run and judge": ("run", "compare", "baseline", "bisect", "trend", "report", "export"),
     "Firmware": ("profile", "worst", "timing"),
@@ -31,13 +31,13 @@ _LONGEST_LINE = 70
 
 
 class _Commands(click.Group):
-    """Subcommands by name: a command waits for the imports of no other."""
+    """Subcommands by name: a command imports only its own module."""
 
     def list_commands(self, _context: click.Context) -> list[str]:
         return list(_COMMANDS)
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands in groups, with the first sentence of each one's help."""
+        """Write the commands in groups, with the first sentence of their help."""
         for title, names in _GROUPS.items():
             commands = {name: self.get_command(context, name) for name in names}
             with formatter.section(title):
@@ -64,48 +64,48 @@ def commands() -> None:
 
 
 def every_command(command: click.Command = commands, name: str = "") -> Iterator[tuple[str, click.Command]]:
-    """Yield the name, without ``hiltest``, and the command of each that is no group."""
+    """Yield name, without ``hiltest``, and command of each subcommand that is no group."""
     if not isinstance(command, click.Group):
         yield name, command
         return
     context = click.Context(command)
     for word in command.list_commands(context):
-        if (each := command.get_command(context, word)) is not None:
-            yield from every_command(each, f"{name} {word}".strip())
+        if (subcommand := command.get_command(context, word)) is not None:
+            yield from every_command(subcommand, f"{name} {word}".strip())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command and exit with its code; a wrong option is 4, as it is for pytest."""
-    # Not click's own exit: it would leave with 2 for a wrong option, which means "interrupted" here.
+    """Run the command and exit with its code; a wrong option is 4, as for pytest."""
+    # click's own exit code for a wrong option is 2, which means "interrupted" here.
     command: Callable[..., Any] = commands.main
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a file's name may hold what no encoding has
+        if isinstance(stream, io.TextIOWrapper):  # a file's name may not be encodable
             stream.reconfigure(errors="backslashreplace")
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    as_json = "--json" in given[: given.index("--") if "--" in given else None]
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    as_json = "--json" in words[: words.index("--") if "--" in words else None]
     try:
-        code = command(args=given, prog_name="hiltest", standalone_mode=False)
+        code = command(args=words, prog_name="hiltest", standalone_mode=False)
     except click.ClickException as error:
         error.show()
-        code = _failed(error, error.format_message(), _USAGE_ERROR, as_json=as_json)
+        code = _report_failure(error, error.format_message(), _USAGE_ERROR, as_json=as_json)
     except HiltestError as error:
         click.echo(f"ERROR: {error}", err=True)
         code = next((code for kind, code in _CODES.items() if isinstance(error, kind)), _FAILED)
-        _failed(error, str(error), code, as_json=as_json)
+        _report_failure(error, str(error), code, as_json=as_json)
     except OSError as error:
-        if error.errno not in _SAID_OF_OUTPUT:
+        if error.errno not in _OUTPUT_ERRORS:
             raise
-        click.echo(f"ERROR: {_SAID_OF_OUTPUT[error.errno]}: {error.strerror}", err=True)
-        # Without a document: it is the output that cannot be written.
+        click.echo(f"ERROR: {_OUTPUT_ERRORS[error.errno]}: {error.strerror}", err=True)
+        # No document is printed, since the output itself cannot be written.
         code = _USAGE_ERROR
     except (click.Abort, KeyboardInterrupt) as error:
         click.echo("interrupted", err=True)
-        code = _failed(error, "interrupted", _INTERRUPTED, as_json=as_json)
+        code = _report_failure(error, "interrupted", _INTERRUPTED, as_json=as_json)
     sys.exit(code or 0)
 
 
-def _failed(error: BaseException, message: str, code: int, *, as_json: bool) -> int:
-    """Return the exit code; with ``--json``, print the document of an error in the place of the command's."""
+def _report_failure(error: BaseException, message: str, code: int, *, as_json: bool) -> int:
+    """Return the exit code; with ``--json``, print the document of an error instead of the command's."""
     if as_json:
         print_document(ERROR_SCHEMA, {"error": type(error).__name__, "message": message, "exit_code": code})
     return code

@@ -17,7 +17,7 @@ from hiltest.cycle_benchmarks.tables import Groups, Row, scale_cycles, split_by_
 __all__ = ["pytest_benchmark_group_stats", "pytest_benchmark_scale_unit"]
 
 
-# Optional: pytest loads that conftest.py too, and pytest-benchmark may be turned off there.
+# The hooks are optional: pytest loads that conftest.py as well, and pytest-benchmark may be turned off there.
 @pytest.hookimpl(optionalhook=True)
 def pytest_benchmark_scale_unit(
     config: Any, unit: str, benchmarks: Sequence[Row], best: Mapping[str, float], worst: Mapping[str, float], sort: str
@@ -29,8 +29,8 @@ def pytest_benchmark_scale_unit(
     scale = scale_cycles(unit, benchmarks, best, time_unit)
     if scale is not None:
         return scale
-    found: tuple[str, float] = plugin.pytest_benchmark_scale_unit(config, unit, benchmarks, best, worst, sort)
-    return found
+    default_scale: tuple[str, float] = plugin.pytest_benchmark_scale_unit(config, unit, benchmarks, best, worst, sort)
+    return default_scale
 
 
 @pytest.hookimpl(optionalhook=True)

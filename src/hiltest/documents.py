@@ -1,6 +1,6 @@
-"""What the commands print with ``--json``, as data: one class a schema, its attributes the keys.
+"""Output of the commands with ``--json``, as data: one class per schema, whose attributes are the keys.
 
-``python -m hiltest.documents`` writes the JSON Schemas of these classes anew; docs/json.md lists them.
+``python -m hiltest.documents`` regenerates the JSON Schemas of these classes; docs/json.md lists them.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ SCHEMAS = Path(__file__).with_name("schemas")
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """Error of any command, in the place of its document; standard error says the same."""
+    """Error of any command, which replaces its document; standard error has the same text."""
 
     error: str
     """Class of the error, as in ``hiltest.errors``."""
     message: str
-    """What is wrong, where, and the next step."""
+    """Description of the error, its place, and the next step."""
     exit_code: int
-    """That of the command."""
+    """Exit code of the command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +37,15 @@ class Seeds:
     """``seeds.json``: a campaign over several seeds."""
 
     exit_code: int
-    """Of the seeds, apart from a comparison."""
+    """Exit code of the seeds, without a comparison."""
     made_with: list[dict[str, Any]]
     """Firmware, build, cycle model and rig of the runs."""
     seeds: list[dict[str, Any]]
     """Exit code and sentence of each seed."""
     measurements: list[dict[str, Any]]
-    """Smallest, middle and largest of each measurement."""
+    """Smallest, median and largest value of each measurement."""
     comparison: Comparison | None = None
-    """With the base, where one was named."""
+    """Comparison with the base, if one was named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +53,9 @@ class Boards:
     """``boards.json``: several boards that ran at once."""
 
     exit_code: int
-    """Of all boards' codes the first that applies."""
+    """Exit code that takes precedence among those of the boards."""
     sentence: str
-    """How many pass, and how the others ended."""
+    """Number of boards that pass, and the results of the others."""
     boards: list[dict[str, Any]]
     """Each with ``name``, ``folder``, ``exit_code``, ``sentence`` and ``firmware``."""
     measurements: list[dict[str, Any]]
@@ -67,9 +67,9 @@ class Comparisons:
     """Comparisons of runs with a base."""
 
     comparisons: list[Comparison]
-    """One for each NEW: sentence, obstacles, and the difference of each measurement."""
+    """Comparison for each NEW: sentence, obstacles, and the difference of each measurement."""
     detection: Detection | None = None
-    """With ``--detect``: how many runs see a change."""
+    """Numbers of runs that detect a change, with ``--detect``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +77,13 @@ class Saved:
     """A baseline that was saved."""
 
     file: str
-    """That was written."""
+    """File that was written."""
     measurements: int
-    """How many it has."""
+    """Number of measurements in it."""
     build_id: str
-    """Build that they are of."""
+    """Build of the measurements."""
     seeds: list[int | None]
-    """Their seeds; null for a run of no seed."""
+    """Seeds of the run; null for a run without a seed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +91,11 @@ class Updated:
     """A baseline that was updated."""
 
     file: str
-    """That was written."""
+    """File that was written."""
     moved: list[dict[str, Any]]
-    """Measurements that were accepted: ``name``, and what it ``was`` and is ``now``."""
+    """Measurements that were accepted: ``name``, ``was`` before, and ``now``."""
     measurements: int
-    """How many are in it."""
+    """Number of measurements in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,13 +103,13 @@ class Trend:
     """Measurements over the runs of a folder."""
 
     entries: list[dict[str, Any]]
-    """The runs, in the order of time."""
+    """Runs in order of time."""
     lines: list[dict[str, Any]]
     """Conditions that joined runs share."""
     measurements: list[dict[str, Any]]
-    """Each with its values, limits and change points by line."""
+    """Measurements with values, limits and change points by line."""
     skipped: list[dict[str, Any]]
-    """Files that are no records, and why."""
+    """Files that are no records, and the reasons."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +117,11 @@ class Reported:
     """Reports that were written again."""
 
     folder: str
-    """Where they are."""
+    """Folder of the reports."""
     files: list[str]
-    """Their names."""
+    """Names of the reports."""
     verdict: Verdict
-    """Of the run."""
+    """Verdict of the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,13 +129,13 @@ class Exported:
     """Numbers for another tool."""
 
     format: str
-    """As asked for."""
+    """Requested format."""
     numbers: int
-    """How many."""
+    """Number of exported numbers."""
     file: str | None
-    """That was written; null where none was asked for."""
+    """File that was written; null if none was requested."""
     content: dict[str, Any] | list[Any]
-    """What the other tool reads."""
+    """Content for the other tool."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,33 +145,33 @@ class Timing:
     name: str
     digest: str
     file: str
-    """Of the profile."""
+    """Name, digest and file of the profile."""
     rows: list[dict[str, Any]]
     """Cycles, range and source of each row."""
     memory: list[dict[str, Any]]
-    """The same of memories."""
+    """Cycles, range and source of the rows of memories."""
 
 
 @dataclass(frozen=True, slots=True)
 class Worst:
-    """A search for the most cycles of a function, or a call of what was kept."""
+    """A search for the most cycles of a function, or a call with a saved input."""
 
     call: str
-    """Function and input, in a few words."""
+    """Short description of function and input."""
     cycles: int | None
-    """Of the worst call; null where none succeeded."""
+    """Cycles of the worst call; null if none succeeded."""
     cycle_model: str
-    """That counted them."""
+    """Cycle model of the counts."""
     file: str | None
-    """Where the input is kept."""
+    """File with the saved input."""
     calls: int | None = None
-    """Of the search; null for a call of what was kept."""
+    """Number of calls of the search; null for a call with a saved input."""
     refused_cycles: int | None = None
-    """The most of a call that did not succeed."""
+    """Most cycles of a call that did not succeed."""
     kept_cycles: int | None = None
-    """Of a call of what was kept: the cycles that were kept."""
+    """Saved cycles, for a call with a saved input."""
     same_build: bool = True
-    """Whether they were kept of this ELF."""
+    """True if the saved cycles belong to this ELF."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,13 +179,13 @@ class Measured:
     """A timing profile that was measured."""
 
     file: str
-    """That was written; ``hiltest timing show --profile FILE --json`` has its rows."""
+    """File that was written; ``hiltest timing show --profile FILE --json`` has its rows."""
     name: str
-    """Of the profile."""
+    """Name of the profile."""
     rows: int
-    """How many were measured."""
+    """Number of measured rows."""
     remarks: list[str]
-    """What does not fit the rules."""
+    """Deviations from the rules."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,11 +194,11 @@ class ProfileChecked:
 
     file: str
     name: str
-    """Of the profile."""
+    """Name of the profile."""
     objections: list[str]
-    """Why it cannot be taken as it is; empty where it can."""
+    """Reasons why it cannot be accepted unchanged; empty if it can."""
     remarks: list[str]
-    """What does not fit the rules."""
+    """Deviations from the rules."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,29 +206,29 @@ class Copied:
     """A bench of one's own."""
 
     folder: str
-    """Where suites, rigs, benchmarks and a baseline are now."""
+    """Folder of suites, rigs, benchmarks and a baseline."""
     rig: str | None
     """Rig that was proposed for the firmware; null without one."""
     next: list[str]
-    """Arguments of the command to give next, in DIR."""
+    """Arguments of the next command, to be run in DIR."""
 
 
 @dataclass(frozen=True, slots=True)
 class Understood:
-    """What was understood of firmware in its own words."""
+    """Interpretation of firmware that speaks its own language."""
 
     seconds: float
-    """How long it was listened to, by the board's clock."""
+    """Duration of listening, by the board's clock."""
     understood: int
     not_understood: int
-    """Lines, packets or readings."""
+    """Numbers of lines, packets or readings."""
     quantities: dict[str, dict[str, Any]]
-    """Of each quantity that was said, how many ``values`` and how many ``per_second``, null where that is unknown."""
+    """Number of ``values`` and of values ``per_second`` of each quantity; null if the rate is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """The ports of a board, in one line, as soon as they can be opened; the command goes on."""
+    """The ports of a board, in one line, as soon as they can be opened; the command keeps running."""
 
     board: str
     turntable: str | None
@@ -240,7 +240,7 @@ class Served:
     firmware: str
     rig: str
     cycle_model: str
-    """What is served."""
+    """Firmware, rig and cycle model of the served board."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,43 +248,43 @@ class Ports:
     """Boards that are plugged in, and the other serial ports."""
 
     boards: list[dict[str, Any]]
-    """``serial_number``, ``usb_id``, ``product``, ``port``, ``volume`` and ``daplink_version``; null is what there
-    is not, or is not known."""
+    """``serial_number``, ``usb_id``, ``product``, ``port``, ``volume`` and ``daplink_version``; null if missing or
+    unknown."""
     others: list[dict[str, Any]]
-    """``port``, ``usb_id``, ``serial_number`` and ``product``, and the ``reason`` why it is not taken."""
+    """``port``, ``usb_id``, ``serial_number`` and ``product``, and the ``reason`` why the port is not used."""
 
 
 @dataclass(frozen=True, slots=True)
 class Flashed:
-    """Firmware that was put onto a board."""
+    """Firmware that was flashed."""
 
     file: str
-    """That was flashed."""
+    """File that was flashed."""
     bytes: int
-    """How many were written."""
+    """Number of bytes that were written."""
     build_id: str
-    """Of the file; empty where it has none."""
+    """Build of the file; empty if it has none."""
     by: str
-    """``daplink``, by its drive, or ``pyocd``."""
+    """Method: ``daplink``, by its drive, or ``pyocd``."""
     serial_number: str | None
     port: str | None
     volume: str | None
-    """Of the board, as far as they are known."""
+    """Properties of the board, as far as they are known."""
     answered: str | None
-    """Build that the board answered afterwards; null where nothing was asked."""
+    """Build that the board answered afterwards; null if it was not asked."""
     said: str
-    """What is known of who runs on it now."""
+    """Description of the firmware that runs now."""
 
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """What was looked at on a bench."""
+    """Checks of a bench."""
 
     rig: str
     exit_code: int
     checks: list[dict[str, Any]]
-    """``name``; ``health``, which is ``ok``, ``warning``, ``FAILED`` or ``not looked at``; what was ``found``, of
-    what was not looked at the reason; and the ``remedy``, null where none is needed."""
+    """Checks with ``name``; ``health``: ``ok``, ``warning``, ``FAILED`` or ``not looked at``; ``found``, the finding
+    or the reason why the check was not made; and ``remedy``, null if none is needed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,13 +292,13 @@ class Logged:
     """Samples that were logged."""
 
     file: str
-    """That was written."""
+    """File that was written."""
     samples: dict[str, int]
-    """How many of each sensor."""
+    """Number of samples by sensor."""
     lost: int
-    """How often samples of the gyroscope are missing."""
+    """Number of gaps in the samples of the gyroscope."""
     ended_early: bool
-    """Whether Ctrl-C ended it."""
+    """True if Ctrl-C ended the log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,23 +307,23 @@ class ImuFit:
 
     hiltest: str
     verdict: str
-    """Version, and good, fair, poor or refused."""
+    """Version, and verdict: good, fair, poor or refused."""
     complete: bool
-    """Whether both sensors were calibrated."""
+    """True if both sensors were calibrated."""
     files: list[str]
-    """That were read."""
+    """Files that were read."""
     samples: int
-    """How many."""
+    """Number of samples."""
     seconds: float
-    """From the first to the last."""
+    """Time from the first to the last sample."""
     rests: list[dict[str, Any]]
     """Intervals at rest."""
     accelerometer: dict[str, Any]
-    """Gain, offset, and how good they are."""
+    """Gain, offset, and their quality."""
     gyroscope: dict[str, Any] | None
     """Bias, matrix, turns and rates; null without a gyroscope."""
     notes: list[str]
-    """What else is to be known."""
+    """Further remarks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,13 +337,13 @@ class Allan:
     samples: int
     rows: int
     gaps: int
-    """Samples taken, rows of the file, and gaps in it."""
+    """Numbers of used samples, of rows in the file, and of gaps in it."""
     start_s: float | None
     rate_hz: float | None
     jitter_s: float | None
-    """First instant, rate, and how far time stamps stray."""
+    """First instant, rate, and deviation of the time stamps."""
     notes: list[str]
-    """What else is to be known."""
+    """Further remarks."""
     columns: list[dict[str, Any]]
     """Random walk, instability and bias of each column."""
     curve: dict[str, Any]
@@ -360,32 +360,32 @@ class Decoded:
     lost_bytes: int
     missing: int
     resets: int
-    """Packets, bytes in none, packets missing by their numbers, and resets of the board's clock."""
+    """Numbers of packets, of bytes outside of packets, of missing packets by their numbers, and of clock resets."""
     releases: list[str]
     """Releases that send such packets."""
     firmware: int | None
-    """Number of the firmware, 720 for 7.20; null where no packet says it."""
+    """Number of the firmware, 720 for 7.20; null if no packet has it."""
     elapsed_s: float
-    """By the board's clock."""
+    """Time by the board's clock."""
     kinds: list[dict[str, Any]]
-    """``type``, ``title``, ``packets`` and ``per_second`` of each kind that came."""
+    """``type``, ``title``, ``packets`` and ``per_second`` of each kind of packet."""
 
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What firmware found in a recording."""
+    """Results of firmware from a recording."""
 
     hiltest: str
     playing: str
     """Version, and the recording in words."""
     points: int
-    """Of the magnetometer."""
+    """Number of points of the magnetometer."""
     moments_s: list[float]
-    """When the headings were, from the recording's beginning on."""
+    """Times of the headings, relative to the recording's beginning."""
     remarks: list[str]
-    """What else is to be known."""
+    """Further remarks."""
     found: list[dict[str, Any]]
-    """By firmware or calibrator: hard iron, field, errors, cycles and headings."""
+    """Results by firmware or calibrator: hard iron, field, errors, cycles and headings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,12 +393,12 @@ class Studied:
     """A study that was run."""
 
     folder: str
-    """Of ``run.json`` and ``study.html``."""
+    """Folder of ``run.json`` and ``study.html``."""
     figures: list[dict[str, Any]] = field(default_factory=list)
-    """``figure``, ``paper``, what is ``printed`` and was ``measured``, whether it was ``reproduced``, and
+    """Figures with ``figure``, ``paper``, ``printed`` and ``measured`` value, ``reproduced`` and the reason
     ``because``."""
     verdict: Verdict | None = None
-    """Of its record."""
+    """Verdict of its record."""
 
 
 DOCUMENTS: dict[str, type] = {
@@ -430,11 +430,11 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.play/1": Played,
     "hiltest.study/1": Studied,
 }
-"""Class of each schema. The record of a run, a fit and a profile have schemas in packages of their own."""
+"""Class of each schema. The schemas of runs, fits and profiles are in other packages."""
 
 
 def schema_file(schema: str) -> Path:
-    """Return where the JSON Schema of a document is."""
+    """Return the path of a document's JSON Schema."""
     from hiltest.logs.sample_fit_exports import SCHEMA_FILE as FIT
     from hiltest.profiling.document import SCHEMA_FILE as PROFILE
     from hiltest.record.schema import SCHEMA_FILE as RUN
@@ -446,19 +446,18 @@ def schema_file(schema: str) -> Path:
 def schema_text(schema: str) -> str:
     """Return the text of a JSON Schema, generated from the document's class.
 
-    Required is what has no default. Keys that a later version adds have one: a reader ignores those that it does not
-    know.
+    Keys without a default are required. Keys that a later version adds have one, and readers ignore unknown keys.
     """
     from pydantic import TypeAdapter
 
-    made = TypeAdapter(DOCUMENTS[schema]).json_schema(mode="validation", schema_generator=DescribedFields)
-    made["properties"] = {"schema": {"const": schema}, **made["properties"]}
-    made["required"] = ["schema", *(each for each in made["required"] if each != "schema")]
-    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": schema}
+    document = TypeAdapter(DOCUMENTS[schema]).json_schema(mode="validation", schema_generator=DescribedFields)
+    document["properties"] = {"schema": {"const": schema}, **document["properties"]}
+    document["required"] = ["schema", *(key for key in document["required"] if key != "schema")]
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", **document, "title": schema}
     return json.dumps(head, indent=1, ensure_ascii=False) + "\n"
 
 
 if __name__ == "__main__":
     SCHEMAS.mkdir(exist_ok=True)
-    for each in DOCUMENTS:
-        schema_file(each).write_text(schema_text(each), encoding="utf-8")
+    for schema_name in DOCUMENTS:
+        schema_file(schema_name).write_text(schema_text(schema_name), encoding="utf-8")

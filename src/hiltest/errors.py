@@ -12,7 +12,7 @@ from difflib import get_close_matches
 
 
 class HiltestError(Exception):
-    """Root of every error that hiltest raises on purpose."""
+    """Root of every error that hiltest raises intentionally."""
 
 
 class BenchError(HiltestError):
@@ -20,11 +20,11 @@ class BenchError(HiltestError):
 
 
 class ProtocolError(HiltestError):
-    """Bytes arrived and mean the wrong thing. Exit code 23."""
+    """Bytes arrived and have a wrong meaning. Exit code 23."""
 
 
 class CalibrationError(HiltestError):
-    """The data cannot support the answer that was asked for."""
+    """The data cannot support the requested answer."""
 
 
 class ConfigError(HiltestError):
@@ -32,26 +32,26 @@ class ConfigError(HiltestError):
 
 
 class PortNotFoundError(ConfigError):
-    """The named serial port does not exist: the option is wrong, the bench may be fine."""
+    """The named serial port does not exist; the option is wrong, and the bench may be fine."""
 
-    def __init__(self, wanted: str, seen: Sequence[str], *, of_virtual_rig: bool = False) -> None:
-        self.wanted = wanted
-        self.seen = tuple(seen)
-        listed = ", ".join(self.seen) if self.seen else "none"
+    def __init__(self, requested: str, available: Sequence[str], *, of_virtual_rig: bool = False) -> None:
+        self.requested = requested
+        self.available = tuple(available)
+        ports = ", ".join(self.available) if self.available else "none"
         without = ", or leave the option out for the virtual board" if of_virtual_rig else ""
         super().__init__(
-            f"no serial port {wanted!r}; ports on this machine: {listed}. Name one of them with --hil-port{without}."
+            f"no serial port {requested!r}; ports on this machine: {ports}. Name one of them with --hil-port{without}."
         )
 
 
 class NoBoardError(BenchError):
-    """No board is plugged in, or none with the serial number that is asked for."""
+    """No board is plugged in, or none with the requested serial number."""
 
-    def __init__(self, wanted: str, seen: Sequence[str]) -> None:
-        self.wanted = wanted
-        self.seen = tuple(seen)
-        listed = ", ".join(seen) or "none"
-        which = f" whose serial number begins with {wanted!r}; plugged in: {listed}" if wanted else ""
+    def __init__(self, requested: str, available: Sequence[str]) -> None:
+        self.requested = requested
+        self.available = tuple(available)
+        boards = ", ".join(available) or "none"
+        which = f" whose serial number begins with {requested!r}; plugged in: {boards}" if requested else ""
         super().__init__(
             f"no FRDM-K64F is plugged in{which}. Plug it in at the USB socket next to its reset button (J26, OpenSDA); "
             "`hiltest ports` shows what is there, and --hil-port names a board elsewhere"
@@ -59,13 +59,14 @@ class NoBoardError(BenchError):
 
 
 class SeveralBoardsError(ConfigError):
-    """More than one board is plugged in, and nothing says which is meant."""
+    """More than one board is plugged in, and neither rig nor option names one."""
 
-    def __init__(self, seen: Sequence[str]) -> None:
-        self.seen = tuple(seen)
+    def __init__(self, available: Sequence[str]) -> None:
+        self.available = tuple(available)
         super().__init__(
-            f"{len(seen)} boards fit: {', '.join(seen)}. Name one by its serial number: --hil-port usb://{seen[0]}, or "
-            f'port = "usb://{seen[0]}" under [board] in the rig'
+            f"{len(available)} boards fit: {', '.join(available)}. Name one by its serial number: "
+            f"--hil-port usb://{available[0]}, or "
+            f'port = "usb://{available[0]}" under [board] in the rig'
         )
 
 
@@ -79,7 +80,7 @@ class PortRefusedError(BenchError):
 
 
 class FlashError(BenchError):
-    """Firmware could not be put onto the board, or it is not known whether it was."""
+    """Firmware could not be flashed, or the result is unknown."""
 
 
 class LinkLostError(BenchError):
@@ -108,12 +109,12 @@ class SyncError(BenchError):
 class DeviceTimeoutError(BenchError, TimeoutError):
     """The board did not answer a command before its deadline."""
 
-    def __init__(self, command: str, deadline_s: float, clock: str, found: str = "", noise: str = "") -> None:
+    def __init__(self, command: str, deadline_s: float, clock: str, state: str = "", noise: str = "") -> None:
         self.command = command
         self.deadline_s = deadline_s
         self.clock = clock
-        self.found = found
-        reason = f": the firmware is {found}" if found else ""
+        self.state = state
+        reason = f": the firmware is {state}" if state else ""
         reason += f". The line is noisy: {noise}. Check cable, ground and baud rate" if noise else ""
         super().__init__(f"no answer to {command} within {deadline_s:g} s ({clock} time){reason}")
 
@@ -132,13 +133,13 @@ class BoardResetError(BenchError):
 
 
 class DeviceSilentError(BenchError, TimeoutError):
-    """Firmware that is listened to says nothing."""
+    """Firmware sends nothing."""
 
-    def __init__(self, seconds: float, clock: str, found: str = "") -> None:
+    def __init__(self, seconds: float, clock: str, state: str = "") -> None:
         self.seconds = seconds
         self.clock = clock
-        self.found = found
-        doing = f"; it is {found}" if found else ""
+        self.state = state
+        doing = f"; it is {state}" if state else ""
         super().__init__(
             f"the firmware said nothing in {seconds:g} s ({clock} time){doing}. Does it print on this port, without "
             "being asked? hiltest's own firmware waits for requests: that is a rig without a [device] table"
@@ -146,7 +147,7 @@ class DeviceSilentError(BenchError, TimeoutError):
 
 
 class DebugServerError(BenchError):
-    """The GDB server of a board cannot be reached, is gone, or answers nonsense."""
+    """The GDB server of a board cannot be reached, has ended, or answers nonsense."""
 
     def __init__(self, server: str, reason: str) -> None:
         self.server = server
@@ -164,17 +165,17 @@ class SchedulerError(BenchError):
 
 
 class SensorAbsentError(BenchError):
-    """A sensor that a procedure needs does not answer; what needs no sensor still runs."""
+    """A sensor that a procedure needs does not answer; procedures without sensors still run."""
 
-    def __init__(self, wanted: str, seen: Sequence[str], hint: str) -> None:
-        self.wanted = wanted
-        self.seen = tuple(seen)
-        listed = ", ".join(self.seen) if self.seen else "none"
-        super().__init__(f"no {wanted} answers on the board; sensors that do: {listed}. {hint}")
+    def __init__(self, requested: str, available: Sequence[str], hint: str) -> None:
+        self.requested = requested
+        self.available = tuple(available)
+        sensors = ", ".join(self.available) if self.available else "none"
+        super().__init__(f"no {requested} answers on the board; sensors that do: {sensors}. {hint}")
 
 
 class SensorFaultError(BenchError):
-    """A sensor gives samples that no sound one gives; what needs it not still runs."""
+    """A sensor gives samples that are impossible for a sound one; procedures without it still run."""
 
 
 class OperatorAbsentError(BenchError):
@@ -182,7 +183,7 @@ class OperatorAbsentError(BenchError):
 
     @classmethod
     def asked(cls, question: str) -> OperatorAbsentError:
-        """Return the error of a question that nobody answered."""
+        """Return the error of a question without an answer."""
         return cls(
             f"no one answers at the terminal; this was asked: {question.strip().rstrip(':.')}. "
             "Run it where an operator can type and turn the board."
@@ -190,24 +191,24 @@ class OperatorAbsentError(BenchError):
 
 
 class SnapshotError(BenchError):
-    """No snapshot of a virtual board can be taken now, or the board cannot go back to one."""
+    """A virtual board cannot take a snapshot now, or cannot return to one."""
 
 
 class TurntableError(BenchError):
-    """The motor table does not do what it should; what needs no turning still runs."""
+    """The motor table malfunctions; procedures without turning still run."""
 
 
 class DivergenceError(BenchError):
-    """A run that is replayed asks what the recorded run did not ask: its recording has no answer.
+    """A replayed run asks a question that the recorded run did not ask, so its recording has no answer.
 
     Attributes
     ----------
     place : str
-        File and line of the recording at which the two differ.
+        File and line of the recording at which the two runs differ.
     time_s : float
-        Time of the recording there, by the board's clock.
+        Time of the recording at that line, by the board's clock.
     test : str
-        Test that was recorded there; empty before the first.
+        Test that was recorded at that line; empty before the first.
     """
 
     def __init__(self, place: str, asked: str, recorded: str, *, time_s: float = 0.0, test: str = "") -> None:
@@ -219,18 +220,18 @@ class DivergenceError(BenchError):
 
 
 class BoardFault(BenchError):
-    """The virtual board's processor met a fault, or hung.
+    """The virtual board's processor had a fault, or hung.
 
     Attributes
     ----------
     cause : str
-        What happened first, in the processor's terms.
+        First event, in the processor's terms.
     function, location : str
-        Symbol and ``file:line`` of the instruction, empty when the ELF has none.
+        Symbol and ``file:line`` of the instruction; empty if the ELF has none.
     registers : dict of str to int
         Core registers at the fault.
     ending : str
-        What the firmware made of the fault before it could go on no longer; empty when nothing.
+        Reaction of the firmware to the fault until it stopped; empty without one.
     """
 
     def __init__(
@@ -248,7 +249,7 @@ class BoardFault(BenchError):
         super().__init__((f"{ending}, after: " if ending else "") + first + (f"; {state}" if state else ""))
 
     def ended(self, ending: str) -> BoardFault:
-        """Return this fault with what became of it."""
+        """Return this fault with its ending."""
         return BoardFault(
             self.cause, pc=self.pc, function=self.function, location=self.location, registers=self.registers,
             ending=ending,
@@ -256,7 +257,7 @@ class BoardFault(BenchError):
 
 
 def place_of(pc: int, function: str, location: str) -> str:
-    """Write where code stands: address, function and ``file:line`` as far as they are known."""
+    """Return the position of code: address, function and ``file:line`` as far as they are known."""
     return f"0x{pc:08x}" + (f" in {function}" if function else "") + (f" ({location})" if location else "")
 
 
@@ -278,7 +279,7 @@ class VersionMismatchError(ProtocolError):
 
 
 class OtherFirmwareError(VersionMismatchError):
-    """The right protocol is spoken, by another firmware."""
+    """Another firmware speaks the right protocol."""
 
 
 class DeviceError(HiltestError):
@@ -287,7 +288,7 @@ class DeviceError(HiltestError):
     Attributes
     ----------
     command, status : str
-        Names as in the protocol.
+        Names in the protocol.
     """
 
     def __init__(self, command: str, status: str, hint: str = "") -> None:
@@ -297,12 +298,12 @@ class DeviceError(HiltestError):
 
     @property
     def is_of_sensors(self) -> bool:
-        """Whether a sensor or its bus did not do what it should."""
+        """True if a sensor or its bus malfunctioned."""
         return self.status in ("SENSOR_ABSENT", "SENSOR_TIMEOUT", "BUS_ERROR")
 
 
 class FirmwareContradictionError(HiltestError):
-    """The firmware answered what cannot be true by its own other answers, or by what the board saw."""
+    """An answer of the firmware contradicts its other answers, or the board's observations."""
 
 
 class PoorCoverageError(CalibrationError):
@@ -315,7 +316,7 @@ class FaceError(CalibrationError):
     Attributes
     ----------
     faces : tuple of int
-        At fault: 0 to 5 are body +x, -x, +y, -y, +z, -z down.
+        Faces at fault: 0 to 5 are body +x, -x, +y, -y, +z, -z down.
     """
 
     def __init__(self, message: str, *, faces: Sequence[int]) -> None:
@@ -332,15 +333,15 @@ class UnknownKeyError(ConfigError):
         super().__init__(f"{where}: unknown key {key!r}; {nearest_hint(key, known, 'known keys')}")
 
 
-def nearest_hint(name: str, known: Sequence[str], those: str = "known") -> str:
-    """Return what helps who gave a wrong name: the nearest known one, or all of them."""
-    nearest = next(iter(get_close_matches(name, known, n=1, cutoff=0.5)), None)
-    return f"did you mean {nearest!r}?" if nearest else f"{those}: {', '.join(sorted(known)) or 'none'}"
+def nearest_hint(name: str, allowed: Sequence[str], heading: str = "known") -> str:
+    """Return a hint for a wrong name: the nearest allowed one, or all of them."""
+    nearest = next(iter(get_close_matches(name, allowed, n=1, cutoff=0.5)), None)
+    return f"did you mean {nearest!r}?" if nearest else f"{heading}: {', '.join(sorted(allowed)) or 'none'}"
 
 
 def board_is_gone(error: BenchError | ProtocolError) -> bool:
-    """Say whether an error leaves a board that later tests cannot use.
+    """Return whether an error means that later tests cannot use the board.
 
-    A missing or faulty sensor does not, nor does a missing operator or table: what needs none of them still runs.
+    A missing or faulty sensor, operator or table does not: tests that do not need it still run.
     """
     return not isinstance(error, SensorAbsentError | SensorFaultError | OperatorAbsentError | TurntableError)

@@ -1,4 +1,4 @@
-"""Names that a package exports and imports when they are first used, since importing them all takes its time."""
+"""Exported names of a package that are imported at their first use, since importing them all is slow."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ def when_used(package: str, modules: Mapping[str, str]) -> Callable[[str], objec
     Parameters
     ----------
     package
-        Its ``__name__``.
+        ``__name__`` of the package.
     modules
-        Module, inside the package, of each exported name; the name itself where the module is what is exported.
+        Module, inside the package, of each exported name; equal to the name if the module itself is exported.
     """
 
     def exported(name: str) -> object:

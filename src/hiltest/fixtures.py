@@ -1,4 +1,4 @@
-"""The fixtures: ``rig``, ``board``, ``turntable``, ``measure`` and what suites need beside them."""
+"""The fixtures ``rig``, ``board``, ``turntable``, ``measure`` and others that suites need."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 class Measure:
     """Records measurements of one test; a value out of its limit fails the test at its end.
 
-    Calling it never raises for a bad value, so everything after it is still measured.
+    A call never raises for a bad value, so that later measurements are still made.
     """
 
     def __init__(self, item: pytest.Item, session: HilSession) -> None:
@@ -48,33 +48,33 @@ class Measure:
         Parameters
         ----------
         name
-            Dotted, unique in the run: ``heading.direct.max``.
+            Name, dotted and unique in the run: ``heading.direct.max``.
         value
-            None when this board cannot offer it. On a virtual board, which can offer everything,
-            None under a limit ends the run with exit code 22. What a function cost, as
-            ``cycles(elf).call(...)`` returns it, brings its unit and cycle model.
+            Number; None if this board cannot offer it. On a virtual board, which can offer everything,
+            a missing number under a limit ends the run with exit code 22. The cost of a function, as
+            ``cycles(elf).call(...)`` returns it, includes unit and cycle model.
         unit
-            The one that the rig file gives its limit in, if it does.
+            Unit; equal to that of the rig's limit, if there is one.
         limit
-            For a name that the rig file gives no limit: where it gives one, that is the one that holds.
+            Limit for a name without a limit in the rig, which takes precedence.
         not_checked
-            Why a limit cannot be applied here; the run then ends with exit code 22.
+            Reason why a limit cannot be applied; the run then ends with exit code 22.
         not_offered
-            Why there is no value, where that follows from another result of the run: what an iteration costs when
-            none was needed. A comparison then shows the reason, and does not miss the measurement.
+            Reason why there is no value, if it follows from another result of the run, such as the cost of an iteration
+            if none was needed. A comparison then shows the reason, and does not report a missing measurement.
         volatile
-            Whether two runs of the same seed may differ in it.
+            True if two runs of the same seed may differ in it.
         cycle_model
-            Needed for unit ``cycle``: what counted.
+            Cycle model, required for unit ``cycle``.
         band
             Uncertainty range of a virtual board's cycles.
         note
-            What the number is of, where its name does not say it.
+            Description of the measured quantity, if the name does not describe it.
 
         Returns
         -------
         Measurement
-            With its outcome.
+            Measurement with its outcome.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Measure:
         return measurement
 
     def limit(self, name: str) -> Limit | None:
-        """Return the limit that the rig file gives a measurement, None when it gives none."""
+        """Return the limit that the rig gives a measurement; None without one."""
         rig = self._session.rig_if_needed
         return rig.limits.get(name) if rig else None
 
@@ -109,7 +109,7 @@ class Measure:
         Parameters
         ----------
         name
-            Unique in the run.
+            Name, unique in the run.
         columns
             Column name to unit, in order.
         rows
@@ -118,14 +118,14 @@ class Measure:
         Raises
         ------
         ValueError
-            If a row has another length than there are columns.
+            If the length of a row differs from the number of columns.
         """
         from hiltest.record.run import Column, Table
 
-        kept = tuple(tuple(row) for row in rows)
-        if any(len(row) != len(columns) for row in kept):
+        cells = tuple(tuple(row) for row in rows)
+        if any(len(row) != len(columns) for row in cells):
             raise ValueError(f"table {name!r}: every row needs {len(columns)} cells, as many as there are columns")
-        table = Table(name, tuple(Column(*column) for column in columns.items()), kept)
+        table = Table(name, tuple(Column(*column) for column in columns.items()), cells)
         self._item.stash.setdefault(FOUND, Found()).tables.append(table)
 
 
@@ -190,7 +190,7 @@ def measure(request: pytest.FixtureRequest) -> Measure:
 
 
 class Cycles:
-    """Opens ELFs whose functions are to be counted; needs no rig and no board."""
+    """Opens ELFs to count cycles of their functions, without rig and board."""
 
     def __init__(self, session: HilSession) -> None:
         self._session = session
@@ -209,14 +209,14 @@ class Cycles:
         profile
             Timing profile; by default ``cortex-m4-trm/2``.
         memory
-            Memories of another part, as `hiltest.cycles` takes them.
+            Memories of another part, as for `hiltest.cycles`.
         clock_hz
             Core clock that the functions are called at [Hz], by default 120 MHz.
 
         Raises
         ------
         ConfigError
-            If the ELF cannot be loaded, or there is no such timing profile or clock.
+            If the ELF cannot be loaded, or the timing profile or the clock does not exist.
         """
         session = self._session
         path = session.settings.firmware if elf is None else session.config.rootpath / elf
@@ -231,7 +231,7 @@ def cycles(request: pytest.FixtureRequest) -> Cycles:
 
 @pytest.fixture
 def benchmark_cycles() -> BenchmarkCycles:
-    """Take a kernel's cycles without a table; where pytest-benchmark is loaded, its table shows them."""
+    """Measure a kernel's cycles; if pytest-benchmark is loaded, its table shows them."""
     from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
 
     return BenchmarkCycles()
@@ -239,7 +239,7 @@ def benchmark_cycles() -> BenchmarkCycles:
 
 @pytest.fixture(scope="session")
 def hil_progress(request: pytest.FixtureRequest) -> ProgressLine:
-    """Show the progress of long work and the time left: in a terminal's current line, else in a line now and then."""
+    """Show the progress of long work and the time left: on a terminal's current line, else as occasional lines."""
     return _session(request).progress
 
 
@@ -248,7 +248,7 @@ def _session(request: pytest.FixtureRequest) -> HilSession:
 
 
 def _ask(config: pytest.Config, text: str) -> str:
-    """Ask the operator, with pytest's capturing, that of the keyboard included, out of the way.
+    """Ask the operator, while pytest's capturing, also of the keyboard, is suspended.
 
     Raises
     ------

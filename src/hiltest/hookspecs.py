@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @pytest.hookspec
 def pytest_hil_measurement(item: pytest.Item, measurement: Measurement) -> None:
-    """Called for each measurement as it is recorded, with its outcome decided.
+    """Receive each measurement when it is recorded, with its outcome.
 
     ::
 
@@ -25,7 +25,7 @@ def pytest_hil_measurement(item: pytest.Item, measurement: Measurement) -> None:
 
 @pytest.hookspec
 def pytest_hil_finished(config: pytest.Config, run: Run) -> None:
-    """Called once, after ``run.json`` and the reports are written; the verdict is in `run`.
+    """Receive the finished run once, after ``run.json`` and the reports are written; `run` has the verdict.
 
     ::
 

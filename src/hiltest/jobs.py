@@ -1,7 +1,7 @@
 """Work in numbered pieces, shared by processes of this machine or by the workers of a dask.distributed scheduler.
 
-What a piece gives must follow from what all have in common and from its number: a piece may then be done anywhere, in
-any order, and again where a worker died over it. One result of each comes back.
+The result of a piece must depend only on the common argument and its number: a piece can then be computed anywhere, in
+any order, and again if its worker died. The caller receives one result per piece.
 """
 
 from __future__ import annotations
@@ -24,57 +24,57 @@ Common = TypeVar("Common")
 Result = TypeVar("Result")
 
 ANSWER_S = 10.0
-"""How long a scheduler may take to answer."""
+"""Time limit for the first answer of a scheduler."""
 NO_WORKER_S = 60.0
-"""How long a scheduler may be without workers while there is work; to get them may take it a while."""
+"""Time limit for a scheduler without workers while there is work; a scheduler may need time to start some."""
 _ASK_AGAIN_S = 1.0
 _LISTEN_S = 0.2
-# Pieces at the scheduler for each thread of its workers: one that is done, and one to go on with meanwhile.
+# Pieces at the scheduler per thread of its workers: one that is computed, and one that waits.
 _PER_THREAD = 2
-# Without workers: so many may be asked for by a scheduler that starts them as there is work.
+# Pieces for a scheduler without workers, since some schedulers start workers only for waiting pieces.
 _FEWEST = 4
 
 
 def each_done(
-    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], jobs: int | str, *, kept: str,
+    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], jobs: int | str, *, remark: str,
     starts_process: bool = False, asked_to_end: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[int, Result]]:
-    """Yield the number and the result of each piece, as it gets done.
+    """Yield number and result of each piece when it is finished.
 
     Parameters
     ----------
     do
-        Called with what all pieces have in common and a piece's number. With both, it can be pickled.
+        Function of the common argument and a piece's number. It must be picklable, with both.
     pieces
-        Each number once.
+        Distinct numbers.
     jobs
-        How many pieces at a time on this machine, or the address of a dask scheduler whose workers do them.
-    kept
-        What is left of the pieces that are done when the others cannot be, for the message.
+        Number of parallel pieces on this machine, or the address of a dask scheduler whose workers compute them.
+    remark
+        Remark on saved pieces for the message of an error.
     starts_process
-        Whether `do` only waits for a process that it starts: then it needs none of its own beside.
+        True if `do` only waits for a process that it starts, so that it needs no process of its own.
     asked_to_end
-        Whether to begin no more pieces. Those begun on this machine are waited for, those sent elsewhere dropped.
+        Function that returns True to stop. Pieces that run on this machine are finished, others are dropped.
 
     Raises
     ------
     HiltestError
-        If a process of this machine was ended from outside.
+        If a process of this machine was killed.
     SchedulerError
-        If no scheduler answers at the address, no workers come, one after the other dies over a piece, or it is lost.
+        If no scheduler answers at the address, no workers come, several die over one piece, or the scheduler is lost.
     ConfigError
-        If the extra ``dask`` is not installed, or one there has no hiltest or another version.
+        If the extra ``dask`` is not installed, or scheduler or workers lack hiltest, or have another version of it.
     """
     if isinstance(jobs, str):
-        return _by_scheduler(do, common, pieces, jobs, kept, asked_to_end)
+        return _run_by_scheduler(do, common, pieces, jobs, remark, asked_to_end)
     if jobs == 1 and not starts_process:
-        return _here(do, common, pieces, asked_to_end)
+        return _run_locally(do, common, pieces, asked_to_end)
     pool = (ThreadPoolExecutor(jobs) if starts_process
             else ProcessPoolExecutor(jobs, initializer=_leave_interruption_to_parent))  # fmt: skip
-    return _by_pool(do, common, pieces, pool, jobs, kept, asked_to_end)
+    return _run_in_pool(do, common, pieces, pool, jobs, remark, asked_to_end)
 
 
-def _here(
+def _run_locally(
     do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], asked_to_end: Callable[[], bool]
 ) -> Iterator[tuple[int, Result]]:
     for piece in pieces:
@@ -83,18 +83,18 @@ def _here(
         yield piece, do(common, piece)
 
 
-def _by_pool(
-    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], pool: Executor, jobs: int, kept: str,
+def _run_in_pool(
+    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], pool: Executor, jobs: int, remark: str,
     asked_to_end: Callable[[], bool],
 ) -> Iterator[tuple[int, Result]]:
     def room() -> int:
-        """One piece more than processes: what was asked to end has little to wait for."""
+        """Return one more than the number of processes, so that few pieces remain when the end is requested."""
         return 0 if asked_to_end() else jobs + 1
 
     try:
-        yield from _windowed(lambda piece: pool.submit(do, common, piece), room, pieces, {})
+        yield from _yield_results(lambda piece: pool.submit(do, common, piece), room, pieces, {})
     except BrokenProcessPool as error:
-        raise HiltestError(f"a worker's process was ended from outside, as for want of memory; {kept}") from error
+        raise HiltestError(f"a worker's process was ended from outside, as for want of memory; {remark}") from error
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -103,10 +103,10 @@ def _leave_interruption_to_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _windowed(
+def _yield_results(
     submit: Callable[[int], Any], room: Callable[[], int], pieces: Iterable[int], going: dict[Any, int]
 ) -> Iterator[tuple[int, Any]]:
-    """Keep as many pieces going as there is room for, and yield each that is done; those `going` have their number."""
+    """Submit as many pieces as there is room for, and yield each finished one; `going` maps futures to numbers."""
     waiting, done = iter(pieces), SimpleQueue[Any]()
     while True:
         for piece in islice(waiting, max(room() - len(going), 0)):
@@ -122,8 +122,8 @@ def _windowed(
         yield going.pop(future), future.result()
 
 
-def _by_scheduler(
-    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], address: str, kept: str,
+def _run_by_scheduler(
+    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], address: str, remark: str,
     asked_to_end: Callable[[], bool],
 ) -> Iterator[tuple[int, Result]]:
     try:
@@ -137,12 +137,12 @@ def _by_scheduler(
         raise SchedulerError(address, f"nobody answers there ({error}). Start it with dask scheduler, or name another "
                                       "with --jobs") from error  # fmt: skip
     going = dict[Any, int]()
-    workers = _Workers(client, address, kept)
-    # Keys of this command alone: nothing that another one asked for, with other files, is taken for its work.
+    workers = _Workers(client, address, remark)
+    # The keys belong to this command alone, so that results of another command with other files are not reused.
     command, name = uuid4().hex, do.__name__.strip("_")
 
     def submit(piece: int) -> Any:
-        return client.submit(_on_worker, do, __version__, shared, piece, key=f"{name}-{command}-{piece}")
+        return client.submit(_run_on_worker, do, __version__, shared, piece, key=f"{name}-{command}-{piece}")
 
     def room() -> int:
         if asked_to_end():
@@ -152,23 +152,25 @@ def _by_scheduler(
 
     try:
         _refuse_without_hiltest(client, address)
-        # A task too: where all the workers that hold it died, the scheduler has it made again.
-        shared = client.submit(_itself, common, key=f"common-{command}")
-        yield from _windowed(submit, room, pieces, going)
+        # The common argument is a task, too, so that the scheduler can recompute it if all workers that hold it died.
+        shared = client.submit(_identity, common, key=f"common-{command}")
+        yield from _yield_results(submit, room, pieces, going)
     except KilledWorker as error:
-        raise SchedulerError(address, f"workers died over one piece, one after the other ({error}); {kept}") from error
+        raise SchedulerError(
+            address, f"workers died over one piece, one after the other ({error}); {remark}"
+        ) from error
     except (CancelledError, CommClosedError) as error:
         raise workers.lost(error) from error
     finally:
-        client.close()  # which drops whatever is not done
+        client.close()  # it drops all unfinished pieces
 
 
 class _Workers:
-    """The workers of a scheduler: how many pieces they can be given, and whether there are any."""
+    """The workers of a scheduler: the number of pieces that they can take, and a time limit without workers."""
 
-    def __init__(self, client: Any, address: str, kept: str) -> None:
-        self._client, self._address, self._kept = client, address, kept
-        self._asked_s, self._seen_s, self._threads = 0.0, monotonic(), 0
+    def __init__(self, client: Any, address: str, remark: str) -> None:
+        self._client, self._address, self._remark = client, address, remark
+        self._asked_s, self._present_s, self._threads = 0.0, monotonic(), 0
 
     def room(self) -> int:
         """Return how many pieces may be at the scheduler."""
@@ -176,10 +178,10 @@ class _Workers:
         if now_s - self._asked_s >= _ASK_AGAIN_S:
             self._asked_s, self._threads = now_s, self._ask()
         if self._threads:
-            self._seen_s = now_s
-        elif now_s - self._seen_s >= NO_WORKER_S:
+            self._present_s = now_s
+        elif now_s - self._present_s >= NO_WORKER_S:
             reason = f"it has had no worker for {NO_WORKER_S:g} s. Start some with dask worker {self._address}"
-            raise SchedulerError(self._address, f"{reason}; {self._kept}")
+            raise SchedulerError(self._address, f"{reason}; {self._remark}")
         return max(_PER_THREAD * self._threads, _FEWEST)
 
     def _ask(self) -> int:
@@ -191,14 +193,14 @@ class _Workers:
             raise self.lost(error) from error
 
     def lost(self, error: Exception) -> SchedulerError:
-        """Return the error of a scheduler that has answered and does no longer."""
-        return SchedulerError(self._address, f"it is gone ({error}); {self._kept}")
+        """Return the error of a scheduler that no longer answers."""
+        return SchedulerError(self._address, f"it is gone ({error}); {self._remark}")
 
 
 def _refuse_without_hiltest(client: Any, address: str) -> None:
-    """Ask for what each has installed with a function that all have: one that cannot load a piece dies of it."""
-    lacking = [worker for worker, found in client.run(version, "hiltest", on_error="return").items()
-               if isinstance(found, PackageNotFoundError)]  # fmt: skip
+    """Check installed versions by a function that all machines have: a worker that cannot load a piece dies of it."""
+    lacking = [worker for worker, answer in client.run(version, "hiltest", on_error="return").items()
+               if isinstance(answer, PackageNotFoundError)]  # fmt: skip
     try:
         client.run_on_scheduler(version, "hiltest")
     except PackageNotFoundError:
@@ -208,15 +210,15 @@ def _refuse_without_hiltest(client: Any, address: str) -> None:
                           "start it again")  # fmt: skip
 
 
-def _itself(common: Common) -> Common:
+def _identity(common: Common) -> Common:
     return common
 
 
-def _on_worker(do: Callable[[Common, int], Result], asking: str, common: Common, piece: int) -> Result:
-    """Do a piece, if this worker has the hiltest that asks for it."""
-    if asking != __version__:
+def _run_on_worker(do: Callable[[Common, int], Result], requested_version: str, common: Common, piece: int) -> Result:
+    """Compute a piece if this worker has the same version of hiltest."""
+    if requested_version != __version__:
         from distributed import get_worker
 
-        raise ConfigError(f"the worker {get_worker().address} has hiltest {__version__}, and this is {asking}: "
-                          "install the same there and start it again")  # fmt: skip
+        raise ConfigError(f"the worker {get_worker().address} has hiltest {__version__}, and this is "
+                          f"{requested_version}: install the same there and start it again")  # fmt: skip
     return do(common, piece)

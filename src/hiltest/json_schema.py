@@ -1,4 +1,4 @@
-"""JSON Schemas of dataclasses, in which the text below a field is its description."""
+"""JSON Schemas of dataclasses, whose property descriptions are the docstrings of the fields."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic.json_schema import GenerateJsonSchema
 
 
 def field_descriptions(kind: type) -> dict[str, str]:
-    """Return the text below each field of a class that has one, in one line."""
+    """Return the docstring of each field of a class that has one, in one line."""
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(definition, ast.ClassDef)
     return {
@@ -24,7 +24,7 @@ def field_descriptions(kind: type) -> dict[str, str]:
 
 
 class DescribedFields(GenerateJsonSchema):
-    """Generates a schema whose properties have descriptions: ``TypeAdapter.json_schema(schema_generator=...)``."""
+    """Generator of schemas whose properties have descriptions: ``TypeAdapter.json_schema(schema_generator=...)``."""
 
     def dataclass_schema(self, schema: Any) -> dict[str, Any]:
         """Return the schema of a dataclass."""

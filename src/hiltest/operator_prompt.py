@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from shutil import get_terminal_size
 
-# Between two looks at what stands beside a question; a look itself takes its time [s].
+# Interval between updates of the text beside a question; an update itself takes some time [s].
 _LOOK_S = 0.2
 
 
@@ -18,8 +18,8 @@ def ask(text: str) -> str:
     Parameters
     ----------
     text
-        What a `Question` has beside it is shown, and kept up to date, behind the text until the line is typed: at a
-        terminal alone, elsewhere it is a text as any other.
+        Text of the prompt. On a terminal, the live part of a `Question` is shown after it and updated until the line is
+        typed; elsewhere it is shown like any other text.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def ask(text: str) -> str:
     """
     live = getattr(text, "live", None)
     try:
-        return input(text) if live is None or not _is_terminal() else _ask_beside(text, live)
+        return input(text) if live is None or not _is_terminal() else _ask_with_live_text(text, live)
     except (EOFError, OSError, RuntimeError) as error:  # RuntimeError: standard input is closed
         from hiltest.errors import OperatorAbsentError
 
@@ -39,8 +39,8 @@ def _is_terminal() -> bool:
     return sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()
 
 
-def _ask_beside(text: str, live: Callable[[], str]) -> str:
-    """Ask, and draw what is beside the question where the cursor is, behind what has been typed so far."""
+def _ask_with_live_text(text: str, live: Callable[[], str]) -> str:
+    """Ask, and draw the live text at the cursor, after the characters that were typed so far."""
     from hiltest.progress_line import ProgressLine, TextOutput
 
     room = get_terminal_size().columns - len(text.rpartition("\n")[2]) - 1
@@ -50,7 +50,7 @@ def _ask_beside(text: str, live: Callable[[], str]) -> str:
     keyboard = sys.stdin.fileno()
     while not select.select([keyboard], [], [], _LOOK_S)[0]:
         beside.draw(f"  {live()}")
-    typed = os.read(keyboard, 4096)  # a terminal gives a line at a time; what Python buffers nobody could wait for
+    typed = os.read(keyboard, 4096)  # a terminal delivers whole lines; select does not see what Python buffers
     if not typed:
         raise EOFError
     return typed.decode(sys.stdin.encoding or "utf-8", "replace").rstrip("\n")

@@ -1,8 +1,8 @@
-"""Imports the package's modules as they are, where pytest would rewrite their assertions.
+"""Imports the package's modules unchanged, whereas pytest would rewrite their assertions.
 
-pytest rewrites every module of a package that has a plugin, so that a failed assertion shows its values. The package
-asserts nothing of a test's, and rewriting its 340 modules takes 0.8 s of each run wherever the result cannot be kept:
-in an installation that is read-only, or with PYTHONDONTWRITEBYTECODE, as in many containers.
+pytest rewrites every module of a package that has a plugin, so that a failed assertion shows its values. The package's
+assertions do not belong to tests, and rewriting its 340 modules takes 0.8 s per run if the result cannot be cached:
+in a read-only installation, or with PYTHONDONTWRITEBYTECODE, as in many containers.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _SUITES = f"{_PACKAGE}.bench"
 
 
 class _PlainFinder:
-    """Finder of the package's modules that comes before pytest's; suites that ship in the package are left to it."""
+    """Finder of the package's modules that precedes pytest's, but not for suites that ship in the package."""
 
     @staticmethod
     def find_spec(name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
@@ -27,6 +27,6 @@ class _PlainFinder:
 
 
 def import_plainly() -> None:
-    """Have the modules of the package that are imported from now on imported as they are."""
+    """Let modules of the package that are imported from now on be imported unchanged."""
     if _PlainFinder not in sys.meta_path:
         sys.meta_path.insert(0, _PlainFinder)

@@ -1,7 +1,7 @@
-"""The pytest plugin: hooks only. What they do lives in the modules they call.
+"""The pytest plugin, which consists of hooks; the modules that they call do the work.
 
-Imported at the start of every pytest run on the machine, so nothing heavy is imported
-here: no numpy, no pydantic, no emulator until a test asks for a board.
+Every pytest run on the machine imports this module, so that it imports nothing
+heavy: no numpy, no pydantic and no emulator until a test requests a board.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _LETTERS = {TestOutcome.CONNECTION_LOST: "L", TestOutcome.WRONG_FIRMWARE: "W"}
 
 
 def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
-    """Let conftest files implement the ``pytest_hil_`` hooks. It is the first hook that is called."""
+    """Let conftest files implement the ``pytest_hil_`` hooks. pytest calls this hook first."""
     import_plainly()
     pluginmanager.add_hookspecs(hookspecs)
 
@@ -67,7 +67,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the markers and keep the session's state."""
+    """Register the markers and store the session's state."""
     config.addinivalue_line("markers", "hil: the test needs a board; skipped with the reason once the board is lost")
     config.addinivalue_line("markers", "full: a test that needs a board, and is left out of the gate set of tests")
     hil = config.stash[SESSION] = HilSession(config, resolve(config))
@@ -81,36 +81,36 @@ def pytest_configure(config: pytest.Config) -> None:
         join_pytest_benchmark(config.pluginmanager)
 
 
-# Last: whatever other plugins write into the folder, such as junitxml, they have written.
+# This hook is the last, after other plugins, such as junitxml, have written into the folder.
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Give the folder of the record back."""
+    """Release the folder of the record."""
     hil = config.stash.get(SESSION, None)
     if hil is not None:
         hil.folder.release()
 
 
-# Last: what is left out here is what the user's own choice of tests would have run.
+# This hook is the last: it omits tests that the user's own choice would have run.
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what only the full set of tests runs."""
+    """Omit tests of the full set from the gate set."""
     hil = config.stash[SESSION]
     if hil.settings.suite == "gate":
-        hil.choice.left_out = leave_out_full(config, items, [each for each in items if uses_hiltest(each)])
+        hil.choice.left_out = leave_out_full(config, items, [item for item in items if uses_hiltest(item)])
 
 
 def pytest_deselected(items: Sequence[pytest.Item]) -> None:
-    """Note that tests of the set were left out, by ``-k``, ``-m`` or whatever else."""
+    """Note that tests of the set were left out, by ``-k``, ``-m`` or another option."""
     for item in items:
         hil = item.config.stash[SESSION]
         in_set = hil.settings.suite == "full" or item.get_closest_marker(MARKER) is None
         hil.choice.deselected |= in_set and uses_hiltest(item)
 
 
-# First, so that the board is known when other plugins report what was collected.
+# This hook is the first, so that the board is known when other plugins report the collection.
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Open the rig and the board once it is known that a test needs them."""
+    """Open the rig and the board as soon as it is known that a test needs them."""
     hil = session.config.stash[SESSION]
     hil.choice.left_out.check_that_some_are_left(session.items)
     if hil.begin(session.items):
@@ -120,12 +120,12 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
-    """Show which board the tests run on."""
+    """Show the board of the tests."""
     hil = config.stash[SESSION]
     return [*hil.describe(), *hil.choice.left_out.describe()]
 
 
-# Around the set-up and within all other wrappers: no fixture of a test is set up on a board that is gone.
+# This wrapper is the innermost one around the set-up: no fixture of a test is set up on a lost board.
 @pytest.hookimpl(wrapper=True, trylast=True)
 def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
     """Skip a test whose board is already lost."""
@@ -134,7 +134,7 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
     carry_over(item)
     if hil.trouble_reported and uses_board(item):
         if hil.trouble_met_by == item.nodeid and hil.trouble is not None:
-            raise hil.trouble  # another attempt of the test that met it: no skip may take its place
+            raise hil.trouble  # this is another attempt of the test that was charged with the loss, and no skip
         pytest.skip(f"connection lost earlier: {hil.trouble}")
     with hil.refusing_reset():
         return (yield)
@@ -150,7 +150,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
         _fail_out_of_limit(item)
         raise
     except BaseException:
-        item.stash[GATING] = []  # the test is red already, by its own words
+        item.stash[GATING] = []  # the test is already red for its own reason
         raise
     _fail_out_of_limit(item)
     return result
@@ -158,7 +158,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item) -> Generator[None, object, object]:
-    """Do the same for what a fixture measured after the test."""
+    """Fail a test for measurements out of their limits that a fixture made after it."""
     result = yield
     _fail_out_of_limit(item)
     return result
@@ -171,8 +171,8 @@ def _fail_out_of_limit(item: pytest.Item) -> None:
         return
     from hiltest.measurement import Outcome
 
-    if failed := [each for each in gating if each.outcome is Outcome.FAIL]:
-        item.stash[FAILED_LIMITS] = [each.name for each in failed]
+    if failed := [measurement for measurement in gating if measurement.outcome is Outcome.FAIL]:
+        item.stash[FAILED_LIMITS] = [measurement.name for measurement in failed]
         pytest.fail("; ".join(map(str, failed)), pytrace=False)
 
 
@@ -180,15 +180,15 @@ def _fail_out_of_limit(item: pytest.Item) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Put what was measured, and whose fault a failure is, on the report."""
+    """Add the findings, and the responsibility for a failure, to the report."""
     report = yield
     item.config.stash[SESSION].clear_progress()
-    found = item.stash.get(FOUND, None)
-    if found is not None:
-        setattr(report, FOUND_HERE, found)
+    findings = item.stash.get(FOUND, None)
+    if findings is not None:
+        setattr(report, FOUND_HERE, findings)
         del item.stash[FOUND]
         if call.when == "teardown":
-            item.stash[FOUND_AT_ITS_END] = found
+            item.stash[FOUND_AT_ITS_END] = findings
     if failed_limits := item.stash.get(FAILED_LIMITS, None):
         del item.stash[FAILED_LIMITS]
         setattr(report, OUT_OF_LIMIT, failed_limits)
@@ -201,7 +201,7 @@ def pytest_runtest_makereport(
             setattr(report, TRACE, trace)
             if first == item.nodeid:
                 report.sections.append((WIRE_TRACE, str(hil.folder.path / trace)))
-        # A test that has nothing to do with hiltest fails as any other does, with its traceback.
+        # A test that does not use hiltest fails as usual, with its traceback.
         if uses_hiltest(item):
             from hiltest.errors import HiltestError
 
@@ -217,7 +217,7 @@ def pytest_runtest_makereport(
 
 @pytest.hookimpl(wrapper=True)
 def pytest_report_to_serializable() -> Generator[None, dict[str, Any] | None, dict[str, Any] | None]:
-    """Make plain data of what was measured, where a report leaves the process, as from a worker."""
+    """Pack the findings as plain data if a report leaves the process, as from a worker."""
     data = yield
     if data and FOUND_HERE in data:
         data[FOUND_HERE] = pack(data[FOUND_HERE])
@@ -226,36 +226,36 @@ def pytest_report_to_serializable() -> Generator[None, dict[str, Any] | None, di
 
 @pytest.hookimpl(wrapper=True)
 def pytest_report_from_serializable() -> Generator[None, object, object]:
-    """Take what was measured from the plain data again."""
+    """Unpack the findings from plain data."""
     report = yield
-    found = getattr(report, FOUND_HERE, None)
-    if found is not None:
-        setattr(report, FOUND_HERE, unpack(found))
+    packed = getattr(report, FOUND_HERE, None)
+    if packed is not None:
+        setattr(report, FOUND_HERE, unpack(packed))
     return report
 
 
-# First: a lost bench is a category of its own, whatever other plugins call a failed report.
+# This hook is the first: a lost bench is a category of its own, whatever other plugins call a failed report.
 @pytest.hookimpl(tryfirst=True)
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, object] | None:
     """Name tests that the bench or the firmware ended."""
-    # One that is tried again is pytest-rerunfailures' to name.
+    # pytest-rerunfailures names the tests that it repeats.
     cause = getattr(report, CAUSE, "") if report.failed else ""
     return (cause, _LETTERS[TestOutcome(cause)], (cause.upper(), {"red": True})) if cause else None
 
 
-# First, and so around all that pytest does: what it shows instead of running tests ends with 0 by itself.
+# This hook is the first, and wraps all others: pytest itself ends with 0 if it only shows something.
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> Generator[None, object, object]:
-    """Fail closed: a comparison that was asked for and not made is no pass."""
+    """Fail closed: a requested comparison that was not made is no pass."""
     code = yield
-    if code == pytest.ExitCode.OK and (reason := _unevaluated(config)):
+    if code == pytest.ExitCode.OK and (reason := _unevaluated_reason(config)):
         print(reason)
         return NOT_EVALUATED
     return code
 
 
-def _unevaluated(config: pytest.Config) -> str:
-    """Return why a gate that was asked for is not evaluated although no run is recorded; empty when there is none."""
+def _unevaluated_reason(config: pytest.Config) -> str:
+    """Return why a requested gate is not evaluated although no run is recorded; empty without a gate."""
     hil = config.stash.get(SESSION, None)
     if hil is None or hil.is_worker or config.pluginmanager.has_plugin("hiltest-recording"):
         return ""

@@ -1,4 +1,4 @@
-"""Progress of long work at the end of the terminal's current line, also while pytest captures what tests print."""
+"""Progress of long work at the end of the terminal's current line, even while pytest captures output."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     import pytest
 
 _REDRAW_S = 0.2
-_SAY_AGAIN_S = 30.0  # a run of the default bench says nothing, a run on a slow machine a line or two
-# VT100: keep and restore the cursor, clear to the end of the line. What is shown thus
-# never disturbs what pytest has written on the line.
+_SAY_AGAIN_S = 30.0  # a run of the default bench prints no such line, a run on a slow machine one or two
+# VT100: save and restore the cursor, clear to the end of the line. These codes do not
+# disturb pytest's text on the line.
 _SAVE, _RESTORE, _CLEAR = "\x1b7", "\x1b8", "\x1b[K"
 
 
 class Writer(Protocol):
-    """Output for progress: pytest's terminal writer, or anything like it."""
+    """Output for progress: pytest's terminal writer, or a similar object."""
 
     def write(self, msg: str, *, flush: bool = False) -> None:
         """Write `msg`."""
@@ -40,18 +40,18 @@ class TextOutput:
 
 
 class ProgressLine:
-    """Callable as ``progress(what, done, of)``.
+    """Callable as ``progress(label, done, total)``.
 
     Parameters
     ----------
     writer
-        The terminal.
+        Writer to the terminal.
     shown
-        Whether it is one: then the progress is drawn behind what stands on the line, five times a second at most.
+        True for a terminal: the progress is drawn after the text on the line, at most five times a second.
     say
-        Where it is none, this prints a line of its own, every half minute at most.
+        Function that prints a separate line, at most every half minute, if there is no terminal.
     room
-        Returns how many columns are left on the current line; by default all but one of the terminal's.
+        Function that returns the number of free columns on the current line; by default all but one of the terminal's.
     """
 
     def __init__(
@@ -62,26 +62,26 @@ class ProgressLine:
         self._shown = shown
         self._say = say
         self._room = room or (lambda: get_terminal_size().columns - 1)
-        self._what = ""
+        self._label = ""
         self._started_s = self._drawn_s = 0.0
-        self._said_s = time.monotonic()
+        self._printed_s = time.monotonic()
         self._is_drawn = False
 
-    def __call__(self, what: str, done: int, of: int, note: str = "") -> None:
-        """Show that `done` of `of` steps of `what` are over, and a note behind it."""
+    def __call__(self, label: str, done: int, total: int, note: str = "") -> None:
+        """Show that `done` of `total` steps of `label` are done, followed by a note."""
         now_s = time.monotonic()
-        if what != self._what or done == 0:
-            self._what, self._started_s = what, now_s
-        if done >= of:
+        if label != self._label or done == 0:
+            self._label, self._started_s = label, now_s
+        if done >= total:
             self.clear()
             return
-        text = progress_text(what, done, of, elapsed_s=now_s - self._started_s)
+        text = progress_text(label, done, total, elapsed_s=now_s - self._started_s)
         text += f"; {note}" if note else ""
         if self._shown and now_s - self._drawn_s >= _REDRAW_S:
             self._drawn_s = now_s
             self.draw(text)
-        elif not self._shown and self._say is not None and now_s - self._said_s >= _SAY_AGAIN_S:
-            self._said_s = now_s
+        elif not self._shown and self._say is not None and now_s - self._printed_s >= _SAY_AGAIN_S:
+            self._printed_s = now_s
             self._say(text.strip())
 
     def clear(self) -> None:
@@ -90,14 +90,14 @@ class ProgressLine:
             self.draw("")
 
     def draw(self, text: str) -> None:
-        """Draw a text behind what stands on the line, in place of what was drawn there before."""
+        """Draw a text after the text on the line, and replace the one that was drawn before."""
         self._is_drawn = bool(text)
-        shown = text[: max(self._room(), 0)]  # a line that wraps would move what stands above it
+        shown = text[: max(self._room(), 0)]  # a wrapped line would scroll the lines above it
         self._writer.write(f"{_SAVE}{shown}{_CLEAR}{_RESTORE}", flush=True)
 
 
-def progress_text(what: str, done: int, of: int, *, elapsed_s: float) -> str:
-    """Return one line of progress, with the time left once a step has been timed.
+def progress_text(label: str, done: int, total: int, *, elapsed_s: float) -> str:
+    """Return one line of progress, with the remaining time after the first step.
 
     Examples
     --------
@@ -105,13 +105,13 @@ def progress_text(what: str, done: int, of: int, *, elapsed_s: float) -> str:
     '  known angles 15 of 60, 6 s left'
     """
     if done == 0:
-        return f"  {what} 0 of {of}"
-    left_s = elapsed_s / done * (of - done)
-    return f"  {what} {done} of {of}, {left_s:.0f} s left"
+        return f"  {label} 0 of {total}"
+    left_s = elapsed_s / done * (total - done)
+    return f"  {label} {done} of {total}, {left_s:.0f} s left"
 
 
 def progress_of(config: pytest.Config) -> ProgressLine:
-    """Return what shows progress on pytest's terminal; in a worker, which has none, nothing does."""
+    """Return the progress display of pytest's terminal; a worker has no terminal, and shows no progress."""
     terminal: pytest.TerminalReporter | None = config.pluginmanager.get_plugin("terminalreporter")
     if terminal is None:
         return ProgressLine(TextOutput(sys.stdout), shown=False)
@@ -120,7 +120,7 @@ def progress_of(config: pytest.Config) -> ProgressLine:
     writer = terminal._tw
 
     def say(line: str) -> None:
-        """Print a line of its own; pytest goes on after it."""
+        """Print a separate line; pytest continues after it."""
         with uncaptured():
             if writer.width_of_current_line:
                 writer.line()
@@ -128,13 +128,13 @@ def progress_of(config: pytest.Config) -> ProgressLine:
             terminal.flush()
 
     return ProgressLine(
-        # Past pytest's writer: what that counts as part of the line would move its own words.
-        _Uncaptured(TextOutput(writer._file), uncaptured), shown=writer.hasmarkup, say=say,
+        # The output bypasses pytest's writer, which would otherwise count it as part of the line.
+        _UncapturedOutput(TextOutput(writer._file), uncaptured), shown=writer.hasmarkup, say=say,
         room=lambda: writer.fullwidth - writer.width_of_current_line - 1,
     )
 
 
-class _Uncaptured:
+class _UncapturedOutput:
     """Writes to the terminal while a test's output is captured."""
 
     def __init__(self, output: TextOutput, uncaptured: Callable[[], AbstractContextManager[None]]) -> None:

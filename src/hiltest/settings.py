@@ -1,8 +1,8 @@
-"""The plugin's options, and where each value came from.
+"""The plugin's options, and the source of each value.
 
-One table says name, type and help; the command line wins over the environment, the
-environment over the ini file, the ini file over the default. Imported at the start of
-every pytest run on the machine: a named tuple is made in a seventh of a dataclass' time.
+One table has name, type and help of each option; the command line takes precedence over the environment, the
+environment over the ini file, the ini file over the default. Every pytest run on the machine imports this module, so
+that it uses named tuples: defining one takes a seventh of a dataclass' time.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-if TYPE_CHECKING:  # 0.15 s, which a command that runs no test need not wait for
+if TYPE_CHECKING:  # the import takes 0.15 s, and commands that run no test do not need it
     import pytest
 
 DEFAULT_OUT = "hil-out"
 LONGEST_LABEL = 100
 MOST_JOBS = 1000
 LONGEST_NAME = 255
-"""Bytes of a file's name: NAME_MAX of Linux' file systems."""
+"""Longest name of a file in bytes: NAME_MAX of Linux' file systems."""
 _PREFIX = "HIL_"
 _SCHEDULER = re.compile(r"(?:tcp|tls)://(?:\[[0-9A-Fa-f:.]+\]|[^\s/?#@:\[\]]+):(?P<port>[0-9]{1,5})", re.ASCII)
 
@@ -37,7 +37,7 @@ def seed(text: str) -> int:
     Raises
     ------
     argparse.ArgumentTypeError
-        If it is anything else.
+        If it is another text.
     """
     if not text.isascii() or not text.isdigit() or int(text) >= 2**32:
         raise argparse.ArgumentTypeError(f"{text!r} is not a seed: a whole number from 0 to 4294967295")
@@ -56,7 +56,7 @@ def address(text: str) -> int:
 
 
 def jobs(text: str) -> int | str:
-    """Parse how work is shared: a number of processes, or the address of a dask scheduler, which is returned as it is.
+    """Parse the value of jobs: a number of processes, or the address of a dask scheduler, which is returned unchanged.
 
     Raises
     ------
@@ -65,8 +65,8 @@ def jobs(text: str) -> int | str:
     """
     if text.isascii() and text.isdigit() and len(text) <= len(str(MOST_JOBS)) and 1 <= int(text) <= MOST_JOBS:
         return int(text)
-    found = _SCHEDULER.fullmatch(text)
-    if found and 1 <= int(found["port"]) < 1 << 16:
+    match = _SCHEDULER.fullmatch(text)
+    if match and 1 <= int(match["port"]) < 1 << 16:
         return text
     raise argparse.ArgumentTypeError(
         f"{text!r} is neither a number of processes, 1 to {MOST_JOBS}, nor the address of a dask scheduler, "
@@ -106,7 +106,7 @@ def label(text: str) -> str:
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder of a record, before anything is run.
+    """Make the folder of a record before anything runs.
 
     Raises
     ------
@@ -172,7 +172,7 @@ _SAME_ON_ALL_SEEDS = ("rig", "firmware", "base", "poses", "suite", "calibration"
 
 
 class Settings(NamedTuple):
-    """Settings of a session; `sources` says where each came from, per option name."""
+    """Settings of a session; `sources` has the source of each value by option name."""
 
     rig: str | None
     firmware: Path | None
@@ -193,21 +193,21 @@ class Settings(NamedTuple):
     def as_run_options(self) -> str:
         """Return the options of ``hiltest run`` for the same run on other seeds, as on a command line."""
         named = (name for name in _SAME_ON_ALL_SEEDS if self.sources[name] != "default")
-        return _typed({name: getattr(self, name) for name in named})
+        return _join_options({name: getattr(self, name) for name in named})
 
 
 def run_options(options: Sequence[str]) -> str:
-    """Return the same for pytest's options."""
+    """Return the options of ``hiltest run`` for the same run on other seeds, from pytest's options."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     for option in OPTIONS:
         if option.name in _SAME_ON_ALL_SEEDS:
             parser.add_argument(option.flag, dest=option.name)
-    given, _ = parser.parse_known_args(options)
-    return _typed(vars(given))
+    values, _ = parser.parse_known_args(options)
+    return _join_options(vars(values))
 
 
-def _typed(given: Mapping[str, object]) -> str:
-    return " ".join(f"--{name} {quote(str(value))}" for name, value in given.items() if value is not None)
+def _join_options(values: Mapping[str, object]) -> str:
+    return " ".join(f"--{name} {quote(str(value))}" for name, value in values.items() if value is not None)
 
 
 def check_environment(environment: Mapping[str, str] = os.environ) -> None:
@@ -216,14 +216,14 @@ def check_environment(environment: Mapping[str, str] = os.environ) -> None:
     Raises
     ------
     ConfigError
-        It names the nearest one.
+        If a variable is unknown; the message has the nearest known name.
     """
     from hiltest.errors import UnknownKeyError
 
-    known = [option.variable for option in OPTIONS]
+    variables = [option.variable for option in OPTIONS]
     for name in sorted(environment):
-        if name.startswith(_PREFIX) and name not in known:
-            raise UnknownKeyError(name, where="the environment", known=known)
+        if name.startswith(_PREFIX) and name not in variables:
+            raise UnknownKeyError(name, where="the environment", known=variables)
 
 
 def add_options(parser: pytest.Parser) -> None:
@@ -235,12 +235,12 @@ def add_options(parser: pytest.Parser) -> None:
 
 
 def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) -> Settings:
-    """Decide every setting.
+    """Resolve every setting.
 
     Raises
     ------
     pytest.UsageError
-        If the environment or the ini file holds a value that the option does not take.
+        If the environment or the ini file has a value that the option does not accept.
     """
     values: dict[str, Any] = {}
     sources: dict[str, str] = {}
@@ -268,9 +268,9 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
 
 
 def _resolve_one(option: Option, config: pytest.Config, environment: Mapping[str, str]) -> tuple[Any, str]:
-    given = config.getoption(option.flag)
-    if given is not None:
-        return given, option.flag
+    value = config.getoption(option.flag)
+    if value is not None:
+        return value, option.flag
     for text, source in ((environment.get(option.variable), option.variable), (config.getini(option.ini), option.ini)):
         if text:
             try:

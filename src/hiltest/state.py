@@ -1,4 +1,4 @@
-"""State of simulated things, to go back to it."""
+"""State of simulated things, for snapshots."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ _CONTAINERS = frozenset({bytearray, list, dict, set, deque, Counter})
 
 
 class HasState(Protocol):
-    """A thing that can go back to a state."""
+    """A thing that can return to a state."""
 
     def state(self) -> Any:
-        """Return what `restore` takes; it does not change any more."""
+        """Return a state for `restore`, which does not change afterwards."""
         ...
 
     def restore(self, state: Any) -> None:
-        """Go back to a state, which can be restored again afterwards."""
+        """Return to a state, which can be restored again afterwards."""
         ...
 
 
@@ -29,27 +29,27 @@ class State(NamedTuple):
 
 
 class Restorable:
-    """A thing whose attributes are its state: values and other things as they are, containers as copies.
+    """A thing whose state consists of its attributes: containers are copied, other values are shared.
 
-    So whatever a container holds never changes, or belongs to one of the `parts`.
+    So the elements of a container must never change, or belong to one of the `parts`.
     """
 
     def parts(self) -> Iterable[HasState]:
-        """Return the things whose states are a part of this one's."""
+        """Return the things whose states are part of this one's."""
         return ()
 
     def state(self) -> Any:
-        """Return what `restore` takes; it does not change any more."""
-        return State(_copied(vars(self)), [(part, part.state()) for part in self.parts()])
+        """Return a state for `restore`, which does not change afterwards."""
+        return State(_copy_attributes(vars(self)), [(part, part.state()) for part in self.parts()])
 
     def restore(self, state: Any) -> None:
-        """Go back to a state, which can be restored again afterwards."""
-        vars(self).update(_copied(state.attributes))
+        """Return to a state, which can be restored again afterwards."""
+        vars(self).update(_copy_attributes(state.attributes))
         for part, state_of_part in state.parts:
             part.restore(state_of_part)
 
 
-def _copied(attributes: dict[str, Any]) -> dict[str, Any]:
+def _copy_attributes(attributes: dict[str, Any]) -> dict[str, Any]:
     copies = attributes.copy()
     for name, value in copies.items():
         if value.__class__ in _CONTAINERS:

@@ -1,4 +1,4 @@
-"""Numbers, lists and names as people read them, and texts in which every character is seen."""
+"""Numbers, lists and names for human readers, and texts with visible characters only."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections.abc import Sequence
 
 # Control, format (zero widths, direction marks), surrogates and line or paragraph separators.
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
-_KEPT = frozenset("\n\t")
-# Noise prints 24 bytes in a row once in 10^10 times, since 97 of 256 bytes are printed.
+_ALLOWED = frozenset("\n\t")
+# Noise prints 24 bytes in a row once in 10^10 times, since 97 of 256 bytes are printable.
 _FEWEST_BYTES, _MOST_IS_PRINTED = 24, 0.95
 
 
-def readable(value: float | int | None, digits: int = 4) -> str:
-    """Return a value as people read it: thousands apart, and `digits` significant ones below a thousand.
+def format_number(value: float | int | None, digits: int = 4) -> str:
+    """Return a number for a human reader: thousands separated, and `digits` significant ones below a thousand.
 
     Examples
     --------
-    >>> readable(11061.25)
+    >>> format_number(11061.25)
     '11 061.2'
-    >>> readable(1.96875)
+    >>> format_number(1.96875)
     '1.969'
-    >>> readable(None)
+    >>> format_number(None)
     '-'
     """
     if value is None:
@@ -32,7 +32,7 @@ def readable(value: float | int | None, digits: int = 4) -> str:
 
 
 def hundredths(value: float) -> str:
-    """Return two decimals, or two significant digits of what is less than a tenth: degrees and percents in a sentence.
+    """Return two decimals, or two significant digits of a value below a tenth: degrees and percents in a sentence.
 
     Examples
     --------
@@ -45,56 +45,56 @@ def hundredths(value: float) -> str:
 
 
 def number(value: float | int | None, unit: str = "") -> str:
-    """Return a measured value as every report shows it: degrees and percents to hundredths, others as `readable`.
+    """Return a measured value as in every report: degrees and percents to hundredths, others as `format_number` does.
 
     Examples
     --------
     >>> number(0.8911, "deg"), number(10838, "cycle"), number(None, "deg")
     ('0.89', '10 838', '-')
     """
-    return hundredths(value) if value is not None and unit in ("deg", "%") else readable(value)
+    return hundredths(value) if value is not None and unit in ("deg", "%") else format_number(value)
 
 
-def with_unit(value: float | int | None, unit: str) -> str:
-    """Return a value with its unit behind it, cycles in the plural.
+def format_with_unit(value: float | int | None, unit: str) -> str:
+    """Return a value followed by its unit, with cycles in the plural.
 
     Examples
     --------
-    >>> with_unit(10838, "cycle"), with_unit(26, "")
+    >>> format_with_unit(10838, "cycle"), format_with_unit(26, "")
     ('10 838 cycles', '26')
     """
     return f"{number(value, unit)} {'cycles' if unit == 'cycle' else unit}".rstrip()
 
 
-def counted(count: int, word: str) -> str:
-    """Return a number of things.
+def format_count(count: int, word: str) -> str:
+    """Return a count with its noun.
 
     Examples
     --------
-    >>> counted(1, "test"), counted(28, "test")
+    >>> format_count(1, "test"), format_count(28, "test")
     ('1 test', '28 tests')
     """
-    return f"{readable(count)} {word}{'s' * (count != 1)}"
+    return f"{format_number(count)} {word}{'s' * (count != 1)}"
 
 
-def listed(texts: Sequence[str], at_most: int) -> str:
-    """Return some texts with commas, and how many more there are.
+def join_words(texts: Sequence[str], at_most: int) -> str:
+    """Return the first texts separated by commas, and the number of others.
 
     Examples
     --------
-    >>> listed(["a", "b", "c"], 2)
+    >>> join_words(["a", "b", "c"], 2)
     'a, b and 1 more'
     """
     more = len(texts) - at_most
     return ", ".join(texts[:at_most]) + (f" and {more} more" if more > 0 else "")
 
 
-def without_folders(test: str) -> str:
-    """Return a test's id with the name of its file only; what stands behind it may have slashes of its own.
+def short_test_id(test: str) -> str:
+    """Return a test's id with only the name of its file; the rest may contain slashes of its own.
 
     Examples
     --------
-    >>> without_folders("hil/suites/test_link.py::test_rate[1/2]")
+    >>> short_test_id("hil/suites/test_link.py::test_rate[1/2]")
     'test_link.py::test_rate[1/2]'
     """
     file, colons, name = test.partition("::")
@@ -102,10 +102,10 @@ def without_folders(test: str) -> str:
 
 
 def legible(text: str) -> str:
-    """Return a text in which every character is seen.
+    """Return a text in which every character is visible.
 
-    A firmware may call itself what it likes: a direction mark in its name would reverse the words behind it, and a
-    zero byte is no text at all.
+    Firmware can choose any name: a direction mark in its name would reverse the words after it, and a
+    zero byte is not printable.
 
     Examples
     --------
@@ -114,11 +114,13 @@ def legible(text: str) -> str:
     """
     if text.isascii() and text.isprintable():
         return text
-    return "".join(_named(each) if unicodedata.category(each) in _UNSEEN else each for each in text)
+    return "".join(
+        _name_invisible(character) if unicodedata.category(character) in _UNSEEN else character for character in text
+    )
 
 
 def is_text(data: bytes) -> bool:
-    r"""Say whether bytes are printed text: nearly all of them are, of at least as many as noise does not print by luck.
+    r"""Return whether bytes are printed text: nearly all of them are printable, and their number exceeds luck.
 
     Examples
     --------
@@ -129,5 +131,5 @@ def is_text(data: bytes) -> bool:
     return len(data) >= _FEWEST_BYTES and printed >= _MOST_IS_PRINTED * len(data)
 
 
-def _named(character: str) -> str:
-    return character if character in _KEPT else f"⟨U+{ord(character):04X}⟩"
+def _name_invisible(character: str) -> str:
+    return character if character in _ALLOWED else f"⟨U+{ord(character):04X}⟩"

@@ -1,4 +1,4 @@
-"""Units as headers of tables, options of commands and rigs name them, and what one is in another."""
+"""Units in headers of tables, options of commands and rigs, and conversions between them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class RateUnit(StrEnum):
     COUNTS = "counts"
 
 
-#: What one of a unit is in deg/s; None where that is unknown.
+#: Size of a unit in deg/s; None if unknown.
 DEGREES_PER_SECOND: dict[RateUnit, float | None] = {
     RateUnit.DPS: 1.0, RateUnit.MDPS: 1e-3, RateUnit.RAD_S: math.degrees(1.0), RateUnit.DEG_H: 1.0 / 3600.0,
     RateUnit.COUNTS: None,
 }  # fmt: skip
 
-#: In lower case.
+#: Words for units of rates, in lower case.
 RATE_WORDS = {
     **dict.fromkeys(("deg/s", "dps", "°/s", "degs", "deg"), RateUnit.DPS),
     "mdps": RateUnit.MDPS,
@@ -43,7 +43,7 @@ class AccelerationUnit(StrEnum):
     COUNTS = "counts"
 
 
-#: What one of a unit is in g; None where that is unknown.
+#: Size of a unit in g; None if unknown.
 GRAVITIES: dict[AccelerationUnit, float | None] = {
     AccelerationUnit.G: 1.0, AccelerationUnit.MG: 1e-3, AccelerationUnit.MS2: 1.0 / 9.80665,
     AccelerationUnit.COUNTS: None,
@@ -58,23 +58,25 @@ ACCELERATION_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """What takes a number of one unit to another: ``factor * number + offset``."""
+    """Conversion of a number from one unit to another: ``factor * number + offset``."""
 
     factor: float = 1.0
     offset: float = 0.0
 
 
-def _of(factors: Mapping[str, float | None]) -> dict[str, Conversion]:
-    """Return conversions by word; a unit whose size is unknown has none."""
+def _conversions_by_word(factors: Mapping[str, float | None]) -> dict[str, Conversion]:
+    """Return conversions by word; a unit of unknown size has none."""
     return {word: Conversion(factor) for word, factor in factors.items() if factor is not None}
 
 
-# By the unit that is converted to; the words as people write them, in whatever case. Of the micro sign there are two.
+# Conversions by target unit. People write the words in upper or lower case, and Unicode has two micro signs.
 _CONVERSIONS: dict[str, dict[str, Conversion]] = {
-    "deg": _of({"deg": 1.0, "°": 1.0, "degrees": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3)}),
-    "dps": _of({word: DEGREES_PER_SECOND[unit] for word, unit in RATE_WORDS.items()}),
-    "g": _of({word: GRAVITIES[unit] for word, unit in ACCELERATION_WORDS.items()}),
-    "uT": _of({
+    "deg": _conversions_by_word(
+        {"deg": 1.0, "°": 1.0, "degrees": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3)}
+    ),
+    "dps": _conversions_by_word({word: DEGREES_PER_SECOND[unit] for word, unit in RATE_WORDS.items()}),
+    "g": _conversions_by_word({word: GRAVITIES[unit] for word, unit in ACCELERATION_WORDS.items()}),
+    "uT": _conversions_by_word({
         "uT": 1.0, "µT": 1.0, "μT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": 100.0, "Gs": 100.0, "mgauss": 0.1,
     }),
     "degC": {
@@ -85,16 +87,16 @@ _CONVERSIONS: dict[str, dict[str, Conversion]] = {
     "": {"": Conversion(), "1": Conversion()},
 }  # fmt: skip
 _BY_LOWER = {
-    unit: {word.lower(): found for word, found in words.items()} for unit, words in _CONVERSIONS.items()
+    unit: {word.lower(): factor for word, factor in words.items()} for unit, words in _CONVERSIONS.items()
 }
-# Of a field, with the capital; in lower case these are the g of accelerometers.
+# Units of a field, with a capital; in lower case they are the g of accelerometers.
 _GAUSS = {"G": "gauss", "mG": "mgauss"}
 
 
 def conversion(word: str, unit: str) -> Conversion | None:
-    """Return what takes numbers of a unit, as people write it, to one of deg, dps, g, uT, degC and %.
+    """Return the conversion from a unit, as people write it, to one of deg, dps, g, uT, degC and %.
 
-    None when they do not convert.
+    The result is None if the units do not convert.
 
     Examples
     --------
@@ -106,5 +108,5 @@ def conversion(word: str, unit: str) -> Conversion | None:
 
 
 def unit_words(unit: str) -> list[str]:
-    """Return the words from which `conversion` leads to a unit."""
-    return [each for each in _CONVERSIONS[unit] if each.isascii() and each]
+    """Return the words that `conversion` can convert to a unit."""
+    return [word for word in _CONVERSIONS[unit] if word.isascii() and word]

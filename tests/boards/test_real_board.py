@@ -105,7 +105,7 @@ def test_a_missing_shield_is_named_with_the_way_out_and_the_rest_still_runs(
     with open_board(real_rig, port=pty_board(rig_without_shield).path) as board:
         with pytest.raises(SensorAbsentError, match=r"no magnetometer MAG3110 .*FRDM-FXS-MULTI-B") as caught:
             board.sensor(SensorKind.MAGNETOMETER)
-        assert any("on-board" in name.lower() or "onboard" in name.lower() for name in caught.value.seen)
+        assert any("on-board" in name.lower() or "onboard" in name.lower() for name in caught.value.available)
         with pytest.raises(SensorAbsentError):
             collect_tumble(board, open_turntable(board, uncertainty_deg=0.5, prompt=lambda _: ""))
         cost = measure_cycles(board, ["direct"], point_sets=2, sizes=(20, 40, 100))["direct"]
@@ -267,7 +267,7 @@ def test_a_board_that_falls_silent_is_late_and_its_deadline_is_kept(
         # Every attempt has its deadline, late by a read slice at most; the rest is a busy machine.
         late_s = time.monotonic() - began_s - 0.2 * ATTEMPTS
         assert 0.0 <= late_s < READ_SLICE_S * ATTEMPTS + 1.0
-        assert caught.value.found == ""  # nobody can look into a real board
+        assert caught.value.state == ""  # nobody can look into a real board
 
 
 def test_a_port_on_which_nobody_answers_is_a_sync_error(real_rig: Rig) -> None:

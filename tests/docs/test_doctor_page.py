@@ -89,7 +89,7 @@ def test_the_field_of_the_place_on_the_page_is_compared_as_it_shows() -> None:
     placed = replace(default, field=replace(default.field, **tomllib.loads(text)["field"]))
     found = see_declared_field(placed, model_field(placed, date(2026, 11, 26)))
     first, second = DECLARED.splitlines()
-    assert first.split(maxsplit=3) == [found.health, *found.name.split(), found.found]
+    assert first.split(maxsplit=3) == [found.health, *found.name.split(), found.finding]
     assert second.strip() == f"-> {found.remedy}"
 
 

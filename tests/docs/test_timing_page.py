@@ -21,7 +21,7 @@ from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.profiling.timing_table import print_judgements
 from hiltest.rig.file import load_rig
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, ROWS, RULES, load_profile
 from hiltest.virtual.program.elf import load_image
 from hiltest.virtual.silicon.rule_candidates import judge, predicted_clocks, questions
@@ -79,7 +79,7 @@ def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_range(
     assert head == ["measurement", "cycles", "lowest", "highest", "largest contributor"]
     assert band.moved_most_by is not None
     assert shown == [
-        "cycles.direct.total", *map(readable, (cost.cycles, band.low, band.high)), band.moved_most_by.row
+        "cycles.direct.total", *map(format_number, (cost.cycles, band.low, band.high)), band.moved_most_by.row
     ]
 
 

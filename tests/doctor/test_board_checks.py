@@ -32,7 +32,7 @@ def board(rig: Rig) -> Iterator[Board]:
 
 def test_the_default_board_is_all_right(board: Board, rig: Rig) -> None:
     checks = [look(board, rig) for look in BOARD_CHECKS.values()]
-    assert [check.found for check in checks if check.health is not Health.OK] == []
+    assert [check.finding for check in checks if check.health is not Health.OK] == []
     assert [check.name for check in checks] == [*BOARD_CHECKS]
 
 
@@ -40,7 +40,7 @@ def test_a_board_without_its_shield_names_what_is_missing_where(rig: Rig, rig_wi
     with open_board(rig_without_shield) as opened:
         found = see_sensors(opened, rig)
     assert found.health is Health.FAILED
-    assert "MAG3110 (I2C1 0x0E): no answer" in found.found
+    assert "MAG3110 (I2C1 0x0E): no answer" in found.finding
     assert "shield" in found.remedy
     assert "on-board FXOS8700CQ" in found.remedy
 
@@ -63,7 +63,7 @@ def test_a_board_that_turns_is_not_at_rest(board: Board, rig: Rig) -> None:
     found = see_gyroscope_noise(board, rig)
     board.sleep(takes_s)
     assert found.health is Health.WARNING
-    assert "the board moved" in found.found
+    assert "the board moved" in found.finding
     assert found.remedy
 
 
@@ -73,7 +73,7 @@ def test_a_sensor_that_gives_the_same_reading_for_ever_has_failed(rig: Rig) -> N
         found = see_magnetometer_noise(frozen, rig)
         assert see_accelerometer_noise(frozen, rig).health is Health.OK
     assert found.health is Health.FAILED
-    assert "axis x and y and z" in found.found
+    assert "axis x and y and z" in found.finding
 
 
 @pytest.mark.parametrize(("rate", "health"), [(1.005, Health.OK), (1.03, Health.WARNING), (0.97, Health.WARNING)])
@@ -97,7 +97,7 @@ def test_a_build_of_someone_else_is_a_warning(board: Board, rig: Rig, monkeypatc
     monkeypatch.setattr(board, "identity", others)
     found = see_identity(board, rig, "hiltest flash --hil-port usb://0240")
     assert found.health is Health.WARNING
-    assert "0123456789abcdef" in found.found
+    assert "0123456789abcdef" in found.finding
     assert found.remedy.startswith("hiltest flash --hil-port usb://0240, ")
 
 
@@ -118,4 +118,4 @@ def test_a_core_without_a_cycle_counter_is_a_warning(
 def test_the_same_work_takes_the_same_cycles(board: Board, rig: Rig) -> None:
     first, second = (see_cycle_counter(board, rig) for _ in range(2))
     assert first == second
-    assert "cortex-m4-trm" in first.found
+    assert "cortex-m4-trm" in first.finding

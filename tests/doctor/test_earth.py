@@ -85,7 +85,7 @@ def test_a_calibrated_board_measures_the_field_in_any_pose(board: Board, rig: Ri
     board.stage.turn_to(pose)
     found = see_measured_field(board, rig, "no place")
     assert found.health is Health.OK
-    strength_ut, dip_deg = (float(text) for text in found.found.replace(" uT, dip", "").split()[:2])
+    strength_ut, dip_deg = (float(text) for text in found.finding.replace(" uT, dip", "").split()[:2])
     # Of 64 readings with 0.4 uT of noise; the determinant of this soft iron is within 1 % of 1. An untrimmed part of
     # this world tilts the horizon by less than 0.3 degrees.
     assert strength_ut == pytest.approx(rig.field.strength_ut, rel=0.01)
@@ -99,4 +99,4 @@ def test_iron_near_a_calibrated_board_is_a_warning(rig: Rig, strength: float, di
         hold_calibration(disturbed, rig, 1)
         found = see_measured_field(disturbed, rig, HERE)
     assert found.health is Health.WARNING
-    assert "iron" in found.found or "iron" in found.remedy
+    assert "iron" in found.finding or "iron" in found.remedy

@@ -43,7 +43,7 @@ def test_a_board_that_is_plugged_in_is_found_and_looked_at_to_the_end(
     checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
     assert (*checks,) == ALL
     assert exit_code([*checks.values()]) is ExitCode.OK
-    assert K64F in checks["board"].found
+    assert K64F in checks["board"].finding
     # No rules in the tree. A board on a busy machine may lag behind the wall clock.
     unwell = {name for name, each in checks.items() if each.health is not Health.OK} - {"clock"}
     assert unwell == {"udev rules", "turntable", "measured field", "declared field"}
@@ -88,7 +88,7 @@ def test_a_port_that_another_program_has_is_not_opened(real_rig: Rig, tree: UsbT
         (tree.root / "proc/4711/comm").write_text("minicom\n")
         (tree.root / "proc/4711/fd/3").symlink_to(path)
         checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
-    assert "minicom" in checks["port"].found
+    assert "minicom" in checks["port"].finding
     assert checks["answer"].health is Health.NOT_LOOKED_AT
 
 
@@ -142,7 +142,7 @@ def test_another_baud_rate_that_answers_is_named(real_rig: Rig, tmp_path: Path, 
     with answering(Synchronised(termios.B57600)) as path:
         checks = by_name(examine(real_rig, port=path, root=tmp_path, today=TODAY))
     assert checks["answer"].health is Health.FAILED
-    assert "57600" in checks["answer"].found
+    assert "57600" in checks["answer"].finding
     assert "baud = 57600" in checks["answer"].remedy
     assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
 
@@ -151,7 +151,7 @@ def test_another_version_of_the_protocol_is_wrong_firmware(real_rig: Rig, tmp_pa
     with answering(Synchronised(termios.B115200, PROTOCOL_VERSION + 1)) as path:
         checks = by_name(examine(real_rig, port=path, root=tmp_path, today=TODAY))
     assert checks["answer"].health is Health.OK
-    assert str(PROTOCOL_VERSION + 1) in checks["protocol"].found
+    assert str(PROTOCOL_VERSION + 1) in checks["protocol"].finding
     assert checks["protocol"].remedy.startswith(f"hiltest flash --hil-port {path} --probe pyocd, ")
     assert checks["identity"].health is Health.NOT_LOOKED_AT
     assert exit_code([*checks.values()]) is ExitCode.WRONG_FIRMWARE
@@ -176,7 +176,7 @@ def test_a_board_on_which_nothing_answers_at_any_rate_is_to_be_flashed(
         tree.plug_in(behind=Path(path))
         checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
     assert checks["answer"].health is Health.FAILED
-    assert "silence" in checks["answer"].found
+    assert "silence" in checks["answer"].finding
     assert checks["answer"].remedy == f"hiltest flash --hil-port usb://{K64F}"
     assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
 
@@ -197,13 +197,13 @@ def test_a_sensor_that_fails_is_named_by_its_own_check_and_the_others_are_made(
     of_noise = {check for check in checks if check.endswith("noise")}
     assert {each for each in of_noise if checks[each].health is Health.FAILED} == {name}
     assert {checks[each].health for each in of_noise - {name}} == {Health.OK}
-    assert words in checks[name].found
+    assert words in checks[name].finding
 
 
 def test_a_board_that_is_reset_while_it_is_looked_at_has_failed(rig: Rig, by_name: ByName) -> None:
     checks = by_name(examine(replace(rig, faults=Faults(reset=BoardReset("brown-out", 1.4))), today=TODAY))
     assert checks["clock"].health is Health.FAILED
-    assert "the board was reset" in checks["clock"].found
+    assert "the board was reset" in checks["clock"].finding
     assert "weak supply" in checks["clock"].remedy
     assert checks["magnetometer noise"].health is Health.NOT_LOOKED_AT
 

@@ -49,19 +49,19 @@ def test_a_bench_as_it_should_be_is_all_right(tree: UsbTree) -> None:
     rules.write_bytes((shipped() / "udev" / RULES).read_bytes())
     checks = [look(plugged(tree)) for look in HOST_CHECKS.values()]
     assert [(check.name, check.health) for check in checks] == [(name, Health.OK) for name in HOST_CHECKS]
-    assert K64F in checks[0].found
-    assert "0257" in checks[1].found
+    assert K64F in checks[0].finding
+    assert "0257" in checks[1].finding
 
 
 def test_a_port_that_is_no_board_s_is_named_and_a_link_to_one_is_followed(tree: UsbTree) -> None:
     tree.plug_in(vendor="0403", product="6001", serial="A50285BI", name="FT232R", tty="ttyUSB0")
     found = see_board(plugged(tree, "ttyUSB0"))
     assert found.health is Health.WARNING
-    assert "0403:6001" in found.found
+    assert "0403:6001" in found.finding
     tree.plug_in()
     link = tree.root / "dev/board"
     link.symlink_to("ttyACM0")
-    assert K64F in see_board(host_port(link, tree.root)).found
+    assert K64F in see_board(host_port(link, tree.root)).finding
 
 
 def test_a_port_off_usb_leaves_out_what_is_about_usb(tree: UsbTree) -> None:
@@ -80,7 +80,7 @@ def test_a_drive_that_firmware_cannot_be_dropped_onto(tree: UsbTree, drive: dict
     tree.plug_in(**drive)
     found = see_volume(plugged(tree))
     assert found.health is Health.WARNING
-    assert said in found.found
+    assert said in found.finding
     assert found.remedy
 
 
@@ -133,7 +133,7 @@ def test_rules_that_are_missing_or_of_another_version_come_with_the_command_that
     rules.write_text("# older\n")
     other = see_rules(plugged(tree))
     assert (missing.health, other.health) == (Health.WARNING, Health.WARNING)
-    assert str(rules) in other.found
+    assert str(rules) in other.finding
     for each in (missing, other):
         assert f"install -m 644 {shipped() / 'udev' / RULES} /etc/udev/rules.d/" in each.remedy
 
@@ -155,9 +155,9 @@ def test_the_program_that_holds_a_port_is_named_with_its_process(tree: UsbTree) 
     process(tree, 4712, "bash", Path("/dev/null"))
     found = see_holders(plugged(tree))
     assert found.health is Health.FAILED
-    assert "minicom (process 4711)" in found.found
+    assert "minicom (process 4711)" in found.finding
     assert found.remedy.endswith("kill 4711")
-    assert "4712" not in found.found
+    assert "4712" not in found.finding
 
 
 def test_a_real_process_that_holds_a_real_terminal_is_found() -> None:
@@ -170,4 +170,4 @@ def test_a_real_process_that_holds_a_real_terminal_is_found() -> None:
         found = see_holders(port)
     os.close(far)
     assert found.health is Health.FAILED
-    assert f"(process {pid})" in found.found
+    assert f"(process {pid})" in found.finding

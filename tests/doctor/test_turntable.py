@@ -49,7 +49,7 @@ def simulated_table() -> Iterator[tuple[str, Bench]]:
 def test_a_table_that_answers_is_said_with_its_state_and_is_not_turned() -> None:
     with simulated_table() as (path, bench):
         found = look(path)
-    assert (found.health, found.found) == (Health.OK, f"Grbl answers on {path}: Idle at 0, 0, 0 degrees")
+    assert (found.health, found.finding) == (Health.OK, f"Grbl answers on {path}: Idle at 0, 0, 0 degrees")
     assert bench.moves == []
     assert bench.world.at(bench.time_s).pose == Pose(0.0, 0.0, 0.0)
 
@@ -59,7 +59,7 @@ def test_what_does_not_speak_grbl_is_no_table(monkeypatch: pytest.MonkeyPatch) -
     with answering(lambda data, _baud: b"$ " * len(data)) as path:
         found = look(path)
     assert found.health is Health.FAILED
-    assert f"on {path}: nothing answered '?' as Grbl 1.1 does" in found.found
+    assert f"on {path}: nothing answered '?' as Grbl 1.1 does" in found.finding
     assert "port under [turntable]" in found.remedy
 
 
@@ -67,7 +67,7 @@ def test_the_process_that_holds_the_tables_port_is_named() -> None:
     with simulated_table() as (path, _bench), held_by_a_process(path) as pid:
         found = look(path)
     assert found.health is Health.FAILED
-    assert f"(process {pid})" in found.found
+    assert f"(process {pid})" in found.finding
     assert f"kill {pid}" in found.remedy
 
 
@@ -77,7 +77,7 @@ def test_the_process_that_holds_the_tables_port_is_named() -> None:
 def test_a_port_that_is_not_there_or_that_nobody_serves(url: str, remedy: str) -> None:
     found = look(url)
     assert found.health is Health.FAILED
-    assert url in found.found
+    assert url in found.finding
     assert remedy in found.remedy
 
 
@@ -89,7 +89,7 @@ def test_a_port_that_this_user_may_not_use(as_nobody: None) -> None:
         port.chmod(0)
         found = look(str(port), tree.root)
     assert found.health is Health.FAILED
-    assert "may not be read and written" in found.found
+    assert "may not be read and written" in found.finding
     assert found.remedy == f"sudo chmod a+rw {port}"
 
 

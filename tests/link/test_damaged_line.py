@@ -149,7 +149,7 @@ def test_a_line_that_loses_everything_ends_in_a_timeout_that_says_what_the_firmw
     before_s = session.now()
     with pytest.raises(DeviceTimeoutError, match=r"no answer to UPLOAD within 0\.2 s \(virtual time\)") as caught:
         session.request(Upload(0, THREE_POINTS))
-    assert caught.value.found.startswith("asleep in ")
+    assert caught.value.state.startswith("asleep in ")
     assert 0.6 <= session.now() - before_s <= 0.6 + 3 * READ_SLICE_S
     assert len({attempt.sequence for attempt in last(session, 3)}) == 1
     # The session is still good: nothing was half done.

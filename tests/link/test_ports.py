@@ -17,8 +17,8 @@ from hiltest.link.ports import list_ports, open_port, place_of
 def test_a_port_that_does_not_exist_is_named_with_those_that_do() -> None:
     with pytest.raises(PortNotFoundError) as caught:
         open_port("/dev/ttyNOSUCH7")
-    assert caught.value.wanted == "/dev/ttyNOSUCH7"
-    assert caught.value.seen == list_ports()
+    assert caught.value.requested == "/dev/ttyNOSUCH7"
+    assert caught.value.available == list_ports()
     assert "--hil-port" in str(caught.value)
 
 

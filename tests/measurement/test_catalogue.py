@@ -125,7 +125,7 @@ def test_a_name_is_of_a_kind_and_a_subject(name: str, kind: str, subject: str) -
     found = identify(name)
     assert found.kind is KINDS[kind]
     assert found.subject == subject
-    assert found.kind.of(subject) == name
+    assert found.kind.name_for(subject) == name
 
 
 def test_each_cost_of_a_calibrator_stands_beside_its_worst_heading() -> None:

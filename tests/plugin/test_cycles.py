@@ -13,7 +13,7 @@ import pytest
 # As in conftest.py: numpy and what is built on it cannot be imported twice in one process.
 import hiltest.profiling.image  # noqa: F401
 from hiltest.boards import default_firmware
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.virtual.board.k64f import VirtualK64F
 
 PROGRAMS = Path(__file__).parents[1] / "virtual" / "programs"
@@ -73,7 +73,7 @@ def test_a_function_gets_a_limit_in_one_line_and_turns_red_when_it_gets_slower(
     assert after > before
     result = pytester.runpytest_inprocess()
     assert result.ret == 1
-    result.stdout.fnmatch_lines([f"  cycles.sum {readable(after)} cycles (limit {readable(before)}),*"])
+    result.stdout.fnmatch_lines([f"  cycles.sum {format_number(after)} cycles (limit {format_number(before)}),*"])
 
 
 def test_a_function_is_called_at_the_core_clock_of_its_part(pytester: pytest.Pytester) -> None:

@@ -72,7 +72,7 @@ class Runs:
         if ends is not None:
             recorder.finish(ends)
         recorder.release()  # of a killed one the kernel takes the lock back
-        return by_hand.said, found
+        return by_hand.remark, found
 
     def _collect(self) -> Tumble:
         from hiltest.procedures import open_turntable

@@ -39,9 +39,9 @@ def begin(tmp_path: Path, board: BoardRecord) -> Iterator[Begin]:
         recorder.begin(calibration)
         recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32, "not declared"), seed=None)
         recorder.board(board, seed=7)
-        recorder.found([check("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
+        recorder.add([check("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
                        [Table("t", (Column("n"),), ((1,), (2,)))])
-        recorder.finished(TestResult("a", TestOutcome.PASSED, 1.0))
+        recorder.finish_test(TestResult("a", TestOutcome.PASSED, 1.0))
         return recorder
 
     yield begun
@@ -105,9 +105,9 @@ def test_a_run_that_goes_on_says_so(begin: Begin) -> None:
 
 def test_what_is_out_of_its_limit_is_named_even_when_the_run_is_cut_short(begin: Begin) -> None:
     recorder = begin()
-    recorder.found([check("heading.direct.max", 2.5, unit="deg", limit=Limit(max=1.8), test="b")], ())
-    recorder.finished(TestResult("b", TestOutcome.FAILED, 1.0, "heading.direct.max = 2.5"))
-    recorder.finished(TestResult("c", TestOutcome.FAILED, 1.0, "assert 1 == 2"))
+    recorder.add([check("heading.direct.max", 2.5, unit="deg", limit=Limit(max=1.8), test="b")], ())
+    recorder.finish_test(TestResult("b", TestOutcome.FAILED, 1.0, "heading.direct.max = 2.5"))
+    recorder.finish_test(TestResult("c", TestOutcome.FAILED, 1.0, "assert 1 == 2"))
     recorder.release()
     assert read_record(recorder.folder).run.verdict.sentence == (
         "CUT SHORT: 3 tests finished, 1 measurement kept; the last test was c. "
@@ -308,7 +308,7 @@ def test_a_full_disk_leaves_no_part_of_a_line(cut_short: Path, monkeypatch: pyte
 
 def test_a_name_that_is_no_utf8_is_kept_as_far_as_it_is(begin: Begin) -> None:
     recorder = begin()
-    recorder.finished(TestResult("test_\udcff.py::test_b", TestOutcome.FAILED, 1.0, "\udcff: no"))
+    recorder.finish_test(TestResult("test_\udcff.py::test_b", TestOutcome.FAILED, 1.0, "\udcff: no"))
     assert [test.id for test in read_record(recorder.folder).run.tests] == ["a", "test_?.py::test_b"]
     recorder.finish(PASSED)
     assert [test.id for test in read_record(recorder.folder / RUN_FILE).run.tests] == ["a", "test_?.py::test_b"]

@@ -13,7 +13,7 @@ from hiltest.report.job_summary import (
     VARIABLE,
     annotation,
     append_to_job_summary,
-    without_job_summary,
+    remove_job_summary,
 )
 
 WHOLE = Path("hil-out/report.md")
@@ -71,7 +71,7 @@ def test_a_name_that_is_no_text_goes_into_the_summary_all_the_same(tmp_path: Pat
 
 
 def test_a_part_of_a_run_has_no_summary_of_its_own() -> None:
-    assert without_job_summary({VARIABLE: "s.md", "HOME": "/"}) == {"HOME": "/"}
+    assert remove_job_summary({VARIABLE: "s.md", "HOME": "/"}) == {"HOME": "/"}
 
 
 def test_a_red_run_is_one_annotation_and_no_line_of_it_is_another_command() -> None:

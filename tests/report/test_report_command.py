@@ -99,8 +99,8 @@ class TestUnfinished:
         (tmp_path / "cut").mkdir()
         recorder = Recorder(Journal(tmp_path / "cut"), suite="gate", poses="all")
         recorder.begin()
-        recorder.found(good, ())
-        recorder.finished(TestResult("a", TestOutcome.PASSED, 0.5))
+        recorder.add(good, ())
+        recorder.finish_test(TestResult("a", TestOutcome.PASSED, 0.5))
         yield recorder
         recorder.release()
 

@@ -34,5 +34,7 @@ def test_ten_times_is_of_the_cycles_after_which_little_changes() -> None:
     cycles = dict.fromkeys(NAMES, 60_000.0) | {"direct": 4_000.0}
     enough = cycles | {"gauss-newton": 30_000.0}
     found = STUDY.conclude(PLAN, [[numbers(cycles, enough)]])
-    reproduced = {each.what.removeprefix("how many times faster than "): each.reproduced for each in found.printed[1:]}
+    reproduced = {
+        each.figure.removeprefix("how many times faster than "): each.reproduced for each in found.printed[1:]
+    }
     assert reproduced == {"FSFLK": True, "gradient descent": True, "Gauss-Newton": False}

@@ -15,9 +15,9 @@ from hiltest.record.reader import read_record
 from hiltest.studies.board_calibrators import board_calibrators
 from hiltest.studies.choose import RECOMMENDED, RUNNER_UP, TOO_DEAR, Candidate, chosen, conclude, measure
 from hiltest.studies.instances import Model, draw_instances
-from hiltest.studies.study import Block, Conclusion, Given, Plan
+from hiltest.studies.study import Block, Conclusion, Conditions, Plan
 
-GIVEN = Given(field_ut=30.0, noise_ut=1.0, coverage_percent=80.0)
+GIVEN = Conditions(field_ut=30.0, noise_ut=1.0, coverage_percent=80.0)
 PLAN = Plan("choose", 3, 40, 50, GIVEN)
 LARGEST_DEG = 16.0
 BEST = Candidate("best", 0.5, 1.0, 0.9, 1.2, 100.0, 2000, 2500)

@@ -17,7 +17,7 @@ from hiltest.studies.study import Block, Conclusion, Plan
 def test_each_calibrator_has_its_errors_and_how_far_the_board_is_from_float64() -> None:
     block = Block(JUDGED, 5, 2)
     found = np.reshape(measure(Plan("float32", 3, 7, 60), block), (2, len(names()), 4))
-    drawn = draw_instances(Model(3, 60, 0.3, stream=JUDGED), 5, 2).with_hard_iron(50.0 * RATIOS[JUDGED])
+    drawn = draw_instances(Model(3, 60, 0.3, stream=JUDGED), 5, 2).set_hard_iron(50.0 * RATIOS[JUDGED])
     np.testing.assert_allclose(np.linalg.norm(drawn.hard_iron_ut, axis=1), 500.0, rtol=1e-12)
     for k in range(2):
         for index, name in enumerate(board_calibrators().names):
@@ -31,7 +31,7 @@ def test_each_calibrator_has_its_errors_and_how_far_the_board_is_from_float64() 
 
 @pytest.mark.parametrize(("ratio", "near"), [(0.0, True), (10.0, False)])
 def test_sums_about_zero_are_direct_s_where_there_is_little_hard_iron(ratio: float, near: bool) -> None:
-    drawn = draw_instances(Model(3, 60, 0.3, stretch=0.2, occluded=0.2), 0, 10).with_hard_iron(50.0 * ratio)
+    drawn = draw_instances(Model(3, 60, 0.3, stretch=0.2, occluded=0.2), 0, 10).set_hard_iron(50.0 * ratio)
     for k in range(10):
         single, double = about_zero(drawn.counts(k)), reference("direct")(drawn.counts(k))
         assert single.status is FitStatus.ELLIPSOID

@@ -83,10 +83,10 @@ def concluded(*, norm: float = 0.044, same: int = 1, frosio: float = 0.0) -> Con
 
 
 def test_a_figure_is_reproduced_within_the_range_of_most_instances() -> None:
-    printed = {each.what: each for each in concluded().printed}
+    printed = {each.figure: each for each in concluded().printed}
     assert printed["norm, frosio, less mean"].reproduced  # .04372
     assert not printed["norm, li, before"].reproduced
-    assert {each.what: each for each in concluded(norm=0.0501).printed}["norm, li, before"].reproduced
+    assert {each.figure: each for each in concluded(norm=0.0501).printed}["norm, li, before"].reproduced
 
 
 @pytest.mark.parametrize(("same", "frosio", "said"), [(1, 0.0, [True, False]), (0, 0.04, [False, True])])

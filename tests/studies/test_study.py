@@ -26,7 +26,7 @@ from hiltest.studies import NAMES
 from hiltest.studies.ellipsoids import NOISE_UT, interval
 from hiltest.studies.instances import Model, non_ellipsoids
 from hiltest.studies.run import BLOCKS_FILE, run_study
-from hiltest.studies.study import Given, Plan, blocks_of, measure_block, study_of
+from hiltest.studies.study import Conditions, Plan, blocks_of, measure_block, study_of
 
 PLAN = Plan("ellipsoids", 3, 60, 20)
 
@@ -135,7 +135,7 @@ def test_kept_blocks_that_are_damaged_are_refused(tmp_path: Path, line: bytes) -
 
 @pytest.mark.parametrize(
     "other", [Plan("ellipsoids", 4, 60, 20), Plan("ellipsoids", 3, 61, 20), Plan("ellipsoids", 3, 60, 21),
-              Plan("ellipsoids", 3, 60, 20, Given())],
+              Plan("ellipsoids", 3, 60, 20, Conditions())],
 )  # fmt: skip
 def test_blocks_of_another_plan_are_neither_mixed_in_nor_thrown_away(tmp_path: Path, other: Plan) -> None:
     ending = Progress(1)

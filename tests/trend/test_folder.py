@@ -174,8 +174,8 @@ def test_a_run_that_was_cut_short_is_shown_as_far_as_it_came_and_said_to_be(tmp_
     recorder = Recorder(running, suite="gate", poses="all")
     recorder.begin()
     recorder.board(whole.board, 1)
-    recorder.found(whole.measurements, ())
-    recorder.finished(whole.tests[0])
+    recorder.add(whole.measurements, ())
+    recorder.finish_test(whole.tests[0])
     # What the disk holds when the process is killed now; a copy has no lock on it.
     (tmp_path / "killed").mkdir()
     shutil.copy(tmp_path / JOURNAL_FILE, tmp_path / "killed")

@@ -52,7 +52,9 @@ def test_a_baseline_compared_with_its_own_run_has_only_unchanged(baseline: Basel
     assert read_baseline(file) == baseline
     comparison = compare(read_evidence(file), run())
     assert comparison.evaluated
-    assert {each.name for each in comparison.of(Change.UNCHANGED)} == {each.name for each in comparison.differences}
+    assert {
+        each.name for each in comparison.differences_with(Change.UNCHANGED)
+    } == {each.name for each in comparison.differences}
     assert (comparison.base.file, comparison.base.saved_utc) == (str(file), THEN)
     assert len(comparison.base.sha256) == 64
 
@@ -93,7 +95,7 @@ def test_a_pattern_moves_all_that_it_matches_and_history_goes_on(baseline: Basel
     assert [(each.name, each.because) for each in twice.history] == [
         ("heading.direct.max", "first"), ("compass.lag", "second"), ("cycles.direct.total", "second"),
     ]
-    assert compare(evidence_from(twice, "", ""), run(11_161, 1.0, 9.0)).of(Change.UNCHANGED)
+    assert compare(evidence_from(twice, "", ""), run(11_161, 1.0, 9.0)).differences_with(Change.UNCHANGED)
 
 
 def test_one_that_is_gone_is_taken_out_and_one_that_is_new_put_in(baseline: Baseline) -> None:
@@ -261,7 +263,7 @@ def test_the_sense_of_one_s_own_measurement_goes_through_a_baseline(tmp_path: Pa
         made = evidence([measurement("compass.lag", lag, limit=Limit(max=10)), measurement("link.retried", 0)])
         file.write_text(to_json(baseline_of(made, THEN)), encoding="utf-8")
         sides.append(read_evidence(file))
-    (found,) = compare(*sides).of(Change.WORSE)
+    (found,) = compare(*sides).differences_with(Change.WORSE)
     assert (found.name, found.limit) == ("compass.lag", Limit(max=10))
     text = file.read_text(encoding="utf-8")
     assert text.count('"limit"') == 1  # one that has none is written as ever

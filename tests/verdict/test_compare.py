@@ -133,7 +133,7 @@ def test_what_the_base_has_and_the_new_run_has_not_always_keeps_the_gate_from_be
     comparison = compare(base, new)
     gone = [name for name in NAMES if missing(base, new, name)]
     assert comparison.evaluated == (not gone and any(difference.seeds for difference in comparison.differences))
-    assert {each.name for each in comparison.of(Change.GONE)} == set(gone)
+    assert {each.name for each in comparison.differences_with(Change.GONE)} == set(gone)
     assert not (gone and comparison.regression)
 
 
@@ -407,7 +407,7 @@ def test_what_a_result_leaves_nothing_to_measure_of_is_changed_and_what_just_van
     base = evidence([measurement(name, 1_663.0), measurement(total, 14_000)])
     comparison = compare(base, evidence([without(name, "it took 1 iteration"), measurement(total, 12_000)]))
     assert {each.name: str(each.change) for each in comparison.differences} == {name: "changed", total: "better"}
-    assert comparison.of(Change.CHANGED)[0].note == "not offered: it took 1 iteration"
+    assert comparison.differences_with(Change.CHANGED)[0].note == "not offered: it took 1 iteration"
     assert comparison.evaluated
     for why in ("", WORST_OF_SEVERAL):  # no reason at all, and the remark of one that was measured twice
         comparison = compare(base, evidence([without(name, why), measurement(total, 12_000)]))
@@ -495,7 +495,7 @@ def test_a_run_that_fails_by_itself_is_not_to_be_merged_whatever_it_is_compared_
 def test_a_new_measurement_that_fails_its_limit_is_no_pass() -> None:
     new = evidence([measurement("link.echoed", 3), *cell_of("compass.lag", 12.0, Limit(max=9))])
     comparison = compare(evidence([measurement("link.echoed", 3)]), new)
-    assert (comparison.of(Change.NEW)[0].name, comparison_code(comparison)) == ("compass.lag", 1)
+    assert (comparison.differences_with(Change.NEW)[0].name, comparison_code(comparison)) == ("compass.lag", 1)
     assert "failed: compass.lag 12 (limit at most 9); 1 new; 1 unchanged." in comparison.sentence
 
 
@@ -587,7 +587,7 @@ def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_th
         for side in (0, 1)
     )
     comparison = compare(base, new)
-    worse = [each.name for each in comparison.of(Change.WORSE)]
+    worse = [each.name for each in comparison.differences_with(Change.WORSE)]
     assert worse == [
         "heading.iterative.max", "heading.direct.max", "link.retried", "fit.direct.residual", "tumble.coverage",
         "heading.direct.rms", "cycles.corrected.total", "cycles.direct.total",
@@ -604,13 +604,13 @@ def test_what_a_run_did_not_come_to_is_not_taken_and_no_wall_of_what_is_gone(cho
         faults=() if chosen else ("this run: the run is not complete (interrupted); run all of it again",),
     )
     comparison = compare(base, new)
-    assert [each.name for each in comparison.of(Change.GONE)] == ["lamp.1"]  # it came to that one
-    assert len(comparison.of(Change.NOT_TAKEN)) == 7
+    assert [each.name for each in comparison.differences_with(Change.GONE)] == ["lamp.1"]  # it came to that one
+    assert len(comparison.differences_with(Change.NOT_TAKEN)) == 7
     assert (len(comparison.obstacles), comparison_code(comparison)) == (2, 22)
     assert any(("only chosen tests ran, and 7 measurements of" if chosen else "interrupted") in obstacle
                for obstacle in comparison.obstacles)
     both = compare(replace(base, chosen=True), replace(new, chosen=True, faults=()))
-    assert len(both.of(Change.GONE)) == 8  # of the same choice all of it is missed
+    assert len(both.differences_with(Change.GONE)) == 8  # of the same choice all of it is missed
 
 
 def test_what_tests_that_failed_did_not_measure_is_not_gone_and_is_not_to_be_accepted() -> None:
@@ -618,7 +618,7 @@ def test_what_tests_that_failed_did_not_measure_is_not_gone_and_is_not_to_be_acc
     unmet = replace(measurement("lamp.1", None), outcome=Outcome.UNSET, limit=Limit(max=2.0))
     new = replace(evidence([measurement("lamp.0", 1.0), unmet]), failed=("t.py::t (the firmware contradicts itself)",))
     comparison = compare(base, new)
-    assert (comparison.of(Change.GONE), len(comparison.of(Change.NOT_TAKEN))) == ((), 8)
+    assert (comparison.differences_with(Change.GONE), len(comparison.differences_with(Change.NOT_TAKEN))) == ((), 8)
     assert [obstacle for obstacle in comparison.obstacles if "accept" in obstacle] == []
     assert (comparison.failed, comparison_code(comparison)) == (new.failed, 1)
 

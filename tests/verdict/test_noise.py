@@ -52,7 +52,7 @@ def seen(comparison: Comparison, name: str) -> float:
 
 
 def called(comparison: Comparison, name: str) -> bool:
-    return name in {each.name for each in comparison.of(Change.WORSE)}
+    return name in {each.name for each in comparison.differences_with(Change.WORSE)}
 
 
 @pytest.mark.parametrize("freedom", [4, 7, 14, 60])
@@ -213,7 +213,7 @@ def test_on_a_bench_the_rms_decides_and_the_largest_error_informs() -> None:
     assert found["heading.direct.max"].change is Change.CHANGED
     assert found["heading.direct.max"].note == "on a real board heading.direct.rms decides"
     comparison = compare(run(0.4, 0.9), run(2.4, 9.9))
-    assert [each.name for each in comparison.of(Change.WORSE)] == ["heading.direct.rms"]
+    assert [each.name for each in comparison.differences_with(Change.WORSE)] == ["heading.direct.rms"]
     alone = compare(bench("heading.direct.max", 0.9), bench("heading.direct.max", 9.9))
     assert alone.regression, "without an rms it decides"
 
@@ -225,7 +225,7 @@ def test_a_largest_error_decides_where_the_rig_states_its_tolerance() -> None:
             names[1]: Tolerance(0.1, 0.0)
         }) for value in (0.4, 0.52)
     )
-    assert [each.name for each in compare(base, new).of(Change.WORSE)] == [names[1]]
+    assert [each.name for each in compare(base, new).differences_with(Change.WORSE)] == [names[1]]
     within = evidence([measurement(name, 0.49) for name in names], conditions=ON_A_BENCH)
     assert not compare(base, replace(within, tolerances=new.tolerances)).regression
 
@@ -236,7 +236,7 @@ def test_a_largest_error_that_leaves_its_limit_is_worse_on_a_bench_too() -> None
     bad = evidence([
         measurement(names[0], 0.5, limit=limit), measurement(names[1], 2.1, limit=limit, outcome=Outcome.FAIL),
     ], conditions=ON_A_BENCH)  # fmt: skip
-    assert [each.name for each in compare(good, bad).of(Change.WORSE)] == [names[1]]
+    assert [each.name for each in compare(good, bad).differences_with(Change.WORSE)] == [names[1]]
 
 
 def test_what_runs_of_a_bench_differ_by_is_the_tolerance_that_is_shown() -> None:
@@ -274,7 +274,7 @@ def test_what_would_be_worse_alone_is_shown_among_many() -> None:
              for what in ("rms", "bias", "tilt_sensitivity")]  # fmt: skip
     base = evidence([measurement(name, 0.4) for name in names], conditions=ON_A_BENCH)
     new = evidence([measurement(name, 0.4 + 0.3 * (name == names[0])) for name in names], conditions=ON_A_BENCH)
-    (found,) = compare(base, new).of(Change.CHANGED)
+    (found,) = compare(base, new).differences_with(Change.CHANGED)
     assert found.name == names[0]
     assert "not more than one of 12: compare more runs" in found.note
     assert compare(bench(names[0], 0.4), bench(names[0], 0.7)).regression

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.verdict.baseline_file import with_unknown
+from hiltest.verdict.baseline_file import add_unknown_fields
 
 LEAVES = st.none() | st.booleans() | st.integers() | st.text(max_size=3)
 KNOWN = st.dictionaries(st.sampled_from(["name", "a", "b"]), LEAVES)
@@ -34,14 +34,14 @@ ROWS = st.lists(KNOWN, max_size=6)
     ],
 )  # fmt: skip
 def test_examples(written: object, read: object, result: object) -> None:
-    assert json.loads(json.dumps(with_unknown(written, read))) == result
+    assert json.loads(json.dumps(add_unknown_fields(written, read))) == result
 
 
 @given(ROWS, st.data())
 def test_what_was_only_read_is_written_as_it_was(rows: list[dict[str, object]], data: st.DataObject) -> None:
     read = {"rows": [row | {"new": data.draw(LEAVES)} for row in rows], "new": 1}
     told_apart = not any(one.items() <= other.items() for one, other in permutations(rows, 2))
-    written = with_unknown({"rows": rows}, read)
+    written = add_unknown_fields({"rows": rows}, read)
     if told_apart:
         assert written == read
     assert [{key: each[key] for key in row} for row, each in zip(rows, written["rows"], strict=True)] == rows
@@ -49,4 +49,4 @@ def test_what_was_only_read_is_written_as_it_was(rows: list[dict[str, object]], 
 
 @given(ROWS)
 def test_without_a_file_before_nothing_is_added(rows: list[dict[str, object]]) -> None:
-    assert with_unknown({"rows": rows}, None) == {"rows": rows}
+    assert add_unknown_fields({"rows": rows}, None) == {"rows": rows}

@@ -13,7 +13,7 @@ from hiltest.record.comparison import Comparison, Side
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, TestResult
 from hiltest.report.overview import accuracy_and_cost
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.calibrators import cheapest_first
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Conditions, Evidence
@@ -373,7 +373,7 @@ def test_the_order_of_measurements_does_not_change_the_sentence(findings: Make, 
 
 
 def test_thousands_are_apart() -> None:
-    assert [readable(value) for value in (0, 999, 12_400, 1_234_567)] == ["0", "999", "12 400", "1 234 567"]
+    assert [format_number(value) for value in (0, 999, 12_400, 1_234_567)] == ["0", "999", "12 400", "1 234 567"]
 
 
 def _test(outcome: str) -> TestResult:

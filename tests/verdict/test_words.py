@@ -31,7 +31,7 @@ def test_all_of_it_stands_in_one_line() -> None:
 def test_a_direction_moves_the_short_way_round_and_by_no_percentage(was: float, now: float, words: str) -> None:
     base, new = (over_seeds("heading.direct.worst_sector", each, unit="deg") for each in (was, now))
     found = compare(base, new)
-    assert [numbers(each) for each in found.of(Change.CHANGED)] == [words]
+    assert [numbers(each) for each in found.differences_with(Change.CHANGED)] == [words]
     assert change_figure(found) is None
 
 
@@ -46,7 +46,7 @@ def test_what_a_calibrator_costs_is_never_told_without_what_its_worst_heading_di
     new = of_a_calibrator("cycles.direct-fast.total", 6800, ("heading.direct-fast.max", 1.204))
     found = compare(base, new)
     words = "6 919 -> 6 800 cycles (-119, -1.7 %; heading.direct-fast.max 0.89 -> 1.20 deg)"
-    assert numbers(found.of(Change.BETTER)[0]) == words
+    assert numbers(found.differences_with(Change.BETTER)[0]) == words
     assert words in found.sentence
     (cheaper,) = (each for each in changed(found) if each.name == "cycles.direct-fast.total")
     assert "heading.direct-fast.max 0.89 -> 1.20 deg" in cheaper.outcome
@@ -85,7 +85,7 @@ def test_without_a_worst_heading_on_both_sides_the_cost_stands_alone(
     base, new = (
         of_a_calibrator(cost, value, ("heading.direct.max", number)) for value, number in ((10, was), (9, now))
     )
-    assert [each.note for each in compare(base, new).of(Change.BETTER)] == [""]
+    assert [each.note for each in compare(base, new).differences_with(Change.BETTER)] == [""]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from hiltest.procedures import upload_points
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.compass import FIRMWARE, CompassHeadings, SelfCalibration, samples_of
 from hiltest.rig import Rig
-from hiltest.text import listed
+from hiltest.text import join_words
 
 pytestmark = pytest.mark.hil
 
@@ -107,7 +107,7 @@ def test_the_firmware_reports_no_error(
 ) -> None:
     reported = [f"{text!r}" + (f" {times} times" if times > 1 else "") for text, times in compass.errors.most_common()]
     limit = None if "device.errors" in rig.information else Limit(max=0)
-    measure("device.errors", compass.errors.total(), "", limit=limit, note=listed(reported, 2))
+    measure("device.errors", compass.errors.total(), "", limit=limit, note=join_words(reported, 2))
 
 
 def test_headings_settle(after: CompassHeadings, compass: CompassBoard, measure: Measure) -> None:

@@ -134,7 +134,8 @@ def _opened_board(
         try:
             board = RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript, tape=tape)
         except PortNotFoundError as error:
-            raise PortNotFoundError(error.wanted, error.seen, of_virtual_rig=rig.board.kind == "virtual") from error
+            is_virtual = rig.board.kind == "virtual"
+            raise PortNotFoundError(error.requested, error.available, of_virtual_rig=is_virtual) from error
         return _of_known_sensors(board, rig)
     if url is not None and url.rstrip("/") != "hil:":
         raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")

@@ -41,7 +41,7 @@ from hiltest.link.transcript import Direction, Transcript
 from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import Rig
 from hiltest.rig.device import Device
-from hiltest.text import is_text, legible, listed
+from hiltest.text import is_text, join_words, legible
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
 
@@ -169,7 +169,7 @@ class CompassBoard:
         others = sorted({quantity.key for each in window for quantity in each.values})
         return VersionMismatchError(self._not_understood(
             f"the firmware speaks, and no heading was understood in {seconds:g} s"
-            + (f", only {listed(others, 3)}" if others else "")
+            + (f", only {join_words(others, 3)}" if others else "")
         ))
 
     def _not_understood(self, found: str) -> str:

@@ -65,5 +65,5 @@ def allan(
             click.echo(note)
     if html is not None:
         write_page(read, curve, html)
-    if as_json:  # last: an error has a document of its own
+    if as_json:  # the document is last, since an error prints a document of its own
         click.echo(to_json(read, curve), nl=False)

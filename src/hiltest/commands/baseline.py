@@ -1,4 +1,4 @@
-"""``hiltest baseline``: keep the numbers of a run to compare later ones with."""
+"""``hiltest baseline``: save the numbers of a run to compare later runs with."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 
 from hiltest.commands.options import documented
 from hiltest.errors import ConfigError
-from hiltest.text import counted, readable
+from hiltest.text import format_count, format_number
 
 if TYPE_CHECKING:
     from hiltest.verdict.baseline import Baseline, BaselineRow
@@ -47,12 +47,14 @@ def save(run: tuple[Path, ...], file: Path) -> tuple[int, dict[str, Any]]:
     from hiltest.verdict.baseline import baseline_of, renewed
     from hiltest.verdict.evidence_reader import read_runs
 
-    before = _before(file)
+    before = _existing_baseline(file)
     saved = baseline_of(read_runs(run), utc_now())
     if before is not None:
         saved = renewed(saved, before)
     _write(saved, file)
-    click.echo(f"{file}: {_counted(len(saved.measurements))} of build {saved.side.build_id}, {_seeds(saved)}")
+    click.echo(
+        f"{file}: {_count_measurements(len(saved.measurements))} of build {saved.side.build_id}, {_seeds(saved)}"
+    )
     return 0, {"file": str(file), "measurements": len(saved.measurements), "build_id": saved.side.build_id,
                "seeds": saved.seeds}  # fmt: skip
 
@@ -91,23 +93,25 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
             f"nothing is moved: for {named} {file} already has what {runs.name} has; name the run with other numbers"
         )
     _write(after, file, stored.content)
-    was, now = ({row.name: row for row in each.measurements} for each in (before, after))
-    for each in moved:
-        edited = _edited(was.get(each.name), now.get(each.name))
-        click.echo(f"{each.name}: {_value(each.was)} -> {_value(each.now)}{edited}")
-    click.echo(f"{file}: {_counted(len(moved))} moved, {len(after.measurements)} in it, of {build(after.side)}")
-    found = [{"name": each.name, "was": each.was, "now": each.now} for each in moved]
-    return 0, {"file": str(file), "moved": found, "measurements": len(after.measurements)}
+    was, now = ({row.name: row for row in side.measurements} for side in (before, after))
+    for change in moved:
+        edited = _accepted_remark(was.get(change.name), now.get(change.name))
+        click.echo(f"{change.name}: {_value(change.was)} -> {_value(change.now)}{edited}")
+    click.echo(
+        f"{file}: {_count_measurements(len(moved))} moved, {len(after.measurements)} in it, of {build(after.side)}"
+    )
+    changes = [{"name": change.name, "was": change.was, "now": change.now} for change in moved]
+    return 0, {"file": str(file), "moved": changes, "measurements": len(after.measurements)}
 
 
-def _before(file: Path) -> Baseline | None:
-    """Return the baseline that is there already, None when nothing is."""
+def _existing_baseline(file: Path) -> Baseline | None:
+    """Return the existing baseline; None without one."""
     from hiltest.verdict.baseline_file import read_baseline
 
     try:
         return read_baseline(file)
     except ConfigError as error:
-        if not (os.path.isfile(file) or os.path.isdir(file)):  # a new name, or a device, which keeps nothing
+        if not (os.path.isfile(file) or os.path.isdir(file)):  # a new name, or a device, which stores nothing
             return None
         raise ConfigError(
             f"{file}: what is there cannot be read as a baseline, and is not overwritten; remove it, or name another"
@@ -126,12 +130,11 @@ def _write(written: Baseline, file: Path, before: object = None) -> None:
 
 
 def _value(value: float | None) -> str:
+    return "none" if value is None else format_number(value, 6)
 
-    return "none" if value is None else readable(value, 6)
 
-
-def _edited(was: BaselineRow | None, now: BaselineRow | None) -> str:
-    """Return the limit and tolerance that were accepted with a measurement's number, empty where they are the same."""
+def _accepted_remark(was: BaselineRow | None, now: BaselineRow | None) -> str:
+    """Return a remark on limit and tolerance that were accepted with a number; empty if they did not change."""
     from hiltest.verdict.wording import held_to
 
     if was is None or now is None:
@@ -142,12 +145,12 @@ def _edited(was: BaselineRow | None, now: BaselineRow | None) -> str:
     return words
 
 
-def _counted(count: int) -> str:
+def _count_measurements(count: int) -> str:
     return f"{count} measurement{'s' * (count != 1)}"
 
 
 def _seeds(saved: Baseline) -> str:
     if saved.conditions.board == "real":
-        return counted(len(saved.seeds), "run")
+        return format_count(len(saved.seeds), "run")
     seeds = [str(seed) for seed in saved.seeds if seed is not None]
     return f"seed{'s' * (len(seeds) != 1)} {', '.join(seeds)}" if seeds else "no seed"

@@ -64,44 +64,44 @@ def bisect(
     named = {"--hil-rig": rig, "--hil-poses": poses, "--hil-suite": suite}
     options = [f"{name}={value}" for name, value in named.items() if value is not None]
     runs = [] if seeds is None else [f"--seeds={seeds[0]}..{seeds[-1]}", *([f"--jobs={jobs}"] if jobs else [])]
-    load_rig(rig_file(Path.cwd(), rig))  # what is wrong with it is no commit's doing
+    load_rig(rig_file(Path.cwd(), rig))  # checked first, since no commit is to blame for its faults
     try:
-        found = first_worse(
+        result = first_worse(
             good, bad, build, firmware=firmware, out=Path(out), options=[*options, *(["-k", tests] if tests else [])],
             runs=runs, measures=measures,
         )  # fmt: skip
     except KeyboardInterrupt:
         click.echo(f"\nthe same command goes on: {out} keeps what was built and run", err=True)
         raise
-    _print(found, measures)
-    return int(found.exit_code), asdict(found)
+    _print(result, measures)
+    return int(result.exit_code), asdict(result)
 
 
-def _print(found: FirstWorse, measures: tuple[str, ...]) -> None:
-    """Print the first commit that is worse, what it changed, and which could not be judged."""
+def _print(result: FirstWorse, measures: tuple[str, ...]) -> None:
+    """Print the first commit that is worse, its changes, and the commits that could not be judged."""
     from hiltest.report.comparison_text import printable, say
     from hiltest.report.console import standard_output
     from hiltest.runs.judged_commit import worse_in
     from hiltest.verdict.wording import entry
 
     console = standard_output()
-    newest = found.candidates[0]
-    if len(found.candidates) == 1:
+    newest = result.candidates[0]
+    if len(result.candidates) == 1:
         say(console, f"{newest.name} is the first commit that is worse")
         say(console, f"  by {newest.author}, {newest.author_date}")
     else:
-        say(console, f"one of these {len(found.candidates)} is the first commit that is worse; the others could not be "
-                     "judged:")  # fmt: skip
-        for candidate in found.candidates:
+        say(console, f"one of these {len(result.candidates)} is the first commit that is worse; the others could not "
+                     "be judged:")  # fmt: skip
+        for candidate in result.candidates:
             say(console, f"  {candidate.name}")
-    since = {difference.name: difference for difference in found.against_before.differences}
-    say(console, f"since {found.before.name}:")
-    for worse in worse_in(found.against_good, measures):
+    since = {difference.name: difference for difference in result.against_before.differences}
+    say(console, f"since {result.before.name}:")
+    for worse in worse_in(result.against_good, measures):
         say(console, f"  {entry(since.get(worse.name, worse))}")
-    if not found.against_good.evaluated or found.against_good.failed:
+    if not result.against_good.evaluated or result.against_good.failed:
         say(console, f"  {newest.because}")
-    if found.skipped:
+    if result.skipped:
         say(console, "skipped:")
-        for skipped in found.skipped:
+        for skipped in result.skipped:
             say(console, f"  {skipped.name}: {printable(skipped.because)}")
-    say(console, f"records: {found.before.record}, {newest.record}")
+    say(console, f"records: {result.before.record}, {newest.record}")

@@ -1,4 +1,4 @@
-"""``hiltest calibrate``: the whole IMU in one guided procedure, to one file."""
+"""``hiltest calibrate``: calibrate the whole IMU in one guided procedure, and write one file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hiltest.commands.options import checked, documented
 from hiltest.errors import ConfigError
 from hiltest.operator_prompt import ask
 from hiltest.settings import file_name, seed
-from hiltest.text import readable
+from hiltest.text import format_number
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -68,18 +68,18 @@ def calibrate(
     with open_board(
         described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
     ) as board:
-        known = (*board.identity.calibrators, DPI)
-        if calibrator not in known:
-            raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(known)}")
+        available = (*board.identity.calibrators, DPI)
+        if calibrator not in available:
+            raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(available)}")
         click.echo(f"{board.description}; rig {described.name} ({described.path})")
-        made = _led_through(board, described, calibrator)
-    _write(made, out, header)
+        calibration = _calibrate_guided(board, described, calibrator)
+    _write(calibration, out, header)
     click.echo(f"{out}, {header}")
-    return 0, asdict(made)
+    return 0, asdict(calibration)
 
 
 def _check_before_the_work(out: Path, header: Path) -> None:
-    """Refuse a file that could not be written, before an operator turns the board for minutes."""
+    """Check that the file can be written, before an operator turns the board for minutes."""
     if out == header:
         raise ConfigError(f"{out} is the name of the header: give the calibration file another name, such as "
                           f"{out.with_suffix('.json')}")
@@ -90,7 +90,7 @@ def _check_before_the_work(out: Path, header: Path) -> None:
         raise ConfigError(f"cannot write {out}: nothing may be written to the folder {folder}")
 
 
-def _led_through(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
+def _calibrate_guided(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
     from hiltest.imu_calibration.guided import calibrate_imu
     from hiltest.procedures import open_table
     from hiltest.progress_line import ProgressLine, TextOutput
@@ -108,13 +108,13 @@ def _led_through(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
         table.close()
 
 
-def _write(made: ImuCalibration, out: Path, header: Path) -> None:
-    """Write both files; the calibration file last, so that it is never there without its header."""
+def _write(calibration: ImuCalibration, out: Path, header: Path) -> None:
+    """Write both files, the calibration file last, so that it never exists without its header."""
     from hiltest.imu_calibration.file import to_header, to_json
     from hiltest.record.files import write_asked_for
 
-    write_asked_for(header, to_header(made))
-    write_asked_for(out, to_json(made))
+    write_asked_for(header, to_header(calibration))
+    write_asked_for(out, to_json(calibration))
 
 
 class _TerminalGuide:
@@ -123,12 +123,12 @@ class _TerminalGuide:
     def __init__(self, turntable: Turntable) -> None:
         self._turntable = turntable
 
-    def begin(self, step: int, of: int, what: str) -> None:
-        click.echo(f"{step} of {of}: {what}")
+    def begin(self, step: int, of: int, action: str) -> None:
+        click.echo(f"{step} of {of}: {action}")
 
     def found(self, part: str, method: str, figures: tuple[FigureOfMerit, ...]) -> None:
-        listed = ", ".join(f"{figure.name} {readable(figure.value)} {figure.unit}".rstrip() for figure in figures)
-        click.echo(f"   {part} by {method}: {listed}")
+        words = ", ".join(f"{figure.name} {format_number(figure.value)} {figure.unit}".rstrip() for figure in figures)
+        click.echo(f"   {part} by {method}: {words}")
 
     def again(self, why: str) -> bool:
         return self._turntable.again(f"   {why}")

@@ -1,4 +1,4 @@
-"""``hiltest compare``: what got better and what got worse between runs."""
+"""``hiltest compare``: improvements and regressions between runs."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None
 
     if not new and detect is None:
         raise click.MissingParameter(param_hint="NEW", param_type="argument")
-    evidence = [read_evidence(each) for each in new]
-    planned = _planned(base, evidence, detect) if detect is not None else None
-    comparisons = _compared(base, evidence)
+    evidence = [read_evidence(place) for place in new]
+    planned = _plan_runs(base, evidence, detect) if detect is not None else None
+    comparisons = _compare_all(base, evidence)
     if as_json:
         click.echo(json_text(comparisons, planned), nl=False)
     else:
@@ -60,12 +60,12 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None
         if planned is not None:
             print_detection(standard_output(), planned)
     codes = {comparison_code(comparison) for comparison in comparisons}
-    # They stand in the order in which they win; where nothing is compared, nothing is wrong.
+    # ExitCode lists the codes in order of precedence; without a comparison nothing is wrong.
     return next((code for code in ExitCode if code in codes), 0)
 
 
-def _planned(base: Path, evidence: list[Evidence], size: str) -> Detection:
-    """Return how many runs see a change; a base that cannot be read is a usage error, for then nothing can be said."""
+def _plan_runs(base: Path, evidence: list[Evidence], size: str) -> Detection:
+    """Return how many runs detect a change; an unreadable base is a usage error, since there is no other answer."""
     from hiltest.verdict.detection import detection
     from hiltest.verdict.evidence_reader import read_evidence
 
@@ -77,8 +77,8 @@ def _planned(base: Path, evidence: list[Evidence], size: str) -> Detection:
         raise click.BadParameter(str(error), param_hint="--detect") from error
 
 
-def _compared(base: Path, evidence: list[Evidence]) -> list[Comparison]:
-    """Compare with the base; a base that cannot be read is a gate that is not evaluated, and no usage error."""
+def _compare_all(base: Path, evidence: list[Evidence]) -> list[Comparison]:
+    """Compare with the base; an unreadable base means "not evaluated", and is no usage error."""
     from hiltest.verdict.compare import compare as compare_sides
     from hiltest.verdict.compare import not_compared
     from hiltest.verdict.evidence_reader import read_evidence
@@ -86,5 +86,5 @@ def _compared(base: Path, evidence: list[Evidence]) -> list[Comparison]:
     try:
         before = read_evidence(base)
     except ConfigError as error:
-        return [not_compared(str(base), str(error), each) for each in evidence]
-    return [compare_sides(before, each) for each in evidence]
+        return [not_compared(str(base), str(error), side) for side in evidence]
+    return [compare_sides(before, side) for side in evidence]

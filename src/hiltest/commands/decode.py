@@ -27,7 +27,7 @@ Exit codes:
   4   usage: an option, a file or a port is wrong
   20  connection lost; what came before is printed and written
 """
-# Half a day of the line's 11.5 kB/s.
+# Half a day at the line's 11.5 kB/s.
 _LARGEST_BYTES = 512 << 20
 
 
@@ -132,13 +132,13 @@ def _write(csv_file: Path, kinds: Sequence[type[Packet]], came: Iterator[PacketB
 
 
 def _show(source: str, summary: StreamSummary) -> None:
-    """Print what came."""
-    from hiltest.text import counted, readable
+    """Print a summary of the packets."""
+    from hiltest.text import format_count, format_number
 
     packets = sum(summary.counts.values())
     releases = " or ".join(map(str, summary.releases()))
     click.echo(
-        f"{source}: {counted(packets, 'packet')}"
+        f"{source}: {format_count(packets, 'packet')}"
         + (f" of release {releases}" if releases else "")
         + (f", firmware {summary.firmware / 100:.2f}" if summary.firmware is not None else "")
         + (f", {summary.clock.elapsed_us / 1e6:.1f} s by the board's clock" if summary.clock.elapsed_us else "")
@@ -148,15 +148,15 @@ def _show(source: str, summary: StreamSummary) -> None:
     for kind in summary.kinds:
         rate_hz = summary.rate_hz(kind)
         rate = "-" if rate_hz is None else f"{rate_hz:.1f}"
-        click.echo(f"{kind.type:>4}  {kind.title:<25}  {readable(summary.counts[kind]):>11}  {rate:>10}")
+        click.echo(f"{kind.type:>4}  {kind.title:<25}  {format_number(summary.counts[kind]):>11}  {rate:>10}")
     click.echo(
-        f"{counted(summary.lost_bytes, 'byte')} in no packet, {counted(summary.missing, 'packet')} missing by the "
-        f"packets' numbers, {counted(summary.clock.resets, 'reset')} of the board's clock"
+        f"{format_count(summary.lost_bytes, 'byte')} in no packet, {format_count(summary.missing, 'packet')} missing "
+        f"by the packets' numbers, {format_count(summary.clock.resets, 'reset')} of the board's clock"
     )
 
 
 def _is_port(source: str) -> bool:
-    """Say whether a name is that of a port: a URL, a device of this machine, or a terminal."""
+    """Return whether a name is that of a port: a URL, a device of this machine, or a terminal."""
     from hiltest.link.ports import list_ports
 
     if "://" in source or source in list_ports():
@@ -171,7 +171,7 @@ def _is_port(source: str) -> bool:
     try:
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
     except OSError:
-        return False  # reading it as a file says why not
+        return False  # an attempt to read it as a file reports the reason
     try:
         return os.isatty(number)
     finally:

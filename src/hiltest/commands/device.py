@@ -1,4 +1,4 @@
-"""``hiltest device``: what is understood of firmware that does not speak hiltest's protocol."""
+"""``hiltest device``: interpretation of firmware that does not speak hiltest's protocol."""
 
 from __future__ import annotations
 
@@ -67,20 +67,22 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
     described = load_rig(rig_file(Path.cwd(), rig))
     table = _table(described)
     interfaces = _interfaces(described, table)
-    opened = _opened(described, interfaces, hil_port or described.board.port, firmware)
+    opened = _open_connection(described, interfaces, hil_port or described.board.port, firmware)
     if described.faults is not None and opened.port is not None:
         click.echo(f"faults on purpose: {described.faults}", err=True)
     try:
         trial = Trial(
             interfaces, opened.memory,
-            {name: each.paths for name, each in table.memory.values.items()} if table.memory else {},
+            {name: value.paths for name, value in table.memory.values.items()} if table.memory else {},
         )
         listened_s = _listen(opened, trial, [*interfaces.values()], seconds)
     finally:
         opened.close()
     for sentence in opened.bench.said_of_playback if opened.bench else ():
         click.echo(sentence, err=True)
-    rates = {each.key: {"values": count, "per_second": trial.rate_hz(each)} for each, count in trial.values.items()}
+    rates = {quantity.key: {
+        "values": count, "per_second": trial.rate_hz(quantity)
+    } for quantity, count in trial.values.items()}
     return int(not trial.values), {
         "seconds": listened_s, "understood": trial.understood, "not_understood": trial.not_understood,
         "quantities": rates,
@@ -101,22 +103,22 @@ def _table(rig: Rig) -> Device:
 
 
 def _interfaces(rig: Rig, table: Device) -> dict[str, StreamInterface]:
-    """Return what the rig understands of a line."""
+    """Return the interfaces that interpret the bytes on the line, according to the rig."""
     from hiltest.device.kinds import open_interfaces
     from hiltest.device.quantities import StreamInterface
 
     of_a_line = tuple(kind for kind in table.kinds if kind != _MEMORY)
     spoken = replace(rig, device=replace(table, kind=of_a_line, memory=None, sources={})) if of_a_line else None
     interfaces = open_interfaces(spoken) if spoken else {}
-    opened = {kind: each for kind, each in interfaces.items() if isinstance(each, StreamInterface)}
+    opened = {kind: interface for kind, interface in interfaces.items() if isinstance(interface, StreamInterface)}
     if not opened and table.memory is None:
         raise ConfigError(f"{rig.where('device', 'kind')}: device.kind: nothing of it comes over a line")
     return opened
 
 
 @dataclass(frozen=True, slots=True)
-class _Opened:
-    """A port, a virtual board that it may be of, and what reads variables: as many of them as there are."""
+class _Connection:
+    """A port, its virtual board and the reader of variables, as far as they exist."""
 
     port: SerialPort | None
     bench: VirtualBench | None = None
@@ -124,19 +126,21 @@ class _Opened:
 
     @property
     def now(self) -> Callable[[], float]:
-        """The clock that runs."""
+        """The board's clock, or else the host's."""
         return getattr(self.port, "now", None) or time.monotonic
 
     def close(self) -> None:
-        """Give the port and the debug server back."""
+        """Close the port and the debug server."""
         if self.memory is not None:
             self.memory.close()
         if self.port is not None:
             self.port.close()
 
 
-def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, firmware: str | None) -> _Opened:
-    """Open a port, or that of a virtual board, which comes with it; and what reads variables, as the rig says."""
+def _open_connection(
+    rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, firmware: str | None
+) -> _Connection:
+    """Open a port, or a virtual board with its port, and the reader of variables if the rig has one."""
     from hiltest.boards import VirtualBench
     from hiltest.boards.daplink import port_of
     from hiltest.boards.faulty_port import with_faults
@@ -156,7 +160,7 @@ def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, 
         virtual.attach(bench.machine)
         virtual.open()
         virtual.timeout = READ_SLICE_S
-        return _Opened(with_faults(virtual, rig.faults, baud=rig.link.baud), bench, memory)
+        return _Connection(with_faults(virtual, rig.faults, baud=rig.link.baud), bench, memory)
     if elf is not None and not reads_memory:
         raise ConfigError(f"--firmware is for the virtual board, and this one is on {port}")
     line: SerialPort | None = None
@@ -164,15 +168,15 @@ def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, 
         line = with_faults(open_port(port, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
     try:
         is_read = reads_memory and (elf is not None or line is None)
-        return _Opened(line, None, memory_kind(load_image(elf) if elf else None, None)(rig) if is_read else None)
+        return _Connection(line, None, memory_kind(load_image(elf) if elf else None, None)(rig) if is_read else None)
     except BaseException:
         if line is not None:
             line.close()
         raise
 
 
-def _listen(opened: _Opened, trial: Trial, interfaces: list[StreamInterface], seconds: float | None) -> float:
-    """Show what comes for a time, sum it up, and return how long that was."""
+def _listen(opened: _Connection, trial: Trial, interfaces: list[StreamInterface], seconds: float | None) -> float:
+    """Show the input for some time, print a summary, and return the duration."""
     from hiltest.device.quantities import Moment
 
     now = opened.now
@@ -181,10 +185,10 @@ def _listen(opened: _Opened, trial: Trial, interfaces: list[StreamInterface], se
     for interface in interfaces:
         if opened.port is not None:
             opened.port.write(interface.commands(Moment.START))
-    look_s = begin_s + min(_LOOK_EVERY_S, (end_s - begin_s) / 2.0)  # what start-up code has not set yet says nothing
+    look_s = begin_s + min(_LOOK_EVERY_S, (end_s - begin_s) / 2.0)  # start-up code has not set all variables yet
     try:
         with asked_to_end() as ending:
-            for data in _pieces(opened.port, lambda: now() >= end_s or bool(ending)):
+            for data in _read_pieces(opened.port, lambda: now() >= end_s or bool(ending)):
                 for heard in trial.take(data, now()):
                     _show(heard)
                 if now() >= look_s:
@@ -197,8 +201,8 @@ def _listen(opened: _Opened, trial: Trial, interfaces: list[StreamInterface], se
     return listened_s
 
 
-def _pieces(port: SerialPort | None, ended: Callable[[], bool]) -> Iterator[bytes]:
-    """Yield what comes over a port, a line or what came in some time; nothing, now and then, without a port."""
+def _read_pieces(port: SerialPort | None, ended: Callable[[], bool]) -> Iterator[bytes]:
+    """Yield input from a port, by lines or after a time-out; without a port, nothing at intervals."""
     import serial
 
     while not ended():

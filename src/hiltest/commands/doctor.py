@@ -1,4 +1,4 @@
-"""``hiltest doctor``: what can be wrong with a bench, looked at one by one."""
+"""``hiltest doctor``: check a bench for faults, one by one."""
 
 from __future__ import annotations
 
@@ -47,29 +47,29 @@ def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
     from hiltest.rig.file import load_rig
 
     described = load_rig(rig_file(Path.cwd(), rig or "frdm-k64f"))
-    checks = [*_shown(examine(described, port=hil_port, today=datetime.now(UTC).date()))]
+    checks = [*_print_checks(examine(described, port=hil_port, today=datetime.now(UTC).date()))]
     code = exit_code(checks)
     return code, {
         "rig": described.name, "exit_code": code,
         "checks": [
-            {"name": check.name, "health": check.health, "found": check.found, "remedy": check.remedy or None}
+            {"name": check.name, "health": check.health, "found": check.finding, "remedy": check.remedy or None}
             for check in checks
         ],
     }  # fmt: skip
 
 
-def _shown(checks: Iterable[Check]) -> Iterator[Check]:
-    """Print each check as it is made, and yield it; what was left out for one reason is one line."""
+def _print_checks(checks: Iterable[Check]) -> Iterator[Check]:
+    """Print each check as it is made, and yield it; checks that were omitted for one reason share a line."""
     left_out: list[Check] = []
     for check in checks:
-        if left_out and (check.health, check.found) != (left_out[0].health, left_out[0].found):
+        if left_out and (check.health, check.finding) != (left_out[0].health, left_out[0].finding):
             _print_left_out(left_out)
             left_out = []
         if check.health == "not looked at":
             left_out.append(check)
         else:
             word = click.style(f"{check.health:<15}", fg=_COLOURS[check.health])
-            click.echo(f"{word}{check.name:<21}{legible(check.found)}")
+            click.echo(f"{word}{check.name:<21}{legible(check.finding)}")
         if check.remedy:
             click.echo(f"{'':36}-> {legible(check.remedy)}")
         yield check
@@ -80,4 +80,4 @@ def _shown(checks: Iterable[Check]) -> Iterator[Check]:
 def _print_left_out(checks: list[Check]) -> None:
     names = ", ".join(check.name for check in checks)
     named = f"{names:<21}" if len(checks) == 1 else f"{names}: "
-    click.echo(f"{checks[0].health:<15}{named}{legible(checks[0].found)}")
+    click.echo(f"{checks[0].health:<15}{named}{legible(checks[0].finding)}")

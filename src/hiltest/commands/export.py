@@ -1,4 +1,4 @@
-"""``hiltest export``: a run's numbers for other tools."""
+"""``hiltest export``: write a run's numbers for other tools."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[
     for fault in evidence.faults:
         click.echo(fault, err=True)
     numbers = exported(evidence.measurements)
-    wanted = [number for number in numbers if form == "bencher" or number.larger_is_better == (better == "larger")]
-    if not wanted:
+    selected = [number for number in numbers if form == "bencher" or number.larger_is_better == (better == "larger")]
+    if not selected:
         way = f"better when {better or 'smaller'}" if form != "bencher" else "better one way than the other"
         raise ConfigError(f"{run}: no number in it is {way}")
-    if len(wanted) < len(numbers):
+    if len(selected) < len(numbers):
         other = "smaller" if better == "larger" else "larger"
-        click.echo(f"{len(numbers) - len(wanted)} others are better when {other}: --better {other}", err=True)
-    text = bencher_json(wanted) if form == "bencher" else github_action_benchmark_json(wanted)
+        click.echo(f"{len(numbers) - len(selected)} others are better when {other}: --better {other}", err=True)
+    text = bencher_json(selected) if form == "bencher" else github_action_benchmark_json(selected)
     if out is None:
         click.echo(text, nl=False)
     else:
         write_asked_for(out, text)
-        click.echo(f"{out}: {len(wanted)} numbers", err=True)
+        click.echo(f"{out}: {len(selected)} numbers", err=True)
     file = None if out is None else str(out)
-    return 0, {"format": form, "numbers": len(wanted), "file": file, "content": json.loads(text)}
+    return 0, {"format": form, "numbers": len(selected), "file": file, "content": json.loads(text)}

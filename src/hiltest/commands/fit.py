@@ -99,12 +99,12 @@ def fit(
         from hiltest.logs.sample_fit_page import write_page
 
         write_page(fitted, read, html)
-    if as_json:  # last: an error has a document of its own
+    if as_json:  # the document is last, since an error prints a document of its own
         _show(fitted, as_json=True)
-    return int(_worse(fitted, at_least))
+    return int(_is_worse(fitted, at_least))
 
 
-def _worse(fitted: SampleFit, at_least: str) -> bool:
+def _is_worse(fitted: SampleFit, at_least: str) -> bool:
     from hiltest.calibration.acceptance import Acceptance
 
     order = list(Acceptance)
@@ -130,7 +130,7 @@ def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust:
     fits = [log.fit for log in logs if log.fit is not None]
     if not fits:
         raise ConfigError(f"{folder}: no file in it is a log of a magnetometer; hiltest fit FILE says why of one")
-    return int(any(_worse(each, at_least) for each in fits))
+    return int(any(_is_worse(fit, at_least) for fit in fits))
 
 
 def _part(samples: Samples, first: float | None, last: float | None, *, steady: bool) -> Samples:
@@ -165,7 +165,7 @@ def _fit(
     from hiltest.boards import open_board
     from hiltest.rig.file import load_rig
 
-    # The packaged rig, whatever lies in this folder: its world has nothing to do with recorded samples.
+    # The packaged rig is used even if this folder has another: recorded samples do not depend on its world.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
     with open_board(rig, firmware=Path(firmware) if firmware else None) as board:
         return fit_on_board(board, samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)

@@ -1,4 +1,4 @@
-"""``hiltest fit-imu``: accelerometer and gyroscope from the log of an IMU that was laid down and turned by hand."""
+"""``hiltest fit-imu``: calibrate accelerometer and gyroscope from the log of an IMU that was turned by hand."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 @dataclass(frozen=True, slots=True)
 class _Options:
-    """Arguments and options as click gives them, by the same names."""
+    """Arguments and options with the names that click passes."""
 
     log: Path
     gyroscope_log: Path | None
@@ -76,7 +76,7 @@ class _Options:
 @json_option("hiltest.fit-imu/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the calibration as a C header.")
-def fit_imu(**given: Any) -> int:
+def fit_imu(**arguments: Any) -> int:
     """Calibrate accelerometer and gyroscope from a log.
 
     LOG is a text table, also packed (.gz): comma, semicolon, tab or blanks between cells, with or without a header.
@@ -87,7 +87,7 @@ def fit_imu(**given: Any) -> int:
     from hiltest.report.console import standard_output
     from hiltest.units import RATE_WORDS
 
-    options = _Options(**given)
+    options = _Options(**arguments)
     listed = options.intervals if options.intervals and Path(options.intervals).suffix == ".json" else None
     labels = None if listed else options.intervals
     read = read_imu_log(
@@ -103,7 +103,7 @@ def fit_imu(**given: Any) -> int:
     if not options.as_json:
         print_fit(fitted, standard_output())
     code = _export(fitted, options)
-    if options.as_json:  # last: an error has a document of its own
+    if options.as_json:  # the document is last, since an error prints a document of its own
         click.echo(to_json(fitted), nl=False)
     return code
 

@@ -1,4 +1,4 @@
-"""``hiltest flash``: firmware onto a board."""
+"""``hiltest flash``: write firmware onto a board."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``hiltest init``: suites, rigs, benchmarks and a first baseline for a bench of one's own."""
+"""``hiltest init``: copy suites, rigs, benchmarks and a first baseline for a bench of one's own."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
             shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)
         (target / _BASELINE).parent.mkdir()
         shutil.copyfile(source / _BASELINE, target / _BASELINE)
-        if not (folder / "conftest.py").exists():  # there `pytest-benchmark compare` looks for what shows cycles
+        if not (folder / "conftest.py").exists():  # `pytest-benchmark compare` looks there for the display of cycles
             (folder / "conftest.py").write_text(_CONFTEST, encoding="utf-8")
         if proposed is not None:
             (target / "rigs" / f"{proposed[0]}.toml").write_text(proposed[1], encoding="utf-8")
@@ -81,7 +81,7 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     rigs = shipped() / "rigs"
     if (rigs / f"{name}.toml").exists():
         name += "-proposed"
-    choose = _asked if sys.stdin.isatty() and sys.stdout.isatty() else None
+    choose = _ask_for_option if sys.stdin.isatty() and sys.stdout.isatty() else None
     kind = chosen_kind(proposals, choose)
     file, around = firmware.resolve(), folder.resolve()
     is_near = file.is_relative_to(around.parent)
@@ -89,14 +89,14 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
         proposals, kind, (rigs / f"{proposals.base_rig}.toml").read_text(encoding="utf-8"), name=name,
         firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file), choose=choose,
     )  # fmt: skip
-    said = f'kind = "{kind}"' if "\n[device]\n" in text else "nothing in it is surely a heading: fill in [device]"
-    click.echo(f"{firmware}: {proposals.found} names and texts found; {said}. Look through hil/rigs/{name}.toml")
+    summary = f'kind = "{kind}"' if "\n[device]\n" in text else "nothing in it is surely a heading: fill in [device]"
+    click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Look through hil/rigs/{name}.toml")
     return name, text
 
 
-def _asked(question: str, options: Sequence[str]) -> int:
-    """Ask which of several is meant; Enter takes the first."""
-    listed = "\n".join(f"  {number} {each}" for number, each in enumerate(options, start=1))
+def _ask_for_option(question: str, options: Sequence[str]) -> int:
+    """Ask for one of several options; Enter selects the first."""
+    listed = "\n".join(f"  {number} {option}" for number, option in enumerate(options, start=1))
     while True:
         answer = ask(f"{question}\n{listed}\n[1] ").strip() or "1"
         if answer in (numbers := [str(number) for number, _ in enumerate(options, start=1)]):

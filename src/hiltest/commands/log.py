@@ -1,4 +1,4 @@
-"""``hiltest log``: samples of a board's sensors into a CSV file."""
+"""``hiltest log``: record samples of a board's sensors to a CSV file."""
 
 from __future__ import annotations
 
@@ -67,16 +67,16 @@ def log(
         described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
     ) as board, opened(out) as file:
         counts = _write(file, board, kinds, log_sensors(board, kinds, seconds=seconds), seconds, ending)
-    told = ", ".join(f"{counts[kind]} of the {kind.name.lower()}" for kind in kinds)
-    _tell_of_playback(board)
-    click.echo(f"{out}: {told}" + (f"; {counts[None]} times samples were lost" if counts[None] else ""))
+    words = ", ".join(f"{counts[kind]} of the {kind.name.lower()}" for kind in kinds)
+    _print_playback_warnings(board)
+    click.echo(f"{out}: {words}" + (f"; {counts[None]} times samples were lost" if counts[None] else ""))
     return _INTERRUPTED if ending else 0, {
         "file": str(out), "samples": {kind.name.lower(): counts[kind] for kind in kinds}, "lost": counts[None],
         "ended_early": bool(ending),
     }  # fmt: skip
 
 
-def _tell_of_playback(board: Board) -> None:
+def _print_playback_warnings(board: Board) -> None:
     for sentence in board.stage.said_of_playback if board.stage else ():
         click.echo(sentence, err=True)
 
@@ -85,14 +85,14 @@ def _write(
     file: TextIO, board: Board, kinds: Sequence[SensorKind], parts: Iterator[LogPart], seconds: float,
     ending: list[int],
 ) -> dict[SensorKind | None, int]:  # fmt: skip
-    """Write the rows and return how many of each sensor, and under None how often samples were lost."""
+    """Write the rows; return the number of samples by sensor, and under None the number of times some were lost."""
     from hiltest.procedures.sensor_log import UNITS
     from hiltest.progress_line import ProgressLine
 
     counts: dict[SensorKind | None, int] = dict.fromkeys([*kinds, None], 0)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
     names = [f"{kind.name.lower()}_{axis}_{UNITS[kind][0]}" for kind in kinds for axis in "xyz"]
-    # A recording of a virtual board can be played back: at its own times, which need a beginning.
+    # A recording of a virtual board can be played back at its own times, which need a beginning.
     began = f"clock began {board.stage.firmware_clock_began_s:.9f} s after power-on, " if board.stage else ""
     file.write(
         f"# hiltest log: {board.description}, {began}body frame, uncalibrated; die temperature of the row's sensor\n"
@@ -108,7 +108,7 @@ def _write(
         lines = ["# samples of the gyroscope are missing here\n"] if part.lost else []
         for row in part.rows:
             counts[row.kind] += 1
-            cells = [",".join(f"{each:.7g}" for each in row.values) if kind is row.kind else ",," for kind in kinds]
+            cells = [",".join(f"{value:.7g}" for value in row.values) if kind is row.kind else ",," for kind in kinds]
             lines.append(f"{row.time_s:.6f},{','.join(cells)},{row.temperature_degc}\n")
         file.write("".join(lines))
         file.flush()

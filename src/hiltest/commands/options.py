@@ -1,4 +1,4 @@
-"""What several commands share: options, exit codes, files to write, and an end by Ctrl-C."""
+"""Parts that several commands share: options, exit codes, files to write, and an end by Ctrl-C."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ Exit codes:
 """
 
 ERROR_SCHEMA = "hiltest.error/1"
-"""Of the document that stands in the place of any other where a command cannot do what it is asked to."""
+"""Schema of the document that a command prints instead of its own if it fails."""
 _SAID_MOST = 10_000
-#: Of `hiltest.units.RATE_WORDS`, which commands import when they run.
+#: Keys of `hiltest.units.RATE_WORDS`, repeated since commands import that module only when they run.
 RATE_UNITS = ("deg/s", "dps", "mdps", "rad/s", "deg/h", "counts")
 
 
 class NumberRange(click.FloatRange):
-    """A number in a range; click's own accepts NaN."""
+    """A number in a range that rejects NaN, which click's own accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number."""
@@ -56,16 +56,16 @@ Given = TypeVar("Given", bound=str | tuple[str, ...] | None)
 
 
 def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, Given], Given]:
-    """Return a callback that refuses what the plugin's option of the same name would refuse."""
+    """Return a callback that rejects the same values as the plugin's option of the same name."""
 
-    def callback(_context: click.Context, _parameter: click.Parameter, given: Given) -> Given:
-        """Return what was given as it is; what the check refuses is a wrong parameter of the command."""
-        for text in given if isinstance(given, tuple) else () if given is None else (given,):
+    def callback(_context: click.Context, _parameter: click.Parameter, value: Given) -> Given:
+        """Return the value unchanged; a value that the check rejects is a wrong parameter of the command."""
+        for text in value if isinstance(value, tuple) else () if value is None else (value,):
             try:
                 check(text)
             except argparse.ArgumentTypeError as error:
                 raise click.BadParameter(str(error)) from error
-        return given
+        return value
 
     return callback
 
@@ -108,21 +108,21 @@ def json_option(schema: str) -> Callable[[Callable[..., Any]], Callable[..., Any
 def documented(schema: str) -> Callable[[Callable[..., tuple[int, Mapping[str, Any]]]], Callable[..., int]]:
     """Return a decorator that gives a command ``--json``.
 
-    Such a command prints for people, and returns its exit code and the content of its document. With the option what it
-    prints goes to standard error, and the document alone to standard output.
+    Such a command prints text, and returns its exit code and the content of its document. With the option the text
+    goes to standard error, and only the document to standard output.
     """
 
     def decorated(command: Callable[..., tuple[int, Mapping[str, Any]]]) -> Callable[..., int]:
         @functools.wraps(command)
-        def with_json(*, as_json: bool, **given: Any) -> int:
+        def command_with_json(*, as_json: bool, **arguments: Any) -> int:
             if not as_json:
-                return command(**given)[0]
+                return command(**arguments)[0]
             with contextlib.redirect_stdout(sys.stderr):
-                code, content = command(**given)
+                code, content = command(**arguments)
             print_document(schema, content)
             return code
 
-        return json_option(schema)(with_json)
+        return json_option(schema)(command_with_json)
 
     return decorated
 
@@ -132,8 +132,8 @@ def print_document(schema: str, content: Mapping[str, Any]) -> None:
     click.echo(json.dumps({"schema": schema, **content}, indent=1, ensure_ascii=False, allow_nan=False))
 
 
-class Said(io.TextIOBase):
-    """Standard error, with what was last said on it."""
+class CapturedErrors(io.TextIOBase):
+    """Standard error, which remembers its latest output."""
 
     def __init__(self) -> None:
         self._to = sys.stderr
@@ -145,15 +145,15 @@ class Said(io.TextIOBase):
         return self._to.write(text)
 
     def flush(self) -> None:
-        """Pass on what was written."""
+        """Flush standard error."""
         self._to.flush()
 
     def isatty(self) -> bool:
-        """Say whether it is a terminal."""
+        """Return whether standard error is a terminal."""
         return self._to.isatty()
 
     def fileno(self) -> int:
-        """Return standard error's number."""
+        """Return the file descriptor of standard error."""
         return self._to.fileno()
 
     @property
@@ -164,7 +164,7 @@ class Said(io.TextIOBase):
 
 
 class ErrorOutput:
-    """Output of progress: standard error, so that standard output is the result."""
+    """Output of progress on standard error, since standard output is for the result."""
 
     def write(self, msg: str, *, flush: bool = False) -> None:
         """Write a text."""
@@ -173,7 +173,7 @@ class ErrorOutput:
 
 @contextlib.contextmanager
 def opened(out: Path) -> Iterator[TextIO]:
-    """Open a text file to write, or refuse its name."""
+    """Open a text file for writing, or raise an error that names it."""
     try:
         file = out.open("w", encoding="utf-8", newline="")
     except OSError as error:
@@ -184,7 +184,7 @@ def opened(out: Path) -> Iterator[TextIO]:
 
 @contextlib.contextmanager
 def asked_to_end() -> Iterator[list[int]]:
-    """Return a list that gets Ctrl-C instead of its breaking in; a second one does."""
+    """Return a list that collects Ctrl-C instead of interrupting; a second Ctrl-C interrupts."""
     came: list[int] = []
 
     def note(number: int, _frame: object) -> None:

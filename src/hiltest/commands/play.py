@@ -1,4 +1,4 @@
-"""``hiltest play``: what firmware finds from the recording that a rig plays, and hiltest's calibrators beside it."""
+"""``hiltest play``: play a rig's recording to firmware, and compare its results with hiltest's calibrators."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Exit codes:
   23  wrong firmware
 """
 _SCHEMA = "hiltest.play/1"
-# Moments of a heading over a recording, where --every does not say it.
+# Number of headings over a recording without --every.
 _MOMENTS = 12
 _MOST_MOMENTS = 10_000
 
@@ -84,7 +84,7 @@ def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -
 
 
 def _moments_s(playback: Playback, every_s: float | None) -> NDArray[np.float64]:
-    """Return when headings are taken; none without an accelerometer, which they need."""
+    """Return the times of headings; empty without an accelerometer, which they need."""
     import numpy as np
 
     from hiltest.world.playback import Sensed
@@ -100,7 +100,7 @@ def _moments_s(playback: Playback, every_s: float | None) -> NDArray[np.float64]
 
 
 def _to_json(played: PlayedBack, playback: Playback) -> str:
-    """Return the text of ``hiltest play --json``; times are since the recording's beginning."""
+    """Return the text of ``hiltest play --json``; times are relative to the beginning of the recording."""
     from hiltest import __version__
 
     content = {
@@ -108,47 +108,49 @@ def _to_json(played: PlayedBack, playback: Playback) -> str:
         "moments_s": [float(moment_s - playback.begins_s) for moment_s in played.moments_s], "remarks": played.remarks,
         "found": [
             {
-                "name": each.name, "hard_iron_ut": None if each.hard_iron_ut is None else each.hard_iron_ut.tolist(),
-                "field_ut": each.field_ut, "said_error_percent": each.said_error_percent,
-                "residual_percent": each.residual_percent, "cycles": each.cycles, "heading_deg": each.heading_deg,
+                "name": row.name, "hard_iron_ut": None if row.hard_iron_ut is None else row.hard_iron_ut.tolist(),
+                "field_ut": row.field_ut, "said_error_percent": row.said_error_percent,
+                "residual_percent": row.residual_percent, "cycles": row.cycles, "heading_deg": row.heading_deg,
             }
-            for each in played.found
+            for row in played.found
         ],
     }  # fmt: skip
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _calibrations(played: PlayedBack) -> list[str]:
-    """Return the table of calibrations, a column for each."""
-    from hiltest.text import readable
+    """Return the table of calibrations, one column each."""
+    from hiltest.text import format_number
 
     def axis(number: int) -> list[str]:
-        return ["-" if each.hard_iron_ut is None else f"{each.hard_iron_ut[number]:.1f}" for each in played.found]
+        return ["-" if row.hard_iron_ut is None else f"{row.hard_iron_ut[number]:.1f}" for row in played.found]
 
     def rounded(values: Sequence[float | None], digits: int) -> list[str]:
         return ["-" if value is None else f"{value:.{digits}f}" for value in values]
 
     return _table([
-        ["", *(each.name for each in played.found)],
+        ["", *(row.name for row in played.found)],
         *([f"hard iron {name} [uT]", *axis(number)] for number, name in enumerate("xyz")),
-        ["field strength [uT]", *rounded([each.field_ut for each in played.found], 1)],
-        ["error of its fit, as it says [%]", *rounded([each.said_error_percent for each in played.found], 1)],
+        ["field strength [uT]", *rounded([row.field_ut for row in played.found], 1)],
+        ["error of its fit, as it says [%]", *rounded([row.said_error_percent for row in played.found], 1)],
         [f"residual over the same {played.points} points [%]",
-         *rounded([each.residual_percent for each in played.found], 1)],
-        ["cycles", *(readable(each.cycles) for each in played.found)],
+         *rounded([row.residual_percent for row in played.found], 1)],
+        ["cycles", *(format_number(row.cycles) for row in played.found)],
     ])
 
 
 def _headings(played: PlayedBack, playback: Playback) -> list[str]:
-    """Return the table of headings, a row for each moment of the recording."""
+    """Return the table of headings, one row per moment of the recording."""
     if not len(played.moments_s):
         return ["no headings: the recording has no accelerometer"]
-    named = [each for each in played.found if each.heading_deg]
+    named = [row for row in played.found if row.heading_deg]
     return _table([
-        ["heading [deg] at", *(each.name for each in named)],
+        ["heading [deg] at", *(row.name for row in named)],
         *(
-            [f"{moment_s - playback.begins_s:.2f} s", *("-" if each is None else f"{each:.1f}" for each in row)]
-            for moment_s, *row in zip(played.moments_s, *(each.heading_deg for each in named), strict=True)
+            [f"{moment_s - playback.begins_s:.2f} s", *(
+                "-" if heading is None else f"{heading:.1f}" for heading in row
+            )]
+            for moment_s, *row in zip(played.moments_s, *(row.heading_deg for row in named), strict=True)
         ),
     ])
 

@@ -1,4 +1,4 @@
-"""``hiltest ports``: the boards that are plugged in, and why other serial ports are not taken."""
+"""``hiltest ports``: list the boards that are plugged in, and the reasons why other serial ports are not used."""
 
 from __future__ import annotations
 
@@ -30,29 +30,30 @@ def ports() -> tuple[int, dict[str, Any]]:
     """
     from hiltest.boards.daplink import plugged_in
 
-    found = plugged_in()
-    if found.boards:
-        _print_boards(found.boards)
+    plugged = plugged_in()
+    if plugged.boards:
+        _print_boards(plugged.boards)
     else:
         click.echo(_NONE_FOUND)
-    if found.others:
-        _print_others(found.others)
+    if plugged.others:
+        _print_others(plugged.others)
     return 0, {
         "boards": [
             {
-                "serial_number": each.serial_number, "usb_id": each.usb_id, "product": each.product,
-                "port": str(each.port) if each.port else None, "volume": str(each.volume.path) if each.volume else None,
-                "daplink_version": (each.volume.interface_version or None) if each.volume else None,
+                "serial_number": board.serial_number, "usb_id": board.usb_id, "product": board.product,
+                "port": str(board.port) if board.port else None,
+                "volume": str(board.volume.path) if board.volume else None,
+                "daplink_version": (board.volume.interface_version or None) if board.volume else None,
             }
-            for each in found.boards
+            for board in plugged.boards
         ],
         "others": [
             {
-                "port": str(each.port) if each.port else None, "usb_id": each.device.usb_id if each.device else None,
-                "serial_number": each.device.serial_number if each.device else None,
-                "product": each.device.product if each.device else None, "reason": each.not_taken,
+                "port": str(port.port) if port.port else None, "usb_id": port.device.usb_id if port.device else None,
+                "serial_number": port.device.serial_number if port.device else None,
+                "product": port.device.product if port.device else None, "reason": port.not_taken,
             }
-            for each in found.others
+            for port in plugged.others
         ],
     }  # fmt: skip
 
@@ -68,12 +69,12 @@ def _print_boards(boards: Sequence[UsbBoard]) -> None:
 
 def _print_others(others: Sequence[OtherPort]) -> None:
     click.echo("\nnot taken:")
-    rows = [(str(each.port or "none"), each.device.product if each.device else "", each.not_taken) for each in others]
+    rows = [(str(port.port or "none"), port.device.product if port.device else "", port.not_taken) for port in others]
     _print_rows(("port", "device", "why"), rows)
 
 
 def _print_rows(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    """Print columns; a line that is longer than the terminal is not cut, so that it can be copied."""
+    """Print columns; lines longer than the terminal are not cut, so that they can be copied."""
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
     for row in (head, *rows):
         click.echo("  ".join(legible(cell).ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())

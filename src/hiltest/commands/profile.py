@@ -1,4 +1,4 @@
-"""``hiltest profile``: where the cycles of one function go."""
+"""``hiltest profile``: show the cycles of one function by place."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Exit codes:
 """
 
 
-# Unknown options are let through: a negative number is an argument of the function.
+# Unknown options are allowed, since a negative number is an argument of the function.
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
 @click.option("--lines", metavar="N", type=click.IntRange(min=0), default=12, show_default=True,
               help="How many source lines to show.")
@@ -73,12 +73,12 @@ def profile(
     from hiltest.record.files import write_asked_for
 
     path = default_firmware() if elf == SHIPPED else Path(elf)
-    given = [parse_argument(text) for text in arguments]
-    values = deepcopy(given)
+    inputs = [parse_argument(text) for text in arguments]
+    values = deepcopy(inputs)
     image = _image(path, **counted)
     image.tell(lambda line: click.echo(line, err=True))
     called = image.call(function, *values, timeout_s=timeout_s)
-    document = documents.document(called, path, arguments, given, values, memory=image.memory)
+    document = documents.document(called, path, arguments, inputs, values, memory=image.memory)
     if folded is not None:
         write_asked_for(folded, documents.folded(document))
     if flame_graph is not None:

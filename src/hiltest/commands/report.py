@@ -22,7 +22,7 @@ Exit codes:
   2   interrupted
   4   there is no record, it cannot be read, or nothing can be written
 """
-# A run can begin or finish while its folder is being read.
+# A run can begin or finish while this command reads its folder.
 _TRIES = 3
 
 
@@ -41,18 +41,18 @@ def report(record: Path, out: Path | None) -> tuple[int, dict[str, Any]]:
 
     folder = record if record.is_dir() else record.parent
     if out is None or out.resolve() == folder.resolve():
-        stored = _in_place(record, folder)
+        stored = _rewrite_reports(record, folder)
     else:
         stored = read_record(record)
-        _elsewhere(stored, out)
+        _copy_record(stored, out)
     click.echo(f"{out or folder}: report.html, report.md")
     click.echo(stored.run.verdict.sentence)
     return 0, {"folder": str(out or folder), "files": ["report.html", "report.md"],
                "verdict": asdict(stored.run.verdict)}  # fmt: skip
 
 
-def _in_place(record: Path, folder: Path) -> RecordFile:
-    """Write the reports beside the record, and again if a run has begun or finished there meanwhile."""
+def _rewrite_reports(record: Path, folder: Path) -> RecordFile:
+    """Write the reports beside the record, and again if a run began or finished there meanwhile."""
     from hiltest.record.reader import read_record
 
     for _ in range(_TRIES):
@@ -64,8 +64,8 @@ def _in_place(record: Path, folder: Path) -> RecordFile:
     return stored
 
 
-def _elsewhere(stored: RecordFile, out: Path) -> None:
-    """Write the whole record into a folder of its own, in the place of what was there."""
+def _copy_record(stored: RecordFile, out: Path) -> None:
+    """Write the whole record into a folder of its own, and replace an earlier record there."""
     from hiltest.record.files import RUN_FILE, write_atomically
     from hiltest.record.journal import Journal
     from hiltest.record.run_json import content_to_json
@@ -88,17 +88,17 @@ def _render(stored: RecordFile, folder: Path) -> None:
     from hiltest.report.render import write_reports
 
     try:
-        with np.errstate(all="ignore"):  # a number that is not finite is drawn somewhere, without a warning
+        with np.errstate(all="ignore"):  # numbers that are not finite cause no warnings; they are drawn at some place
             write_reports(stored.run, folder)
     except OSError as error:
         raise ConfigError(f"cannot write to {folder}: {error.strerror}; name another folder with --out") from error
     except (LookupError, TypeError, ValueError, ArithmeticError) as error:
-        # The plots read tables by column: a file can be a record in form, and hold tables of other contents.
+        # The plots read tables by column: a file may be a valid record, and have tables with other contents.
         raise ConfigError(f"{stored.path}: cannot be drawn: {type(error).__name__}: {error}") from error
 
 
 def _state(folder: Path) -> tuple[int | None, bool | None]:
-    """Return which finished record is in a folder, and whether a run goes on there; None for what is not there."""
+    """Return the finished record in a folder, and whether a run goes on there; None for a missing file."""
     from hiltest.record.files import RUN_FILE
     from hiltest.record.journal import JOURNAL_FILE, is_going_on
 

@@ -1,4 +1,4 @@
-"""``hiltest run``: the suites on a bench, and a verdict."""
+"""``hiltest run``: run the suites on a bench, and decide a verdict."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import click
 from hiltest.commands.options import (
     ERROR_SCHEMA,
     EXIT_CODES,
-    Said,
+    CapturedErrors,
     checked,
     jobs_option,
     json_option,
@@ -26,7 +26,7 @@ from hiltest.settings import DEFAULT_OUT, address, check_environment, file_name,
 
 
 class _Run(click.Command):
-    """Command whose error about an unknown option says where pytest's options go."""
+    """Command whose error about an unknown option explains how to pass pytest's options."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the command line."""
@@ -75,32 +75,32 @@ class _Run(click.Command):
 @json_option("hiltest.run/1, with --seeds hiltest.seeds/1, of several boards hiltest.boards/1")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
-def run(*, as_json: bool, **given: Any) -> int:
+def run(*, as_json: bool, **arguments: Any) -> int:
     """Run the suites and end with a verdict.
 
     The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
     -- goes to pytest: hiltest run -- -k heading
     """
     if not as_json:
-        return _run(**given)[0]
+        return _run(**arguments)[0]
     from hiltest.record.exit_codes import ExitCode
 
-    said = Said()
-    with redirect_stdout(said), redirect_stderr(said):
-        code, record = _run(**given)
+    captured = CapturedErrors()
+    with redirect_stdout(captured), redirect_stderr(captured):
+        code, record = _run(**arguments)
     if record is not None and record.exists():
         click.echo(record.read_text(encoding="utf-8"), nl=False)
     else:
         error = "UsageError" if code == ExitCode.USAGE_ERROR else "NoRecord"
-        print_document(ERROR_SCHEMA, {"error": error, "message": said.last_words, "exit_code": code})
+        print_document(ERROR_SCHEMA, {"error": error, "message": captured.last_words, "exit_code": code})
     return code
 
 
 def _run(
     *, out: str, rigs: tuple[str, ...], seeds: range | None, may_fail: int, jobs: int | str | None,
-    against: str | None, flash: bool, verbose: bool, pytest_args: Sequence[str], **given: str | None,
+    against: str | None, flash: bool, verbose: bool, pytest_args: Sequence[str], **arguments: str | None,
 ) -> tuple[int, Path | None]:
-    """Run them, and return the exit code and the file with the record; None where there is none."""
+    """Run the suites, and return the exit code and the file with the record; None without one."""
     from hiltest.record.files import BOARDS_FILE, OLDER_FOLDER, SEEDS_FILE
     from hiltest.runs.folders import sole_command
     from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
@@ -110,13 +110,13 @@ def _run(
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "base": "--hil-base", "hil_port": "--hil-port",
              "seed": "--hil-seed", "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
              "label": "--hil-label"}
-    given["rig"] = rigs[0] if len(rigs) == 1 else None
+    arguments["rig"] = rigs[0] if len(rigs) == 1 else None
     of_this_run = {
-        f"--hil-{name}": given.pop(name) for name in ("baseline", "coverage", "record", "replay")
+        f"--hil-{name}": arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")
     }  # fmt: skip
     base = of_this_run["--hil-baseline"] or base_of_environment()
     coverage = of_this_run["--hil-coverage"]
-    options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
+    options = [f"{names[name]}={value}" for name, value in arguments.items() if value is not None]
     options += [*_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
         raise ConfigError("--may-fail says how many of several seeds may miss a limit: give --seeds A..B too")
@@ -125,13 +125,13 @@ def _run(
     if flash and (seeds is not None or against is not None):
         raise ConfigError("--flash is for a real board, --seeds and --against are for the virtual one: leave one out")
     if against is not None:
-        check_against(base and f"the baseline {base}", given["hil_port"])
+        check_against(base and f"the baseline {base}", arguments["hil_port"])
     taped = next((name for name in ("record", "replay") if of_this_run[f"--hil-{name}"]), None)
     if taped and (seeds is not None or against is not None):
         raise ConfigError(f"--{taped} is of one run: it goes neither with --seeds nor with --against")
     if len(rigs) > 1:
-        of_one = {"--seeds": seeds is not None, "--against": against, "--hil-port": given["hil_port"],
-                  "--coverage": coverage, "--calibration": given["calibration"], f"--{taped}": taped}  # fmt: skip
+        of_one = {"--seeds": seeds is not None, "--against": against, "--hil-port": arguments["hil_port"],
+                  "--coverage": coverage, "--calibration": arguments["calibration"], f"--{taped}": taped}  # fmt: skip
         if named := [name for name, is_given in of_one.items() if is_given]:
             raise ConfigError(f"{named[0]} is of one board, and {len(rigs)} rigs are named: leave one of them out")
         from hiltest.runs.several_boards import run_boards
@@ -140,12 +140,12 @@ def _run(
         with sole_command(Path(out)):
             return run_boards(rigs, options, Path(out), flashes=flash), Path(out) / BOARDS_FILE
     if seeds is not None:
-        if given["seed"] or given["hil_port"]:
+        if arguments["seed"] or arguments["hil_port"]:
             raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
         from hiltest.runs.campaign import run_seeds
 
         if against is not None:
-            _try_out(against, given["firmware"], given["rig"], given["base"])
+            _check_firmwares(against, arguments["firmware"], arguments["rig"], arguments["base"])
         with sole_command(Path(out)):
             code = run_seeds(
                 seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against, jobs=jobs,
@@ -158,13 +158,13 @@ def _run(
 
 
 def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:
-    """Return pytest's verbosity: a dot a test, unless an option or the ini file sets it."""
+    """Return pytest's verbosity: a dot per test, unless an option or the ini file sets it."""
     if verbose:
         return ["-v"]
-    return [] if any(re.fullmatch(r"-[vq]+|--verbose|--quiet", each) for each in pytest_args) else ["-q"]
+    return [] if any(re.fullmatch(r"-[vq]+|--verbose|--quiet", argument) for argument in pytest_args) else ["-q"]
 
 
-def _try_out(older: str, newer: str | None, rig: str | None, base: str | None) -> None:
+def _check_firmwares(older: str, newer: str | None, rig: str | None, base: str | None) -> None:
     """Check both firmwares before the older one runs on every seed.
 
     Raises

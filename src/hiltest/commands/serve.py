@@ -1,4 +1,4 @@
-"""``hiltest serve``: the virtual board and its turntable as real serial ports, in paced time."""
+"""``hiltest serve``: serve the virtual board and its turntable on real serial ports, in paced time."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ Exit codes:
 """
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LOOK_EVERY_S = 0.2
-# Firmware that the host cannot run in time is not waited for any longer.
+# Longest wait for firmware that the host cannot run in time.
 _START_S = 2.0
-# A board that is this far behind wall time is no longer one that a person would call real [s].
+# A board that is farther behind wall time than this is no longer realistic [s].
 _BEHIND_S = 3.0
 _LAST_PORT = 65_535
 _PORTS = click.IntRange(0, _LAST_PORT)
@@ -102,22 +102,22 @@ def serve(
     bench = _bench(**described)
     machine = bench.machine
     with contextlib.ExitStack() as stack:
-        ending = stack.enter_context(_signals_noted())
+        ending = stack.enter_context(_collect_signals())
         lines = _open_lines(stack, tcp, turntable_tcp, host)
-        urls = _linked(stack, lines, link)
+        urls = _link_ports(stack, lines, link)
         further = stack.enter_context(opened_ports(asked_for, host))
         model = machine.processor.profile.name
         table = GrblTable(TableAxes(bench), about=f"virtual FRDM-K64F {model}", reset=machine.reset)
-        machine.boot()  # before GDB can come
+        machine.boot()  # before GDB can connect
         debugger = None if gdb is None else GdbServer(machine, gdb, host=host)
         held = None if no_wait else lambda: debugger is None or not debugger.connected
         devices = ((line, SerialPortOfBoard(machine, machine.uarts[port.number])) for port, line, _ in further)
         paced = PacedBench(bench, lines[0], (lines[1], table), *devices, held=held, until_s=until)
         stack.callback(paced.stop)
         if debugger is not None:
-            stack.callback(debugger.close)  # and lets the board's thread go, before it is waited for
+            stack.callback(debugger.close)  # it releases the board's thread, which is waited for later
         paced.power_on()
-        if held or _listening(paced, ending):
+        if held or _wait_for_start(paced, ending):
             urls_of_uarts = {port.name: url for port, _, url in further}
             gdb_at = None if debugger is None else f"{host}:{debugger.port}"
             if as_json:
@@ -127,8 +127,8 @@ def serve(
                     "firmware": bench.firmware.name, "rig": bench.rig.name, "cycle_model": model,
                 }))  # fmt: skip
             else:
-                listed = {"board": urls[0], "turntable": urls[1], **urls_of_uarts, "gdb": gdb_at}
-                click.echo("\n".join(f"{name}: {url}" for name, url in listed.items() if url))
+                urls_by_name = {"board": urls[0], "turntable": urls[1], **urls_of_uarts, "gdb": gdb_at}
+                click.echo("\n".join(f"{name}: {url}" for name, url in urls_by_name.items() if url))
             faults = bench.rig.faults
             if faults is not None and faults.of_board:
                 _tell(f"faults on purpose: {'; '.join(map(str, faults.of_board))}")
@@ -149,14 +149,14 @@ def serve(
 def _serve_recording(
     file: Path, tcp: int | None, host: str, link: str | None, until_s: float, *, as_json: bool
 ) -> int:
-    """Serve a recorded line, to each program from its beginning, until it has ended."""
+    """Serve a recorded line to each program from its beginning, until it has ended."""
     from hiltest.boards.lines import PseudoTerminal, TcpLine, port_link
     from hiltest.boards.served_recording import ServedRecording, serve_recorded
     from hiltest.replay.recorded_run import read_transcript
 
     recorded, transcript = read_transcript(file)
     with contextlib.ExitStack() as stack:
-        ending = stack.enter_context(_signals_noted())
+        ending = stack.enter_context(_collect_signals())
         line: PortLine = PseudoTerminal() if tcp is None else TcpLine(host, tcp)
         stack.callback(line.close)
         if link is not None:
@@ -175,7 +175,7 @@ def _serve_recording(
 
 
 def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:
-    """Tell what became of a board that has ended."""
+    """Print a summary of a board that has ended."""
     machine = bench.machine
     for sentence in bench.said_of_playback:
         _tell(sentence)
@@ -221,7 +221,7 @@ def _open_lines(
     return opened
 
 
-def _linked(stack: contextlib.ExitStack, lines: Sequence[PortLine], link: str | None) -> list[str]:
+def _link_ports(stack: contextlib.ExitStack, lines: Sequence[PortLine], link: str | None) -> list[str]:
     if link is None:
         return [line.url for line in lines]
     from hiltest.boards.lines import port_link
@@ -233,21 +233,21 @@ def _linked(stack: contextlib.ExitStack, lines: Sequence[PortLine], link: str | 
 
 
 @contextlib.contextmanager
-def _signals_noted() -> Iterator[list[int]]:
-    """Return a list that gets the signals that come, instead of their breaking in somewhere."""
+def _collect_signals() -> Iterator[list[int]]:
+    """Return a list that collects signals, which then do not interrupt."""
     came: list[int] = []
-    # Who starts it under nohup wants it to live on.
-    wanted = [number for number in _ENDING if signal.getsignal(number) is not signal.SIG_IGN]
-    before = [signal.signal(number, lambda number, _frame: came.append(number)) for number in wanted]
+    # A user who starts the command under nohup wants it to survive SIGHUP.
+    numbers = [number for number in _ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+    before = [signal.signal(number, lambda number, _frame: came.append(number)) for number in numbers]
     try:
         yield came
     finally:
-        for number, handler in zip(wanted, before, strict=True):
+        for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
 
 
-def _listening(paced: PacedBench, ending: list[int]) -> bool:
-    """Wait until the firmware has started; False when a signal comes, or the firmware ends, before."""
+def _wait_for_start(paced: PacedBench, ending: list[int]) -> bool:
+    """Wait until the firmware has started; return False if a signal comes or the firmware ends before."""
     from hiltest.boards.bench import START_UP_S
 
     gives_up_s = time.monotonic() + _START_S
@@ -257,19 +257,19 @@ def _listening(paced: PacedBench, ending: list[int]) -> bool:
 
 
 def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> None:
-    """Report changes, until a signal comes or the board ends."""
-    told: dict[str, bool] = dict.fromkeys(lines, False)
-    told_lost: dict[str, int] = dict.fromkeys(lines, 0)
+    """Report changes until a signal comes or the board ends."""
+    connected: dict[str, bool] = dict.fromkeys(lines, False)
+    reported_lost: dict[str, int] = dict.fromkeys(lines, 0)
     pace = _pace()
     while not ending:
         time.sleep(_LOOK_EVERY_S)
         for name, line in lines.items():
-            if line.connected != told[name]:
-                told[name] = line.connected
-                _tell(f"{name}: client {'connected' if told[name] else 'gone'}")
-            if line.queue.lost > told_lost[name]:
-                _tell(f"{name}: {line.queue.lost - told_lost[name]} bytes that a client had sent were lost")
-                told_lost[name] = line.queue.lost
+            if line.connected != connected[name]:
+                connected[name] = line.connected
+                _tell(f"{name}: client {'connected' if connected[name] else 'gone'}")
+            if line.queue.lost > reported_lost[name]:
+                _tell(f"{name}: {line.queue.lost - reported_lost[name]} bytes that a client had sent were lost")
+                reported_lost[name] = line.queue.lost
         pace(paced.behind_s)
         if not paced.running:
             if paced.fault is None and not paced.over:
@@ -279,11 +279,11 @@ def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> 
 
 
 def _pace() -> Callable[[float], None]:
-    """Return the reporter of a board that falls behind: when it begins, doubles, and is over."""
+    """Return a function that reports when a board falls behind, twice as far behind, and is in time again."""
     tell_at_s = _BEHIND_S
 
     def look(behind_s: float) -> None:
-        """Report the pace, if it changed."""
+        """Report the pace if it changed."""
         nonlocal tell_at_s
         if behind_s >= tell_at_s:
             _tell(f"board: {behind_s:.0f} s behind wall time; this machine is too slow or too busy for it")

@@ -1,4 +1,4 @@
-"""``hiltest study``: the experiments of the papers."""
+"""``hiltest study``: repeat the experiments of the papers."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ Exit codes:
   4   usage: an option is wrong, or the folder is in use or of another study
   20  the scheduler does not answer, has no workers, or lost them
 """
-_FEWEST_POINTS = 10  # one more than unknowns: through nine a quadric goes without noise
+_FEWEST_POINTS = 10  # one more than the unknowns: a quadric passes exactly through nine points
 
 
-def _asked(
+def _plan_choice(
     plan: Plan, points: int | None, rig: str | None, noise_ut: float | None, coverage_percent: float,
     cycles: int | None,
 ) -> Plan:  # fmt: skip
-    """Return a plan with the conditions of options and, where these say nothing, of the rig."""
+    """Return a plan with the conditions of the options or, for options that are not set, of the rig."""
     from hiltest.rig.file import load_rig
-    from hiltest.studies.study import Given
+    from hiltest.studies.study import Conditions
 
     described = load_rig(rig_file(Path.cwd(), rig))
     noise_ut = noise_ut or described.sensors.magnetometer_noise_ut
-    given = Given(described.field.strength_ut, noise_ut, coverage_percent, cycles)
-    return replace(plan, points=points or described.procedure.calibration_points, given=given)
+    conditions = Conditions(described.field.strength_ut, noise_ut, coverage_percent, cycles)
+    return replace(plan, points=points or described.procedure.calibration_points, given=conditions)
 
 
 def _is_given(option: str) -> bool:
@@ -95,8 +95,8 @@ def study(
     chosen = study_of(name)
     plan = Plan(name, seed(seed_text), instances or chosen.instances, points or chosen.points)
     if name == "choose":
-        plan = _asked(plan, points, rig, noise_ut, coverage_percent, cycles)
-    elif any(_is_given(each) for each in ("rig", "noise_ut", "coverage_percent", "cycles")):
+        plan = _plan_choice(plan, points, rig, noise_ut, coverage_percent, cycles)
+    elif any(_is_given(option) for option in ("rig", "noise_ut", "coverage_percent", "cycles")):
         raise click.UsageError("--rig, --noise, --coverage and --cycles are for the study choose")
     if points is not None and not chosen.points:
         raise click.UsageError(f"{name} has numbers of points of its own: leave out --points")

@@ -1,4 +1,4 @@
-"""``hiltest timing``: the cycle costs of the virtual board, and their sources."""
+"""``hiltest timing``: show or measure the cycle costs of the virtual board, and their sources."""
 
 from __future__ import annotations
 
@@ -100,9 +100,9 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:
         name = _name(board)
         file = out or Path(f"{name}.toml")
-        measured_on = _measured_on(board, _by_hand(file, name))
-        found = measure_sequences(board, progress=ProgressLine(ErrorOutput(), shown=sys.stderr.isatty()))
-    raw = {place.name.lower(): clocks for place, clocks in found.items()}
+        measured_on = _measured_on(board, _manual_fields(file, name))
+        clocks_by_place = measure_sequences(board, progress=ProgressLine(ErrorOutput(), shown=sys.stderr.isatty()))
+    raw = {place.name.lower(): clocks for place, clocks in clocks_by_place.items()}
     measured = solve(raw["sram"], about(measured_on), load_image(default_firmware()))
     write_asked_for(file, profile_text(name, measured, raw, board_lines(measured_on)))
     print_measured(standard_output(), measured)
@@ -126,20 +126,20 @@ def check(file: Path) -> tuple[int, dict[str, Any]]:
     from hiltest.virtual.program.elf import load_image
     from hiltest.virtual.silicon.contributed_profile import check
 
-    found = check(file, load_image(default_firmware()), SEQUENCES)
-    for objection in found.objections:
+    result = check(file, load_image(default_firmware()), SEQUENCES)
+    for objection in result.objections:
         click.echo(f"{file}: {objection}")
-    for remark in found.remarks:
+    for remark in result.remarks:
         click.echo(f"{file}: remark: {remark}")
-    if not found.objections and found.board:
-        click.echo(f"{file}: {found.board.name} {found.board.revision}, signed off by {found.board.signed_off_by}: "
+    if not result.objections and result.board:
+        click.echo(f"{file}: {result.board.name} {result.board.revision}, signed off by {result.board.signed_off_by}: "
                    "complete, and its rows are those of its clocks")  # fmt: skip
-    document = {"file": str(file), "name": found.name, "objections": found.objections, "remarks": found.remarks}
-    return int(bool(found.objections)), document
+    document = {"file": str(file), "name": result.name, "objections": result.objections, "remarks": result.remarks}
+    return int(bool(result.objections)), document
 
 
 def _measured_on(board: Board, by_hand: dict[str, str]) -> MeasuredOn:
-    """Return what is known of a board that is measured, and of its firmware."""
+    """Return the properties of a measured board and of its firmware."""
     from hiltest.virtual.silicon.contributed_profile import MeasuredOn
 
     identity = board.identity
@@ -150,13 +150,13 @@ def _measured_on(board: Board, by_hand: dict[str, str]) -> MeasuredOn:
     )
 
 
-def _by_hand(file: Path, name: str) -> dict[str, str]:
-    """Return what was filled in by hand in an earlier measurement of this board, which is replaced.
+def _manual_fields(file: Path, name: str) -> dict[str, str]:
+    """Return the manually filled fields of an earlier measurement of this board, whose file will be replaced.
 
     Raises
     ------
     ConfigError
-        If the file is anything else; a device can be written.
+        If the file has other content; a device can be written to.
     """
     from hiltest.virtual.model.profile_file import measured_file
     from hiltest.virtual.silicon.contributed_profile import filled_in
@@ -164,10 +164,10 @@ def _by_hand(file: Path, name: str) -> dict[str, str]:
     if not os.path.isfile(file):
         return {}
     try:
-        content, found, _ = measured_file(file)
+        content, stored_name, _ = measured_file(file)
     except ConfigError:
-        content, found = {}, ""
-    if "measured" not in content or found != name:
+        content, stored_name = {}, ""
+    if "measured" not in content or stored_name != name:
         raise ConfigError(
             f"{file}: what is there is no measured profile {name}, and is not overwritten; remove it, or name another "
             "file with --out"

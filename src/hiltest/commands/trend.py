@@ -42,27 +42,27 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
 
     entries, skipped = read_folder(folder)
     if not entries:
-        raise ConfigError("\n".join([f"{folder}: no run in it", *map(_in_words, skipped[:_NAMED_AT_MOST])]))
-    found = trend_of(entries)
+        raise ConfigError("\n".join([f"{folder}: no run in it", *map(_skipped_line, skipped[:_NAMED_AT_MOST])]))
+    trend_of_folder = trend_of(entries)
     if not as_json:
         from hiltest.report.console import standard_output
 
-        print_trend(found, standard_output(), every=every)
+        print_trend(trend_of_folder, standard_output(), every=every)
         _print_skipped(skipped)
     if html is not None or not as_json:
         page = html or folder / "trend.html"
-        write_asked_for(page, trend_page(found, skipped))
+        write_asked_for(page, trend_page(trend_of_folder, skipped))
         click.echo(f"{page}", err=as_json)
-    if as_json:  # last: an error has a document of its own
-        click.echo(to_json(found, skipped), nl=False)
+    if as_json:  # the document is last, since an error prints a document of its own
+        click.echo(to_json(trend_of_folder, skipped), nl=False)
 
 
 def _print_skipped(skipped: list[Skipped]) -> None:
-    for each in skipped[:_NAMED_AT_MOST]:
-        click.echo(_in_words(each), err=True)
+    for entry in skipped[:_NAMED_AT_MOST]:
+        click.echo(_skipped_line(entry), err=True)
     if len(skipped) > _NAMED_AT_MOST:
         click.echo(f"and {len(skipped) - _NAMED_AT_MOST} more; all of them are on the page", err=True)
 
 
-def _in_words(skipped: Skipped) -> str:
+def _skipped_line(skipped: Skipped) -> str:
     return f"skipped {skipped.file}: {skipped.reason}"

@@ -1,4 +1,4 @@
-"""``hiltest worst``: the input with the most cycles of a function."""
+"""``hiltest worst``: search for the input with the most cycles of a function."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hiltest.worst_case.kept import WorstCase
     from hiltest.worst_case.search import Budget, Found, Problem
 
-_FEWEST_POINTS, _MOST_POINTS = 9, 512  # unknowns of an ellipsoid, and what the firmware's buffer holds
+_FEWEST_POINTS, _MOST_POINTS = 9, 512  # unknowns of an ellipsoid, and capacity of the firmware's buffer
 _SECONDS = 60.0
 _EPILOG = """
 \b
@@ -35,7 +35,7 @@ Exit codes:
 """
 
 
-# Unknown options are let through: a negative number is an argument of the function.
+# Unknown options are allowed, since a negative number is an argument of the function.
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
 @documented("hiltest.worst/1")
 @click.option("--firmware", metavar="ELF", callback=checked(file_name),
@@ -84,15 +84,15 @@ def worst(
         make_folder(file.parent)
     with asked_to_end() as came:
         budget = Budget(calls, None if calls else seconds or _SECONDS, lambda: bool(came))
-        found, case, said = _searched(problem, budget, seed(seed_text), elf, function)
-    click.echo(said)
-    told = {"calls": found.calls, "refused_cycles": found.refused_cycles}
+        result, case, summary = _run_search(problem, budget, seed(seed_text), elf, function)
+    click.echo(summary)
+    counts = {"calls": result.calls, "refused_cycles": result.refused_cycles}
     if case is None:
-        return 1, {"call": function, "cycles": None, "cycle_model": "", "file": None, **told}
+        return 1, {"call": function, "cycles": None, "cycle_model": "", "file": None, **counts}
     write_asked_for(file, to_json(case))
     click.echo(f"kept in {file}; call it again: hiltest worst --replay {file}{_option(firmware)}")
-    kept = {"call": case.said, "cycles": case.cycles, "cycle_model": case.cycle_model, "file": str(file)}
-    return 2 if came else 0, {**kept, **told}
+    saved = {"call": case.said, "cycles": case.cycles, "cycle_model": case.cycle_model, "file": str(file)}
+    return 2 if came else 0, {**saved, **counts}
 
 
 def _option(firmware: str | None) -> str:
@@ -109,55 +109,55 @@ def _problem(elf: Path, function: str, arguments: tuple[str, ...], points: int, 
     return ArgumentRanges(elf, function, arguments, parse_range(returns) if returns else None)
 
 
-def _searched(
+def _run_search(
     problem: Problem[Any], budget: Budget, seed_number: int, elf: Path, function: str
 ) -> tuple[Found[Any], WorstCase | None, str]:
-    """Return what was found, what is to be kept, and what to say; nothing is kept where no call has succeeded."""
+    """Return the result, the case to save, and a summary; nothing is saved if no call succeeded."""
     from hiltest.commands.options import ErrorOutput
     from hiltest.progress_line import ProgressLine
-    from hiltest.text import readable
+    from hiltest.text import format_number
     from hiltest.worst_case.kept import case_of
     from hiltest.worst_case.search import search
 
     line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
 
     def progress(calls: int, elapsed_s: float, cycles: int) -> None:
-        note = f"{readable(cycles)} cycles so far"
+        note = f"{format_number(cycles)} cycles so far"
         if budget.calls is not None:
             line(f"{function}: call", calls, budget.calls, note)
         elif budget.seconds is not None:
             line(f"{function}: second", int(elapsed_s), math.ceil(budget.seconds), note)
 
-    found = search(problem, seed=seed_number, budget=budget, progress=progress)
+    result = search(problem, seed=seed_number, budget=budget, progress=progress)
     line.clear()
-    searched = f"{readable(found.calls)} calls, {found.elapsed_s:.0f} s, seed {seed_number}"
-    refused = "" if found.refused_cycles is None else f"; refused ones {readable(found.refused_cycles)} at most"
-    if not found.call.counts:
-        return found, None, f"{function}: no call has succeeded of {searched}{refused}"
-    case = case_of(found, problem.kept(found.given), elf, function, seed_number)
-    said = f"{case.said}: {readable(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
-    return found, case, said
+    searched = f"{format_number(result.calls)} calls, {result.elapsed_s:.0f} s, seed {seed_number}"
+    refused = "" if result.refused_cycles is None else f"; refused ones {format_number(result.refused_cycles)} at most"
+    if not result.call.counts:
+        return result, None, f"{function}: no call has succeeded of {searched}{refused}"
+    case = case_of(result, problem.kept(result.given), elf, function, seed_number)
+    summary = f"{case.said}: {format_number(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
+    return result, case, summary
 
 
 def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
-    from hiltest.text import readable
+    from hiltest.text import format_number
     from hiltest.worst_case.kept import digest, load_worst_case
 
     case = load_worst_case(file)
     call, cycle_model = case.replayed(elf)
-    now = f"{case.said}: {readable(call.cycles)} cycles ({cycle_model})"
+    now = f"{case.said}: {format_number(call.cycles)} cycles ({cycle_model})"
     if not call.counts:
         now += f"; refused, with {call.returned}"
     is_same_build = digest(elf) == case.elf_sha256
-    told = {"call": case.said, "cycles": call.cycles, "cycle_model": cycle_model, "file": str(file),
+    document = {"call": case.said, "cycles": call.cycles, "cycle_model": cycle_model, "file": str(file),
             "kept_cycles": case.cycles, "same_build": is_same_build}  # fmt: skip
     if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
         click.echo(f"{now}, as it was kept{'' if is_same_build else f', on another build than {case.elf}'}")
-        return 0, told
-    kept = f"{readable(case.cycles)} ({case.cycle_model})"
+        return 0, document
+    saved = f"{format_number(case.cycles)} ({case.cycle_model})"
     if is_same_build and cycle_model == case.cycle_model:
-        click.echo(f"{now}, and {kept} were kept of the same build, by hiltest {case.hiltest}")
-        return 1, told
+        click.echo(f"{now}, and {saved} were kept of the same build, by hiltest {case.hiltest}")
+        return 1, document
     why = "the same build by another cycle model" if is_same_build else f"another build, {case.elf}"
-    click.echo(f"{now}; {kept} were kept of {why}")
-    return 0, told
+    click.echo(f"{now}; {saved} were kept of {why}")
+    return 0, document

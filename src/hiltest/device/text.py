@@ -13,7 +13,7 @@ from hiltest.device.quantities import Moment, Observation, Quantity
 from hiltest.device.text_forms import Form
 from hiltest.device.text_lines import LONGEST_LINE, LineSplitter, Pattern, is_intact
 from hiltest.device.text_values import ValueSource
-from hiltest.text import counted, legible
+from hiltest.text import format_count, legible
 
 _LONGEST_ERROR = 200
 _DAMAGED = "a line has another check sum than it says"
@@ -90,7 +90,7 @@ class TextInterface:
         """Return what a reader of the values should know; empty where all is plain."""
         slow = (f"given up, since it took more than a second in a line: {text}" for text in self.given_up)
         refused = (
-            f"{quantity.key} not taken {counted(times, 'time')}: {self._why_refused[quantity]}"
+            f"{quantity.key} not taken {format_count(times, 'time')}: {self._why_refused[quantity]}"
             for quantity, times in self._refused.most_common()
         )
         return (*slow, *refused)

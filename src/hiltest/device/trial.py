@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Quantity, StreamInterface
 from hiltest.device.text import Reading, TextInterface
-from hiltest.text import counted, legible, readable
+from hiltest.text import format_count, format_number, legible
 
 _MOST_REASONS = 5
 
@@ -104,13 +104,14 @@ class Trial:
         for quantity, count in sorted(self.values.items(), key=lambda item: list(Quantity).index(item[0])):
             rate_hz = self.rate_hz(quantity)
             rate = "-" if rate_hz is None else f"{rate_hz:.1f}"
-            rows.append(f"{quantity.key:<24}{readable(count):>8}{rate:>13}")
+            rows.append(f"{quantity.key:<24}{format_number(count):>8}{rate:>13}")
         unseen = [each.key for each in Quantity if each not in self.values and self._offered(each)]
         return [
-            f"{readable(self.understood)} understood, {readable(self.not_understood)} not, in {seconds:.1f} s",
+            f"{format_number(self.understood)} understood, {format_number(self.not_understood)} not, "
+            f"in {seconds:.1f} s",
             *(rows if self.values else []),
             *([f"not seen: {', '.join(unseen)}"] if unseen else []),
-            *(f"not understood, {counted(count, 'time')}: {reason}"
+            *(f"not understood, {format_count(count, 'time')}: {reason}"
               for reason, count in self._reasons.most_common(_MOST_REASONS)),
             *(said for interface in (*self._interfaces.values(), self._memory)
               if isinstance(interface, TextInterface | MemoryInterface) for said in interface.remarks()),
@@ -131,6 +132,6 @@ def _readings(interface: StreamInterface, data: bytes, time_s: float) -> Sequenc
 def _in_words(values: Mapping[Quantity, NDArray[np.float64]]) -> str:
     """Return values with names and units."""
     return ", ".join(
-        f"{quantity.key} {' '.join(readable(float(each), 5) for each in value)} {quantity.unit}".rstrip()
+        f"{quantity.key} {' '.join(format_number(float(each), 5) for each in value)} {quantity.unit}".rstrip()
         for quantity, value in values.items()
     )

@@ -1,1 +1,1 @@
-"""What can be wrong with a bench, looked at one by one before anything is measured; each with its remedy."""
+"""Checks of a bench for faults before anything is measured, each with its remedy."""

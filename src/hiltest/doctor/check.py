@@ -1,4 +1,4 @@
-"""One thing that was looked at: what was found, and what to do about it."""
+"""A single check: the finding, and the remedy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hiltest.record.exit_codes import ExitCode
 
 
 class Health(StrEnum):
-    """What a check came to."""
+    """Result of a check."""
 
     OK = "ok"
     WARNING = "warning"
@@ -23,29 +23,29 @@ class Check:
     """One check."""
 
     name: str
-    """What was looked at."""
+    """Subject of the check."""
     health: Health
-    found: str
-    """What was found; of what was not looked at, why."""
+    finding: str
+    """Finding, or the reason why the check was not made."""
     remedy: str = ""
-    """What to do; empty where there is nothing to do."""
+    """Remedy; empty if none is needed."""
     exit_code: ExitCode = ExitCode.OK
-    """What this alone ends the command with."""
+    """Exit code of the command if no other check fails."""
 
 
-def ok(name: str, found: str) -> Check:
-    """Return a check that found all right."""
-    return Check(name, Health.OK, found)
+def ok(name: str, finding: str) -> Check:
+    """Return a check that passed."""
+    return Check(name, Health.OK, finding)
 
 
-def warning(name: str, found: str, remedy: str) -> Check:
-    """Return a check that found what may make numbers wrong, and leaves the bench usable."""
-    return Check(name, Health.WARNING, found, remedy)
+def warning(name: str, finding: str, remedy: str) -> Check:
+    """Return a check of a usable bench whose numbers may be wrong."""
+    return Check(name, Health.WARNING, finding, remedy)
 
 
-def failed(name: str, found: str, remedy: str, exit_code: ExitCode = ExitCode.CONNECTION_LOST) -> Check:
-    """Return a check that found why no run can be made."""
-    return Check(name, Health.FAILED, found, remedy, exit_code)
+def failed(name: str, finding: str, remedy: str, exit_code: ExitCode = ExitCode.CONNECTION_LOST) -> Check:
+    """Return a check of a bench on which no run is possible."""
+    return Check(name, Health.FAILED, finding, remedy, exit_code)
 
 
 def not_looked_at(name: str, because: str) -> Check:
@@ -53,18 +53,18 @@ def not_looked_at(name: str, because: str) -> Check:
     return Check(name, Health.NOT_LOOKED_AT, because)
 
 
-def of_error(name: str, error: HiltestError, port: str | None = None) -> Check:
-    """Return the check that an error, met at a port, is of: behind what is wrong its message has the next step."""
-    found, _, remedy = str(error).partition(". ")
+def check_from_error(name: str, error: HiltestError, port: str | None = None) -> Check:
+    """Return the check of an error at a port; the message has the finding and then the remedy."""
+    finding, _, remedy = str(error).partition(". ")
     unknown = "run again; if it comes back, try another cable and another USB port"
     if port is not None and "://" in port:
         unknown = "see that what serves it runs, and that this machine reaches it"
     code = ExitCode.WRONG_FIRMWARE if isinstance(error, ProtocolError) else ExitCode.CONNECTION_LOST
-    return failed(name, found, remedy or unknown, code)
+    return failed(name, finding, remedy or unknown, code)
 
 
 def exit_code(checks: list[Check]) -> ExitCode:
-    """Return what the command ends with: wrong firmware before a lost connection, warnings do not count."""
+    """Return the command's exit code: wrong firmware precedes a lost connection, and warnings do not count."""
     codes = {check.exit_code for check in checks}
     first = (ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST)
     return next((code for code in first if code in codes), ExitCode.OK)

@@ -1,4 +1,4 @@
-"""All checks in their order; where one fails, those that need it are not made, and the others are."""
+"""All checks in order; if one fails, only the checks that depend on it are omitted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TypeAlias
 from hiltest.boards import Board, open_board
 from hiltest.boards.daplink import choose_board, machine_root
 from hiltest.doctor.board import BOARD_CHECKS, see_identity
-from hiltest.doctor.check import Check, Health, failed, not_looked_at, of_error, ok
+from hiltest.doctor.check import Check, Health, check_from_error, failed, not_looked_at, ok
 from hiltest.doctor.earth import model_field, see_declared_field, see_measured_field
 from hiltest.doctor.host import HOST_CHECKS, HostPort, flash_command, host_port
 from hiltest.doctor.turntable import see_turntable
@@ -45,42 +45,42 @@ def examine(rig: Rig, *, port: str | None = None, root: Path | None = None, toda
     Parameters
     ----------
     port
-        Serial port of a real board; wins over the rig's.
+        Serial port of a real board; takes precedence over the rig's.
     root
-        Of the machine whose devices are looked at, as of `hiltest.boards.daplink.plugged_in`.
+        Root folder of the machine whose devices are checked, as for `hiltest.boards.daplink.plugged_in`.
     today
-        For the World Magnetic Model.
+        Date for the World Magnetic Model.
 
     Raises
     ------
     SeveralBoardsError
-        When several boards are plugged in, and neither rig nor port says which.
+        If several boards are plugged in, and neither rig nor port names one.
     ConfigError
-        When rig and port do not go together.
+        If rig and port do not go together.
     """
     url = port or rig.board.port
     host: HostPort | NoBoardError | str
     if rig.board.kind == "virtual" and (url is None or url.startswith("hil:")):
         host, url = "the board is a virtual one in this process", None
     else:
-        host, url = _on_this_machine(url, root or machine_root())
+        host, url = _locate_board(url, root or machine_root())
     usable = not isinstance(host, NoBoardError)
     for name, look in HOST_CHECKS.items():
         if isinstance(host, HostPort):
             check = look(host)
             usable = usable and check.health is not Health.FAILED
         elif isinstance(host, NoBoardError) and name == "board":
-            check = of_error(name, host)
+            check = check_from_error(name, host)
         else:
             check = not_looked_at(name, host if isinstance(host, str) else "there is no board")
         yield check
     yield see_turntable(rig, root or machine_root())
     flash = flash_command(host) if isinstance(host, HostPort) else "where it is plugged in: hiltest flash"
-    yield from _at_the_board(rig, url, today, flash, usable=usable)
+    yield from _board_checks(rig, url, today, flash, usable=usable)
 
 
-def _on_this_machine(url: str | None, root: Path) -> tuple[HostPort | NoBoardError | str, str | None]:
-    """Return the device that a board is on, or why it is none of this machine; and what to open."""
+def _locate_board(url: str | None, root: Path) -> tuple[HostPort | NoBoardError | str, str | None]:
+    """Return the device that a board is on, or the reason why it is not on this machine; and the URL to open."""
     if url is None or url.startswith(_USB):
         try:
             board = choose_board((url or "").removeprefix(_USB).strip("/"), root=root)
@@ -92,26 +92,26 @@ def _on_this_machine(url: str | None, root: Path) -> tuple[HostPort | NoBoardErr
     return host_port(Path(url), root), url
 
 
-def _at_the_board(rig: Rig, url: str | None, today: date, flash: str, *, usable: bool) -> Iterator[Check]:
+def _board_checks(rig: Rig, url: str | None, today: date, flash: str, *, usable: bool) -> Iterator[Check]:
     model = model_field(rig, today)
     looks: Looks = {
         **BOARD_CHECKS, "identity": lambda board, rig: see_identity(board, rig, flash),
         "measured field": lambda board, rig: see_measured_field(board, rig, model),
     }  # fmt: skip
     if not usable:
-        yield from _left_out(("answer", *looks), "the port cannot be used")
+        yield from _omitted_checks(("answer", *looks), "the port cannot be used")
     elif rig.own_language is not None:
-        yield from _left_out(("answer", *looks), "the firmware speaks its own language: see `hiltest device try`")
+        yield from _omitted_checks(("answer", *looks), "the firmware speaks its own language: see `hiltest device try`")
     else:
-        yield from _opened(rig, url, looks, flash)
+        yield from _checks_when_open(rig, url, looks, flash)
     yield see_declared_field(rig, model)
 
 
-def _opened(rig: Rig, url: str | None, looks: Looks, flash: str) -> Iterator[Check]:
+def _checks_when_open(rig: Rig, url: str | None, looks: Looks, flash: str) -> Iterator[Check]:
     try:
         board = open_board(rig, port=url)
     except (BenchError, ProtocolError) as error:
-        yield from _not_opened(rig, url, looks, error, flash)
+        yield from _checks_when_unopened(rig, url, looks, error, flash)
         return
     with board:
         yield ok("answer", f"at {rig.link.baud} baud" if url else board.description)
@@ -126,51 +126,53 @@ def _opened(rig: Rig, url: str | None, looks: Looks, flash: str) -> Iterator[Che
             except SensorAbsentError as error:
                 check = not_looked_at(name, str(error).partition(";")[0])
             except HiltestError as error:
-                check = of_error(name, error)
+                check = check_from_error(name, error)
                 gone = isinstance(error, BenchError | ProtocolError) and board_is_gone(error)
             yield check
 
 
-def _not_opened(
+def _checks_when_unopened(
     rig: Rig, url: str | None, looks: Looks, error: BenchError | ProtocolError, flash: str
 ) -> Iterator[Check]:
-    """Say how far it came, and at which baud rate else something answers."""
+    """Yield checks of the opening's progress, and another baud rate at which a board answers."""
     if isinstance(error, SyncError) and url is not None and (baud := _answering_baud(url, rig.link.baud)):
-        found = f"nothing at {rig.link.baud} baud; something answers at {baud}"
-        yield failed("answer", found, f"write baud = {baud} under [link] in the rig, if that is the firmware meant")
+        finding = f"nothing at {rig.link.baud} baud; something answers at {baud}"
+        yield failed("answer", finding, f"write baud = {baud} under [link] in the rig, if that is the firmware meant")
     elif isinstance(error, SyncError):
-        found = str(error).partition(". ")[0]
-        yield failed("answer", found, flash)
+        finding = str(error).partition(". ")[0]
+        yield failed("answer", finding, flash)
     elif isinstance(error, BenchError):
-        yield of_error("answer", error, url)
+        yield check_from_error("answer", error, url)
     else:
         yield ok("answer", f"something answers at {rig.link.baud} baud")
     names = [*looks]
     if isinstance(error, OtherFirmwareError):
         yield ok(names.pop(0), "hiltest's")
     if isinstance(error, VersionMismatchError):
-        found, remedy = str(error).partition(". ")[0], f"{flash}, unless the firmware is yours"
-        yield failed(names.pop(0), found, remedy, ExitCode.WRONG_FIRMWARE)
+        finding, remedy = str(error).partition(". ")[0], f"{flash}, unless the firmware is yours"
+        yield failed(names.pop(0), finding, remedy, ExitCode.WRONG_FIRMWARE)
     elif isinstance(error, ProtocolError):
-        yield of_error(names.pop(0), error)
-    yield from _left_out(names, "nothing answers" if isinstance(error, BenchError) else "another firmware answers")
+        yield check_from_error(names.pop(0), error)
+    yield from _omitted_checks(
+        names, "nothing answers" if isinstance(error, BenchError) else "another firmware answers"
+    )
 
 
-def _answering_baud(url: str, tried: int) -> int | None:
-    """Return another baud rate at which something answers; None without, or where the line has none."""
+def _answering_baud(url: str, excluded: int) -> int | None:
+    """Return another baud rate at which a board answers; None without one, or if the line has no baud rate."""
     if "://" in url and not url.startswith("rfc2217:"):
         return None
     for baud in BAUDS:
-        if baud == tried:
+        if baud == excluded:
             continue
         try:
             session = Session(open_port(url, baud=baud), reply_deadline_s=_BAUD_DEADLINE_S, attempts=1)
         except (BenchError, ConfigError):
-            continue  # a rate that this port does not have
+            continue  # the port does not support this rate
         try:
             session.synchronise()
         except VersionMismatchError:
-            pass  # it can be read
+            pass  # the firmware answers readably
         except (BenchError, ProtocolError):
             continue
         finally:
@@ -179,5 +181,5 @@ def _answering_baud(url: str, tried: int) -> int | None:
     return None
 
 
-def _left_out(names: Iterable[str], because: str) -> Iterator[Check]:
+def _omitted_checks(names: Iterable[str], because: str) -> Iterator[Check]:
     return (not_looked_at(name, because) for name in names)

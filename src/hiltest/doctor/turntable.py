@@ -1,4 +1,4 @@
-"""What turns the board, where that is motors on a port of their own. Nothing is turned."""
+"""Check of a turntable with motors on a port of their own, without turning it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from hiltest.doctor.check import Check, Health, failed, not_looked_at, of_error, ok
+from hiltest.doctor.check import Check, Health, check_from_error, failed, not_looked_at, ok
 from hiltest.doctor.host import host_port, see_holders, see_permission
 from hiltest.errors import HiltestError, TurntableError
 from hiltest.link.grbl import GrblLine
@@ -15,7 +15,7 @@ from hiltest.rig import Rig
 
 
 def see_turntable(rig: Rig, root: Path) -> Check:
-    """Look whether the motors' port is there and free, and whether Grbl answers on it."""
+    """Check that the motors' port is present and free, and that Grbl answers on it."""
     name, url = "turntable", rig.turntable.port
     if rig.turntable.kind != "grbl" or url is None:
         return not_looked_at(name, f"of kind {rig.turntable.kind}: it has no port")
@@ -28,9 +28,9 @@ def see_turntable(rig: Rig, root: Path) -> Check:
         with closing(GrblLine(open_port(url, rig=rig.name))) as line:
             status = line.status()
     except TurntableError as error:
-        found = str(error).partition(". ")[0]
-        return failed(name, found, "write the table's port under [turntable] in the rig; the controller needs $10=1")
+        finding = str(error).partition(". ")[0]
+        return failed(name, finding, "write the table's port under [turntable] in the rig; the controller needs $10=1")
     except HiltestError as error:
-        return of_error(name, error, url)
+        return check_from_error(name, error, url)
     where = ", ".join(f"{angle:g}" for angle in status.position)
     return ok(name, f"Grbl answers on {url}: {status.state} at {where} degrees")

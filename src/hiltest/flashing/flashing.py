@@ -26,7 +26,7 @@ from hiltest.link.ports import open_port, place_of
 from hiltest.link.replies import Identity
 from hiltest.link.session import FIRMWARE_NAME, Session
 from hiltest.rig import Rig
-from hiltest.text import readable
+from hiltest.text import format_number
 
 # Firmware starts within a second of its reset; a port that went away is back, and looked at by the system, in a few.
 ANSWERS_WITHIN_S = 10.0
@@ -84,7 +84,7 @@ class Flashed:
     def sentence(self, image: FlashImage, target: Target) -> str:
         """Say it for people."""
         board = f"board {self.serial_number}" if self.serial_number else f"the board on {target.port or target.volume}"
-        return f"{Path(image.image.name).name}: {readable(image.size)} bytes flashed onto {board}; {self.said}"
+        return f"{Path(image.image.name).name}: {format_number(image.size)} bytes flashed onto {board}; {self.said}"
 
 
 def find_target(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from hiltest.c_source import c_constant, in_comment
+from hiltest.c_source import c_constant, comment_text
 from hiltest.errors import ConfigError
 from hiltest.imu_calibration.contents import SCHEMA, ImuCalibration, Matrix, Triple
 from hiltest.strict_json import JsonFile, read_json, shown
@@ -101,9 +101,9 @@ def to_header(calibration: ImuCalibration) -> str:
     made = calibration.made_on
     lines = [
         "/*",
-        f" * Calibration of an IMU by hiltest {in_comment(calibration.hiltest)}, {calibration.made_utc}.",
-        f" * Board: chip {made.unique_id}, firmware {in_comment(made.firmware)} build {in_comment(made.build_id)}, "
-        f"rig {in_comment(made.rig)}.",
+        f" * Calibration of an IMU by hiltest {comment_text(calibration.hiltest)}, {calibration.made_utc}.",
+        f" * Board: chip {made.unique_id}, firmware {comment_text(made.firmware)} build {comment_text(made.build_id)}, "
+        f"rig {comment_text(made.rig)}.",
         f" * Frame: {calibration.frame}.",
         " * Matrices are row by row; every product is matrix times column.",
         " */",
@@ -122,6 +122,6 @@ def _magnetometer(calibration: ImuCalibration) -> str:
 def _part(
     name: str, sensor: str, method: str, formula: str, numbers: Sequence[tuple[str, str, Matrix | Triple]]
 ) -> str:
-    lines = [f"/* {in_comment(sensor)}, {in_comment(method)}: {formula} */"]
+    lines = [f"/* {comment_text(sensor)}, {comment_text(method)}: {formula} */"]
     lines += [c_constant(f"{name}_{what}", values, unit) for what, unit, values in numbers]
     return "\n".join([*lines, ""])

@@ -18,7 +18,7 @@ from hiltest.record.files import write_asked_for
 from hiltest.report.marks import KeyEntry, Mark
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
-from hiltest.text import counted
+from hiltest.text import format_count
 
 SCHEMA = "hiltest.allan/1"
 HEADER = ("column", "figure", "value", "68 % interval")
@@ -94,7 +94,7 @@ def headline(log: RateLog) -> str:
     part = f"{log.path}: {n} samples at {log.rate_hz:.6g} Hz{jitter}, {seconds:.0f} s"
     if not log.gaps:
         return part if n == log.rows else f"{part} of {log.rows} rows, from {log.start_s:.6g} s on"
-    return f"{part}; {counted(log.gaps, 'gap')}: the longest part of {log.rows} rows, from {log.start_s:.6g} s on"
+    return f"{part}; {format_count(log.gaps, 'gap')}: the longest part of {log.rows} rows, from {log.start_s:.6g} s on"
 
 
 def to_json(log: RateLog, curve: AllanCurve) -> str:

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest import __version__
-from hiltest.c_source import c_constant, in_comment
+from hiltest.c_source import c_constant, comment_text
 from hiltest.calibration.acceptance import Acceptance, Reason, worst
 from hiltest.errors import ConfigError
 from hiltest.logs.imu_accelerometer import AUTO, MOVING, AccelerometerResult, face_name, fit_accelerometer
@@ -260,8 +260,8 @@ def to_header(fit: ImuLogFit) -> str:
             for axis, rate in sorted(fit.scales.items()) if rate.scale is not None
         ]
         parts.append("")
-    files = ", ".join(in_comment(Path(file).name) for file in fit.log.files)
-    return _HEADER.format(version=in_comment(__version__), files=files, parts="\n".join(parts))
+    files = ", ".join(comment_text(Path(file).name) for file in fit.log.files)
+    return _HEADER.format(version=comment_text(__version__), files=files, parts="\n".join(parts))
 
 
 def _per(what: str, unit: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hiltest import __version__
-from hiltest.c_source import c_float, in_comment
+from hiltest.c_source import c_float, comment_text
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.logs.fit_result import CalibratorFit, Matrix, SampleFit, Triple
 from hiltest.record.files import write_asked_for
@@ -101,8 +101,8 @@ def export_header(fit: SampleFit, path: Path) -> None:
     warning = f'\n#warning "{_REFUSED}"\n' if refused else ""
     text = _HEADER.format(
         warning=warning, **_gravity_words(fit),
-        version=__version__, calibrator=in_comment(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
-        residual=residual, n_in=fit.n_in, file=in_comment(Path(fit.file).name), n_used=best.n_used,
+        version=__version__, calibrator=comment_text(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
+        residual=residual, n_in=fit.n_in, file=comment_text(Path(fit.file).name), n_used=best.n_used,
         hard_iron=_row(hard_iron), soft_iron=_rows(soft_iron), radius=c_float(radius),
     )  # fmt: skip
     write_asked_for(path, text)
@@ -120,7 +120,7 @@ def _gravity_words(fit: SampleFit) -> dict[str, str]:
     if found is None or fit.gravity is None or not found.accelerometer_offset or not found.accelerometer_gain:
         caution = _SYMMETRIC if turn is None else _TURN.format(axis=turn.axis)
         return {"axes": _AXES, "caution": caution, "accelerometer": ""}
-    caution = _GRAVITY.format(dip=found.held_out_dip_deg, columns=", ".join(map(in_comment, fit.columns)))
+    caution = _GRAVITY.format(dip=found.held_out_dip_deg, columns=", ".join(map(comment_text, fit.columns)))
     accelerometer = _ACCELEROMETER.format(
         unit=fit.gravity.unit, gain_unit=fit.gravity.gain_unit, offset=_row(found.accelerometer_offset),
         gain=_rows(found.accelerometer_gain),

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
 from hiltest.logs.fit_result import AgainstGravity, CalibratorFit, GravityFigures, SampleFit
-from hiltest.text import readable
+from hiltest.text import format_number
 
 STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
 _NAMES = {
@@ -77,7 +77,7 @@ def _grid_of_rows(fit: SampleFit) -> Table:
     """Return a row for each calibrator, with the figures that tell one from another."""
     (kind, kinds), *_ = _kind_rows(fit)
     figures = [row for row in _number_rows(fit) if row[0] not in _OF_SAMPLES]
-    cycles = [("cycles", [readable(calibrator.cycles) for calibrator in fit.calibrators])] if fit.firmware else []
+    cycles = [("cycles", [format_number(calibrator.cycles) for calibrator in fit.calibrators])] if fit.firmware else []
     grid = Table(box=SIMPLE_HEAD, padding=0)
     for label in ("", "verdict", kind):
         grid.add_column(label, no_wrap=label != kind)
@@ -173,10 +173,14 @@ def _cycle_rows(fit: SampleFit, label: str) -> list[tuple[str, list[str]]]:
     if fit.firmware is None:
         return []
     fits = fit.calibrators
-    rows = [(label, ["not counted" if each.cycles is None else readable(each.cycles) for each in fits])]
+    rows = [(label, ["not counted" if each.cycles is None else format_number(each.cycles) for each in fits])]
     if any(each.cycle_band for each in fits):
-        rows.append(("cycles, lowest", [readable(each.cycle_band.low if each.cycle_band else None) for each in fits]))
-        rows.append(("cycles, highest", [readable(each.cycle_band.high if each.cycle_band else None) for each in fits]))
+        rows.append(
+            ("cycles, lowest", [format_number(each.cycle_band.low if each.cycle_band else None) for each in fits])
+        )
+        rows.append(
+            ("cycles, highest", [format_number(each.cycle_band.high if each.cycle_band else None) for each in fits])
+        )
     return rows
 
 

@@ -1,4 +1,4 @@
-"""A measurement, its limit and outcome, and the catalogue of all kinds. Pure: no pytest, board or file."""
+"""A measurement, its limit and outcome, and the catalogue of all kinds. Pure: it needs no pytest, board or file."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """The kinds of measurement that hiltest makes: the one table of their names, units and meaning.
 
 A name such as ``heading.{calibrator}.max`` declares its subject in braces; `identify` finds the kind and the subject of
-``heading.direct.max``. What is measured under any other name is the user's own: it has no kind.
+``heading.direct.max``. A measurement with any other name is the user's own: it has no kind.
 
-The remarks "moved by" were measured on the default rig over seeds 1 to 8 (the full set: 1 to 4), with the packaged
-firmware against itself with other flags: ``-O3`` (other times, the same rounding),
+Remarks such as "moved by 0.04" were measured on the default rig over seeds 1 to 8 (the full set: 1 to 4): the packaged
+firmware was compared with builds of itself with other flags: ``-O3`` (other times, the same rounding),
 ``-fassociative-math`` and ``-ffp-contract=fast`` (sums in another order, multiply-adds rounded once). On a virtual
-board noise is a function of seed and sample, so what such a firmware moves is all that a harmless change can. What
-noise moves is in `hiltest.measurement.deviations`.
+board noise is a function of seed and sample, so the effect of such a build is the largest that a harmless change can
+have. `hiltest.measurement.deviations` has the effect of noise.
 """
 
 from __future__ import annotations
@@ -73,14 +73,14 @@ def _heading() -> Iterator[Kind]:
     in_motion = _allow(0.1, 0.05, f"moved by 0.040; {_MOTION}")
     held = _allow(0.01, 0.01, _ROUNDING)
     raw = _allow(0.01, 0, _OF_PART, _NEITHER)
-    for what, meaning, reference in (
+    for quantity, meaning, reference in (
         ("max", "Largest heading error over the known angles", _MOUNTED),
         ("max_centred", "Largest heading error once the mean error is subtracted", _TABLE),
         ("rms", "Root mean square of the heading errors over the known angles", _MOUNTED),
     ):
-        subjects = {"dpi": in_motion} | ({"uncalibrated": raw} if what == "max" else {})
-        rms = "" if what == "rms" else "heading.{calibrator}.rms"
-        yield Kind(f"heading.{{calibrator}}.{what}", "deg", _LOWER, held, Section.HEADING, meaning, subjects,
+        subjects = {"dpi": in_motion} | ({"uncalibrated": raw} if quantity == "max" else {})
+        rms = "" if quantity == "rms" else "heading.{calibrator}.rms"
+        yield Kind(f"heading.{{calibrator}}.{quantity}", "deg", _LOWER, held, Section.HEADING, meaning, subjects,
                    reference=reference, decided_by=rms)
     yield Kind("heading.{calibrator}.bias", "deg", _ZERO, _allow(0.01, 0.01, _ROUNDING), Section.HEADING,
                "Circular mean of the heading errors", {"dpi": _allow(0.05, 0.05, f"moved by 0.003; {_MOTION}")},
@@ -106,7 +106,7 @@ def _heading() -> Iterator[Kind]:
 
 def _cycles() -> Iterator[Kind]:
     line = _allow(0.5, 0.005, _LINE)
-    for what, unit, better, allowance, meaning in (
+    for quantity, unit, better, allowance, meaning in (
         ("total", "cycle", _LOWER, _KERNEL, "Cycles of one calibration from the number of points that the rig states"),
         ("per_point", "cycle", _LOWER, line, "Slope of the line through the cycles at several numbers of points"),
         ("fixed", "cycle", _LOWER, _allow(5, 0.01, _LINE), "Intercept of that line: cycles whatever the points"),
@@ -119,7 +119,7 @@ def _cycles() -> Iterator[Kind]:
         ("per_iteration", "cycle", _LOWER, line, "Cycles of one sweep of an iterative solver"),
         ("store_per_point", "cycle", _LOWER, _KERNEL, "Cycles to store one point for a fit, where that prepares it"),
     ):
-        yield Kind(f"cycles.{{calibrator}}.{what}", unit, better, allowance, Section.CYCLES, meaning,
+        yield Kind(f"cycles.{{calibrator}}.{quantity}", unit, better, allowance, Section.CYCLES, meaning,
                    accuracy=_WORST if better is _LOWER else "")
     yield Kind("cycles.{calibrator}.from_flash", "cycle", _NEITHER,
                _allow(0, 0.1, "what the flash makes of a function moves by as much from one link to the next"),
@@ -146,10 +146,10 @@ def _cycles() -> Iterator[Kind]:
 
 
 def _streams() -> Iterator[Kind]:
-    each = _allow(1, 0.005, _PER_CALL_WHY)
-    for what, unit, better, allowance, meaning in (
-        ("cycles_mean", "cycle", _LOWER, each, "Mean cycles to take one point"),
-        ("cycles_median", "cycle", _LOWER, each, "Median cycles to take one point"),
+    per_call = _allow(1, 0.005, _PER_CALL_WHY)
+    for quantity, unit, better, allowance, meaning in (
+        ("cycles_mean", "cycle", _LOWER, per_call, "Mean cycles to take one point"),
+        ("cycles_median", "cycle", _LOWER, per_call, "Median cycles to take one point"),
         ("cycles_max", "cycle", _LOWER, _allow(5, 0.005, _PER_CALL_WHY), "Most cycles to take one point"),
         ("fit_cycles", "cycle", _LOWER, _KERNEL, "Cycles of the fit when it is asked for, after all points"),
         ("total", "cycle", _LOWER, _allow(300, 0.005, _PER_CALL_WHY), "Cycles of all points of the tumble"),
@@ -160,13 +160,13 @@ def _streams() -> Iterator[Kind]:
         ("refused", "", _LOWER, _COUNTED, "Points that the calibrator refused"),
     ):
         cost = unit == "cycle"
-        yield Kind(f"stream.{{calibrator}}.{what}", unit, better, allowance, Section.STREAMS, meaning,
+        yield Kind(f"stream.{{calibrator}}.{quantity}", unit, better, allowance, Section.STREAMS, meaning,
                    accuracy=_WORST if cost else "", next_step=COSTS_TOO_MUCH if cost else "",
-                   decided_by="stream.{calibrator}.cycles_mean" if what in ("cycles_median", "cycles_max") else "")
+                   decided_by="stream.{calibrator}.cycles_mean" if quantity in ("cycles_median", "cycles_max") else "")
 
 
 def _fit() -> Iterator[Kind]:
-    for what, unit, better, allowance, meaning, dpi in (
+    for quantity, unit, better, allowance, meaning, dpi in (
         ("status", "", _LOWER, _allow(0, 0, "0 is the fit that was asked for, all others are less"),
          "Status of the fit: 0 is the ellipsoid that was asked for, any other says why there is none", None),
         ("n_used", "", _HIGHER, _COUNTED, "Pairs of field and gravity that the fit used", None),
@@ -192,7 +192,7 @@ def _fit() -> Iterator[Kind]:
          "Strength of the field that the fit against gravity found", None),
         ("strength_declared", "uT", _NEITHER, _allow(0, 0, _OF_PART), "Field strength that the rig declares", None),
     ):
-        yield Kind(f"fit.{{calibrator}}.{what}", unit, better, allowance, Section.FIT, meaning,
+        yield Kind(f"fit.{{calibrator}}.{quantity}", unit, better, allowance, Section.FIT, meaning,
                    {"dpi": dpi} if dpi else {})
     yield Kind("budget.{calibrator}.effort", None, _HIGHER,
                _allow(0, 0, "what the budget buys: follows from exact cycles"), Section.BUDGET,
@@ -263,14 +263,14 @@ def _fusion() -> Iterator[Kind]:
     moving = _allow(0.15, 0.02, f"moved by 0.078; {_MOTION}")
     alone = _allow(0.5, 0.05, f"moved by 0.27; {_MOTION}")
     for prefix, whose in (("fusion", "the fusion filter's"), ("fusion.{source}", "this source's own")):
-        for what, meaning in (
+        for quantity, meaning in (
             ("heading.max", f"Largest error of {whose} heading during the motion"),
             ("heading.rms", f"rms error of {whose} heading during the motion"),
             ("tilt.rms", f"rms error of {whose} tilt during the motion"),
         ):
-            subjects = {"accelerometer_magnetometer": alone} if what == "heading.max" else {}
-            rms = f"{prefix}.heading.rms" if what == "heading.max" else ""
-            yield Kind(f"{prefix}.{what}", "deg", _LOWER, moving, Section.FUSION, meaning, subjects,
+            subjects = {"accelerometer_magnetometer": alone} if quantity == "heading.max" else {}
+            rms = f"{prefix}.heading.rms" if quantity == "heading.max" else ""
+            yield Kind(f"{prefix}.{quantity}", "deg", _LOWER, moving, Section.FUSION, meaning, subjects,
                        decided_by=rms)
     yield Kind("fusion.left_out", "", _LOWER, _COUNTED, Section.FUSION, "Samples lost and corrections refused")
     yield Kind("fusion.corrections", "", _NEITHER, _COUNTED, Section.FUSION, "Corrections that the filter took")
@@ -279,23 +279,23 @@ def _fusion() -> Iterator[Kind]:
 def _driving() -> Iterator[Kind]:
     moving = _allow(0.15, 0.02, f"as fusion.heading.rms: {_MOTION}")
     largest = _allow(0.5, 0.05, f"as fusion.accelerometer_magnetometer.heading.max: {_MOTION}")
-    seen = _allow(0.2, 0.05, "seen at records 0.15 s apart")
-    for what, unit, allowance, meaning in (
+    at_records = _allow(0.2, 0.05, "seen at records 0.15 s apart")
+    for quantity, unit, allowance, meaning in (
         ("quiet_rms", "deg", moving, "rms heading error before anything disturbs the field"),
         ("rms", "deg", moving, "rms heading error while anything disturbs the field"),
         ("max", "deg", largest, "Largest heading error while anything disturbs the field"),
         ("current_rms", "deg", moving, "rms heading error while a current disturbs the field"),
         ("passing_rms", "deg", moving, "rms heading error while a magnet passes"),
         ("cable_rms", "deg", moving, "rms heading error while a cable is out of its place"),
-        ("recovery_time", "s", seen,
+        ("recovery_time", "s", at_records,
          "Longest time from the end of a disturbance until the heading is right to 5 degrees"),
-        ("unsaid", "s", seen, "Time for which a heading was answered that was wrong by more than 5 degrees"),
+        ("unsaid", "s", at_records, "Time for which a heading was answered that was wrong by more than 5 degrees"),
     ):
-        yield Kind(f"driving.{{source}}.{what}", unit, _LOWER, allowance, Section.DRIVING, meaning)
+        yield Kind(f"driving.{{source}}.{quantity}", unit, _LOWER, allowance, Section.DRIVING, meaning)
     yield Kind("driving.fusion.left_out", "", _NEITHER, _COUNTED, Section.DRIVING,
                "Corrections that the filter left out while the field was disturbed: all that it says of it")
     calibrated = _allow(0.1, 0.05, f"as heading.dpi.max: {_MOTION}")
-    for what, unit, allowance, meaning in (
+    for quantity, unit, allowance, meaning in (
         ("calibrated_max", "deg", calibrated,
          "Largest heading error, undisturbed, of a calibration from points that were all disturbed"),
         ("calibrated_error", "%", _allow(0.02, 0.02, f"as fit.dpi.standard_error: {_MOTION}"),
@@ -305,11 +305,11 @@ def _driving() -> Iterator[Kind]:
         ("recalibrated_after", "s", _allow(1, 0.05, "seen at the end of tumbles 7 s apart"),
          "Time of turning without a disturbance until a calibration from disturbed points is right to 2 degrees"),
     ):
-        yield Kind(f"driving.{{calibrator}}.{what}", unit, _LOWER, allowance, Section.DRIVING, meaning)
+        yield Kind(f"driving.{{calibrator}}.{quantity}", unit, _LOWER, allowance, Section.DRIVING, meaning)
 
 
 def _own_language() -> Iterator[Kind]:
-    """Of firmware that speaks its own language."""
+    """Yield the kinds for firmware that speaks its own language."""
     waited = _allow(1, 0.05, "found in steps of a window, a second unless the rig says otherwise")
     converge = "Give its filter time under [device]: converge_s, settle_s."
     hear = "See which lines or bytes are not understood: hiltest device try."
@@ -326,20 +326,20 @@ def _own_language() -> Iterator[Kind]:
         ("not_understood", "", _LOWER, _COUNTED, "Bytes or lines from the firmware that were not understood", hear),
     ):
         yield Kind(f"device.{name}", unit, better, allowance, Section.HEADING, meaning, next_step=next_step)
-    each = _allow(1, 0.005, _PER_CALL_WHY)
+    per_call = _allow(1, 0.005, _PER_CALL_WHY)
     number = _allow(0, 0.02, "as often as the firmware has data and time")
     for name, unit, better, allowance, meaning in (
         ("calls", "", _NEITHER, number, "Calls of a function while the firmware ran"),
-        ("least", "cycle", _LOWER, each, "Fewest cycles of a call, without interrupts"),
-        ("median", "cycle", _LOWER, each, "Median cycles of a call, without interrupts"),
-        ("most", "cycle", _LOWER, each, "Most cycles of a call, without interrupts"),
+        ("least", "cycle", _LOWER, per_call, "Fewest cycles of a call, without interrupts"),
+        ("median", "cycle", _LOWER, per_call, "Median cycles of a call, without interrupts"),
+        ("most", "cycle", _LOWER, per_call, "Most cycles of a call, without interrupts"),
         ("share", "%", _LOWER, _allow(0.05, 0.01, _PER_CALL_WHY), "Share of the processor's time in the function"),
         ("interrupted", "", _NEITHER, number, "Calls that an interrupt entered"),
         ("solutions", "", _NEITHER, number, "Solutions of a function that works in slices"),
-        ("solution_median", "cycle", _LOWER, each, "Median cycles of all slices of a solution"),
-        ("solution_most", "cycle", _LOWER, each, "Most cycles of all slices of a solution"),
+        ("solution_median", "cycle", _LOWER, per_call, "Median cycles of all slices of a solution"),
+        ("solution_most", "cycle", _LOWER, per_call, "Most cycles of all slices of a solution"),
         ("slices", "", _NEITHER, number, "Most slices of a solution"),
-        ("slice_most", "cycle", _LOWER, each, "Most cycles of a slice"),
+        ("slice_most", "cycle", _LOWER, per_call, "Most cycles of a slice"),
     ):
         cost = unit == "cycle"
         yield Kind(f"cycles.{{function}}.{name}", unit, better, allowance, Section.CYCLES, meaning,
@@ -429,7 +429,7 @@ KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _kinds()}
 """Every kind, by name."""
 
 _SUBJECT = "{}"
-# A calibrator, one of its further calibrations (direct@100), an axis, a source, a function.
+# The name of a calibrator, of one of its further calibrations (direct@100), of an axis, a source or a function.
 _SUBJECT_NAME = re.compile(r"[A-Za-z0-9_-]+(?:@[0-9]+)?")
 
 
@@ -443,9 +443,9 @@ _BY_FORM = {_form(name): kind for name, kind in KINDS.items()}
 
 @cache
 def identify(name: str) -> NamedKind:
-    """Return kind and subject of a measurement's name: the only place that splits a name.
+    """Return kind and subject of a measurement's name; no other function splits names.
 
-    A kind without a subject comes before one that has: ``cycles.fusion.predict`` is no calibrator's.
+    A kind without a subject takes precedence: ``cycles.fusion.predict`` belongs to no calibrator.
     """
     parts = name.split(".")
     for marked in sorted(product((False, True), repeat=len(parts)), key=sum)[: len(parts) + 1]:
@@ -457,20 +457,22 @@ def identify(name: str) -> NamedKind:
 
 
 def nearest_name(name: str, at_most: int = 2) -> str | None:
-    """Return the known name that differs from `name` by so few letters, with the subject that `name` has."""
+    """Return the known name within a few letters of `name`, with the subject of `name`."""
     if "*" in name:
-        name = name.replace("*", "direct")  # a pattern: each limit is of one measurement
+        name = name.replace("*", "direct")  # the name is a pattern, and each limit belongs to one measurement
     parts = name.split(".")
-    found = (
-        ".".join(given if part == _SUBJECT else part for part, given in zip(form, parts, strict=True))
+    candidates = (
+        ".".join(subject_part if part == _SUBJECT else part for part, subject_part in zip(form, parts, strict=True))
         for form in _BY_FORM if len(form) == len(parts)
     )
-    near = sorted((distance, each) for each in found if (distance := _edit_distance(name, each)) <= at_most)
+    near = sorted(
+        (distance, candidate) for candidate in candidates if (distance := _edit_distance(name, candidate)) <= at_most
+    )
     return near[0][1] if near else None
 
 
 def _edit_distance(one: str, other: str) -> int:
-    """Return how many letters have to be put in, taken out or replaced (Levenshtein)."""
+    """Return the number of letters to insert, delete or replace (Levenshtein distance)."""
     row = list(range(len(other) + 1))
     for number, letter in enumerate(one, start=1):
         before, row[0] = row[0], number
@@ -497,32 +499,32 @@ def tolerance_of(name: str, of_rig: Mapping[str, Tolerance]) -> Tolerance:
 
 
 def deviation_of(name: str) -> Deviation | None:
-    """Return how much a measurement differs between runs on the default rig that differ in their noise alone.
+    """Return the deviation of a measurement between runs on the default rig that differ only in their noise.
 
-    Of a subject that the packaged firmware does not have, such as a calibrator of the user's own, it is the largest of
-    its kind. None where nothing differs, and for a user's own.
+    For a subject that the packaged firmware does not have, such as a calibrator of the user's own, it is the largest of
+    its kind. The result is None if nothing differs, and for a user's own measurement.
     """
     kind = identify(name).kind
-    found = DEVIATIONS.get(name) or (_largest_deviations().get(kind.name) if kind else None)
-    return found if found and found.value else None
+    deviation = DEVIATIONS.get(name) or (_largest_deviations().get(kind.name) if kind else None)
+    return deviation if deviation and deviation.value else None
 
 
 @cache
 def _largest_deviations() -> Mapping[str, Deviation]:
-    found: dict[str, Deviation] = {}
-    for name, deviation in sorted(DEVIATIONS.items(), key=lambda each: each[1].value):
+    by_kind: dict[str, Deviation] = {}
+    for name, deviation in sorted(DEVIATIONS.items(), key=lambda entry: entry[1].value):
         if (kind := identify(name).kind) is not None:
-            found[kind.name] = deviation
-    return found
+            by_kind[kind.name] = deviation
+    return by_kind
 
 
 def is_compared(name: str) -> bool:
-    """Say whether a measurement is one that a comparison looks at."""
+    """Return whether comparisons include a measurement."""
     kind = identify(name).kind
     return kind is None or kind.compared
 
 
 def is_direction(name: str) -> bool:
-    """Say whether a measurement is a direction [deg]: 330 and 30 are 60 apart, and none is a share of another."""
+    """Return whether a measurement is a direction [deg]: 330 and 30 are 60 apart, and ratios have no meaning."""
     kind = identify(name).kind
     return kind is not None and kind.direction

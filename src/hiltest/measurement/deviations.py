@@ -1,8 +1,8 @@
 """Standard deviations of measurements over seeds of the default rig, with the packaged firmware.
 
-The first table is over 48 seeds of the gate set, the second over 12 of the full one; ``accelerometer.faces_askew`` and
-the offset from six faces are of 400 in float64 (18 on the board: 0.0046 and 0.080). ``tox -e campaign`` writes the file
-anew, over its 100. On a real board, until it has said itself how much its runs differ, they stand for its noise.
+The first table comes from 48 seeds of the gate set, the second from 12 of the full one; ``accelerometer.faces_askew``
+and the offset from six faces come from 400 in float64 (18 on the board: 0.0046 and 0.080). ``tox -e campaign`` rewrites
+the file from its 100 seeds. They stand for the noise of a real board until it has runs enough for its own estimate.
 """
 
 from __future__ import annotations
@@ -186,4 +186,4 @@ DEVIATIONS: Mapping[str, Deviation] = {
     **{name: Deviation(value, 47) for name, value in _GATE.items()},
     **{name: Deviation(value, 11) for name, value in _FULL.items()},
 }
-"""By exact name. Kinds that no seed moves are not here; 0 stands where seeds move others of the kind."""
+"""Deviations by exact name. Kinds that no seed changes are absent; 0 is listed if seeds change others of the kind."""

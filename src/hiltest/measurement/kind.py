@@ -16,7 +16,7 @@ class Better(StrEnum):
     NEITHER = "neither"
 
     def cost(self, value: float) -> float:
-        """Return a number that is lower the better the value is."""
+        """Return a number that decreases as the value gets better."""
         return abs(value) if self is Better.NEARER_ZERO else -value if self is Better.HIGHER else value
 
 
@@ -55,7 +55,7 @@ NEXT_STEP = {
     Section.STUDIES: "Run the study again with the same seed: its numbers do not depend on the machine.",
     Section.OWN: "For a measurement of your own, look at the line that measured it, which stands beside it.",
 }
-"""What to do about a measurement out of its limit whose cause is not known, where its kind does not say more."""
+"""Next step for a measurement out of its limit with an unknown cause, if its kind does not name another."""
 
 
 class Reference(Enum):
@@ -73,13 +73,13 @@ class Tolerance:
     Raises
     ------
     ValueError
-        If one is negative, infinite or no number: nothing would ever be worse.
+        If one is negative, infinite or NaN, since no change could then exceed it.
     """
 
     absolute: float
-    """In the measurement's unit."""
+    """Absolute part, in the measurement's unit."""
     relative: float
-    """Share of the base's value, 0.02 for 2 %. With 0 and 0 any change counts."""
+    """Fraction of the base's value, 0.02 for 2 %. With 0 and 0 any change counts."""
 
     def __post_init__(self) -> None:
         for name, value in (("absolute", self.absolute), ("relative", self.relative)):
@@ -87,7 +87,7 @@ class Tolerance:
                 raise ValueError(f"{name} must be a finite number, 0 or more, not {value}")
 
     def covers(self, other: Tolerance) -> bool:
-        """Say whether whatever stays within `other` stays within this one too."""
+        """Return whether every change within `other` is within this tolerance, too."""
         return self.absolute >= other.absolute and self.relative >= other.relative
 
 
@@ -107,11 +107,11 @@ class Allowance:
     """Tolerance for harmless changes."""
 
     tolerance: Tolerance
-    """Beside it stands, on a board whose runs do not share their noise, what that noise moves."""
+    """Tolerance; if runs do not share their noise, the effect of the noise is added."""
     reason: str
     """Reason of the tolerance."""
     better: Better | None = None
-    """Where it is another than the kind's."""
+    """Better direction, if it differs from the kind's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,28 +121,28 @@ class Kind:
     name: str
     """Name with the subject in braces: ``heading.{calibrator}.max``."""
     unit: str | None
-    """None where the suite decides, as between points and sweeps."""
+    """Unit; None if the suite decides, as between points and sweeps."""
     better: Better
     allowance: Allowance
     section: Section
     meaning: str
-    """One sentence."""
+    """Meaning in one sentence."""
     subjects: Mapping[str, Allowance] = field(default_factory=dict)
     """Tolerances of subjects with another noise."""
     accuracy: str = ""
-    """For a cost: name of the accuracy that it is shown beside, with the same subject."""
+    """Name of the accuracy that a cost is shown beside, with the same subject; empty for other kinds."""
     reference: Reference = Reference.NONE
     compared: bool = True
-    """False for what says nothing of the firmware."""
+    """False for a measurement that says nothing about the firmware."""
     direction: bool = False
-    """Whether it is a direction [deg]: 330 and 30 are 60 apart, and none is a share of another."""
+    """True for a direction [deg]: 330 and 30 are 60 apart, and ratios have no meaning."""
     decided_by: str = ""
-    """For the largest of many numbers, or their median: name of their rms or mean, with the same subject. Between
-    runs that do not share their noise that decides: a largest error is several times as noisy, a median jumps."""
+    """Name of the rms or mean, with the same subject, that decides between runs that do not share their noise, in place
+    of a largest number or a median: a largest error is several times as noisy, and a median jumps. May be empty."""
     next_step: str = ""
-    """What to do where it is out of its limit; by default `NEXT_STEP` of the section."""
+    """Next step if it is out of its limit; by default `NEXT_STEP` of the section."""
 
-    def of(self, subject: str) -> str:
+    def name_for(self, subject: str) -> str:
         """Return the name of the measurement of a subject."""
         return _name(self.name, subject)
 
@@ -156,17 +156,17 @@ class NamedKind:
 
     @property
     def unit(self) -> str | None:
-        """The unit; None where the user decides."""
+        """The unit; None if the user decides."""
         return self.kind.unit if self.kind else None
 
     @property
     def allowance(self) -> Allowance | None:
-        """Tolerance for noise; None for a user's own."""
+        """Tolerance for noise; None for a user's own measurement."""
         return self.kind.subjects.get(self.subject, self.kind.allowance) if self.kind else None
 
     @property
     def better(self) -> Better | None:
-        """Better direction; None where only a limit says so."""
+        """Better direction; None if only a limit determines it."""
         return (self.allowance.better if self.allowance else None) or (self.kind.better if self.kind else None)
 
     @property
@@ -176,17 +176,17 @@ class NamedKind:
 
     @property
     def accuracy(self) -> str:
-        """Name of the accuracy that a cost is shown beside; empty for what is no cost of a calibrator."""
+        """Name of the accuracy that a cost is shown beside; empty if it is no cost of a calibrator."""
         return _name(self.kind.accuracy, self.subject) if self.kind else ""
 
     @property
     def next_step(self) -> str:
-        """What to do about it where it is out of its limit and no cause is known."""
+        """Next step if it is out of its limit and no cause is known."""
         return (self.kind.next_step if self.kind else "") or NEXT_STEP[self.section]
 
     @property
     def decided_by(self) -> str:
-        """Name of what decides in its place where runs do not share their noise; empty where it decides itself."""
+        """Name of the measurement that decides if runs do not share their noise; empty if this one decides itself."""
         return _name(self.kind.decided_by, self.subject) if self.kind else ""
 
 

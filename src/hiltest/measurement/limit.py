@@ -22,10 +22,10 @@ class Limit:
     max: float | None = None
 
     def __post_init__(self) -> None:
-        given = [side for side in (self.min, self.max) if side is not None]
-        if not given:
+        sides = [side for side in (self.min, self.max) if side is not None]
+        if not sides:
             raise ValueError("a limit needs min, max or both")
-        if not all(math.isfinite(side) for side in given):
+        if not all(math.isfinite(side) for side in sides):
             raise ValueError(f"a limit must be finite, got {self.min} to {self.max}")
         if self.min is not None and self.max is not None and self.min > self.max:
             raise ValueError(f"limit min {self.min} is above its max {self.max}")
@@ -36,13 +36,13 @@ class Limit:
         return cls(min=-magnitude, max=magnitude)
 
     def holds(self, value: float) -> bool:
-        """Say whether `value` lies inside; a NaN never does."""
+        """Return whether `value` lies inside; a NaN never does."""
         above = self.min is None or value >= self.min
         below = self.max is None or value <= self.max
         return above and below
 
     def is_met(self, value: float, uncertainty: float = 0.0) -> bool | None:
-        """Say whether a value meets the limit, None where its uncertainty leaves it open.
+        """Return whether a value meets the limit; None if its uncertainty leaves that open.
 
         Parameters
         ----------
@@ -51,8 +51,8 @@ class Limit:
 
         Notes
         -----
-        The decision rule of ISO 14253-1 with a guard band of U on both sides of a limit: conformity is proven where
-        all of ``value - U`` to ``value + U`` is inside, nonconformity where all of it is outside of one side.
+        The decision rule of ISO 14253-1 with a guard band of U on both sides of a limit: conformity is proven if
+        all of ``value - U`` to ``value + U`` is inside, nonconformity if all of it is outside of one side.
         """
         if self.holds(value - uncertainty) and self.holds(value + uncertainty):
             return True
@@ -61,14 +61,14 @@ class Limit:
         return False if too_low or too_high or not uncertainty else None
 
     def covers(self, other: Limit) -> bool:
-        """Say whether whatever holds `other` holds this one too."""
+        """Return whether every value that meets `other` meets this limit, too."""
         above = self.min is None or (other.min is not None and other.min >= self.min)
         below = self.max is None or (other.max is not None and other.max <= self.max)
         return above and below
 
     @property
     def better(self) -> Better:
-        """Better direction of a value of which nothing else is known: away from the side that binds it."""
+        """Better direction of a value without a kind: away from the side that limits it."""
         if self.min is None:
             return Better.LOWER
         if self.max is None:
@@ -88,5 +88,5 @@ class Limit:
 
 
 def _number(value: float | None) -> str:
-    """Return a side of a limit as it was written, thousands apart."""
+    """Return a side of a limit as it was written, with thousands separated."""
     return f"{value:,.9g}".replace(",", " ")

@@ -1,6 +1,6 @@
 """A measurement: name, value, unit, limit and outcome.
 
-Pure: nothing here knows pytest, a board or a file.
+This module is pure: it knows neither pytest nor a board nor a file.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from hiltest.measurement.catalogue import better_of, identify
 from hiltest.measurement.cycle_range import CycleRange
 from hiltest.measurement.kind import COSTS_TOO_MUCH, Better, Kind, Section
 from hiltest.measurement.limit import Limit
-from hiltest.text import readable
+from hiltest.text import format_number
 
 SIGNIFICANT_DIGITS = 9
 """Significant digits of numbers that the host computes.
@@ -27,7 +27,7 @@ finer than anything a bench can see.
 
 
 WORST_OF_SEVERAL = "worst of several attempts"
-"""The note of a measurement that is not the only one of its name."""
+"""Note of a measurement that is not the only one of its name."""
 
 
 class Outcome(StrEnum):
@@ -40,18 +40,18 @@ class Outcome(StrEnum):
     FAIL = "fail"
     """Outside its limit, or not a number."""
     EXPECTED_FAIL = "expected fail"
-    """The same, in a test that is marked to fail (``xfail``): it makes no run red."""
+    """Outside its limit in a test that is marked to fail (``xfail``): no run is red because of it."""
     CANNOT_TELL = "cannot tell"
-    """Nearer to its limit, on either side, than the uncertainty of its reference: no pass, and no failure."""
+    """Nearer to its limit, on either side, than the uncertainty of its reference: neither a pass nor a failure."""
     UNSET = "unset"
     """Its limit could not be evaluated, which fails closed."""
     NOT_OFFERED = "not offered"
-    """This kind of board cannot know it, such as the true offset on a real board; or, with a note, there is nothing to
-    measure on this run, such as the cost of one iteration where none was needed."""
+    """This kind of board cannot know it, such as the true offset on a real board; or, with a note, this run has nothing
+    to measure, such as the cost of one iteration if none was needed."""
 
 
 UNDECIDED = (Outcome.CANNOT_TELL, Outcome.UNSET)
-"""Outcomes of a limit that a run neither meets nor misses: it ends as not evaluated."""
+"""Outcomes of a limit that a run neither meets nor misses; the run is then not evaluated."""
 _DECIDED = {True: Outcome.PASS, False: Outcome.FAIL, None: Outcome.CANNOT_TELL}
 
 
@@ -73,38 +73,38 @@ class Measurement:
     """One number that a run produced."""
 
     name: str
-    """Dotted, lower case: ``heading.direct.max``."""
+    """Name, dotted and in lower case: ``heading.direct.max``."""
     value: float | int | None
-    """None when there is no number to give."""
+    """Value; None without a number."""
     unit: str
-    """As written behind the number: ``deg``, ``cycle``, ``uT``, ``%``."""
+    """Unit as written after the number: ``deg``, ``cycle``, ``uT``, ``%``."""
     limit: Limit | None = None
     information: Limit | None = None
-    """Shown beside the value, without a verdict."""
+    """Reference value shown beside the value, without a verdict."""
     outcome: Outcome = Outcome.INFORMATION
     volatile: bool = False
-    """True when two runs of the same seed may differ in it, such as wall time."""
+    """True if two runs of the same seed may differ in it, as in wall time."""
     cycle_model: str = ""
-    """For cycles: the cycle model that counted them. Numbers of different models are never compared."""
+    """Cycle model of a cycle count; numbers of different models are never compared."""
     note: str = ""
-    """Why the outcome is what it is, when the numbers do not say it."""
+    """Reason for the outcome, if the numbers do not show it."""
     test: str = ""
     """Node id of the test that measured it."""
     band: CycleRange | None = None
-    """For cycles of a virtual board: the uncertainty range that follows from the cycle model."""
+    """Uncertainty range of a virtual board's cycles, which follows from the cycle model."""
     place: str = ""
     """File and line of the call that measured it: ``hil/suites/test_heading.py:81``."""
     uncertainty: float | None = None
-    """Expanded uncertainty of its reference, which the limit was held against; None where none entered."""
+    """Expanded uncertainty of its reference, which the check of the limit included; None without one."""
 
     @property
     def kind(self) -> Kind | None:
-        """Kind in the catalogue; None for a user's own."""
+        """Kind in the catalogue; None for a user's own measurement."""
         return identify(self.name).kind
 
     @property
     def subject(self) -> str:
-        """Subject of its name, such as the calibrator of ``heading.direct.max``; empty where its kind has none."""
+        """Subject of its name, such as the calibrator of ``heading.direct.max``; empty if its kind has none."""
         return identify(self.name).subject
 
     @property
@@ -114,7 +114,7 @@ class Measurement:
 
     @property
     def next_step(self) -> str:
-        """What to do about it where it is out of its limit and no cause is known."""
+        """Next step if it is out of its limit and no cause is known."""
         own_cost = self.kind is None and self.unit == "cycle"
         return COSTS_TOO_MUCH if own_cost else identify(self.name).next_step
 
@@ -125,35 +125,35 @@ class Measurement:
 
     @property
     def gates(self) -> bool:
-        """Whether this measurement alone makes a run red."""
+        """True if this measurement alone makes a run red."""
         return self.outcome in (Outcome.FAIL, *UNDECIDED)
 
     @property
     def says_why_not(self) -> bool:
-        """Whether there is no number because there is nothing to measure."""
+        """True if there is no number because there is nothing to measure."""
         return self.outcome is Outcome.NOT_OFFERED and self.note not in ("", WORST_OF_SEVERAL)
 
     @property
     def may_exceed_limit(self) -> bool:
-        """Whether the count is within its limit, and would not be at one end of its uncertainty range."""
+        """True if the count is within its limit, but not at both ends of its uncertainty range."""
         if self.band is None or self.limit is None or self.outcome is not Outcome.PASS:
             return False
         return not (self.limit.holds(self.band.low) and self.limit.holds(self.band.high))
 
     def rounded(self) -> Measurement:
-        """Return the measurement as it is written: numbers of the host to nine significant digits."""
+        """Return the measurement in its written form: numbers of the host have nine significant digits."""
         return replace(self, value=round_significant(self.value), uncertainty=round_significant(self.uncertainty))
 
     def __str__(self) -> str:
-        value = "no value" if self.value is None else f"{readable(self.value, 6)} {self.unit}".rstrip()
+        value = "no value" if self.value is None else f"{format_number(self.value, 6)} {self.unit}".rstrip()
         limit = f", limit {self.limit}" if self.limit else ""
-        limit += f" with U {readable(self.uncertainty, 2)}" if self.limit and self.uncertainty else ""
+        limit += f" with U {format_number(self.uncertainty, 2)}" if self.limit and self.uncertainty else ""
         note = f" ({self.note})" if self.note else ""
         return f"{self.name} = {value}{limit}: {self.outcome}{note}"
 
 
 class About(TypedDict, total=False):
-    """Fields of `Measurement` beside its value; they decide no outcome, but for the uncertainty."""
+    """Fields of `Measurement` beside its value; only the uncertainty influences the outcome."""
 
     information: Limit | None
     volatile: bool
@@ -174,21 +174,21 @@ def check(
     Parameters
     ----------
     name, value, unit, limit
-        As in `Measurement`. A value of None means that there is none to give.
+        Fields of `Measurement`. A value of None means that there is no number.
     not_checked
-        Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
+        Reason why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
     not_offered
-        Why there is no value, where that follows from another result and nothing is missing.
+        Reason why there is no value, if it follows from another result and nothing is missing.
     could_offer
-        Whether this kind of board can know such a value, as a virtual one always can. None under
-        a limit is then ``unset``, and not ``not offered``.
+        True if this kind of board can know such a value, as a virtual one always can. A missing value under
+        a limit is then ``unset`` instead of ``not offered``.
     **about
-        What else the measurement holds. An outcome that needs a reason has that instead of the note.
+        Other fields of the measurement. An outcome that needs a reason replaces the note.
 
     Returns
     -------
     Measurement
-        With outcome ``fail`` and no value when `value` is not a finite number: a heading
+        A measurement with outcome ``fail`` and no value if `value` is not a finite number: a heading
         that is NaN is a wrong answer, not a missing one.
 
     Raises
@@ -215,7 +215,7 @@ def check(
         uncertainty = about.get("uncertainty") or 0.0
         outcome = _DECIDED[limit.is_met(value, uncertainty)]
         if outcome is Outcome.CANNOT_TELL:
-            note = f"it is nearer to its limit than its reference is known, U = {readable(uncertainty, 2)} {unit}"
+            note = f"it is nearer to its limit than its reference is known, U = {format_number(uncertainty, 2)} {unit}"
     about["note"] = note
     return Measurement(name, value, unit, limit, outcome=outcome, **about)
 

@@ -1,4 +1,4 @@
-"""Two cycle counts against each other: their ratio, and whether they can be ranked."""
+"""Comparison of two cycle counts: their ratio, and whether they can be ranked."""
 
 from __future__ import annotations
 
@@ -8,47 +8,47 @@ from hiltest.measurement.cycle_range import DOUBT, CycleRange, RowEffect
 from hiltest.measurement.measurement import Measurement
 
 FLASH_TIE = 0.10
-"""Two cycle counts of code in flash are ranked only where they differ by more than this part of the smaller one.
+"""Two cycle counts of code in flash are ranked only if they differ by more than this fraction of the smaller one.
 
-What the flash makes of a function depends on where its lines happen to lie and on what the cache still has, and no
-model of it is better than that; silicon itself moves by as much from one link to the next.
+The effect of the flash depends on the positions of a function's lines and on the contents of the cache, and no
+model is more accurate than that; silicon itself varies by as much from one link to the next.
 """
 
 
 def in_flash(cycle_model: str) -> bool:
-    """Say whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/2@flash``."""
+    """Return whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/2@flash``."""
     return "flash" in cycle_model.partition("@")[2]
 
 _Ends = tuple[tuple[float, float], ...]
-"""Changes that one row makes to two counts: at its value, and at both ends of its range."""
+"""Changes of two counts by one row: at its value, and at both ends of its range."""
 
 
 def ratio_range(over: Measurement, under: Measurement) -> tuple[float, float] | None:
     """Return the uncertainty range of the ratio of two cycle counts; None without ranges of one cycle model.
 
-    Both are counted by one model, so a row moves both, and every row moves by itself: the ratio is least, and greatest,
-    with each row at one of its ends. What rows change only together, in either count, widens it; so does what no row
-    explains, of which each count has its own.
+    Both are counted by one model, so a row changes both, and rows are independent: the ratio is extreme
+    with each row at one of its ends. Joint effects of rows on either count widen the range, and so do differences that
+    no row explains, of which each count has its own.
     """
     one, other = over.band, under.band
     if one is None or other is None or over.cycle_model != under.cycle_model or not over.value or not under.value:
         return None
-    ones, others = ({each.row: each for each in _rows(band)} for band in (one, other))
+    ones, others = ({effect.row: effect for effect in _rows(band)} for band in (one, other))
     moves: list[_Ends] = [((over.value, under.value),)]
     for row in sorted(ones.keys() | others.keys()):
         in_one, in_other = (_ends(ones.get(row), over.value), _ends(others.get(row), under.value))
         moves.append(tuple(zip(in_one, in_other, strict=True)))
-    moves.append(tuple((by, 0) for by in _together(over.value, one)))
-    moves.append(tuple((0, by) for by in _together(under.value, other)))
+    moves.append(tuple((by, 0) for by in _joint_effect(over.value, one)))
+    moves.append(tuple((0, by) for by in _joint_effect(under.value, other)))
     swapped: list[_Ends] = [tuple((second, first) for first, second in ends) for ends in moves]
-    if any(sum(min(first for first, _ in ends) for ends in each) <= 0 for each in (moves, swapped)):
+    if any(sum(min(first for first, _ in ends) for ends in pairs) <= 0 for pairs in (moves, swapped)):
         return None
-    (most, of), (least_of, least) = _greatest_ratio(moves), _greatest_ratio(swapped)
-    return least / least_of, most / of
+    (most, most_of), (least_of, least) = _greatest_ratio(moves), _greatest_ratio(swapped)
+    return least / least_of, most / most_of
 
 
 def _ends(effect: RowEffect | None, value: float) -> tuple[float, float, float]:
-    """Return what a row adds to a count where it is, and at either end of its uncertainty range."""
+    """Return the change of a count by a row at its value, and at either end of its uncertainty range."""
     return (0, effect.low - value, effect.high - value) if effect else (0, 0, 0)
 
 
@@ -56,26 +56,26 @@ def _rows(band: CycleRange) -> tuple[RowEffect, ...]:
     return tuple(row for row in band.rows if row.row != DOUBT)
 
 
-def _together(value: float, band: CycleRange) -> tuple[float, float, float]:
-    """Return what all rows add to a count beyond what each adds alone: nothing, at the lower and at the upper end."""
+def _joint_effect(value: float, band: CycleRange) -> tuple[float, float, float]:
+    """Return the joint change of a count by all rows beyond their single changes: none, at the lower and upper end."""
     alone = [_ends(row, value) for row in _rows(band)]
     return 0, min(0, band.low - value - sum(map(min, alone))), max(0, band.high - value - sum(map(max, alone)))
 
 
 def _greatest_ratio(moves: Sequence[_Ends]) -> tuple[float, float]:
-    """Return the two sums with the greatest ratio that one end of each move can make; every second sum is positive.
+    """Return the two sums with the greatest ratio that one end of each move can make; second sums are positive.
 
     Dinkelbach's iteration: W. Dinkelbach, "On nonlinear fractional programming", Management Science 13 (1967) 492-498.
-    The ends that make ``first - ratio * second`` greatest are chosen move by move; where they have no greater ratio,
-    none have. The ratio grows in every step and there are so many ends, so it comes to an end, mostly in three steps.
+    Each step chooses the ends that maximise ``first - ratio * second`` move by move; if they have no greater ratio,
+    no ends have. The ratio grows in every step and the number of ends is finite, so it ends, mostly after three steps.
     """
     first, second = _sums(ends[0] for ends in moves)
     while True:
         chosen = [max(ends, key=lambda end: end[0] * second - end[1] * first) for ends in moves]
-        better, of = _sums(chosen)
-        if better * second <= first * of:
+        better, better_second = _sums(chosen)
+        if better * second <= first * better_second:
             return first, second
-        first, second = better, of
+        first, second = better, better_second
 
 
 def _sums(ends: Iterable[tuple[float, float]]) -> tuple[float, float]:
@@ -84,7 +84,7 @@ def _sums(ends: Iterable[tuple[float, float]]) -> tuple[float, float]:
 
 
 def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool:
-    """Say whether two cycle counts are of code in flash and too close to say which is less."""
+    """Return whether two cycle counts are of code in flash and too close to be ranked."""
     if one is None or other is None or not one.value or not other.value:
         return False
     flash = in_flash(one.cycle_model) and in_flash(other.cycle_model)
@@ -92,8 +92,8 @@ def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool
 
 
 def is_beyond(part: float, moved: float, one: float, other: float) -> bool:
-    """Say whether two numbers that are `moved` apart differ by more than a part of the one of smaller magnitude.
+    """Return whether two numbers that are `moved` apart differ by more than a part of the smaller magnitude.
 
-    Of the smaller: for a cost that rises that is what it was, and both ways round the answer is the same.
+    The smaller magnitude makes the answer symmetric; for a cost that rises it is the old value.
     """
     return moved > part * min(abs(one), abs(other))

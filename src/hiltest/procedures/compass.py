@@ -24,7 +24,7 @@ from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.settling import Settled, wait_until_settled
 from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
 from hiltest.rig import COUNTS_PER_UT, Rig
-from hiltest.text import counted
+from hiltest.text import format_count
 
 Reals = NDArray[np.float64]
 # Pitch and roll [deg]: as said, and as they are.
@@ -209,7 +209,7 @@ def tumble_until_calibrated(
         after_s = board.now_s() - began_s
     if after_s is None and Quantity.CALIBRATED in board.offers:
         raise PoorCoverageError(
-            f"the firmware has not calibrated its magnetometer in {counted(device.tumbles, 'tumble')} of "
+            f"the firmware has not calibrated its magnetometer in {format_count(device.tumbles, 'tumble')} of "
             f"{device.tumble_s:g} s; "
             "give it more under [device]: tumbles, tumble_s"
         )

@@ -18,7 +18,7 @@ from hiltest.errors import OperatorAbsentError, TurntableError
 from hiltest.link.messages import Average
 from hiltest.link.replies import G_PER_COUNT, MICROTESLA_PER_COUNT, AverageReply
 from hiltest.procedures.turntables import QUESTIONS, Achieved, OperatorTurntable, heading_of
-from hiltest.text import counted, listed
+from hiltest.text import format_count, join_words
 
 Reals = NDArray[np.float64]
 
@@ -376,7 +376,7 @@ def place_of(pose: Pose) -> str:
 
 def missing_in_words(skipped: Sequence[Pose], taken: int) -> str:
     """Say which known angles are missing beside those that were taken; empty where none is. A limit is of all."""
-    places = listed([place_of(each) for each in skipped], _NAMED_AT_MOST)
+    places = join_words([place_of(each) for each in skipped], _NAMED_AT_MOST)
     return f"{len(skipped)} of {len(skipped) + taken} known angles not measured: {places}" if skipped else ""
 
 
@@ -386,8 +386,8 @@ def question_of(index: int, pose: Pose) -> str:
 
 
 def _asked_at_the_end(walk: PoseWalk) -> str:
-    numbers = listed([str(each + 1) for each in sorted(walk.skipped)], _NAMED_AT_MOST)
-    skipped = f"; {counted(len(walk.skipped), 'pose')} not measured: {numbers}" if walk.skipped else ""
+    numbers = join_words([str(each + 1) for each in sorted(walk.skipped)], _NAMED_AT_MOST)
+    skipped = f"; {format_count(len(walk.skipped), 'pose')} not measured: {numbers}" if walk.skipped else ""
     return (
         f"{len(walk.taken)} of {walk.of} known angles are taken{skipped}.\n"
         "  Enter to go on (r takes the last again, b goes back, q stops): "

@@ -1,4 +1,4 @@
-"""The run as data: what it measured, `run.json` and the journal, their reader, the files and the exit codes."""
+"""The run as data: its measurements, `run.json` and the journal, their reader, the files and the exit codes."""
 
 from __future__ import annotations
 

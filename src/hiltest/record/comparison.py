@@ -1,6 +1,6 @@
-"""A comparison of two runs as data: the change of every measurement, and why it could not be evaluated.
+"""A comparison of two runs as data: the change of every measurement, and obstacles to its evaluation.
 
-Pure: nothing here knows pytest, a board or a file.
+This module is pure: it knows neither pytest nor a board nor a file.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ class Change(StrEnum):
     BETTER = "better"
     WORSE = "worse"
     NEW = "new"
-    """The base has no number of it."""
+    """The base has no number for it."""
     GONE = "gone"
-    """The base has a number, the new run has none."""
+    """The base has a number, and the new run has none."""
     NOT_TAKEN = "not taken"
-    """Gone, in a run that was cut short or ran chosen tests only."""
+    """The number is gone, in a run that was cut short or ran only chosen tests."""
     UNCHANGED = "unchanged"
     CHANGED = "changed"
-    """Beyond its tolerance without a better direction, such as the worst sector; or its limit is looser."""
+    """The number moved beyond its tolerance without a better direction, as the worst sector, or its limit is looser."""
 
 
 class Answer(StrEnum):
-    """The answer of a comparison."""
+    """Answer of a comparison."""
 
     MAY = "may be merged"
     NOT = "not to be merged"
@@ -44,7 +44,7 @@ class BaseKind(StrEnum):
 
 
 ONE_OF_EXACT = 0.01
-"""Part of the base that counts as one tolerance where the tolerance is exact, to sort changes by size."""
+"""Part of the base that counts as one tolerance when changes are sorted by size, if the tolerance is exact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,29 +57,29 @@ class Difference:
     sense: Better
     base: float | None
     new: float | None
-    """Over several seeds: means over the paired ones. None where there is no number."""
+    """Values, over several seeds the means of the paired ones; None without a number."""
     delta: float | None
-    """New less base; over several seeds the mean of the paired changes."""
+    """New value minus base; over several seeds the mean of the paired changes."""
     interval: tuple[float, float] | None
     """95 % interval of the mean paired change, from eight paired seeds up."""
     seeds: int
-    """How many pairs, each with a number on both sides."""
+    """Number of pairs, each with a number on both sides."""
     tolerance: Tolerance
-    """Where runs do not share their noise, with what that moves."""
+    """Tolerance; it includes the effect of noise if runs do not share their noise."""
     limit: Limit | None
-    """The new run's."""
+    """Limit of the new run."""
     outcome: str
-    """The new run's; over several seeds the one that gates, if any."""
+    """Outcome in the new run; over several seeds that of one that gates, if any."""
     cycle_model: str
     note: str = ""
-    """What the numbers alone do not say."""
+    """Remark that explains the numbers."""
     seen: float | None = None
-    """Smallest change that this comparison sees in 4 of 5 cases; 0 where it sees every change. None without a
-    number on both sides."""
+    """Smallest change that this comparison detects in 4 of 5 cases; 0 if it detects every change, and
+    None without a number on both sides."""
 
     @property
     def concern(self) -> tuple[bool, bool, float, str]:
-        """Sort key: out of its limit first, then with a limit, then by the number of tolerances moved."""
+        """Sort key: measurements out of a limit first, then those with a limit, then by tolerances moved."""
         return self.outcome != Outcome.FAIL, self.limit is None, -self._tolerances_moved, self.name
 
     @property
@@ -93,7 +93,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Revision:
-    """Sources that a run was made for: label, commit and branch, each empty where it was not stated."""
+    """Sources that a run was made for: label, commit and branch, each empty if it was not stated."""
 
     commit: str = ""
     branch: str = ""
@@ -113,9 +113,9 @@ class Side:
     """One side of a comparison."""
 
     file: str = ""
-    """Where it was read from; empty for a run that is compared as it ends."""
+    """File that it was read from; empty for a run that is compared as it ends."""
     sha256: str = ""
-    """Digest of that file, empty where there is none."""
+    """Digest of that file; empty without a file."""
     firmware: str = ""
     version: str = ""
     build_id: str = ""
@@ -125,7 +125,7 @@ class Side:
     """Name of the rig."""
     seeds: tuple[int, ...] = ()
     saved_utc: str = ""
-    """When the run ended, or the baseline was saved or last updated."""
+    """Time at which the run ended, or the baseline was saved or last updated."""
     accepted: tuple[FromBuild, ...] = ()
     """Measurements of a baseline that come from other builds than `build_id`, by build."""
     revision: Revision | None = None
@@ -134,44 +134,44 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Base against new."""
+    """Comparison of a new run with a base."""
 
     base: Side
     new: Side
     differences: tuple[Difference, ...]
-    """Sorted by name."""
+    """Differences, sorted by name."""
     obstacles: tuple[str, ...]
-    """Why the gate cannot be evaluated, one line each, with what to do. None of them: it was."""
+    """Reasons why the gate cannot be evaluated, one line each, with a remedy; empty if it was evaluated."""
     sentence: str
-    """All of it in one sentence, which begins with the answer."""
+    """Summary in one sentence, which begins with the answer."""
     failed: tuple[str, ...] = ()
-    """What fails in the new run by itself, whatever the base is: its limits and its tests."""
+    """Failures of the new run that do not depend on the base: its limits and its tests."""
     unjudged: tuple[str, ...] = ()
     """Limits of the new run that were not evaluated, with the reason."""
     chosen: bool = False
-    """Whether only chosen tests ran: the others are unknown."""
+    """True if only chosen tests ran: the others are unknown."""
     base_kind: BaseKind = BaseKind.RUN
     remark: str = ""
     """Remark for the reader; it decides nothing."""
 
-    def of(self, change: Change) -> tuple[Difference, ...]:
+    def differences_with(self, change: Change) -> tuple[Difference, ...]:
         """Return the measurements with this change, in order of concern."""
-        found = (difference for difference in self.differences if difference.change is change)
-        return tuple(sorted(found, key=lambda each: each.concern))
+        matching = (difference for difference in self.differences if difference.change is change)
+        return tuple(sorted(matching, key=lambda difference: difference.concern))
 
     @property
     def answer(self) -> Answer:
-        """Whether the change may be merged, may not, or is not known."""
+        """Answer to the question if the change may be merged."""
         if self.failed or self.regression:
             return Answer.NOT
         return Answer.MAY if self.evaluated and not self.unjudged else Answer.UNKNOWN
 
     @property
     def evaluated(self) -> bool:
-        """True where nothing kept the comparison from being made."""
+        """True if the comparison has no obstacles."""
         return not self.obstacles
 
     @property
     def regression(self) -> bool:
-        """True where the comparison was made, and something got worse."""
+        """True if the comparison was evaluated and a measurement got worse."""
         return self.evaluated and any(difference.change is Change.WORSE for difference in self.differences)

@@ -40,7 +40,7 @@ PYTEST_WINS = (ExitCode.INTERRUPTED, ExitCode.INTERNAL_ERROR, ExitCode.USAGE_ERR
 
 
 def comparison_code(comparison: Comparison) -> ExitCode:
-    """Return the exit code of a comparison alone: a gate that could not be evaluated is no pass."""
+    """Return the exit code of a comparison alone: a gate that could not be evaluated does not pass."""
     if comparison.failed:
         return ExitCode.FAILED
     if not comparison.evaluated or comparison.unjudged:

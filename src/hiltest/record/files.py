@@ -1,4 +1,4 @@
-"""Files that a run and a campaign leave: their names, and how one is written whole or not at all."""
+"""Names of the files of a run and of a campaign, and a writer that writes a file as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RECORD_FILES = (RUN_FILE, REPORT_FILE, MARKDOWN_FILE, "junit.xml")
 SEED_FOLDERS = "seed-*"
 """Folders of a campaign, each with the record of one seed."""
 SEEDS_FILE = "seeds.json"
-"""Summary of a campaign as data; written when all its seeds have run."""
+"""Summary of a campaign as data, written after all its seeds have run."""
 CAMPAIGN_FILE = "seeds.md"
 BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN = "boards.json", "boards.html", "boards.md"
 """Summary of several boards that ran at once."""
@@ -29,23 +29,23 @@ UNFINISHED = ".unfinished"
 
 
 def write_atomically(path: Path, text: str) -> Path:
-    """Write a file so that a reader sees the old text or the new, and all of it.
+    """Write a file so that a reader sees either the old text or the whole new one.
 
-    A regular file, or a new name, is written beside itself and moved into place, with its permissions kept. A link is
-    followed. A device, a pipe or an open file (``/dev/stdout``) is not replaced: the text is written to it. A lone
-    surrogate, as of a file's name that is no UTF-8, becomes a question mark.
+    A regular file, or a new name, is written under a temporary name beside it and moved into place; permissions are
+    kept. A link is followed. A device, a pipe or an open file (``/dev/stdout``) is not replaced: the text is written to
+    it. A lone surrogate, as in a file name that is not UTF-8, becomes a question mark.
 
     Raises
     ------
     OSError
-        If it cannot be written; the old file is as it was.
+        If it cannot be written; the old file is then unchanged.
     """
     target = _replaceable(path)
     if target is None:
-        with path.open("a", encoding="utf-8", errors="replace") as file:  # what an open file has already stays
+        with path.open("a", encoding="utf-8", errors="replace") as file:  # so that an open file keeps its content
             file.write(text)
         return path
-    # Of this process alone: two that write one file take nothing from each other.
+    # The temporary name is specific to this process, so that two writers of one file do not collide.
     unfinished = target.with_name(f"{target.name}.{os.getpid()}{UNFINISHED}")
     try:
         with unfinished.open("w", encoding="utf-8", errors="replace") as file:
@@ -62,12 +62,12 @@ def write_atomically(path: Path, text: str) -> Path:
 
 
 def write_asked_for(path: Path, text: str) -> None:
-    """Write a file that the user named.
+    """Write a file that the user requested.
 
     Raises
     ------
     ConfigError
-        If it cannot be written; says why.
+        If it cannot be written.
     """
     try:
         write_atomically(path, text)
@@ -77,12 +77,12 @@ def write_asked_for(path: Path, text: str) -> None:
 
 
 def _replaceable(path: Path) -> Path | None:
-    """Return the regular file or the new name that a path leads to; None for what must not be replaced."""
+    """Return the regular file or new name that a path leads to; None if the target must not be replaced."""
     with suppress(FileNotFoundError):
         if not stat.S_ISREG(path.stat().st_mode):
             return None
-    while path.is_symlink():  # no loop: stat has refused that
+    while path.is_symlink():  # a loop is impossible, since stat rejects it
         path = path.parent / path.readlink()
         if path.parent.resolve().is_relative_to("/proc"):
-            return None  # an open file of a process: whoever opened it would not see a new one
+            return None  # an open file of a process, which would not see a new file
     return path

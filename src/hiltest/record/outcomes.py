@@ -6,24 +6,24 @@ from enum import StrEnum
 from typing import Any
 
 _OLDER_WORDS = {"bench lost": "connection lost"}
-"""Words of records from before the ones that stand now."""
+"""Words of older records, and the current ones."""
 
 
 class TestOutcome(StrEnum):
     """Outcome of a test: those of pytest, and two for faults of the bench or the firmware."""
 
-    __test__ = False  # not a test class, whatever pytest makes of the name
+    __test__ = False  # pytest takes the class for a test class because of its name
 
     PASSED = "passed"
     FAILED = "failed"
     ERROR = "error"
-    """It failed outside its own function, as in a fixture."""
+    """The test failed outside its own function, as in a fixture."""
     SKIPPED = "skipped"
     XFAILED = "xfailed"
-    """It failed as it was marked to."""
+    """The test failed as its mark predicted."""
     XPASSED = "xpassed"
     RERUN = "rerun"
-    """An attempt that pytest-rerunfailures followed with another."""
+    """An attempt that pytest-rerunfailures repeated."""
     CONNECTION_LOST = "connection lost"
     WRONG_FIRMWARE = "wrong firmware"
 
@@ -41,17 +41,17 @@ class TestOutcome(StrEnum):
 
     @property
     def is_of_bench(self) -> bool:
-        """Whether the bench or the firmware ended it."""
+        """True if the bench or the firmware ended the test."""
         return self in (TestOutcome.CONNECTION_LOST, TestOutcome.WRONG_FIRMWARE)
 
     @property
     def has_run(self) -> bool:
-        """Whether the test function ran, and its result counts."""
+        """True if the test function ran, and its result counts."""
         return self not in (TestOutcome.SKIPPED, TestOutcome.XFAILED, TestOutcome.RERUN)
 
     @property
     def came_to_its_end(self) -> bool:
-        """Whether it measured all that it could: it neither failed nor lost its board."""
+        """True if the test made all its measurements: it neither failed nor lost its board."""
         return self not in RED and not self.is_of_bench
 
 

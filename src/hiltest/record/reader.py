@@ -1,4 +1,4 @@
-"""Read a record: a finished one, or the journal of a run that was cut short or still goes on."""
+"""Reader of records: finished ones, and journals of runs that were cut short or still go on."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from hiltest.errors import ConfigError
 from hiltest.record.failures import unfinished_verdict
 from hiltest.record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.record.journal import JOURNAL_FILE, is_going_on
-from hiltest.record.run import SCHEMA, Run, Verdict, in_force, marked, volatile_places
+from hiltest.record.run import SCHEMA, Run, Verdict, marked, tolerances_in_force, volatile_places
 from hiltest.strict_json import LARGEST_BYTES, JsonFile, parse_json, read_bounded, read_json, shown
-from hiltest.text import listed
+from hiltest.text import join_words
 
 OTHERWISE = "render another record, or run again: hiltest run"
 """The next step for a record that cannot be read."""
 
 _ADAPTER = TypeAdapter(Run)
-# A run can begin or finish between two looks at its folder.
+# A run can begin or finish between two checks of its folder.
 _TRIES = 3
 _SEEDS_AT_MOST = 3
 _UNKNOWN = asdict(Verdict("cut short", 2, "", complete=False))
@@ -33,18 +33,17 @@ _UNKNOWN = asdict(Verdict("cut short", 2, "", complete=False))
 
 @dataclass(frozen=True, slots=True)
 class RecordFile:
-    """A record as it was read."""
+    """A record and its file."""
 
     run: Run
     content: Mapping[str, Any]
-    """The same as JSON has it, with every field that only a newer hiltest knows: what is written again is written
-    of this."""
+    """Content as in JSON, including fields that only a newer hiltest knows; rewritten records are made from it."""
     path: Path
     """``run.json`` or the journal."""
     sha256: str
     """Digest of that file as it was read."""
     ended: bool
-    """Whether the run has come to its end, and the verdict is its own."""
+    """True if the run finished, so that the verdict is its own."""
 
 
 def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
@@ -53,80 +52,80 @@ def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
     Parameters
     ----------
     place
-        A run's folder, a ``run.json`` or a ``journal.jsonl``.
+        Folder of a run, a ``run.json`` or a ``journal.jsonl``.
     otherwise
-        What to do where a file is no JSON.
+        Remedy for a file that is not JSON.
 
     Raises
     ------
     ConfigError
-        If there is none, or it cannot be read; says why and what to do.
+        If there is no record, or it cannot be read; the message has the reason and a remedy.
     """
     if place.name.endswith(".jsonl") and not os.path.isdir(place):
-        return _from_journal(place)
+        return _read_journal(place)
     if not os.path.isdir(place):
         return record_in(read_json(place, otherwise=otherwise))
     record, journal = place / RUN_FILE, place / JOURNAL_FILE
     for _ in range(_TRIES):
         if journal.exists():
             with suppress(_NothingRecordedError):
-                stored = _from_journal(journal)
-                # Of a run that has come to its end run.json holds the same, once it is written.
+                stored = _read_journal(journal)
+                # For a finished run, run.json has the same content as soon as it is written.
                 if not (stored.ended and record.exists()):
                     return stored
         if record.exists():
             return record_in(read_json(record, otherwise=otherwise))
-    if seeds := sorted(str(each) for each in place.glob(SEED_FOLDERS) if each.is_dir()):
-        named = listed(seeds, _SEEDS_AT_MOST)
-        raise ConfigError(f"{place}: a campaign, not one run: {_of_all_seeds(place)}; name one of {named}")
+    if seeds := sorted(str(folder) for folder in place.glob(SEED_FOLDERS) if folder.is_dir()):
+        named = join_words(seeds, _SEEDS_AT_MOST)
+        raise ConfigError(f"{place}: a campaign, not one run: {_campaign_state(place)}; name one of {named}")
     raise ConfigError(f"{place}: no record of a run: neither {RUN_FILE} nor a line in {JOURNAL_FILE}")
 
 
-def _of_all_seeds(place: Path) -> str:
-    """Return the file that sums up a campaign."""
+def _campaign_state(place: Path) -> str:
+    """Return the file that summarises a campaign."""
     page = place / CAMPAIGN_FILE
     return f"all its seeds are in {page}" if page.exists() else f"cut short or going on, without {CAMPAIGN_FILE}"
 
 
 class _NothingRecordedError(ConfigError):
-    """A journal that is gone again, or in which no run has written its first line yet."""
+    """A journal that was removed again, or that has no first line yet."""
 
 
 def record_in(file: JsonFile) -> RecordFile:
-    """Check what stands in a ``run.json``.
+    """Check the content of a ``run.json``.
 
     Raises
     ------
     ConfigError
-        If it is of another schema, or a field is missing or wrong; says which. Unknown fields are no error.
+        If it is of another schema, or a field is missing or wrong. Unknown fields are no error.
     """
     _check_schema(file.path, file.schema, file.content)
-    return RecordFile(_run_from(file.content, file.path), file.content, file.path, file.sha256, ended=True)
+    return RecordFile(_parse_run(file.content, file.path), file.content, file.path, file.sha256, ended=True)
 
 
-def _check_schema(path: Path, found: object, content: Any) -> None:
-    """Refuse what is no record of a run, and what is one of another major version."""
-    if found == SCHEMA:
+def _check_schema(path: Path, schema: object, content: Any) -> None:
+    """Reject content that is no record of a run, or one of another major version."""
+    if schema == SCHEMA:
         return
-    said = f"{path}: schema is {shown(found)}, this hiltest reads {shown(SCHEMA)}"
-    if not isinstance(found, str) or found.partition("/")[0] != SCHEMA.partition("/")[0]:
-        raise ConfigError(f"{said}: it is no record of a run")
+    mismatch = f"{path}: schema is {shown(schema)}, this hiltest reads {shown(SCHEMA)}"
+    if not isinstance(schema, str) or schema.partition("/")[0] != SCHEMA.partition("/")[0]:
+        raise ConfigError(f"{mismatch}: it is no record of a run")
     try:
         writer = f" (hiltest {shown(content['environment']['versions']['hiltest'])})"
     except (LookupError, TypeError):
         writer = ""
-    raise ConfigError(f"{said}: use the version that wrote it{writer}, or make the run again with this one")
+    raise ConfigError(f"{mismatch}: use the version that wrote it{writer}, or make the run again with this one")
 
 
-def _run_from(content: Mapping[str, Any], path: Path) -> Run:
+def _parse_run(content: Mapping[str, Any], path: Path) -> Run:
     try:
-        # As JSON, and strictly: a number in quotes is no number, and a list is what a tuple is written as.
+        # Validation as JSON and in strict mode: a quoted number is rejected, and a list is accepted for a tuple.
         run = _ADAPTER.validate_json(json.dumps(content), strict=True)
     except ValidationError as error:
         first = error.errors()[0]
         place = "".join(f"{step}." for step in first["loc"])[:-1]
         raise ConfigError(f"{path}: {place or 'as a whole'}: {first['msg']}; {OTHERWISE}") from error
-    for kind, names in _named_once(run):
+    for kind, names in _unique_names(run):
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {OTHERWISE}")
@@ -138,40 +137,43 @@ def _run_from(content: Mapping[str, Any], path: Path) -> Run:
     return run
 
 
-def _named_once(run: Run) -> Iterator[tuple[str, Sequence[str]]]:
-    """Yield the names that may each stand once, and of what."""
+def _unique_names(run: Run) -> Iterator[tuple[str, Sequence[str]]]:
+    """Yield names that must be unique, with their kind."""
     yield "measurement", [measurement.name for measurement in run.measurements]
-    yield "table", [each.name for each in run.tables]
+    yield "table", [table.name for table in run.tables]
     for table in run.tables:
         yield f"column of table {shown(table.name)}:", [column.name for column in table.columns]
 
 
-def _from_journal(path: Path) -> RecordFile:
-    # In this order: a run that is cut short between the two still counts as one that goes on, and none that has
-    # come to its end counts as cut short.
+def _read_journal(path: Path) -> RecordFile:
+    # The order matters: a run that is cut short between the two steps still counts as going on, and a finished one
+    # does not count as cut short.
     try:
         going_on = is_going_on(path)
         text = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=OTHERWISE)
     except (OSError, ConfigError) as error:
-        said = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
-        raise (ConfigError if os.path.lexists(path) else _NothingRecordedError)(said) from error
+        reason = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
+        raise (ConfigError if os.path.lexists(path) else _NothingRecordedError)(reason) from error
     lines = text.split(b"\n")
-    # What follows the last line's end was being written when the process ended.
+    # The process was writing the last, incomplete line when it ended.
     entries = [_entry(path, number, line) for number, line in enumerate(lines[:-1], 1)]
     starts = [index for index, entry in enumerate(entries) if entry.get("kind") == "start"]
     if not starts:
         raise _NothingRecordedError(f"{path}: no run has written its first line; {OTHERWISE}")
-    content = _replayed(path, entries[starts[-1]:], first_line=starts[-1] + 1)
-    run = _run_from(content, path)
+    content = _join_entries(path, entries[starts[-1]:], first_line=starts[-1] + 1)
+    run = _parse_run(content, path)
     ended = content["verdict"] is not _UNKNOWN
     several = {other_attempt.name for other_attempt in run.other_attempts}
     run = replace(
         run, verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
-        measurements=tuple(marked(each) if each.name in several else each for each in run.measurements),
+        measurements=tuple(
+            marked(measurement) if measurement.name in several else measurement for measurement in run.measurements
+        ),
     )
     run = replace(run, volatile=volatile_places(run), tolerances=_tolerances(run, path))
     noted = [
-        {**read, "note": each.note} for read, each in zip(content["measurements"], run.measurements, strict=True)
+        {**read, "note": measurement.note}
+        for read, measurement in zip(content["measurements"], run.measurements, strict=True)
     ]
     settled = {
         "verdict": asdict(run.verdict), "measurements": noted, "volatile": run.volatile, "tolerances": run.tolerances,
@@ -181,7 +183,7 @@ def _from_journal(path: Path) -> RecordFile:
 
 def _tolerances(run: Run, path: Path) -> dict[str, tuple[float, float]]:
     try:
-        return in_force(run)
+        return tolerances_in_force(run)
     except ValueError as error:
         raise ConfigError(f"{path}: rig.tolerances: {error}; {OTHERWISE}") from error
 
@@ -196,8 +198,8 @@ def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
     return entry
 
 
-def _replayed(path: Path, entries: list[dict[str, Any]], *, first_line: int) -> dict[str, Any]:
-    """Join the entries as ``run.json`` has them; they are checked as its fields are."""
+def _join_entries(path: Path, entries: list[dict[str, Any]], *, first_line: int) -> dict[str, Any]:
+    """Join the entries to the content of ``run.json``; its fields are validated later."""
     start = {key: value for key, value in entries[0].items() if key not in ("kind", "process")}
     _check_schema(path, start.get("schema"), start)
     content: dict[str, Any] = {
@@ -214,13 +216,13 @@ def _replayed(path: Path, entries: list[dict[str, Any]], *, first_line: int) -> 
                 content |= {key: value for key, value in entry.items() if key != "kind"}
             elif entry["kind"] == "test":
                 tests += [entry["test"]] if entry["test"] is not None else []
-                measurements |= {each["name"]: each for each in entry["measurements"]}
-                tables |= {each["name"]: each for each in entry["tables"]}
+                measurements |= {measurement["name"]: measurement for measurement in entry["measurements"]}
+                tables |= {table["name"]: table for table in entry["tables"]}
                 other_attempts += entry.get("other_attempts", [])
                 content["finished_utc"] = entry["utc"]
         except (LookupError, TypeError) as error:
             raise ConfigError(f"{path}: line {number} is no entry of a journal: {error}; {OTHERWISE}") from error
-    listed = {"measurements": measurements, "tables": tables}
+    by_kind = {"measurements": measurements, "tables": tables}
     return content | {"tests": tests, "other_attempts": other_attempts} | {
-        kind: [by_name[name] for name in sorted(by_name, key=str)] for kind, by_name in listed.items()
+        kind: [by_name[name] for name in sorted(by_name, key=str)] for kind, by_name in by_kind.items()
     }

@@ -1,4 +1,4 @@
-"""Keep the record while tests finish: journal first, then the files."""
+"""Writer of the record while tests finish: first the journal, then the files."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from hiltest.record.run import (
 )
 from hiltest.record.run_json import write_run
 
-# What a number in the record can depend on, besides the firmware.
+# Packages that numbers in the record can depend on, besides the firmware.
 _PACKAGES = ("hiltest", "pytest", "cffi", "capstone", "pyelftools", "numpy", "scipy", "pyserial")
 
 
 class Recorder:
     """Collects the findings of a session and writes them into the folder of its journal.
 
-    The record of the run before stays in the folder until `begin`: it is not yet sure that this one takes place.
+    The record of the previous run stays in the folder until `begin`, since this run may not take place.
     """
 
     def __init__(
@@ -53,47 +53,49 @@ class Recorder:
         })
 
     def earlier(self, kind: str) -> tuple[str, list[dict[str, Any]]]:
-        """Return when the last run in this folder that kept steps of a kind began, and these steps."""
+        """Return the start of the last run in this folder with steps of a kind, and these steps."""
         start, entries = self._journal.earlier(kind)
         return str(start.get("started_utc", "")), entries
 
     def keep(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Write a step through to the disk; of a run that does not come to its end the journal then stays."""
+        """Write a step through to the disk; the journal of an unfinished run then stays."""
         self._journal.append(kind, content)
         self._has_steps = True
 
     def begin(self, calibration: CalibrationRecord | None = None) -> None:
-        """Remove the record of the run before, and note the calibration file under test."""
+        """Remove the record of the previous run, and note the calibration file under test."""
         self._journal.begin()
         self.findings.calibration = calibration
         self._journal.append("calibration", {"calibration": calibration and asdict(calibration)})
 
     def rig(self, rig: RigRecord, seed: int | None) -> None:
-        """Note which rig the run is on."""
+        """Note the rig of the run."""
         self.findings.rig, self.findings.seed = rig, seed
         self._journal.append("rig", {"rig": asdict(rig), "seed": seed})
 
     def board(self, board: BoardRecord, seed: int | None) -> None:
-        """Note which board answered."""
+        """Note the board that answered."""
         self.findings.board, self.findings.seed = board, seed
         self._journal.append("board", {"board": asdict(board), "seed": seed})
 
-    def found(self, measurements: Iterable[Measurement], tables: Iterable[Table]) -> None:
-        """Take measurements and tables, rounded as they are written; they reach the disk with the next `finished`."""
+    def add(self, measurements: Iterable[Measurement], tables: Iterable[Table]) -> None:
+        """Add measurements and tables, rounded as in the file; the next `finish_test` writes them to the disk."""
         self._unwritten_measurements += (measurement.rounded() for measurement in measurements)
         self._unwritten_tables += (table.rounded() for table in tables)
 
-    def finished(self, test: TestResult | None) -> None:
+    def finish_test(self, test: TestResult | None) -> None:
         """Write a finished test through to the disk; with None the session's own findings."""
         if test is not None:
             self.findings.tests.append(test)
             if test.outcome is TestOutcome.XFAILED:
-                self._unwritten_measurements = [_expected(each, test) for each in self._unwritten_measurements]
+                self._unwritten_measurements = [
+                    _as_expected(measurement, test) for measurement in self._unwritten_measurements
+                ]
         names = dict.fromkeys(unwritten_measurement.name for unwritten_measurement in self._unwritten_measurements)
         others = len(self.findings.other_attempts)
         for unwritten_measurement in self._unwritten_measurements:
             self.findings.take(unwritten_measurement)
-        self.findings.tables.update((each.name, each) for each in self._unwritten_tables)
+        self.findings.tables.update((table.name, table) for table in self._unwritten_tables)
         self._journal.append("test", {
             "utc": utc_now(),
             "test": test and asdict(test),
@@ -104,11 +106,11 @@ class Recorder:
         self._unwritten_measurements, self._unwritten_tables = [], []
 
     def compare(self, compared: Callable[[Run], Comparison], verdict: Verdict) -> None:
-        """Compare the run with a base; `verdict` is how it ended apart from that."""
+        """Compare the run with a base; `verdict` is its verdict apart from the comparison."""
         self.findings.comparison = compared(self.findings.finish(verdict, utc_now()))
 
     def finish(self, verdict: Verdict) -> Run:
-        """Write ``run.json``; the journal goes with `release` where it holds nothing more."""
+        """Write ``run.json``; `release` then removes the journal if it has no other content."""
         run = self.findings.finish(verdict, utc_now())
         comparison = run.comparison and asdict(run.comparison)
         self._journal.append("end", {
@@ -121,12 +123,12 @@ class Recorder:
         return run
 
     def release(self) -> None:
-        """Give the folder back, when every file is written."""
+        """Release the folder after every file is written."""
         self._journal.release()
 
 
-def _expected(measurement: Measurement, test: TestResult) -> Measurement:
-    """Return a measurement; out of its limit in a test that was marked to fail, and did, it does not fail the run."""
+def _as_expected(measurement: Measurement, test: TestResult) -> Measurement:
+    """Return a measurement; out of its limit in a test that was expected to fail, it does not fail the run."""
     if measurement.test != test.id or measurement.outcome is not Outcome.FAIL:
         return measurement
     return replace(measurement, outcome=Outcome.EXPECTED_FAIL, note=measurement.note or "its test is marked xfail")

@@ -1,4 +1,4 @@
-"""The record of a run: its parts.
+"""The parts of the record of a run.
 
 Every report is rendered from a `Run` and from nothing else.
 """
@@ -31,7 +31,7 @@ _VOLATILE_OF_A_REPLAY = ("kind", "description", "recording")
 _VOLATILE_OF_A_SIDE = ("file", "saved_utc", "revision")
 
 Cell = float | int | str | bool | None
-# The worst of several attempts counts: no rerun makes a pass of a measurement that was out of its limit.
+# The worst of several attempts counts, so that a rerun cannot hide a measurement that was out of its limit.
 _WORST_FIRST = (Outcome.FAIL, Outcome.CANNOT_TELL, Outcome.UNSET, Outcome.NOT_OFFERED)
 
 
@@ -49,7 +49,7 @@ class SensorRecord:
 
 @dataclass(frozen=True, slots=True)
 class RecordingRecord:
-    """The recording that a run was replayed from: its file, its SHA-256, and when it was made."""
+    """The recording that a run was replayed from: its file, its SHA-256, and its time."""
 
     file: str
     sha256: str
@@ -60,9 +60,9 @@ class RecordingRecord:
 class BoardRecord:
     """The board that answered on the link. `clock` is ``virtual`` or ``wall``.
 
-    `compiler_flags` are those of all units of the firmware; empty where no ELF has them. `elf_build_id` is the ELF's
-    GNU build-id note, with which `build_id` was compared; empty without one. `kind` is ``replay`` where answers
-    came from a `recording`, and no firmware ran.
+    `compiler_flags` are those of all units of the firmware; empty if no ELF has them. `elf_build_id` is the ELF's
+    GNU build-id note, which was compared with `build_id`; empty without one. `kind` is ``replay`` if answers
+    came from a `recording` and no firmware ran.
     """
 
     kind: str
@@ -87,12 +87,12 @@ class BoardRecord:
 
 @dataclass(frozen=True, slots=True)
 class RigRecord:
-    """The rig: name, file and SHA-256 of that file; `mounting` as it declares it.
+    """The rig: name, file, SHA-256 of that file, and declared `mounting`.
 
-    `conditions_sha256` is of what its numbers rest on: no limits, no texts. Empty in records from before it was kept.
-    `tolerances` has absolute and relative by measurement name. `cost_reference` is the calibrator whose cycles the
-    others' are given as a multiple of; empty where the rig names none. `faults` are those that were made on
-    purpose, in words; empty without.
+    `conditions_sha256` covers everything that its numbers depend on: neither limits nor texts. Empty in older records,
+    which lack it. `tolerances` has absolute and relative tolerance by measurement name. `cost_reference` is the
+    calibrator that the others' cycles are multiples of; empty if the rig names none. `faults` describes intentional
+    faults; empty without any.
     """
 
     name: str
@@ -107,7 +107,7 @@ class RigRecord:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRecord:
-    """The calibration file that was tested: its name, its SHA-256, and when it was made."""
+    """The calibration file that was tested: its name, its SHA-256, and its time."""
 
     file: str
     sha256: str
@@ -116,7 +116,7 @@ class CalibrationRecord:
 
 @dataclass(frozen=True, slots=True)
 class CoverageRecord:
-    """What of the firmware was executed: how many of how many, and the file that has it in full.
+    """Executed part of the firmware: counts and totals, and the file with the details.
 
     `branches` counts conditional branches, and those of them that went both ways.
     """
@@ -141,10 +141,10 @@ class Environment:
 class TestResult:
     """One finished test.
 
-    `trace` names the file, relative to the run's folder, that shows what went over the line before it failed.
+    `trace` names the file, relative to the run's folder, with the bytes on the line before a failure.
     """
 
-    __test__ = False  # not a test class, whatever pytest makes of the name
+    __test__ = False  # pytest takes the class for a test class because of its name
 
     id: str
     outcome: TestOutcome
@@ -163,7 +163,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Numbers behind a plot: what was seen at each pose, point or size."""
+    """Numbers behind a plot: one row per pose, point or size."""
 
     name: str
     columns: tuple[Column, ...]
@@ -175,7 +175,7 @@ class Table:
         Raises
         ------
         KeyError
-            If there is none of this name.
+            If no column has this name.
         """
         names = [column.name for column in self.columns]
         if name not in names:
@@ -184,18 +184,18 @@ class Table:
         return tuple(row[index] for row in self.rows)
 
     def column_if_any(self, name: str) -> tuple[Cell, ...]:
-        """Return one column; None in every row when there is none of this name, as in older records."""
+        """Return one column; None in every row if no column has this name, as in older records."""
         has_column = any(column.name == name for column in self.columns)
         return self.column(name) if has_column else (None,) * len(self.rows)
 
     def rounded(self) -> Table:
-        """Return the table as it is written: floats to nine significant digits, none of them NaN."""
-        return replace(self, rows=tuple(tuple(_cell(cell) for cell in row) for row in self.rows))
+        """Return the table as it is written: floats have nine significant digits, and NaN becomes None."""
+        return replace(self, rows=tuple(tuple(_round_cell(cell) for cell in row) for row in self.rows))
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The end of a run in one word, one exit code and one sentence."""
+    """Result of a run in one word, one exit code and one sentence."""
 
     outcome: str
     exit_code: int
@@ -213,7 +213,7 @@ class Run:
     rig: RigRecord | None
     seed: int | None
     suite: Literal["gate", "full"]
-    """Which set of tests it was: ``gate`` or ``full``."""
+    """Set of tests: ``gate`` or ``full``."""
     poses: str
     calibration: CalibrationRecord | None
     environment: Environment
@@ -223,33 +223,33 @@ class Run:
     measurements: tuple[Measurement, ...]
     tables: tuple[Table, ...]
     volatile: tuple[str, ...] = ()
-    """JSON pointers (RFC 6901) of all that may differ between two runs of the same seed."""
+    """JSON pointers (RFC 6901) of all values that may differ between two runs of the same seed."""
     comparison: Comparison | None = None
     """Comparison with the baseline or the older firmware."""
     other_attempts: tuple[Measurement, ...] = ()
-    """What the other attempts of tests that were run again measured; the worst stands under `measurements`."""
+    """Measurements of the other attempts of repeated tests; the worst attempt is under `measurements`."""
     chosen: bool = False
-    """Whether the user chose among the tests of hiltest, so that some of the set did not run."""
+    """True if the user chose among the tests of hiltest, so that part of the set did not run."""
     revision: Revision | None = None
-    """Sources that it was made for, as the label and the job name them."""
+    """Sources that the run was made for, according to label and job."""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
-    they were kept."""
+    """Absolute and relative tolerance that was in force for each compared measurement; empty in older records,
+    which lack it."""
     coverage: CoverageRecord | None = None
-    """Coverage of the firmware, where it was asked for."""
+    """Coverage of the firmware, if it was requested."""
 
     def measurement(self, name: str) -> Measurement | None:
-        """Return the measurement of this name, None when it was not made."""
+        """Return the measurement of this name; None if it was not made."""
         return next((measurement for measurement in self.measurements if measurement.name == name), None)
 
     def table(self, name: str) -> Table | None:
-        """Return the table of this name, None when there is none."""
+        """Return the table of this name; None without one."""
         return next((table for table in self.tables if table.name == name), None)
 
 
 @dataclass(slots=True)
 class Findings:
-    """Everything that a run has found so far; `finish` makes the `Run` of it."""
+    """All findings of a run so far; `finish` makes a `Run` of them."""
 
     environment: Environment
     suite: Literal["gate", "full"]
@@ -269,37 +269,39 @@ class Findings:
     coverage: CoverageRecord | None = None
 
     def take(self, measurement: Measurement) -> None:
-        """Take a measurement; of several attempts the worst counts."""
-        kept = self.measurements.setdefault(measurement.name, measurement)
-        # The same may come twice: see `carry_over` of the session.
-        if measurement != kept and measurement not in self.other_attempts:
-            self.measurements[measurement.name], other = worst_first(kept, measurement)
+        """Add a measurement; of several attempts the worst counts."""
+        stored = self.measurements.setdefault(measurement.name, measurement)
+        # The same measurement may come twice: see `carry_over` of the session.
+        if measurement != stored and measurement not in self.other_attempts:
+            self.measurements[measurement.name], other = worst_first(stored, measurement)
             self.other_attempts.append(other)
 
     def finish(self, verdict: Verdict, finished_utc: str) -> Run:
-        """Return the record: measurements and tables sorted by name, volatile places listed."""
+        """Return the record, with measurements and tables sorted by name, and with volatile places."""
         several = {other_attempt.name for other_attempt in self.other_attempts}
         measurements = [self.measurements[name].rounded() for name in sorted(self.measurements)]
         run = Run(
             schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, suite=self.suite,
             poses=self.poses, calibration=self.calibration, environment=self.environment,
             started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
-            measurements=tuple(marked(each) if each.name in several else each for each in measurements),
+            measurements=tuple(
+                marked(measurement) if measurement.name in several else measurement for measurement in measurements
+            ),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
             other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts), chosen=self.chosen,
             revision=self.revision, coverage=self.coverage,
         )
-        return replace(run, volatile=volatile_places(run), tolerances=in_force(run))
+        return replace(run, volatile=volatile_places(run), tolerances=tolerances_in_force(run))
 
 
-def in_force(run: Run) -> dict[str, tuple[float, float]]:
-    """Return the tolerances of all that is compared: the rig's, or else those of the kind."""
-    of_rig = {name: Tolerance(*each) for name, each in (run.rig.tolerances if run.rig else {}).items()}
-    found = {
+def tolerances_in_force(run: Run) -> dict[str, tuple[float, float]]:
+    """Return the tolerances of all compared measurements: the rig's, or else those of their kind."""
+    of_rig = {name: Tolerance(*values) for name, values in (run.rig.tolerances if run.rig else {}).items()}
+    tolerances = {
         measurement.name: tolerance_of(measurement.name, of_rig)
         for measurement in run.measurements if is_compared(measurement.name) and not measurement.volatile
     }
-    return {name: (float(each.absolute), float(each.relative)) for name, each in found.items()}
+    return {name: (float(tolerance.absolute), float(tolerance.relative)) for name, tolerance in tolerances.items()}
 
 
 def utc_now() -> str:
@@ -308,7 +310,7 @@ def utc_now() -> str:
 
 
 def volatile_places(run: Run) -> tuple[str, ...]:
-    """Return JSON pointers of all that may differ between two runs of the same seed, or a run and its replay."""
+    """Return JSON pointers of all values that may differ between two runs of a seed, or a run and its replay."""
     places = ["/started_utc", "/finished_utc"]
     places += [f"/tests/{index}/duration_s" for index in range(len(run.tests))]
     for name, measurements in (("measurements", run.measurements), ("other_attempts", run.other_attempts)):
@@ -324,20 +326,20 @@ def volatile_places(run: Run) -> tuple[str, ...]:
     return tuple(places)
 
 
-def _cell(cell: Cell) -> Cell:
+def _round_cell(cell: Cell) -> Cell:
     if isinstance(cell, str | bool):
         return cell
     # JSON has no NaN; an empty cell of a table is null.
     return None if cell is None or not math.isfinite(cell) else round_significant(plain(cell))
 
 
-def worst_first(kept: Measurement, other: Measurement) -> tuple[Measurement, Measurement]:
-    """Return the measurements of two attempts under one name, the one that counts first.
+def worst_first(earlier: Measurement, later: Measurement) -> tuple[Measurement, Measurement]:
+    """Return the measurements of two attempts under one name; the first one counts.
 
-    Out of its limit comes before near it, that before not evaluated, that before no number at all, and that before a
-    number. Of two numbers the worse one comes first, and where neither is, the earlier.
+    The order is: out of its limit, too near to tell, not evaluated, not offered, with a number. The worse of two
+    numbers comes first; if none is worse, the earlier one.
     """
-    worst, rest = sorted((kept, other), key=_rank)
+    worst, rest = sorted((earlier, later), key=_rank)
     return worst, rest
 
 

@@ -25,7 +25,7 @@ def to_json(run: Run) -> str:
 
 
 def content_to_json(content: Mapping[str, Any]) -> str:
-    """Return the text of a record's fields: one test, measurement or table row a line, for readable diffs."""
+    """Return the text of a record's fields, one test, measurement or table row per line, for readable diffs."""
     fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
     return "{\n" + fields + "\n}\n"
 
@@ -36,14 +36,14 @@ def write_run(run: Run, folder: Path) -> Path:
 
 
 def part_from(kind: type[Part], content: Mapping[str, Any]) -> Part:
-    """Make a part of the record from what `asdict` made of one."""
+    """Make a part of the record from the result of `asdict`."""
     part: Part = _adapters()[kind].validate_python(content)
     return part
 
 
 @cache
 def _adapters() -> dict[type, TypeAdapter[Any]]:
-    from pydantic import TypeAdapter  # not at the start of every session: only workers hand parts over
+    from pydantic import TypeAdapter  # imported late, since only xdist workers hand parts over
 
     return {kind: TypeAdapter(kind) for kind in (BoardRecord, Measurement, Table)}
 
@@ -56,16 +56,16 @@ def _field(name: str, value: Any) -> str:
     if name == "tables":
         return _lines([_table_text(table) for table in value])
     if name == "comparison" and value is not None:
-        return "{" + ",\n ".join(f"{_json(key)}: {_field(key, each)}" for key, each in value.items()) + "}"
+        return "{" + ",\n ".join(f"{_json(key)}: {_field(key, content)}" for key, content in value.items()) + "}"
     if name == "tolerances":
-        return "{" + ",".join(f"\n {_json(key)}: {_json(each)}" for key, each in value.items()) + "}"
+        return "{" + ",".join(f"\n {_json(key)}: {_json(content)}" for key, content in value.items()) + "}"
     if name in ("tests", "measurements", "other_attempts", "differences"):
-        return _lines([_json(each) for each in value])
+        return _lines([_json(item) for item in value])
     return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
 
 
 def _table_text(table: Mapping[str, Any]) -> str:
-    others = "".join(f"{_json(key)}: {_json(each)}, " for key, each in table.items() if key != "rows")
+    others = "".join(f"{_json(key)}: {_json(content)}, " for key, content in table.items() if key != "rows")
     return f"{{{others.rstrip()}\n  {_json('rows')}: {_lines([_json(row) for row in table['rows']], indent='   ')}}}"
 
 

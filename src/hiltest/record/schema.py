@@ -1,6 +1,6 @@
 """The JSON Schema of ``run.json``.
 
-``python -m hiltest.record.schema`` writes the shipped JSON Schema anew.
+``python -m hiltest.record.schema`` regenerates the shipped JSON Schema.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DESCRIPTION = (
 def run_schema() -> dict[str, Any]:
     """Return the JSON Schema of ``run.json``, generated from the record's classes.
 
-    Required is what has no default: a field that was added later has one, so that older records are valid.
+    Fields without a default are required. Fields that were added later have one, so that older records are valid.
     """
     schema = TypeAdapter(Run).json_schema(mode="validation", schema_generator=DescribedFields)
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": SCHEMA, "description": DESCRIPTION}

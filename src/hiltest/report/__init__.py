@@ -1,4 +1,4 @@
-"""Renderers: a run as HTML, Markdown, terminal text and figures. Nothing is decided here."""
+"""Renderers of a run as HTML, Markdown, terminal text and figures. They decide nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several boards in one report: a column a board, and how far they are apart."""
+"""Several boards in one report: one column per board, and the spread between them."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from hiltest.report.page import render
 from hiltest.text import number
 from hiltest.verdict.calibrators import UNCALIBRATED
 
-# What stands at the terminal: accuracy and cost of each calibrator.
+# Measurements on the terminal: accuracy and cost of each calibrator.
 _HEADLINES = (KINDS["heading.{calibrator}.max"], KINDS["cycles.{calibrator}.total"])
 
 
 @dataclass(frozen=True, slots=True)
 class BoardLine:
-    """The end of one board's run."""
+    """Result of one board's run."""
 
     name: str
-    """Of its rig."""
+    """Name of its rig."""
     folder: str
-    """Of its record, beside the page."""
+    """Folder of its record, relative to the page."""
     exit_code: int
     sentence: str
-    """Its verdict, or its last words where there is none."""
+    """Sentence of its verdict, or its last output if it has none."""
     firmware: str = ""
-    """Empty where nothing answered."""
+    """Firmware; empty if no board answered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,19 +45,19 @@ class Apart:
     name: str
     unit: str
     values: Mapping[str, float | int | None]
-    """By board."""
+    """Values by board."""
     outcomes: Mapping[str, Outcome]
-    """The same."""
+    """Outcomes by board."""
     spread: float | int | None
-    """Largest less smallest; None where fewer than two boards have a number, or where they are not alike."""
+    """Largest minus smallest value; None if fewer than two boards have a number, or if they are not comparable."""
 
     @property
     def has_limit(self) -> bool:
-        """Whether a board holds it to a limit."""
+        """True if a board has a limit for it."""
         return any(outcome not in (Outcome.INFORMATION, Outcome.NOT_OFFERED) for outcome in self.outcomes.values())
 
     def cell(self, board: str) -> str:
-        """Return its value on a board as people read it; a cross beside what is beyond its limit."""
+        """Return its value on a board as text, with a cross if it is beyond its limit."""
         if board not in self.values:
             return ""
         sign = " ✗" if self.outcomes[board] is Outcome.FAIL else ""
@@ -65,14 +65,14 @@ class Apart:
 
     @property
     def apart(self) -> str:
-        """The spread as people read it."""
+        """The spread as text."""
         return "" if self.spread is None else number(self.spread, self.unit)
 
 
 def boards_html(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
-    """Return the page."""
-    held = [each for each in apart if each.has_limit]
-    others = [each for each in apart if not each.has_limit]
+    """Return the page as HTML."""
+    held = [row for row in apart if row.has_limit]
+    others = [row for row in apart if not row.has_limit]
     return render(
         "boards.html.j2", verdict=verdict, boards=boards, held=held, others=others, report=REPORT_FILE,
         version=__version__,
@@ -80,7 +80,7 @@ def boards_html(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[A
 
 
 def boards_markdown(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
-    """Return the same as Markdown."""
+    """Return the page as Markdown."""
     return "\n".join(_lines(verdict, boards, apart)) + "\n"
 
 
@@ -89,26 +89,26 @@ def _lines(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]
     yield from (f"# {plain_text(verdict.outcome.upper())}", "", plain_text(verdict.sentence), "")
     ends = ([board.name, str(board.exit_code), board.sentence] for board in boards)
     yield from table(["board", "exit code", "verdict"], ends)
-    held, others = ([each for each in apart if each.has_limit is has_limit] for has_limit in (True, False))
+    held, others = ([row for row in apart if row.has_limit is has_limit] for has_limit in (True, False))
     yield from ("", *_measurements(names, held))
     yield from folded("Measurements without a limit", _measurements(names, others))
 
 
 def _measurements(names: Sequence[str], apart: Sequence[Apart]) -> Iterator[str]:
-    rows = ([each.name, *map(each.cell, names), each.apart, each.unit] for each in apart)
+    rows = ([row.name, *map(row.cell, names), row.apart, row.unit] for row in apart)
     yield from table(["measurement", *map(plain_text, names), "spread", "unit"], rows)
 
 
 def print_boards(console: Console, names: Sequence[str], apart: Sequence[Apart]) -> None:
-    """Print what decides: worst heading and cycles of each calibrator, a column a board."""
+    """Print the worst heading and the cycles of each calibrator, one column per board."""
     shown = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     shown.add_column("")
     for name in (*names, "spread"):
         shown.add_column(escape(name), justify="right")
     shown.add_column("")
-    for each in apart:
-        named = identify(each.name)
+    for row in apart:
+        named = identify(row.name)
         if named.kind in _HEADLINES and named.subject != UNCALIBRATED:
-            cells = [each.cell(name) for name in names]
-            shown.add_row(*map(escape, (each.name, *cells, each.apart, each.unit)))
+            cells = [row.cell(name) for name in names]
+            shown.add_row(*map(escape, (row.name, *cells, row.apart, row.unit)))
     console.print(shown)

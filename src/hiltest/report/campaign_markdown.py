@@ -9,13 +9,13 @@ from hiltest.record.comparison import Comparison
 from hiltest.record.run import Verdict
 from hiltest.report.markdown import comparison_lines
 from hiltest.report.markdown_text import folded, plain_text, table
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.wording import counted_by
 
 
 @dataclass(frozen=True, slots=True)
 class SeedLine:
-    """The end of one seed's run, in words."""
+    """Result of one seed's run, in words."""
 
     seed: int
     exit_code: int
@@ -24,7 +24,7 @@ class SeedLine:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """One measurement over the seeds that have a number of it."""
+    """One measurement over the seeds on which it has a number."""
 
     name: str
     unit: str
@@ -39,12 +39,12 @@ def campaign_markdown(
     verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None,
     cycle_models: Iterable[str] = (),
 ) -> str:
-    """Return the page: verdict, what changed, seeds that did not pass and limits they missed; the rest folded.
+    """Return the page: verdict, changes, failed seeds and the limits that they missed; the rest is folded.
 
     Parameters
     ----------
     cycle_models
-        What counted the cycles among the spreads.
+        Cycle models of the counts among the spreads.
     """
     return "\n".join(_lines(verdict, seeds, spreads, comparison, counted_by(cycle_models))) + "\n"
 
@@ -74,7 +74,7 @@ def _seeds(seeds: Sequence[SeedLine]) -> Iterator[str]:
 
 def _spreads(spreads: Sequence[Spread]) -> Iterator[str]:
     rows = (
-        [spread.name, str(spread.n), *map(readable, (spread.min, spread.median, spread.max)), spread.unit,
+        [spread.name, str(spread.n), *map(format_number, (spread.min, spread.median, spread.max)), spread.unit,
          ", ".join(map(str, spread.failed_seeds))]
         for spread in spreads
     )  # fmt: skip

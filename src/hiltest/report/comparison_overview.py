@@ -1,4 +1,4 @@
-"""What the reports show of a comparison: its changes in order of concern, the two sides, the counts, and a figure."""
+"""Contents of a comparison's report: its changes in order of concern, the two sides, the counts, and a figure."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from hiltest.record.comparison import Answer, Change, Comparison, Difference, Side
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.wording import (
     SHOWN,
     build,
@@ -23,7 +23,7 @@ from hiltest.verdict.wording import (
     shown,
 )
 
-# Stands beside the word for readers who do not see its colour.
+# Signs beside the words, for readers who do not see their colour.
 _SIGNS = {Change.WORSE: "✗", Change.GONE: "−", Change.BETTER: "✓", Change.NEW: "+", Change.CHANGED: "≠"}
 _ANSWERS = {Answer.MAY: "good", Answer.NOT: "bad", Answer.UNKNOWN: "warn"}
 _TONES = {Change.WORSE: "fail", Change.GONE: "fail", Change.BETTER: "pass"}
@@ -38,7 +38,7 @@ _KEY = tuple(KeyEntry(str(change), "", mark, style) for change, (mark, style) in
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """One changed measurement, as text; `outcome` has the note too."""
+    """One changed measurement, as text; `outcome` includes the note."""
 
     name: str
     change: str
@@ -54,7 +54,7 @@ class Changed:
 
 @dataclass(frozen=True, slots=True)
 class AgainstBaseline:
-    """The section of the page."""
+    """Section of the page about the comparison."""
 
     comparison: Comparison
     tone: str
@@ -65,7 +65,7 @@ class AgainstBaseline:
 
 
 def against_baseline(comparison: Comparison | None) -> AgainstBaseline | None:
-    """Return the section, None when the run was compared with nothing."""
+    """Return the section; None if the run was compared with nothing."""
     if comparison is None:
         return None
     return AgainstBaseline(
@@ -75,37 +75,41 @@ def against_baseline(comparison: Comparison | None) -> AgainstBaseline | None:
 
 
 def changed(comparison: Comparison) -> Iterator[Changed]:
-    """Yield changed measurements, worst first; unchanged ones are only counted."""
-    for _, found in shown(comparison):
-        yield from map(_in_text, found)
+    """Yield the changed measurements, worst first; unchanged ones are only counted."""
+    for _, differences in shown(comparison):
+        yield from map(_changed_row, differences)
 
 
 def counts(comparison: Comparison) -> str:
-    """Return how many measurements there are of each change, and what counted the cycles among those shown."""
-    numbers = ((len(comparison.of(change)), change) for change in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED))
-    counted = ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
-    return "; ".join(filter(None, (counted, counted_by(models_shown(comparison)))))
+    """Return the number of measurements for each change, and the cycle models of the cycles shown."""
+    numbers = (
+        (len(comparison.differences_with(change)), change) for change in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED)
+    )
+    words = ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
+    return "; ".join(filter(None, (words, counted_by(models_shown(comparison)))))
 
 
 def sides(comparison: Comparison) -> Iterator[tuple[str, str, str]]:
-    """Yield name, base and new of each property of the two sides that at least one of them states."""
+    """Yield name, base and new value of each property of the two sides that at least one of them states."""
     for (name, base), (_, new) in zip(_side(comparison.base), _side(comparison.new), strict=True):
         if base or new:
             yield name, base, new
 
 
-def _in_text(each: Difference) -> Changed:
-    outcome = "" if each.outcome == "information" else each.outcome
-    tolerance = "; ".join(filter(None, (held_to(each.tolerance, each.unit), seen_from(each))))
+def _changed_row(difference: Difference) -> Changed:
+    outcome = "" if difference.outcome == "information" else difference.outcome
+    tolerance = "; ".join(filter(None, (held_to(difference.tolerance, difference.unit), seen_from(difference))))
     return Changed(
-        each.name, str(each.change), _SIGNS[each.change], _TONES.get(each.change, ""), _number(each.base, each.unit),
-        _number(each.new, each.unit), moved(each), "" if each.delta is None else tolerance, str(each.limit or ""),
-        ": ".join(filter(None, (outcome, each.note))),
+        difference.name, str(difference.change), _SIGNS[difference.change], _TONES.get(difference.change, ""),
+        _number(difference.base, difference.unit),
+        _number(difference.new, difference.unit), moved(difference), "" if difference.delta is None else tolerance,
+        str(difference.limit or ""),
+        ": ".join(filter(None, (outcome, difference.note))),
     )
 
 
 def _number(value: float | None, unit: str) -> str:
-    return "-" if value is None else f"{readable(value)} {unit}".rstrip()
+    return "-" if value is None else f"{format_number(value)} {unit}".rstrip()
 
 
 def _side(side: Side) -> Iterator[tuple[str, str]]:
@@ -120,15 +124,16 @@ def _side(side: Side) -> Iterator[tuple[str, str]]:
 
 
 def change_figure(comparison: Comparison) -> RowFigure | None:
-    """Draw what got worse, better or other in percent of the baseline's value, None when nothing did."""
-    found = [(each, by_percent) for change in _MARKS for each in comparison.of(change)
-             if (by_percent := moved_percent(each)) is not None]
-    if not found:
+    """Draw the changes in percent of the baseline's value; None without any."""
+    candidates = [(difference, by_percent) for change in _MARKS for difference in comparison.differences_with(change)
+                  if (by_percent := moved_percent(difference)) is not None]
+    if not candidates:
         return None
-    drawn = found[:_DRAWN_AT_MOST]
+    drawn = candidates[:_DRAWN_AT_MOST]
     reach = min(_FURTHEST_PERCENT, max(abs(by_percent) for _, by_percent in drawn)) or 1.0
-    words = "" if len(drawn) == len(found) else f", {len(drawn)} of {len(found)}"
-    return RowFigure(f"Change in percent of the baseline's value{words}", [_row(*each, reach) for each in drawn], _KEY)
+    words = "" if len(drawn) == len(candidates) else f", {len(drawn)} of {len(candidates)}"
+    rows = [_row(difference, by_percent, reach) for difference, by_percent in drawn]
+    return RowFigure(f"Change in percent of the baseline's value{words}", rows, _KEY)
 
 
 def _row(difference: Difference, by_percent: float, reach: float) -> Row:

@@ -1,4 +1,4 @@
-"""A comparison for people at a terminal, and for programs."""
+"""A comparison as text for the terminal, and as JSON."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.text import Text
 
 from hiltest.record.comparison import Answer, Change, Comparison, Side
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.detection import Detection
 from hiltest.verdict.wording import build, counted_by, entry, how_to_keep, models_shown, revision, seen_from, shown
 
 SCHEMA = "hiltest.comparison/1"
-# Thousands are apart, 11 061, and stay on one line.
+# Thousands are separated, as in 11 061, and must stay on one line.
 _WITHIN_A_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _STYLES = {Change.WORSE: "bold red", Change.GONE: "bold red", Change.BETTER: "green"}
@@ -25,49 +25,53 @@ _STYLES = {Change.WORSE: "bold red", Change.GONE: "bold red", Change.BETTER: "gr
 
 def print_comparison(console: Console, comparison: Comparison) -> None:
     """Print the sentence, the obstacles of the gate, and every measurement that changed."""
-    say(console, f"{_described(comparison.base)} -> {_described(comparison.new)}")
+    say(console, f"{_description(comparison.base)} -> {_description(comparison.new)}")
     say(console, comparison.sentence, "" if comparison.answer is Answer.MAY else "bold red")
     print_changes(console, comparison)
-    limited = [each for each in comparison.differences if each.limit is not None and seen_from(each)]
-    seen = {each.name: each.seen for each in limited if each.seen is not None}
-    print_smallest_changes(console, "smallest change that this comparison sees in 4 of 5 cases", seen)
+    limited = [
+        difference for difference in comparison.differences if difference.limit is not None and seen_from(difference)
+    ]
+    detectable = {difference.name: difference.seen for difference in limited if difference.seen is not None}
+    print_smallest_changes(console, "smallest change that this comparison sees in 4 of 5 cases", detectable)
 
 
-def print_smallest_changes(console: Console, what: str, seen: Mapping[str, float]) -> None:
-    """Print the smallest changes in degrees that a comparison sees, of what has a limit; nothing where none has."""
-    if seen:
-        say(console, f"{what}, where there is a limit [deg]")
-        _entries(console, [", ".join(f"{name} {readable(change, 2)}" for name, change in seen.items())])
+def print_smallest_changes(console: Console, heading: str, detectable: Mapping[str, float]) -> None:
+    """Print the smallest changes in degrees that a comparison detects, for measurements with a limit, if any."""
+    if detectable:
+        say(console, f"{heading}, where there is a limit [deg]")
+        _entries(console, [", ".join(f"{name} {format_number(change, 2)}" for name, change in detectable.items())])
 
 
 def print_changes(console: Console, comparison: Comparison, *, at_most: int | None = None) -> None:
-    """Print what kept the gate from being evaluated, and what changed: all of it, or so many measurements of a kind."""
+    """Print the obstacles of the gate, and the changes: all of them, or at most some of each kind."""
     if comparison.remark:
         say(console, comparison.remark, "yellow")
     if len(comparison.obstacles) > 1:
         say(console, "why it is not evaluated", "bold red")
         _entries(console, comparison.obstacles)
-    for change, found in shown(comparison):
-        say(console, f"{change} ({len(found)})", _STYLES.get(change, "bold"))
-        _entries(console, (", ".join(filter(None, (entry(each), seen_from(each)))) for each in found[:at_most]))
-        if more := len(found) - len(found[:at_most]):
+    for change, differences in shown(comparison):
+        say(console, f"{change} ({len(differences)})", _STYLES.get(change, "bold"))
+        _entries(console, (
+            ", ".join(filter(None, (entry(difference), seen_from(difference)))) for difference in differences[:at_most]
+        ))
+        if more := len(differences) - len(differences[:at_most]):
             say(console, f"  and {more} more")
     if remark := counted_by(models_shown(comparison)):
         say(console, remark)
-    if not_taken := len(comparison.of(Change.NOT_TAKEN)):
+    if not_taken := len(comparison.differences_with(Change.NOT_TAKEN)):
         say(console, f"{not_taken} measurement{'s' * (not_taken != 1)} not taken")
-    if unchanged := len(comparison.of(Change.UNCHANGED)):
+    if unchanged := len(comparison.differences_with(Change.UNCHANGED)):
         say(console, f"unchanged ({unchanged})")
 
 
 def say_how_to_keep(console: Console, comparison: Comparison, run: str, options: str | None = None) -> None:
-    """Print how to keep what got better, if anything did and may be; `options` as for `how_to_keep`."""
+    """Print how to keep the improvements, if there are any and they may be kept; `options` as in `how_to_keep`."""
     if hint := how_to_keep(comparison, run, options):
         say(console, hint)
 
 
 def json_text(comparisons: Sequence[Comparison], planned: Detection | None = None) -> str:
-    """Return comparisons, and how many runs see a change if that was asked for, as JSON."""
+    """Return comparisons, and the numbers of runs for a planned change if requested, as JSON."""
     content: dict[str, object] = {"schema": SCHEMA, "comparisons": [asdict(comparison) for comparison in comparisons]}
     if planned is not None:
         content["detection"] = asdict(planned)
@@ -75,34 +79,34 @@ def json_text(comparisons: Sequence[Comparison], planned: Detection | None = Non
 
 
 def say(console: Console, text: str, style: str = "") -> None:
-    """Print a line that the terminal may wrap; control characters are made visible."""
+    """Print a line, which the terminal may wrap; control characters are made visible."""
     console.print(Text(printable(text), style=style), soft_wrap=True)
 
 
 def printable(text: str) -> str:
-    """Return a text with every control character written out, as names from a file may hold some."""
-    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+    """Return a text with every control character escaped; names from a file may contain some."""
+    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
 
 
 def _entries(console: Console, entries: Iterable[str]) -> None:
-    for each in entries:
+    for entry_text in entries:
         lines = textwrap.wrap(
-            _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(each)), console.width, initial_indent="  ",
+            _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(entry_text)), console.width, initial_indent="  ",
             subsequent_indent="      ", break_on_hyphens=False, break_long_words=False,
         )
         for line in lines:
             console.print(Text(line.replace(_NO_BREAK, " ")), soft_wrap=True)
 
 
-def _described(side: Side) -> str:
-    """Return a side in a few words."""
-    seeds = f", seed{'s' * (len(side.seeds) != 1)} {_listed(side.seeds)}" if side.seeds else ""
+def _description(side: Side) -> str:
+    """Return a short description of a side."""
+    seeds = f", seed{'s' * (len(side.seeds) != 1)} {_seed_list(side.seeds)}" if side.seeds else ""
     made_for = f", {revision(side.revision)}" if side.revision else ""
     made_with = f" ({build(side)}{made_for}{seeds})" if side.build_id else ""
     return f"{side.file or 'this run'}{made_with}"
 
 
-def _listed(seeds: Sequence[int]) -> str:
-    """Return numbers in a row as ``1..8``."""
+def _seed_list(seeds: Sequence[int]) -> str:
+    """Return consecutive numbers as ``1..8``, others one by one."""
     in_a_row = len(seeds) > 2 and list(seeds) == list(range(seeds[0], seeds[0] + len(seeds)))
     return f"{seeds[0]}..{seeds[-1]}" if in_a_row else ", ".join(map(str, seeds))

@@ -1,4 +1,4 @@
-"""The console that tables are printed on: a terminal, or a pipe of unknown width."""
+"""The console for tables: a terminal, or a pipe of unknown width."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 
 from rich.console import Console
 
-# Wider than any table here: in a file or a pipe nothing is cut, and a sentence stays on its line, so that it is found.
+# Wider than any table: in a file or a pipe nothing is cut, and each sentence stays on one line for searching.
 _FILE_WIDTH = 200
 
 

@@ -1,4 +1,4 @@
-"""How many runs see a change, for people at a terminal."""
+"""Number of runs that detect a change, as text for the terminal."""
 
 from __future__ import annotations
 
@@ -7,26 +7,29 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest.report.comparison_text import say
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.detection import Detection
 from hiltest.verdict.evidence import REAL
 
 
-def print_detection(console: Console, found: Detection) -> None:
-    """Print the number of runs for each measurement, and what they rest on."""
-    say(console, f"To see a change of {found.size:g} {found.unit} in 4 of 5 comparisons, while of 100 comparisons of "
-                 f"unchanged firmware at most 1 calls any of {found.sharing} measurements worse:")  # fmt: skip
-    paired = found.board != REAL
+def print_detection(console: Console, detection: Detection) -> None:
+    """Print the number of runs for each measurement, and the assumptions."""
+    say(console, f"To see a change of {detection.size:g} {detection.unit} in 4 of 5 comparisons, while of 100 "
+                 "comparisons of unchanged firmware at most 1 calls any of "
+                 f"{detection.sharing} measurements worse:")  # fmt: skip
+    paired = detection.board != REAL
     grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     grid.add_column("measurement", overflow="fold")
     headings = ["deviation", "runs a side", *(["seeds, paired", "tolerance"] if paired else [])]
     for heading in headings:
         grid.add_column(heading, justify="right", no_wrap=True)
-    for each in found.measurements:
-        cells = [readable(each.deviation, 3), _count(each.runs)]
-        grid.add_row(escape(each.name), *cells, *([_count(each.seeds), readable(each.tolerance, 3)] if paired else []))
+    for needed in detection.measurements:
+        cells = [format_number(needed.deviation, 3), _count(needed.runs)]
+        grid.add_row(
+            escape(needed.name), *cells, *([_count(needed.seeds), format_number(needed.tolerance, 3)] if paired else [])
+        )
     console.print(grid)
-    if not found.of_base:
+    if not detection.of_base:
         say(console, "BASE has too few runs to say how much they differ: the deviations are those of the default rig. "
                      "Save five runs or more of one firmware: hiltest baseline save RUN... FILE")  # fmt: skip
     if paired:
@@ -34,4 +37,4 @@ def print_detection(console: Console, found: Detection) -> None:
 
 
 def _count(count: int | None) -> str:
-    return "none is enough" if count is None else readable(count)
+    return "none is enough" if count is None else format_number(count)

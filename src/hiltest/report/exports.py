@@ -1,9 +1,9 @@
 """Export of a run for tools that keep histories: Bencher, and the GitHub Action for continuous benchmarking.
 
-Both take any number by name, and neither knows which way one gets better: Bencher needs a threshold for each of
-its measures, the action the kind of its file. So only measurements with a better direction are exported: those that
-should be near zero as their magnitude, and each kind apart from the other. Their thresholds are ratios to earlier
-runs; limits and tolerances stay here.
+Both take any number by name, and neither knows its better direction: Bencher needs a threshold for each of
+its measures, the action has one direction per file. So only measurements with a better direction are exported: those
+that should be near zero as their magnitude, and each direction separately. Their thresholds are ratios to earlier
+runs; limits and tolerances are not exported.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from hiltest.measurement import Better, Limit, Measurement, round_significant
 from hiltest.verdict.evidence import Seed
 
 MOST_NAME, MOST_MEASURE = 1024, 64
-"""Characters that Bencher keeps of the name of a benchmark, and of a measure."""
+"""Numbers of characters that Bencher keeps of the names of benchmarks and measures."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """One measurement as a number that gets better one way, on each seed that has it."""
+    """One measurement as a number with one better direction, on each seed that has it."""
 
     name: str
-    """Name, for cycles with their cycle model: both tools compare what has the same name."""
+    """Name, for cycles including the cycle model, since both tools compare numbers of the same name."""
     unit: str
     larger_is_better: bool
     values: tuple[float | int, ...]
-    """Finite, at least one."""
+    """Values; finite, at least one."""
     limit: Limit | None
 
     @property
@@ -42,12 +42,14 @@ class Exported:
 def exported(by_seed: Mapping[Seed, Mapping[str, Measurement]]) -> list[Exported]:
     """Return all measurements with a better direction and a number, sorted by name."""
     names = sorted({name for measurements in by_seed.values() for name in measurements})
-    found = (_exported([each[name] for each in by_seed.values() if name in each]) for name in names)
-    return [each for each in found if each is not None]
+    candidates = (_export_measurement(
+        [measurements[name] for measurements in by_seed.values() if name in measurements]
+    ) for name in names)
+    return [candidate for candidate in candidates if candidate is not None]
 
 
 def bencher_json(numbers: list[Exported]) -> str:
-    """Return Bencher Metric Format: by benchmark and measure a value, over several seeds with smallest and largest.
+    """Return Bencher Metric Format: one value by benchmark and measure, over several seeds with smallest and largest.
 
     The measure is named after the unit and the better direction, since a threshold belongs to a measure.
     """
@@ -60,20 +62,20 @@ def github_action_benchmark_json(numbers: list[Exported]) -> str:
     Parameters
     ----------
     numbers
-        Measurements of one better direction, which the file itself does not state; the action refuses an empty list.
+        Measurements of one better direction, which the file itself does not state; the action rejects an empty list.
     """
     return _json([_entry(number) for number in numbers])
 
 
-def _exported(measurements: list[Measurement]) -> Exported | None:
-    kept = [measurement for measurement in measurements if measurement.value is not None and not measurement.volatile]
-    if not kept:
+def _export_measurement(measurements: list[Measurement]) -> Exported | None:
+    finite = [measurement for measurement in measurements if measurement.value is not None and not measurement.volatile]
+    if not finite:
         return None
-    latest = kept[-1]
+    latest = finite[-1]
     sense = latest.better
     if sense is Better.NEITHER:
         return None
-    values = [each.value for each in kept if each.value is not None]
+    values = [measurement.value for measurement in finite if measurement.value is not None]
     name = latest.name
     if sense is Better.NEARER_ZERO:
         name, values = f"{name}, magnitude", [abs(value) for value in values]

@@ -17,7 +17,7 @@ from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
 
 
 def markdown_report(run: Run) -> str:
-    """Return the page of a run: verdict, what failed, the calibrators, what is close, what changed; the rest folded."""
+    """Return the page of a run: verdict, failures, calibrators, close limits, changes; the rest is folded."""
     return "\n".join(_lines(run)) + "\n"
 
 
@@ -30,8 +30,8 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         yield ""
         yield from (f"- not evaluated: {plain_text(obstacle)}" for obstacle in comparison.obstacles)
     rows = [
-        [each.change, each.name, each.base, each.new, each.moved, each.tolerance, each.limit, each.outcome]
-        for each in changed(comparison)
+        [row.change, row.name, row.base, row.new, row.moved, row.tolerance, row.limit, row.outcome]
+        for row in changed(comparison)
     ]
     if rows:
         yield ""
@@ -43,14 +43,14 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
 
 def _lines(run: Run) -> Iterator[str]:
     yield f"# {plain_text(run.verdict.outcome.upper())}"
-    found = summarise(run)
+    summary = summarise(run)
     yield from ("", plain_text(run.verdict.sentence))
-    yield from _failures(found)
+    yield from _failures(summary)
     yield from _tests(run)
-    for advice in found.advice:
+    for advice in summary.advice:
         yield from ("", plain_text(f"Next: {advice}"))
     yield from _accuracy_and_cost(run)
-    yield from _close(found)
+    yield from _close(summary)
     yield from ("", plain_text(overview.board_line(run)))
     if run.coverage is not None:
         yield from ("", plain_text(f"{coverage_line(run.coverage)}: {run.coverage.file}"))
@@ -67,12 +67,12 @@ def _lines(run: Run) -> Iterator[str]:
     )
 
 
-def _failures(found: Summary) -> Iterator[str]:
+def _failures(summary: Summary) -> Iterator[str]:
     rows = [
-        [each.measurement.name, shown_value(each.measurement), each.measurement.unit, shown_limit(each.measurement),
-         "" if each.was is None else number(each.was, each.measurement.unit), each.cause or each.measurement.note,
-         each.measurement.place or each.measurement.test]
-        for each in (*found.failures, *(Failure(unset, None, "") for unset in found.unset))
+        [failure.measurement.name, shown_value(failure.measurement), failure.measurement.unit,
+         shown_limit(failure.measurement), "" if failure.was is None else number(failure.was, failure.measurement.unit),
+         failure.cause or failure.measurement.note, failure.measurement.place or failure.measurement.test]
+        for failure in (*summary.failures, *(Failure(unset, None, "") for unset in summary.unset))
     ]
     if rows:
         yield from ("", "## Failures", "")
@@ -80,12 +80,11 @@ def _failures(found: Summary) -> Iterator[str]:
         yield from table(heads, rows)
 
 
-def _close(found: Summary) -> Iterator[str]:
-    if found.close:
+def _close(summary: Summary) -> Iterator[str]:
+    if summary.close:
         yield from ("", "## Close to the limit", "")
-        rows = (
-            [each.name, shown_value(each), each.unit, shown_limit(each), str(each.band or "")] for each in found.close
-        )
+        rows = ([near.name, shown_value(near), near.unit, shown_limit(near), str(near.band or "")]
+                for near in summary.close)  # fmt: skip
         yield from table(["measurement", "value", "unit", "limit", "uncertainty range"], rows)
 
 
@@ -95,7 +94,7 @@ def _accuracy_and_cost(run: Run) -> Iterator[str]:
         return
     lines = table(
         ["calibrator", *calibrators.headings],
-        ([row.name, *(_marked(cell) for cell in row.cells)] for row in calibrators.rows),
+        ([row.name, *(_cell_text(cell) for cell in row.cells)] for row in calibrators.rows),
     )
     if run.comparison is None:
         yield from ("", "## Accuracy and cost", "", *lines)
@@ -117,17 +116,17 @@ def _reason(test: TestResult) -> str:
 
 
 def _measurements(run: Run) -> Iterator[str]:
-    seen = changes_seen(run)
+    detectable = changes_seen(run)
     rows = (
-        [each.name, shown_value(each), each.unit,
-         ", change ".join(filter(None, (shown_limit(each), shown_seen(each, seen)))),
-         shown_outcome(each) + (f": {each.note}" if each.note else ""), overview.origin(each)]
-        for each in run.measurements
+        [row.name, shown_value(row), row.unit,
+         ", change ".join(filter(None, (shown_limit(row), shown_seen(row, detectable)))),
+         shown_outcome(row) + (f": {row.note}" if row.note else ""), overview.origin(row)]
+        for row in run.measurements
     )
     yield from table(["measurement", "value", "unit", "limit", "outcome", "where from"], rows)
     yield from ("", plain_text(f"Change: {CHANGE_SEEN}."))
 
 
-def _marked(cell: overview.Cell) -> str:
+def _cell_text(cell: overview.Cell) -> str:
     mark = {"fail": " FAIL", "unset": " not evaluated"}.get(cell.tone, "")
     return f"{cell.text}{mark}" + (f" ({cell.note})" if cell.note else "")

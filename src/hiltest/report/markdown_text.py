@@ -7,15 +7,15 @@ from collections.abc import Iterable, Iterator
 
 from hiltest.text import legible
 
-# What Markdown and GitHub's mathematics give a meaning.
+# Characters with a meaning in Markdown or in GitHub's mathematics.
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&$])")
-# What GitHub makes a link of, without any mark-up around it; a comment inside keeps it text.
+# Texts that GitHub turns into links without mark-up; a comment inside prevents that.
 _LINKED = re.compile(r"(://|\bwww\.|(?<!\w)@(?=\w))", re.I)
 _OPENED, _CLOSED = "<details>", "</details>"
 
 
 def plain_text(text: str) -> str:
-    """Return text that Markdown shows as it is, on one line.
+    """Return a text escaped for Markdown, on one line.
 
     Examples
     --------
@@ -44,37 +44,37 @@ def folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
 
 
 def cut(text: str, most_bytes: int, whole_is: str) -> str:
-    """Return as many whole lines of a page as fit, and say so where something is left out.
+    """Return as many whole lines of a page as fit, with a remark if lines are left out.
 
     Parameters
     ----------
     text
-        The page, without folded parts inside folded parts.
+        Page without nested folded parts.
     most_bytes
-        In UTF-8, of all that is returned.
+        Limit on the whole result, in UTF-8.
     whole_is
-        Where the whole page is; plain text.
+        Position of the whole page, as plain text.
 
     Returns
     -------
     str
-        Empty when not even the remark fits.
+        Empty if not even the remark fits.
     """
     if len(_bytes(text)) <= most_bytes:
         return text
     ending = f"\n**Cut short: it would have been too long. The whole is in {plain_text(whole_is)}.**\n"
-    left = most_bytes - len(_bytes(ending)) - len(_bytes(f"\n{_CLOSED}\n"))
-    kept, is_open = [], False
+    remaining = most_bytes - len(_bytes(ending)) - len(_bytes(f"\n{_CLOSED}\n"))
+    fitting_lines, is_open = [], False
     for line in text.splitlines(keepends=True):
-        left -= len(_bytes(line))
-        if left < 0:
+        remaining -= len(_bytes(line))
+        if remaining < 0:
             break
-        kept.append(line)
+        fitting_lines.append(line)
         is_open = line.startswith(_OPENED) or (is_open and not line.startswith(_CLOSED))
-    cut_text = "".join(kept) + (f"\n{_CLOSED}\n" if is_open else "") + ending
+    cut_text = "".join(fitting_lines) + (f"\n{_CLOSED}\n" if is_open else "") + ending
     return cut_text if len(_bytes(cut_text)) <= most_bytes else ""
 
 
 def _bytes(text: str) -> bytes:
-    # A file's name may hold half a surrogate pair, which no encoding has.
+    # A file's name may hold half a surrogate pair, which no encoding can represent.
     return text.encode("utf-8", errors="backslashreplace")

@@ -22,20 +22,20 @@ class Mark(StrEnum):
     PLUS = "M0 -1.2V1.2M-1.2 0H1.2"
     HOURGLASS = "M-1 -1.1h2L-1 1.1h2z"
 
-    def at(self, x: float, y: float, radius: float, style: str) -> Markup:
-        """Return the mark at a place of the view box."""
+    def draw(self, x: float, y: float, radius: float, style: str) -> Markup:
+        """Return the mark at a position in the view box."""
         if self is Mark.DOT:
             return shape('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, radius)
         template = '<path class="mark {}" transform="translate({} {}) scale({})" d="{}"/>'
         return shape(template, style, x, y, radius, self.value)
 
 
-# One series after the other: a class of the style sheet, which has a colour and dashes, and a shape.
+# Styles of successive series: a class of the style sheet with a colour and dashes, and a shape.
 SERIES = tuple((f"series-{index}", mark) for index, mark in enumerate(Mark))
 
 
 def series(index: int) -> tuple[str, Mark]:
-    """Return class and shape of a series; after the eighth they begin again."""
+    """Return class and shape of a series; they repeat after the eighth."""
     return SERIES[index % len(SERIES)]
 
 
@@ -50,13 +50,13 @@ class KeyEntry:
 
     @property
     def swatch(self) -> Markup:
-        """The line and the mark as small as a letter."""
+        """The line and the mark at the size of a letter."""
         width = 34.0 if self.line else 14.0
         parts = []
         if self.line:
             parts.append(shape('<path class="{}" d="M1 7h32"/>', self.line))
         if self.mark:
-            parts.append(self.mark.at(width / 2.0, 7.0, 3.5, self.mark_style or self.line))
+            parts.append(self.mark.draw(width / 2.0, 7.0, 3.5, self.mark_style or self.line))
         template = '<svg class="swatch" viewBox="0 0 {0:g} 14" width="{0:g}" height="14" aria-hidden="true">{1}</svg>'
         return Markup(template).format(width, Markup("").join(parts))
 

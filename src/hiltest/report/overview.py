@@ -10,7 +10,7 @@ from itertools import compress, groupby
 from hiltest.measurement import Measurement, Outcome, Section
 from hiltest.record.run import BoardRecord, Run
 from hiltest.report.terminal import shown_limit, shown_value
-from hiltest.text import readable, without_folders
+from hiltest.text import format_number, short_test_id
 from hiltest.verdict.calibrators import (
     FROM_FLASH,
     UNCALIBRATED,
@@ -41,7 +41,7 @@ _TONES = {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNSET: "unset", Ou
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of the accuracy-and-cost table; `tone` is a class of the style sheet, `note` says more of the text."""
+    """One cell of the accuracy-and-cost table; `tone` is a class of the style sheet, `note` explains the text."""
 
     text: str
     limit: str = ""
@@ -59,7 +59,7 @@ class CalibratorRow:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyAndCost:
-    """The accuracy that each calibrator reaches, and what it costs; `flash_model` counts it as it runs from flash."""
+    """Accuracy and cost of each calibrator; `flash_model` is the cycle model of execution from flash."""
 
     headings: tuple[str, ...]
     rows: tuple[CalibratorRow, ...]
@@ -85,30 +85,32 @@ class Group:
 
 
 def accuracy_and_cost(run: Run) -> AccuracyAndCost:
-    """Return the table of all calibrators, cheapest first, streams after the others, without calibration last.
+    """Return the table: calibrators by cost, then streaming ones, then the uncalibrated heading.
 
-    A column that nothing was measured for is left out.
+    Empty columns are omitted.
     """
-    rows = [CalibratorRow(each.name, _cells(run, each)) for each in calibrator_costs(run)]
+    rows = [CalibratorRow(cost.name, _cells(run, cost)) for cost in calibrator_costs(run)]
     if run.measurement(f"heading.{UNCALIBRATED}.max"):
         rows.append(CalibratorRow(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
-    told = [any(row.cells[place].text for row in rows) for place in range(len(HEADINGS))]
-    headings = tuple(compress(HEADINGS, told))
-    waited = [each for row in rows if (each := run.measurement(FROM_FLASH.format(row.name))) and each.value is not None]
+    has_text = [any(row.cells[place].text for row in rows) for place in range(len(HEADINGS))]
+    headings = tuple(compress(HEADINGS, has_text))
+    waited = [measurement for row in rows if (
+        measurement := run.measurement(FROM_FLASH.format(row.name))
+    ) and measurement.value is not None]
     if WITH_WAITS in headings:
-        headings = tuple(WITHOUT_WAITS if each == _CYCLES else each for each in headings)
+        headings = tuple(WITHOUT_WAITS if heading == _CYCLES else heading for heading in headings)
     return AccuracyAndCost(
-        headings, tuple(replace(row, cells=tuple(compress(row.cells, told))) for row in rows),
+        headings, tuple(replace(row, cells=tuple(compress(row.cells, has_text))) for row in rows),
         waited[0].cycle_model if waited else "",
     )
 
 
 def groups(run: Run) -> list[Group]:
-    """Return all measurements by the section that their kind belongs in."""
+    """Return all measurements by the section of their kind."""
     order = list(Section)
     measurements = sorted(run.measurements, key=lambda measurement: order.index(measurement.section))
-    by_section = groupby(measurements, key=lambda each: each.section)
-    return [Group(str(section), tuple(found)) for section, found in by_section]
+    by_section = groupby(measurements, key=lambda measurement: measurement.section)
+    return [Group(str(section), tuple(group)) for section, group in by_section]
 
 
 def tally(run: Run) -> str:
@@ -129,7 +131,7 @@ def tone(measurement: Measurement) -> str:
 
 def origin(measurement: Measurement) -> str:
     """Return the test that measured it and, for cycles, the cycle model and the uncertainty range."""
-    where = f"{without_folders(measurement.test)} {measurement.cycle_model}".strip()
+    where = f"{short_test_id(measurement.test)} {measurement.cycle_model}".strip()
     return f"{where}; {measurement.band.explained(of=measurement.value)}" if measurement.band else where
 
 
@@ -147,10 +149,13 @@ def board_line(run: Run) -> str:
 
 
 def _memory(run: Run) -> str:
-    """Return what the firmware takes of the part's memories, as far as it was seen."""
+    """Return the firmware's use of the part's memories, as far as it was measured."""
     names = (("flash", "flash"), ("RAM", "ram"), ("stack", "stack_most"))
-    found = ((called, run.measurement(f"firmware.{name}")) for called, name in names)
-    return ", ".join(f"{called} {shown_value(each)} B" for called, each in found if each and each.value is not None)
+    measured = ((called, run.measurement(f"firmware.{name}")) for called, name in names)
+    return ", ".join(
+        f"{called} {shown_value(measurement)} B"
+        for called, measurement in measured if measurement and measurement.value is not None
+    )
 
 
 def _firmware(board: BoardRecord) -> str:
@@ -181,8 +186,9 @@ def _provenance(run: Run) -> Iterator[tuple[str, str]]:
         yield "time", f"{board.clock} clock"
         yield "calibrators", ", ".join(board.calibrators)
         yield "sensors", "; ".join(
-            f"{each.name} ({each.kind}, bus {each.bus}, 0x{each.address:02X}, "
-            f"{'selected' if each.selected else 'present' if each.present else 'absent'})" for each in board.sensors
+            f"{sensor.name} ({sensor.kind}, bus {sensor.bus}, 0x{sensor.address:02X}, "
+            f"{'selected' if sensor.selected else 'present' if sensor.present else 'absent'})"
+            for sensor in board.sensors
         )
     if run.rig:
         yield "rig", f"{run.rig.name} ({run.rig.file})"
@@ -211,20 +217,20 @@ def _cells(run: Run, cost: CalibratorCost) -> tuple[Cell, ...]:
 
 
 def _batch_cells(run: Run, name: str) -> list[Cell]:
-    total, *parts = (_cell(run, f"cycles.{name}.{what}") for what in ("total", "per_point", "fixed"))
+    total, *parts = (_cell(run, f"cycles.{name}.{quantity}") for quantity in ("total", "per_point", "fixed"))
     worst = run.measurement(f"cycles.{name}.worst_found")
     if worst is not None and worst.value is not None:
-        total = replace(total, note=", ".join(filter(None, (total.note, f"worst found {readable(worst.value)}"))))
+        total = replace(total, note=", ".join(filter(None, (total.note, f"worst found {format_number(worst.value)}"))))
     return [total, *parts]
 
 
 def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:
-    """Return the cells of a stream: its fixed part is the fit at the end, and a point has a mean and a worst case."""
+    """Return the cells of a streaming calibrator: its fixed part is the final fit, its points have mean and maximum."""
     whole = run.measurement(f"stream.{cost.name}.total")
     band = f", {whole.band}" if whole and whole.band else ""
-    total = Cell("" if cost.cycles is None else readable(cost.cycles), note=f"{cost.points} points{band}")
+    total = Cell("" if cost.cycles is None else format_number(cost.cycles), note=f"{cost.points} points{band}")
     most = run.measurement(f"stream.{cost.name}.cycles_max")
-    note = "" if most is None or most.value is None else f"max {readable(most.value)}"
+    note = "" if most is None or most.value is None else f"max {format_number(most.value)}"
     per_point = replace(_cell(run, f"stream.{cost.name}.cycles_mean"), note=note)
     return [total, per_point, _cell(run, f"stream.{cost.name}.fit_cycles")]
 

@@ -1,4 +1,4 @@
-"""Rendering of pages: one self-contained file each, no script, no address, light and dark, screen and paper."""
+"""Rendering of pages: each is one self-contained file without scripts or addresses, for all themes and for print."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from hiltest.text import legible
 
-# The space in 12 500 and in 1 %, which a narrow cell must not break at.
+# Spaces as in 12 500 and 1 %, at which a narrow cell must not break.
 _KEPT_SPACE = re.compile(r"(?<=\d) (?=\d{3}(?!\d)|%)")
 
 
 def render(template: str, *, package: str = "hiltest.report", **content: object) -> str:
     """Return a page whose template is in a package.
 
-    Every text in it is escaped, so a firmware called ``<script>`` shows as text; what would be unseen is named.
+    All texts are escaped, so that a firmware called ``<script>`` shows as text; invisible characters are named.
     """
     loaders = [PackageLoader(fromkey, ".") for fromkey in dict.fromkeys((package, "hiltest.report"))]
     environment = Environment(
         loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, finalize=_shown,
+        lstrip_blocks=True, finalize=_make_visible,
     )
-    environment.filters["beside"] = _beside
+    environment.filters["beside"] = _relative_address
     return environment.get_template(template).render(**content)
 
 
-def _shown(value: object) -> object:
+def _make_visible(value: object) -> object:
     return _KEPT_SPACE.sub("\N{NO-BREAK SPACE}", legible(value)) if type(value) is str else value
 
 
-def _beside(path: str) -> str:
+def _relative_address(path: str) -> str:
     """Return the address of a file beside the page, quoted as a path."""
     return f"./{quote(path)}"

@@ -1,4 +1,4 @@
-"""Write every report of a run: the page has the verdict first, then what it rests on."""
+"""Writer of all reports of a run: the page begins with the verdict."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hiltest.report.figures.samples import samples_group
 from hiltest.report.markdown import markdown_report
 from hiltest.report.page import render
 from hiltest.report.terminal import CHANGE_SEEN, coverage_line, shown_limit, shown_outcome, shown_seen, shown_value
-from hiltest.text import number, with_unit
+from hiltest.text import format_with_unit, number
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
 
@@ -33,18 +33,18 @@ class Badge:
 
 
 _BAD = Badge("bad", "✗")
-# "not judged" is the word of older records.
+# "not judged" occurs in older records.
 _NO_ANSWER = ("not evaluated", "not judged", "interrupted", "no tests")
 _BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(_NO_ANSWER, Badge("warn", "!"))
-# Beside a limit: a sign to see and words to hear, by the class of the cell.
+# Sign and spoken words beside a limit, by the class of the cell.
 _PASSED = (TestOutcome.PASSED, TestOutcome.XFAILED, TestOutcome.SKIPPED)
 _SIGNS = {"pass": ("✓", "within its limit:"), "fail": ("✗", "beyond its limit:"), "unset": ("?", "not evaluated:")}
-# The sections that are figures, in their order; one without data is left out.
+# Sections that are figures, in order; those without data are omitted.
 _FIGURES = (heading_group, budget_group, samples_group, accelerometer_group, gyroscope_group, fusion_group)
 
 
 def write_reports(run: Run, folder: Path) -> str:
-    """Write ``report.html`` and ``report.md`` beside ``run.json``; return the text of the latter."""
+    """Write ``report.html`` and ``report.md`` beside ``run.json``; return the text of ``report.md``."""
     write_atomically(folder / REPORT_FILE, html_report(run))
     page = markdown_report(run)
     write_atomically(folder / MARKDOWN_FILE, page)
@@ -53,26 +53,28 @@ def write_reports(run: Run, folder: Path) -> str:
 
 def html_report(run: Run) -> str:
     """Return the page of a run."""
-    found = summarise(run)
+    summary = summarise(run)
     return render(
         "report.html.j2",
         run=run, version=__version__, badge=_BADGES.get(run.verdict.outcome, _BAD), tally=overview.tally(run),
         board_line=overview.board_line(run), coverage_line=coverage_line(run.coverage) if run.coverage else "",
         baseline=against_baseline(run.comparison),
-        title=_title(run), found=found, gating=[*found.failures, *(Failure(each, None, "") for each in found.unset)],
-        troubled=_troubled(run, found),
+        title=_title(run), summary=summary,
+        gating=[*summary.failures, *(Failure(unset, None, "") for unset in summary.unset)],
+        troubled=_troubled_tests(run, summary),
         calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run),
         cost_figures=cost_group(run), figure_groups=[group for section in _FIGURES if (group := section(run))],
         signs=_SIGNS, streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
         groups=overview.groups(run), provenance=list(overview.provenance(run)),
         value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin,
-        number=number, with_unit=with_unit, change=shown_seen, seen=changes_seen(run), change_seen=CHANGE_SEEN,
+        number=number, format_with_unit=format_with_unit, change=shown_seen, seen=changes_seen(run),
+        change_seen=CHANGE_SEEN,
     )
 
 
-def _troubled(run: Run, found: Summary) -> list[TestResult]:
-    """Return the tests that did not pass, without those whose failures are the measurements listed above them."""
-    explained = [test for test in run.tests if test.outcome in RED and test not in found.broken]
+def _troubled_tests(run: Run, summary: Summary) -> list[TestResult]:
+    """Return the tests that did not pass, except those that only failed the measurements listed above them."""
+    explained = [test for test in run.tests if test.outcome in RED and test not in summary.broken]
     return [test for test in run.tests if test.outcome not in _PASSED and (test.trace or test not in explained)]
 
 

@@ -1,11 +1,11 @@
-"""Streaming calibrators, as the HTML and the Markdown report show them: a row for each stage."""
+"""Streaming calibrators in the HTML and the Markdown report: one row per stage."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from hiltest.record.run import Cell, Run
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.calibrators import STAGES_TABLE
 
 HEADING = "Streaming calibrators"
@@ -22,7 +22,7 @@ _MEASURED = ("cycles_mean", "cycles_median", "cycles_max", "fit_cycles")
 
 
 def stream_stages(run: Run) -> list[tuple[str, ...]]:
-    """Return the rows under `HEADINGS`, empty when there were no streams."""
+    """Return the rows under `HEADINGS`; empty if nothing was streamed."""
     return list(_rows(run))
 
 
@@ -38,7 +38,7 @@ def _rows(run: Run) -> Iterator[tuple[str, ...]]:
         yield (
             str(name), str(points), str(held), str(elements or ""), _fit_in_words(fit, is_sphere),
             _number(fit_error, "%") if has_fit else "", _number(worst, "deg"), _number(mean, "deg"),
-            *(_cycles(run, f"stream.{name}.{what}") if last[name] == index else "" for what in _MEASURED),
+            *(_cycles(run, f"stream.{name}.{quantity}") if last[name] == index else "" for quantity in _MEASURED),
         )
 
 
@@ -55,4 +55,4 @@ def _number(value: Cell, unit: str) -> str:
 
 def _cycles(run: Run, name: str) -> str:
     measurement = run.measurement(name)
-    return "" if measurement is None or measurement.value is None else readable(measurement.value)
+    return "" if measurement is None or measurement.value is None else format_number(measurement.value)

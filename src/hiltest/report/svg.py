@@ -10,11 +10,11 @@ from itertools import count
 from markupsafe import Markup
 
 from hiltest.report.marks import KeyEntry, Mark, shape
-from hiltest.text import legible, readable
+from hiltest.text import format_number, legible
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 68.0, 14.0, 14.0, 44.0
-_LABEL = 24.0  # what an axis without a label leaves to the plot
-_LARGEST = 1.2  # times its own size: letters stay letters where a drawing has room
+_LABEL = 24.0  # room that the plot gains if an axis has no label
+_LARGEST = 1.2  # times the nominal size: letters keep their size in a wide column
 _DIGIT = 10.0  # wider than a digit of the 15 px that the page has on a telephone
 _TICK_ROOM, _FEWEST_TICKS = (75.0, 40.0), 3  # across and up
 _TICKS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -56,7 +56,7 @@ def log_ticks(low: float, high: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """The numbers behind a drawing as text; the first cell of a row names it."""
+    """Numbers of a drawing as text; the first cell of a row is its name."""
 
     caption: str
     headings: Sequence[str]
@@ -65,31 +65,31 @@ class Sheet:
 
 @dataclass(slots=True)
 class Figure:
-    """One plot. Data coordinates in, SVG out."""
+    """One plot, from data coordinates to SVG."""
 
     title: str
     description: str
-    """Read out by a screen reader: its ``title`` and ``desc``. The title is also the caption."""
+    """Texts for a screen reader: ``title`` and ``desc``. The title is also the caption."""
     x_label: str
     y_label: str
-    """An axis without a label leaves its room to the plot."""
+    """Labels of the axes; without a label the plot is larger."""
     x_range: Point
     y_range: Point
     """Ends of the axes."""
     x_ticks: Sequence[float] = ()
-    """Where the x axis is labelled; chosen when not given."""
+    """Labelled positions of the x axis; chosen automatically if empty."""
     width: float = 460.0
     height: float = 260.0
     """Size of the view box. The page scales it."""
     log_x: bool = False
     log_y: bool = False
-    """Whether an axis is logarithmic; all its numbers are then above 0."""
+    """True if an axis is logarithmic; all its numbers are then above 0."""
     equal_axes: InitVar[bool] = False
-    """Whether a unit is as long on both axes, and a sphere therefore round; the height follows from the width."""
+    """True if both axes have the same scale, so that a sphere is round; the height follows from the width."""
     key: list[KeyEntry] = field(default_factory=list)
-    """What its lines and marks stand for; the page writes it above the drawing, where it wraps as text does."""
+    """Key of its lines and marks, which the page prints above the drawing."""
     sheet: Sheet | None = None
-    """The numbers of its series."""
+    """Numbers of its series."""
     _shapes: list[Markup] = field(default_factory=list)
 
     def __post_init__(self, equal_axes: bool) -> None:
@@ -115,7 +115,7 @@ class Figure:
         self, name: str, points: Sequence[Point], line: str = "", mark: Mark | None = None, *, mark_style: str = "",
         radius: float = 3.5,
     ) -> None:
-        """Draw points under a name, as a line or marks or both: they stand in the key and in the sheet."""
+        """Draw points under a name, as a line or marks or both, and add them to key and sheet."""
         if line and points:
             self.line(points, line)
         if mark:
@@ -123,7 +123,7 @@ class Figure:
         entry = KeyEntry(name, line, mark, mark_style or f"{line} filled")
         self.key += [] if entry in self.key else [entry]
         rows = self.sheet.rows if self.sheet else ()
-        more = [(name, readable(x), readable(y)) for x, y in points]
+        more = [(name, format_number(x), format_number(y)) for x, y in points]
         self.sheet = Sheet(self.title, ("series", self.x_label or "x", self.y_label or "y"), [*rows, *more])
 
     def band(self, low: float, high: float, style: str) -> None:
@@ -142,7 +142,7 @@ class Figure:
             self.key.append(KeyEntry("limit", "limit"))
 
     def level(self, y: float, style: str) -> None:
-        """Draw a line across at one value of y."""
+        """Draw a horizontal line at one value of y."""
         self.line([(self.x_range[0], y), (self.x_range[1], y)], style)
 
     def line(self, points: Iterable[Point], style: str) -> None:
@@ -151,19 +151,19 @@ class Figure:
         self._add('<path class="{}" d="M{}"/>', style, path)
 
     def dots(self, points: Iterable[Point], style: str) -> None:
-        """Draw points as dots of one path: no element each, so many samples stay small."""
+        """Draw points as dots of one path, since an element for each of many samples would be large."""
         path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in (self.place(*point) for point in points))
         self._add('<path class="{}" d="{}"/>', style, path)
 
     def bars(self, spans: Iterable[tuple[float, float, float]], style: str) -> None:
-        """Draw upright lines, each at one x from one y to another: how far a mark may be off."""
+        """Draw vertical lines, each at one x between two values of y, as error bars."""
         ends = ((self.place(x, low), self.place(x, high)) for x, low, high in spans)
         path = "".join(f"M{x:.1f} {y:.1f}V{top:.1f}" for (x, y), (_, top) in ends)
         self._add('<path class="{}" d="{}"/>', style, path)
 
     def marks(self, points: Iterable[Point], style: str, mark: Mark = Mark.DOT, *, radius: float = 3.5) -> None:
         """Draw points as marks."""
-        self._shapes += [mark.at(*self.place(*point), radius, style) for point in points]
+        self._shapes += [mark.draw(*self.place(*point), radius, style) for point in points]
 
     def circle(self, centre: Point, radius: float, style: str) -> None:
         """Draw a circle whose radius is in units of x."""
@@ -172,7 +172,7 @@ class Figure:
         self._add('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, edge - x)
 
     def upright(self, x: float, text: str, style: str) -> None:
-        """Draw a line up at one value of x, with a text along it."""
+        """Draw a vertical line at one value of x, with a text along it."""
         self.line([(x, self.y_range[0]), (x, self.y_range[1])], style)
         at, _ = self.place(x, self.y_range[1])
         template = '<text class="along" transform="translate({} {}) rotate(-90)" text-anchor="end">{}</text>'
@@ -192,8 +192,8 @@ class Figure:
             yield shape('<path class="grid" d="M{} {}V{}"/>', x, top, bottom)
             label = f"{value:g}"
             half = _DIGIT / 2.0 * len(label)
-            inside = min(x, self.width - half)  # a long number at the right end is not cut
-            if inside - half >= free_from:  # nor does one lie on another
+            inside = min(x, self.width - half)  # so that a long number at the right end is not cut
+            if inside - half >= free_from:  # so that numbers do not overlap
                 yield shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', inside, bottom + 17.0, label)
                 free_from = inside + half
         if self.x_label:
@@ -222,15 +222,15 @@ def drawing(title: str, description: str, width: float, height: float, content: 
 
 
 def _ticks(ends: Point, room_for: float, *, logarithmic: bool) -> tuple[float, ...]:
-    """Return the ticks of an axis: as many as there is room for, at least two."""
+    """Return as many ticks of an axis as there is room for, and at least two."""
     if logarithmic:
         return log_ticks(*ends)
-    found = (nice_ticks(*ends, about=about) for about in count(max(_FEWEST_TICKS, int(room_for))))
-    return next(ticks for ticks in found if len(ticks) > 1)
+    candidates = (nice_ticks(*ends, about=about) for about in count(max(_FEWEST_TICKS, int(room_for))))
+    return next(ticks for ticks in candidates if len(ticks) > 1)
 
 
 def _share(value: float, ends: Point, *, logarithmic: bool) -> float:
-    """Return where between two ends a value lies, 0 to 1."""
+    """Return the position of a value between two ends, 0 to 1."""
     low, high = ends
     if logarithmic:
         low, high, value = math.log10(low), math.log10(high), math.log10(value)

@@ -1,4 +1,4 @@
-"""Campaigns: one run for each of several seeds, side by side, and their common verdict."""
+"""Campaigns: one run for each of several seeds, and their common verdict."""
 
 from __future__ import annotations
 
@@ -51,24 +51,24 @@ from hiltest.runs.older_firmware import (
 )
 from hiltest.runs.sent_bench import run_there, sent_bench
 from hiltest.settings import make_folder, run_options
-from hiltest.text import listed
+from hiltest.text import join_words
 from hiltest.verdict.calibrators import UNCALIBRATED, WORST_HEADING
-from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds, no_evidence, with_misses_allowed
-from hiltest.verdict.wording import on_seeds
+from hiltest.verdict.evidence import Evidence, allow_misses, evidence_of, evidence_of_seeds, no_evidence
+from hiltest.verdict.wording import format_seeds
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
 _NAMED_AT_MOST = 4
 _KEPT = "the records of the seeds that finished are kept"
-# Exit codes of a run that has not begun, and of one that was interrupted.
+# Exit codes of a run that has not begun, or was interrupted.
 _NOT_BEGUN = (ExitCode.USAGE_ERROR, ExitCode.INTERRUPTED)
-# The first of these that any seed ended with is the campaign's, as for the tests of one run.
+# Order of precedence of exit codes, as for the tests of one run.
 _WORST_FIRST = (2, 3, 4, 5, ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST, ExitCode.NOT_EVALUATED)
 
 
 @dataclass(frozen=True, slots=True)
 class MadeWith:
-    """Firmware, rig and options of a run: all that its numbers depend on besides the seed."""
+    """Firmware, rig and options of a run, which determine its numbers together with the seed."""
 
     firmware: str
     build_id: str
@@ -79,9 +79,9 @@ class MadeWith:
 
 @dataclass(frozen=True, slots=True)
 class SeedResult:
-    """The end of one seed's run. `sentence` is its verdict, or its last output where there is none.
+    """Result of one seed's run. `sentence` is its verdict, or its last output without one.
 
-    `excusable` is a failure by nothing but missed limits.
+    `excusable` is True for a failure by missed limits only.
     """
 
     seed: int
@@ -97,22 +97,23 @@ def run_seeds(
     seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fail: int, baseline: str | None = None,
     against: str | None = None, jobs: int | str | None = None, coverage: str | None = None,
 ) -> int:
-    """Run the suites once a seed, several at a time; write ``seeds.json``.
+    """Run the suites once per seed, several at a time; write ``seeds.json``.
 
     Parameters
     ----------
     options
-        For pytest, the same for every seed.
+        Options of pytest, the same for every seed.
     out
-        Gets a folder a seed.
+        Folder that receives one folder per seed.
     may_fail
-        How many seeds may miss a limit; a test that failed for another reason is never excused.
+        Number of seeds that may miss a limit; a test that failed for another reason is never excused.
     baseline
-        Base that all seeds together are compared with, paired by seed.
+        Base to compare all seeds with, paired by seed.
     against
         Older firmware to run on the same seeds first, as the base.
     jobs
-        How many at a time, one a core by default; or the address of a dask scheduler, whose workers are sent the bench.
+        Number of parallel runs, by default one per core; or the address of a dask scheduler, whose workers receive the
+        bench.
     coverage
         File of LCOV for the coverage of all seeds together.
 
@@ -124,13 +125,13 @@ def run_seeds(
     Raises
     ------
     ConfigError
-        If `out` cannot be written to; nothing has been run then. Or if the bench cannot be sent.
+        If `out` cannot be written to, before anything runs; or if the bench cannot be sent.
     HiltestError
-        If the seeds that are left cannot be run: see `each_done`.
+        If the remaining seeds cannot be run: see `each_done`.
     """
     jobs = jobs or os.cpu_count() or 1
     gate = read_gate(Path(baseline)) if baseline is not None else None
-    # Before anything runs: whatever ends the campaign, no record of an earlier one passes for this one's.
+    # However the campaign ends, records of an earlier one must not pass for its own.
     remove_record_in(out)
     for folder in (*out.glob(SEED_FOLDERS), out / OLDER_FOLDER):
         remove_runs(folder)
@@ -142,29 +143,29 @@ def run_seeds(
     if against is not None:
         older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, jobs,
                          "seeds of the older firmware")  # fmt: skip
-        if code := next((each.exit_code for each in older if each.exit_code in _NOT_BEGUN), 0):
+        if code := next((result.exit_code for result in older if result.exit_code in _NOT_BEGUN), 0):
             return code
-        gate = _gate_of(older, out / OLDER_FOLDER)
+        gate = _older_gate(older, out / OLDER_FOLDER)
     options_of_each = [*options, *UNCOVERED, *(UNJUDGED if gate else ())]
     results = _run_all(seeds, options_of_each, out, jobs, "seeds", covers=coverage is not None)
     if coverage is not None:
         _add_up_coverage(seeds, out, Path(coverage))
     evidence = evidence_of_all(results, str(out))
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
-        evidence = with_misses_allowed(evidence)
+        evidence = allow_misses(evidence)
     remark = PACKAGED if _is_packaged(evidence, options) else ""
     comparison = gate.compare(evidence, remark=remark) if gate else None
     return _conclude(results, comparison, out, may_fail=may_fail, options=run_options(options))
 
 
 def _add_up_coverage(seeds: Sequence[int], out: Path, file: Path) -> None:
-    """Write the coverage of all seeds that have left one, and say how much it is."""
-    found = Coverage()
+    """Write and print the coverage of all seeds that recorded one."""
+    coverage = Coverage()
     for path in (_seed_folder(out, seed) / COVERAGE_FILE for seed in seeds):
         if path.is_file():
-            found.add(from_lcov(path.read_text(encoding="utf-8"), str(path)))
-    write_asked_for(file, to_lcov(found))
-    record = CoverageRecord(shown_path(file.absolute()), found.lines, found.functions, found.branches)
+            coverage.add(from_lcov(path.read_text(encoding="utf-8"), str(path)))
+    write_asked_for(file, to_lcov(coverage))
+    record = CoverageRecord(shown_path(file.absolute()), coverage.lines, coverage.functions, coverage.branches)
     click.echo(f"{coverage_line(record)}: {record.file}")
 
 
@@ -179,7 +180,7 @@ def _conclude(
     verdict = Verdict(_word(results, may_fail=may_fail, comparison=comparison), code, sentence, complete=True)
     page = campaign_markdown(
         verdict, [SeedLine(result.seed, result.exit_code, result.sentence) for result in results],
-        spreads, comparison, {made.cycle_model for result in results for made in result.measurements},
+        spreads, comparison, {measurement.cycle_model for result in results for measurement in result.measurements},
     )  # fmt: skip
     write_atomically(out / CAMPAIGN_FILE, page)
     if comparison is not None:
@@ -194,7 +195,7 @@ def _conclude(
 
 
 def _no_base(gate: Gate) -> int:
-    """Print why no seed runs: there is no base to compare them with."""
+    """Print why no seed runs: the base of the comparison is missing."""
     sentence = f"NOT EVALUATED: {gate.reason}. No seed was run."
     code = ExitCode.NOT_EVALUATED
     click.echo(annotation(Verdict(WORDS[code], code, sentence, complete=False)), nl=False)
@@ -208,22 +209,22 @@ def _run_all(
     make_folder(out)
     try:
         return _run_each(seeds, options, out, jobs, name, covers=covers)
-    except (KeyboardInterrupt, SchedulerError):  # Ctrl-C went to the seeds that ran here too, and they have ended
-        click.echo(_what_is_kept(seeds, out, name))
+    except (KeyboardInterrupt, SchedulerError):  # Ctrl-C reached the seeds on this machine, too, and ended them
+        click.echo(_kept_in_words(seeds, out, name))
         raise
 
 
-def _what_is_kept(seeds: Sequence[int], out: Path, name: str) -> str:
-    """Return how many seeds finished before an interruption, and where their records are."""
-    found = {}
+def _kept_in_words(seeds: Sequence[int], out: Path, name: str) -> str:
+    """Return how many seeds finished before an interruption, and the folders of their records."""
+    is_complete = {}
     for folder in (_seed_folder(out, seed) for seed in seeds):
         with suppress(ConfigError):
-            found[folder] = read_record(folder).run.verdict.complete
-    finished = [str(folder) for folder, complete in found.items() if complete]
-    begun = [str(folder) for folder, complete in found.items() if not complete]
+            is_complete[folder] = read_record(folder).run.verdict.complete
+    finished = [str(folder) for folder, complete in is_complete.items() if complete]
+    begun = [str(folder) for folder, complete in is_complete.items() if not complete]
     parts = [f"{len(finished)} of {len(seeds)} {name} finished"]
-    parts += [f"records in {listed(finished, _NAMED_AT_MOST)}"] if finished else []
-    parts += [f"cut short: {listed(begun, _NAMED_AT_MOST)}"] if begun else []
+    parts += [f"records in {join_words(finished, _NAMED_AT_MOST)}"] if finished else []
+    parts += [f"cut short: {join_words(begun, _NAMED_AT_MOST)}"] if begun else []
     return "; ".join(parts)
 
 
@@ -231,49 +232,49 @@ def _run_each(
     seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int | str, name: str, *, covers: bool
 ) -> list[SeedResult]:
     if isinstance(jobs, str):
-        ended = _ended_there(seeds, options, out, jobs, covers=covers)
+        ended = _run_remotely(seeds, options, out, jobs, covers=covers)
     else:
-        ended = _ended_here(seeds, options, out, jobs, covers=covers)
+        ended = _run_locally(seeds, options, out, jobs, covers=covers)
     console = Console()
     columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(name, total=len(seeds))
         results = []
-        for seed, (exit_code, said) in ended:
-            results.append(result := _result(seed, exit_code, said, _seed_folder(out, seed)))
+        for seed, (exit_code, last_line) in ended:
+            results.append(result := _result(seed, exit_code, last_line, _seed_folder(out, seed)))
             progress.advance(task)
             if result.exit_code:
                 progress.console.print(f"seed {result.seed}: {result.sentence}", markup=False, soft_wrap=True)
     return sorted(results, key=lambda result: result.seed)
 
 
-def _ended_here(
+def _run_locally(
     seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int, *, covers: bool
 ) -> Iterator[tuple[int, tuple[int, str]]]:
-    """Run each seed, and yield it with its exit code and its last words."""
-    return each_done(_run_here, (tuple(options), out, covers), seeds, jobs, kept=_KEPT, starts_process=True)
+    """Run each seed, and yield it with its exit code and its last line of output."""
+    return each_done(_run_seed, (tuple(options), out, covers), seeds, jobs, remark=_KEPT, starts_process=True)
 
 
-def _run_here(given: tuple[tuple[str, ...], Path, bool], seed: int) -> tuple[int, str]:
-    """Run one seed in a process of its own: pytest keeps state that a second run would meet."""
-    options, out, covers = given
+def _run_seed(arguments: tuple[tuple[str, ...], Path, bool], seed: int) -> tuple[int, str]:
+    """Run one seed in a process of its own, since pytest keeps state that would affect a second run."""
+    options, out, covers = arguments
     folder = _seed_folder(out, seed)
     mine = f"--seed={seed}", f"--out={folder}", *coverage_in(folder, covers=covers)
     done = run_command(*mine, "--", *options, folder=folder)
     return done.returncode, last_words(done.stderr or done.stdout)
 
 
-def _ended_there(
+def _run_remotely(
     seeds: Sequence[int], options: Sequence[str], out: Path, scheduler: str, *, covers: bool
 ) -> Iterator[tuple[int, tuple[int, str]]]:
-    """Do the same on other machines, and bring the records here."""
-    for seed, ended in each_done(run_there, sent_bench(options, covers=covers), seeds, scheduler, kept=_KEPT):
+    """Run each seed on another machine, and store its record on this one."""
+    for seed, ended in each_done(run_there, sent_bench(options, covers=covers), seeds, scheduler, remark=_KEPT):
         ended.write(_seed_folder(out, seed))
-        yield seed, (ended.exit_code, ended.said)
+        yield seed, (ended.exit_code, ended.last_line)
 
 
 def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mapping[str, str] = os.environ) -> bool:
-    """Say whether the packaged firmware ran, and no option or variable named it."""
+    """Return whether the packaged firmware ran because no option or variable named one."""
     named = environment.get("HIL_FIRMWARE") or any(option.startswith("--hil-firmware") for option in options)
     if named or not evidence.side.build_id:
         return False
@@ -281,8 +282,8 @@ def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mappin
     return bool(evidence.side.build_id == manifest["build_id"])  # an ini file may have named another one
 
 
-def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
-    """Return the base of the newer firmware: the seeds of the older one."""
+def _older_gate(results: Sequence[SeedResult], out: Path) -> Gate:
+    """Return the seeds of the older firmware as the base for the newer one."""
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads_of(results), None))
     evidence = evidence_of_all(results, str(out))
     if not evidence.measurements:
@@ -291,26 +292,26 @@ def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
 
 
 def evidence_of_all(results: Sequence[SeedResult], file: str) -> Evidence:
-    """Put the seeds together as one side of a comparison; why some have no record is a fault of it, once."""
-    found = [result.evidence for result in results if result.evidence is not None]
+    """Combine the seeds into one side of a comparison; reasons for missing records become its faults, each once."""
+    evidence = [result.evidence for result in results if result.evidence is not None]
     missing: dict[str, list[int]] = {}
     for result in results:
         if result.evidence is None:
             missing.setdefault(result.sentence, []).append(result.seed)
-    faults = (f"{file}: no record{on_seeds(seeds)}: {said}" for said, seeds in missing.items())
-    whole = evidence_of_seeds(found, file) if found else no_evidence(file)
+    faults = (f"{file}: no record{format_seeds(seeds)}: {sentence}" for sentence, seeds in missing.items())
+    whole = evidence_of_seeds(evidence, file) if evidence else no_evidence(file)
     return replace(whole, faults=(*whole.faults, *faults))
 
 
 def campaign_exit_code(
     results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None = None
 ) -> int:
-    """Return the exit code: anything but 0 and 1 from any seed, then 1 if it is not allowed, then the comparison."""
+    """Return the exit code: a code of any seed but 0 and 1, then 1 unless allowed, then that of the comparison."""
     codes = [result.exit_code for result in results]
     for code in _WORST_FIRST:
         if code in codes:
             return int(code)
-    failed = codes.count(1) > may_fail or bool(_inexcusable(results))
+    failed = codes.count(1) > may_fail or bool(_inexcusable_seeds(results))
     code = next((code for code in codes if code not in (0, 1)), int(failed))
     return code if code or comparison is None else int(comparison_code(comparison))
 
@@ -318,13 +319,13 @@ def campaign_exit_code(
 def campaign_sentence(
     results: Sequence[SeedResult], spreads: Sequence[Spread], *, may_fail: int, comparison: Comparison | None = None
 ) -> str:
-    """Return how many seeds passed, what the worst headings were, and what the comparison says."""
+    """Return the number of seeds that passed, the worst headings, and the result of the comparison."""
     passed = sum(result.exit_code == 0 for result in results)
     failed = [result.seed for result in results if result.exit_code]
-    which = f" (not: {_listed(failed)})" if failed else ""
+    which = f" (not: {_seed_list(failed)})" if failed else ""
     allowed = f", {may_fail} may fail" if may_fail else ""
-    if may_fail and (inexcusable := _inexcusable(results)):
-        allowed += f", but only by a limit (not: {_listed(inexcusable)})"
+    if may_fail and (inexcusable := _inexcusable_seeds(results)):
+        allowed += f", but only by a limit (not: {_seed_list(inexcusable)})"
     headings = [
         f"{spread.name} median {spread.median:.2f}, worst {spread.max:.2f} {spread.unit}" for spread in spreads
         if (named := identify(spread.name)).kind is WORST_HEADING and named.subject != UNCALIBRATED
@@ -334,24 +335,24 @@ def campaign_sentence(
     return sentence if comparison is None else f"{sentence} {comparison.sentence}"
 
 
-def _inexcusable(results: Sequence[SeedResult]) -> list[int]:
+def _inexcusable_seeds(results: Sequence[SeedResult]) -> list[int]:
     """Return the seeds that failed for another reason than a missed limit."""
     return [result.seed for result in results if result.exit_code == 1 and not result.excusable]
 
 
-def _listed(seeds: Sequence[int]) -> str:
+def _seed_list(seeds: Sequence[int]) -> str:
     return ", ".join(map(str, seeds[:10])) + (", ..." if len(seeds) > 10 else "")
 
 
 def _word(results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None) -> str:
-    """Return the verdict in a word; any other end of a seed is a failure of the campaign."""
+    """Return the verdict in one word; other exit codes of seeds are a failure of the campaign."""
     of_seeds = campaign_exit_code(results, may_fail=may_fail)
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
     return WORDS[ExitCode.FAILED] if of_seeds else WORDS[ExitCode(code)]
 
 
 def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
-    """Return smallest, middle and largest of every measurement that has a number, by name."""
+    """Return smallest, median and largest value of every measurement with a number, by name."""
     values: dict[str, list[float]] = {}
     failed: dict[str, list[int]] = {}
     units: dict[str, str] = {}
@@ -366,33 +367,33 @@ def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
                 failed.setdefault(measurement.name, []).append(result.seed)
     return [
         Spread(
-            name, units[name], len(found), min(found), statistics.median(found), max(found),
+            name, units[name], len(numbers), min(numbers), statistics.median(numbers), max(numbers),
             tuple(failed.get(name, ())),
         )
-        for name, found in sorted(values.items())
+        for name, numbers in sorted(values.items())
     ]
 
 
-def _result(seed: int, exit_code: int, said: str, folder: Path) -> SeedResult:
-    if exit_code != ExitCode.USAGE_ERROR:  # with which it is refused a folder that another run has
+def _result(seed: int, exit_code: int, last_line: str, folder: Path) -> SeedResult:
+    if exit_code != ExitCode.USAGE_ERROR:  # a run with this code was refused the folder, which another run has
         try:
             stored = read_record(folder)
             run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
             return SeedResult(
-                seed, exit_code, run.verdict.sentence, run.measurements, _made_with(run), evidence,
+                seed, exit_code, run.verdict.sentence, run.measurements, _firmware_and_rig(run), evidence,
                 excusable=missed_only_limits(run),
             )
         except ConfigError as error:
-            if exit_code == ExitCode.OK:  # as of tests that were only collected: nothing shows that it passed
-                return SeedResult(seed, ExitCode.NOT_EVALUATED, f"{str(error).rstrip('.')}; it wrote: {said}")
-    return SeedResult(seed, exit_code, said)
+            if exit_code == ExitCode.OK:  # tests were only collected, for example: nothing shows that the seed passed
+                return SeedResult(seed, ExitCode.NOT_EVALUATED, f"{str(error).rstrip('.')}; it wrote: {last_line}")
+    return SeedResult(seed, exit_code, last_line)
 
 
 def _seed_folder(out: Path, seed: int) -> Path:
     return out / f"seed-{seed:04d}"
 
 
-def _made_with(run: Run) -> MadeWith | None:
+def _firmware_and_rig(run: Run) -> MadeWith | None:
     if run.board is None or run.rig is None:
         return None
     firmware = f"{run.board.firmware} {run.board.version}"
@@ -407,13 +408,13 @@ def _to_json(
     content = {
         "schema": SEEDS_SCHEMA,
         "exit_code": int(campaign_exit_code(results, may_fail=may_fail)),  # of the seeds, apart from a comparison
-        "made_with": [asdict(each) for each in made_with],
+        "made_with": [asdict(origin) for origin in made_with],
         "seeds": seeds,
-        "measurements": [_rounded(asdict(spread)) for spread in spreads],
+        "measurements": [_round_values(asdict(spread)) for spread in spreads],
         **({} if comparison is None else {"comparison": asdict(comparison)}),
     }
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def _rounded(content: Mapping[str, object]) -> dict[str, object]:
+def _round_values(content: Mapping[str, object]) -> dict[str, object]:
     return {key: round_significant(value) if isinstance(value, float) else value for key, value in content.items()}

@@ -1,6 +1,6 @@
-"""The folder that a session keeps its record in.
+"""The folder for the record of a session.
 
-Imported at the start of every pytest run on the machine: what writes is imported where something is written.
+Every pytest run on the machine imports this module: heavy modules are imported only for writing.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ if TYPE_CHECKING:
 
 
 class RecordFolder:
-    """A folder that belongs to one session alone from `claim` to `release`."""
+    """A folder that belongs to one session exclusively from `claim` to `release`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._recorder: Recorder | None = None
-        self._made = False
+        self._is_new = False
 
     def claim(self, settings: Settings, rig: Rig | None) -> Recorder:
-        """Return the recorder; from the first call on `hiltest report` finds this record.
+        """Return the recorder; from the first call on, `hiltest report` reads this record.
 
         Raises
         ------
         ConfigError
-            If another run has the folder, or it cannot be written to.
+            If another run uses the folder, or it cannot be written to.
         """
         from hiltest.record.journal import Journal
         from hiltest.record.recorder import Recorder
         from hiltest.record.revision import revision_of
 
         if self._recorder is None:
-            self._made = not self.path.exists()
+            self._is_new = not self.path.exists()
             make_folder(self.path)
             poses = settings.poses or (rig.procedure.poses if rig else "all")
             self._recorder = Recorder(
@@ -49,11 +49,11 @@ class RecordFolder:
         return self._recorder
 
     def release(self) -> None:
-        """Give the folder back, when every file of the run is written."""
+        """Release the folder after every file of the run is written."""
         if self._recorder is not None:
             self._recorder.release()
-        if self._made:
-            with suppress(OSError):  # a usage error leaves nothing in it, and a run does
+        if self._is_new:
+            with suppress(OSError):  # the folder is empty after a usage error, and not after a run
                 self.path.rmdir()
 
 
@@ -61,19 +61,19 @@ CHOSEN_FOLDER = "chosen"
 
 
 def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> Path:
-    """Return the folder for the record of a part of the tests: never that of a complete run's record.
+    """Return the folder for the record of some of the tests, which must not replace that of a complete run.
 
     Parameters
     ----------
     out
-        Folder that was asked for.
+        Requested folder.
     tests
-        What runs, where it is another set of tests only if the record has none of them; by default it always is.
+        Tests that will run; they do not replace a record with other tests. By default they never replace one.
 
     Returns
     -------
     Path
-        `out` itself, unless it has the record of a complete run.
+        `out` itself, unless it holds the record of a complete run.
     """
     from hiltest.errors import ConfigError
     from hiltest.record.reader import read_record
@@ -88,8 +88,8 @@ def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> P
     return out / CHOSEN_FOLDER if is_complete and not same_tests else out
 
 
-def said_of_folder(out: Path, folder: Path) -> str:
-    """Return the line of a run of chosen tests about its folder."""
+def folder_remark(out: Path, folder: Path) -> str:
+    """Return a remark on the folder for the record of chosen tests."""
     from hiltest.report.terminal import shown_path
 
     return f"{shown_path(out)} keeps the record of its complete run; these tests are recorded in {shown_path(folder)}"
@@ -100,12 +100,12 @@ LOCK_FILE = "command.lock"
 
 @contextmanager
 def sole_command(folder: Path) -> Iterator[None]:
-    """Keep a folder from other commands of several runs; the runs themselves each keep their own.
+    """Lock a folder against other commands that make several runs; each run locks its own folder.
 
     Raises
     ------
     ConfigError
-        If another command has it; it says which. Or if it cannot be written to.
+        If another command has the lock, which the message names, or the folder cannot be written to.
     """
     from hiltest.record.journal import Journal
     from hiltest.record.run import utc_now
@@ -121,7 +121,7 @@ def sole_command(folder: Path) -> Iterator[None]:
 
 
 def remove_run(folder: Path) -> None:
-    """Remove what an earlier run left in a folder, and the folder if that was all; one that a run has stays."""
+    """Remove an earlier run from a folder, and the folder if it is then empty, unless a run uses it."""
     from hiltest.errors import ConfigError
 
     if not folder.is_dir():
@@ -133,12 +133,12 @@ def remove_run(folder: Path) -> None:
 
 
 def remove_record_in(folder: Path) -> None:
-    """Remove what an earlier run or campaign left in a folder; the folders of its seeds stay.
+    """Remove an earlier run or campaign from a folder; the folders of its seeds stay.
 
     Raises
     ------
     ConfigError
-        If a run has the folder; it says which.
+        If a run uses the folder, which the message names.
     """
     from hiltest.record.journal import Journal
     from hiltest.runs.wire_traces import remove_traces

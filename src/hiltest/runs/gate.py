@@ -1,6 +1,6 @@
-"""The base of a run: read before the run can overwrite it, and compared at its end.
+"""The base of a run, which is read before the run can overwrite it, and compared after its end.
 
-Imported at the start of every pytest run on the machine: what compares is imported where something is compared.
+Every pytest run on the machine imports this module: heavy modules are imported only for a comparison.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ if TYPE_CHECKING:
     from hiltest.verdict.evidence import Evidence
 
 NOT_EVALUATED = 22
-"""The exit code, where nothing heavy is imported for it."""
+"""The exit code, defined here to avoid a heavy import."""
 
 
 PACKAGED = "The packaged firmware was compared: name yours with --firmware ELF (--hil-firmware)."
-"""Remark where no firmware was named: a user who forgets it would compare the packaged one with itself."""
+"""Remark if no firmware was named: otherwise a user may compare the packaged firmware with itself unknowingly."""
 
 
 class Gate(NamedTuple):
-    """A base, or why there is none: a run that asked for a comparison never passes without one."""
+    """A base, or the reason for its absence: a run with a requested comparison never passes without one."""
 
     file: str
-    """What was named as the base."""
+    """Base as the user named it."""
     base: Evidence | None
     reason: str = ""
-    """Why there is no base, with what to do."""
+    """Reason why there is no base, with a remedy."""
     in_one_session: bool = False
-    """Whether the base ran in the same session, on the same rig, seeds, points and noise."""
+    """True if the base ran in the same session, on the same rig, seeds, points and noise."""
 
     def compare(self, new: Evidence, *, remark: str = "") -> Comparison:
         """Compare a run, or the runs of several seeds, with the base."""
         from hiltest.verdict.compare import compare, not_compared
 
         if self.base is None:
-            found = not_compared(self.file, self.reason, new)
+            comparison = not_compared(self.file, self.reason, new)
         else:
-            found = compare(self.base, new, together=self.in_one_session)
-        return replace(found, remark=" ".join(filter(None, (remark, found.remark))))
+            comparison = compare(self.base, new, together=self.in_one_session)
+        return replace(comparison, remark=" ".join(filter(None, (remark, comparison.remark))))
 
     def describe(self) -> str:
         """Return the header line: the base that the run is compared with."""
-        from hiltest.text import counted
+        from hiltest.text import format_count
         from hiltest.verdict.wording import build
 
         if self.base is None:
@@ -56,7 +56,7 @@ class Gate(NamedTuple):
         side = self.base.side
         if not side.firmware:
             return f"base: {self.file}, of no board"
-        runs = counted(len(side.seeds), "seed") if side.seeds else counted(len(self.base.measurements), "run")
+        runs = format_count(len(side.seeds), "seed") if side.seeds else format_count(len(self.base.measurements), "run")
         return f"base: {self.file}, {build(side)}, {runs}"
 
 
@@ -66,7 +66,7 @@ def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:
     Parameters
     ----------
     in_one_session
-        Whether it has just been run, as the older of two firmwares.
+        True if the base has just been run, as the older of two firmwares.
     """
     from hiltest.errors import ConfigError
     from hiltest.verdict.evidence_reader import read_evidence
@@ -78,14 +78,14 @@ def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:
 
 
 class SessionGate:
-    """Gate of one session: the base that was asked for, and its state before the first test.
+    """Gate of one session: the requested base, and its state before the first test.
 
     Parameters
     ----------
     base
         Base of the run; None without a gate.
     source
-        Which option named it.
+        Option that named it.
     """
 
     def __init__(self, base: Path | None, source: str) -> None:
@@ -102,22 +102,22 @@ class SessionGate:
         return f"{self._source} is {self._base}" if self._base is not None else ""
 
     def unevaluated(self, why: str) -> str:
-        """Return the message when no run was recorded to compare; empty without a base."""
+        """Return the message if no run was recorded to compare; empty without a base."""
         return f"NOT EVALUATED: {self.asked_for}, and {why}: there is nothing to compare." if self.asked_for else ""
 
     def compare_with(self, older: OlderFirmware) -> None:
-        """Take an older firmware as the base, which `run_older` will run."""
+        """Make an older firmware the base, which `run_older` will run."""
         self._older = older
         self._gate = Gate(str(older.folder), None, f"{older.elf} did not come to its end; run it again")
 
     def read(self) -> None:
-        """Read the base, before the folder is this run's: it may lie there."""
+        """Read the base before this run overwrites the folder, which may contain it."""
         if self._base is not None and self._gate is None:
             self._gate = read_gate(self._base)
 
     @property
     def runs_older(self) -> bool:
-        """True where an older firmware is the base."""
+        """True if an older firmware is the base."""
         return self._older is not None
 
     def run_older(self, say: Callable[[str], None]) -> None:
@@ -129,7 +129,7 @@ class SessionGate:
 
     @property
     def missing(self) -> str:
-        """Reason why there is no base to compare the run with; empty when there is, or when none was named."""
+        """Reason why there is no base for the comparison; empty if there is one, or if none was named."""
         return self._gate.reason if self._gate is not None and self._gate.base is None else ""
 
     def describe(self) -> list[str]:
@@ -144,6 +144,6 @@ class SessionGate:
         Parameters
         ----------
         packaged
-            Whether the packaged firmware ran because none was named.
+            True if the packaged firmware ran because none was named.
         """
         return None if self._gate is None else partial(self._gate.compare, remark=PACKAGED if packaged else "")

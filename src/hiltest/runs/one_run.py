@@ -13,7 +13,7 @@ from hiltest.bench_files import suites
 from hiltest.errors import ConfigError
 from hiltest.record.files import OLDER_FOLDER, RUN_FILE
 from hiltest.record.run import Run
-from hiltest.runs.folders import folder_beside_complete, said_of_folder
+from hiltest.runs.folders import folder_beside_complete, folder_remark
 from hiltest.runs.older_firmware import OlderFirmware
 from hiltest.session import SESSION
 from hiltest.session.selection import RUN_COMMAND, Choice, only_looks
@@ -22,14 +22,14 @@ _JUNIT_FILE = "junit.xml"
 
 
 class RunCommand:
-    """A pytest plugin that opens the bench at once, and takes the finished record.
+    """A pytest plugin that opens the bench at once, and receives the finished record.
 
     Parameters
     ----------
     older
         Older firmware, which runs first on the same bench as the base.
     flashes
-        Whether the firmware is put onto the board first.
+        True if the firmware is flashed first.
     """
 
     __name__ = RUN_COMMAND
@@ -41,14 +41,14 @@ class RunCommand:
         self._flashes = flashes
         self._remarks: list[str] = []
 
-    # First: before any plugin reads where it is to write.
+    # This hook is the first, before any plugin reads its output folder.
     @pytest.hookimpl(tryfirst=True)
     def pytest_cmdline_main(self, config: pytest.Config) -> None:
-        """Record chosen tests beside a complete run, and not in its place."""
+        """Record chosen tests beside a complete run instead of replacing it."""
         if not config.pluginmanager.has_plugin("hiltest"):
             raise pytest.UsageError("hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest")
         out = Path(config.option.hil_out)
-        folder = folder_beside_complete(out) if Choice(config).of_any_tests and not only_looks(config) else out
+        folder = folder_beside_complete(out) if Choice(config).chose_any_tests and not only_looks(config) else out
         if folder == out:
             return
         config.option.hil_out = str(folder)
@@ -56,13 +56,13 @@ class RunCommand:
             config.option.xmlpath = str(folder / _JUNIT_FILE)
         if self._older is not None:
             self._older = replace(self._older, folder=folder / OLDER_FOLDER)
-        self._remarks = [said_of_folder(out, folder)]
+        self._remarks = [folder_remark(out, folder)]
 
     def pytest_report_collectionfinish(self) -> list[str]:
-        """Say where chosen tests are recorded, and what was flashed."""
+        """Return remarks on the folder of chosen tests, and on flashed firmware."""
         return self._remarks
 
-    # Last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
+    # This hook is the last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
     # command before pytest has collected or written anything.
     @pytest.hookimpl(trylast=True)
     def pytest_configure(self, config: pytest.Config) -> None:
@@ -86,24 +86,24 @@ class RunCommand:
             hil.open(with_board=True)
 
     def pytest_hil_finished(self, run: Run) -> None:
-        """Keep the finished record."""
+        """Store the finished record."""
         self.run = run
 
 
-class _LongLived:
-    """Spares the garbage collector what lives as long as the process.
+class _CollectionFreezer:
+    """Excludes long-lived objects from garbage collection.
 
-    pytest collects ten times as it ends, to find what fails when it is deleted: that took 0.5 s of the whole run.
+    pytest collects ten times at its end, to find errors in finalizers, which took 0.5 s of the whole run.
     """
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_finish(self) -> None:
-        """Leave out modules and suites."""
+        """Exclude modules and suites."""
         gc.freeze()
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self) -> None:
-        """Collect what the tests left, and leave out the rest."""
+        """Collect the garbage of the tests, and exclude all other objects."""
         gc.collect()
         gc.freeze()
 
@@ -116,42 +116,42 @@ def run_suites(
     Parameters
     ----------
     options
-        For pytest.
+        Options of pytest.
     out
         Folder of the record.
     older
         Older firmware, the base of the run.
     flashes
-        Whether the firmware is put onto the board first.
+        True if the firmware is flashed first.
 
     Returns
     -------
     int, Path or None
-        Exit code, and the file with the record; None where none was finished.
+        Exit code, and the file with the record; None if no record was finished.
     """
     command = RunCommand(older, flashes=flashes)
-    here = Path.cwd()
-    # pytest would warn that it came too late to rewrite the assertions of the package that started it.
+    folder = Path.cwd()
+    # Otherwise pytest warns that it came too late to rewrite the assertions of the package that started it.
     no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
-    # The packaged suites may lie inside another project's tree; the folder of the command is the root all the same.
+    # The packaged suites may lie inside another project's tree; the root is the folder of the command nevertheless.
     code = pytest.main(
         [
-            str(suites(here)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
-            f"--rootdir={here}", "--tb=short", "--no-header", "-rN", "-W", no_warning,
+            str(suites(folder)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
+            f"--rootdir={folder}", "--tb=short", "--no-header", "-rN", "-W", no_warning,
             f"--junit-xml={out / _JUNIT_FILE}", f"--hil-out={out}", *options,
         ],
-        plugins=[command, _LongLived()],
+        plugins=[command, _CollectionFreezer()],
     )
     return int(code), None if command.run is None else command.folder / RUN_FILE
 
 
 def check_against(base: str | None, port: str | None) -> None:
-    """Refuse what does not go with ``--against``.
+    """Check that no option contradicts ``--against``.
 
     Raises
     ------
     ConfigError
-        If another base is asked for, or a real board.
+        If another base or a real board is requested.
     """
     if base:
         raise ConfigError(f"--against, and {base}: a run is compared with one base; leave one of them out")

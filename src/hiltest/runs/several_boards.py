@@ -1,4 +1,4 @@
-"""Several boards at once: one run for each rig, side by side, and how far the boards are apart."""
+"""Several boards at once: one run for each rig, and the spread between the boards."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
 from hiltest.runs.older_firmware import last_words, run_command
 from hiltest.settings import make_folder
-from hiltest.text import listed
+from hiltest.text import join_words
 
 SCHEMA = "hiltest.boards/1"
 
@@ -41,38 +41,40 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     Parameters
     ----------
     rigs
-        Rig files, or names of rigs: one a board.
+        Rig files, or names of rigs: one per board.
     options
-        For pytest, the same for every board.
+        Options of pytest, the same for every board.
     out
-        Gets a folder a board, called as its rig.
+        Folder that receives one folder per board, with the name of its rig.
     flashes
-        Whether the firmware is put onto each board first.
+        True if the firmware is flashed onto each board first.
 
     Returns
     -------
     int
-        Exit code: of all boards' codes the one that comes first as for the tests of one run.
+        Exit code of the board whose code takes precedence, in the order for the tests of one run.
 
     Raises
     ------
     ConfigError
-        If two rigs have one name or one port, or one is turned by an operator, or one cannot be read; nothing ran then.
+        If two rigs share a name or a port, or one is turned by an operator, or one cannot be read; no run starts then.
     """
-    benches = {_NO_FOLDER.sub("-", rig.name): rig for rig in (load_rig(rig_file(Path.cwd(), each)) for each in rigs)}
+    benches = {_NO_FOLDER.sub("-", rig.name): rig for rig in (load_rig(rig_file(Path.cwd(), name)) for name in rigs)}
     if len(benches) < len(rigs):
-        raise ConfigError(f"two of {listed([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
+        raise ConfigError(f"two of {join_words([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
     _check_apart(benches)
     files = {name: str(rig.path) for name, rig in benches.items()}
-    for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # no earlier verdict passes for this one's
+    for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # an earlier verdict must not pass for this one's
         (out / name).unlink(missing_ok=True)
     make_folder(out)
-    given = ("--flash",) if flashes else (), tuple(options), out, tuple(files.items())
+    arguments = ("--flash",) if flashes else (), tuple(options), out, tuple(files.items())
     ended = {}
     click.echo(f"{len(files)} boards: {', '.join(files)}")
-    for number, (code, said) in each_done(_run, given, range(len(files)), len(files), kept=_KEPT, starts_process=True):
+    for number, (code, last_line) in each_done(
+        _run, arguments, range(len(files)), len(files), remark=_KEPT, starts_process=True
+    ):
         name = [*files][number]
-        ended[name] = line, _ = _ended(name, code, said, out / name)
+        ended[name] = line, _ = _board_result(name, code, last_line, out / name)
         click.echo(f"{name}: {line.sentence}")
     boards = [ended[name][0] for name in files]
     apart = apart_of({name: ended[name][1] for name in files})
@@ -104,24 +106,24 @@ def _check_apart(benches: Mapping[str, Rig]) -> None:
 
 
 def _run(
-    given: tuple[tuple[str, ...], tuple[str, ...], Path, tuple[tuple[str, str], ...]], number: int
+    arguments: tuple[tuple[str, ...], tuple[str, ...], Path, tuple[tuple[str, str], ...]], number: int
 ) -> tuple[int, str]:
     """Run one board in a process of its own."""
-    flags, options, out, files = given
+    flags, options, out, files = arguments
     name, rig = files[number]
     done = run_command(f"--rig={rig}", f"--out={out / name}", *flags, "--", *options, folder=out / name)
     return done.returncode, last_words(done.stderr or done.stdout)
 
 
-def _ended(name: str, code: int, said: str, folder: Path) -> tuple[BoardLine, tuple[Measurement, ...]]:
-    """Return the end of a board's run, and what was measured: a board that was lost in the middle has some, too."""
+def _board_result(name: str, code: int, last_line: str, folder: Path) -> tuple[BoardLine, tuple[Measurement, ...]]:
+    """Return the result of a board's run, and its measurements; a board that was lost midway has some, too."""
     run: Run | None = None
-    if code != ExitCode.USAGE_ERROR:  # with which it is refused a folder that another run has
+    if code != ExitCode.USAGE_ERROR:  # a run with this code was refused the folder, which another run has
         with suppress(ConfigError):
             run = read_record(folder).run
     if run is None:
-        code = code or ExitCode.NOT_EVALUATED  # as of tests that were only collected: nothing shows that it passed
-        return BoardLine(name, folder.name, code, said), ()
+        code = code or ExitCode.NOT_EVALUATED  # tests were only collected, for example: nothing shows that it passed
+        return BoardLine(name, folder.name, code, last_line), ()
     return BoardLine(name, folder.name, code, run.verdict.sentence, _firmware(run)), run.measurements
 
 
@@ -130,7 +132,7 @@ def _firmware(run: Run) -> str:
 
 
 def apart_of(measured: dict[str, Sequence[Measurement]]) -> list[Apart]:
-    """Return each measurement with its value on every board, and how far they are apart.
+    """Return each measurement with its value on every board, and the spread between them.
 
     Numbers of different units or cycle models are not compared.
     """
@@ -139,37 +141,37 @@ def apart_of(measured: dict[str, Sequence[Measurement]]) -> list[Apart]:
         for measurement in measurements:
             if not measurement.volatile:
                 by_name.setdefault(measurement.name, {})[board] = measurement
-    return [_apart(name, found) for name, found in by_name.items()]
+    return [_row(name, measurements) for name, measurements in by_name.items()]
 
 
-def _apart(name: str, found: dict[str, Measurement]) -> Apart:
-    values = {board: each.value for board, each in found.items()}
-    outcomes = {board: each.outcome for board, each in found.items()}
-    numbers = [each for each in values.values() if each is not None]
+def _row(name: str, by_board: dict[str, Measurement]) -> Apart:
+    values = {board: measurement.value for board, measurement in by_board.items()}
+    outcomes = {board: measurement.outcome for board, measurement in by_board.items()}
+    numbers = [value for value in values.values() if value is not None]
     kind = identify(name).kind
-    comparable = len({(each.unit, each.cycle_model) for each in found.values()}) == 1
+    comparable = len({(measurement.unit, measurement.cycle_model) for measurement in by_board.values()}) == 1
     if len(numbers) < 2 or not comparable or (kind is not None and kind.direction):
         spread = None
     else:
         spread = round_significant(max(numbers) - min(numbers))
-    return Apart(name, next(iter(found.values())).unit, values, outcomes, spread)
+    return Apart(name, next(iter(by_board.values())).unit, values, outcomes, spread)
 
 
 def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
     """Return the verdict over all boards."""
     codes = {board.exit_code for board in boards}
-    # The enumeration is in their order, a pass last. A process that a signal ended has none of them, and no verdict.
-    known = (int(each) for each in ExitCode if each in codes and each)
-    code = next(known, int(ExitCode.NOT_EVALUATED if any(codes) else ExitCode.OK))
+    # The enumeration is in order of precedence, a pass last. The code of a killed process is not in it.
+    ordered = (int(exit_code) for exit_code in ExitCode if exit_code in codes and exit_code)
+    code = next(ordered, int(ExitCode.NOT_EVALUATED if any(codes) else ExitCode.OK))
     red = [f"{board.name}: {_word(board.exit_code)}" for board in boards if board.exit_code]
     passed = f"{len(boards) - len(red)} of {len(boards)} boards pass"
-    sentence = f"{passed}; {listed(red, _NAMED_AT_MOST)}." if red else f"{passed}."
+    sentence = f"{passed}; {join_words(red, _NAMED_AT_MOST)}." if red else f"{passed}."
     return Verdict(_word(code), code, sentence, complete=True)
 
 
 def _word(code: int) -> str:
-    """Return the name of an exit code; a process that a signal ended has another one."""
-    return {int(each): word for each, word in WORDS.items()}.get(code, "killed")
+    """Return the name of an exit code; a process that a signal ended has another code."""
+    return {int(exit_code): word for exit_code, word in WORDS.items()}.get(code, "killed")
 
 
 def _to_json(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
@@ -178,6 +180,6 @@ def _to_json(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apar
         "exit_code": verdict.exit_code,
         "sentence": verdict.sentence,
         "boards": [asdict(board) for board in boards],
-        "measurements": [asdict(each) for each in apart],
+        "measurements": [asdict(row) for row in apart],
     }
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -1,4 +1,4 @@
-"""The bytes on the line during one test: written to the run's folder when the test fails, otherwise dropped."""
+"""The bytes on the line during one test, which are written to the run's folder if the test fails."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ FOLDER = "traces"
 
 _MOST_BYTES = 256 * 1024  # twenty seconds of a full line at 115200 baud
 _LONGEST_NAME = 100
-# Set-ups that failed are asked for again by every test that needs them; this many are remembered.
+# Every test that needs a failed set-up requests it again; this is the number of remembered failures.
 _FAILURES_KEPT = 32
 
 
 class WireTraces:
-    """The line's latest bytes, from the beginning of the running test.
+    """The latest bytes on the line since the beginning of the running test.
 
     Parameters
     ----------
     out
-        The run's folder.
+        Folder of the run.
 
     Attributes
     ----------
     transcript : LatestTranscript
-        What the link's session fills.
+        Transcript that the link's session fills.
     """
 
     def __init__(self, out: Path) -> None:
@@ -38,31 +38,31 @@ class WireTraces:
         self._written: deque[tuple[BaseException, str]] = deque(maxlen=_FAILURES_KEPT)
 
     def begin(self) -> None:
-        """Forget what was before: a test begins."""
+        """Discard earlier bytes at the beginning of a test."""
         self.transcript.restart()
 
     def keep(self, test: str, phase: str, error: BaseException, *, about: str) -> str:
-        """Write what went over the line before a failure.
+        """Write the bytes that were on the line before a failure.
 
         Parameters
         ----------
         test
-            Test that the bytes are of; names the files.
+            Test that the bytes belong to; it determines the names of the files.
         phase
-            What failed. A fixture's set-up fails once and is charged to every test that
-            needs it: they all get the file of the first.
+            Phase of the test that failed. A fixture's set-up fails once and is charged to every test that
+            needs it: all of them refer to the first test's file.
         error
-            What failed it.
+            Exception of the failure.
         about
-            Which board, for the heading.
+            Description of the board, for the heading.
 
         Returns
         -------
         str
-            The text file, relative to the run's folder; empty when nothing went over the line.
+            The text file, relative to the run's folder; empty if the line was silent.
         """
-        for known, name in self._written:
-            if known is error:
+        for stored_error, name in self._written:
+            if stored_error is error:
                 return name
         if not self.transcript.entries:
             return ""
@@ -91,7 +91,7 @@ class WireTraces:
 
 
 def file_name(test: str) -> str:
-    """Make a file's name of a test's id; another id never gets the same.
+    """Return a file name for a test's id; different ids have different names.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What an operator has done, in the journal as it is done: a run that was stopped or killed goes on from there."""
+"""Steps of an operator, written to the journal at once, so that a run that was stopped or killed can be continued."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from hiltest.link.replies import AverageReply, SlotHeading, Statistic, Status
 from hiltest.procedures import Achieved, Tumble
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.record.recorder import Recorder
-from hiltest.text import counted, listed
+from hiltest.text import format_count, join_words
 
 Reals = NDArray[np.float64]
 
 KIND = "by hand"
-"""Kind of its entries in the journal."""
+"""Kind of these entries in the journal."""
 _NAMED_AT_MOST = 3
 
 
 class ByHand:
-    """The steps of an operator that a run need not ask for again, those of the run before among them.
+    """The steps of an operator that a run need not repeat, including those of the previous run.
 
     Parameters
     ----------
     recorder
-        Of this run, whose folder may hold the journal of one that was cut short.
+        Recorder of this run, whose folder may hold the journal of one that was cut short.
     bench
-        What must be the same for the steps of another run to be this one's, by what it is called.
+        Properties, by name, that must be equal for this run to use the steps of another one.
 
     Attributes
     ----------
-    said : str
-        What is taken over from which run, or why nothing is; empty where there is none.
+    remark : str
+        Description of the steps that were taken over, or the reason why none were; empty without an earlier run.
     """
 
     def __init__(self, recorder: Recorder, bench: Mapping[str, str]) -> None:
@@ -49,10 +49,10 @@ class ByHand:
         self._held: Mapping[str, Any] = {}
         self._bench = dict(bench)
         self._begun = False
-        self.said = self._take_over(entries) if entries else ""
+        self.remark = self._take_over(entries) if entries else ""
 
     def tumble(self, board: Board, collect: Callable[[], Tumble]) -> Tumble:
-        """Return the tumble of the run before, with its points in the board's buffer, or else collect one."""
+        """Return the tumble of the previous run, after uploading its points, or else collect one."""
         if self._tumble is not None:
             upload_pairs(board, self._tumble.points, self._tumble.accelerometer)
             return self._tumble
@@ -65,11 +65,11 @@ class ByHand:
         return tumble
 
     def faces(self) -> tuple[list[StillPose], int]:
-        """Return the faces that the run before has taken, and the die's temperature at the last of them [degC]."""
+        """Return the faces that the previous run measured, and the die's temperature at the last of them [degC]."""
         return self._faces
 
     def keep_faces(self, faces: Sequence[StillPose], die_temperature_degc: int) -> None:
-        """Write the six faces through to the disk, unless they are there."""
+        """Write the six faces through to the disk, unless they are there already."""
         if not self._faces[0]:
             self._keep(degc=die_temperature_degc, faces=[
                 [int(face.face), face.readings, [face.magnetometer.tolist(), _list(face.magnetometer_spread)],
@@ -77,7 +77,7 @@ class ByHand:
             ])
 
     def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, tuple[Achieved, AverageReply]], str]:
-        """Return the known angles that the run before has taken under the same calibrations, and what is to be said.
+        """Return the known angles that the previous run measured with the same calibrations, and a remark.
 
         Parameters
         ----------
@@ -87,21 +87,22 @@ class ByHand:
         now = {name: list(numbers) for name, numbers in held.items()}
         others = sorted(name for name in now.keys() | self._held.keys() if now.get(name) != self._held.get(name))
         if self._poses and not others:
-            return self._poses, f"{counted(len(self._poses), 'known angle')} of the run of {self._since}, taken over.\n"
+            count = format_count(len(self._poses), "known angle")
+            return self._poses, f"{count} of the run of {self._since}, taken over.\n"
         self._keep(held=now)
         return {}, "" if not self._poses else (
-            f"The known angles begin anew: the calibration {listed(others, _NAMED_AT_MOST)} is another than in the run "
-            f"of {self._since}.\n"
+            f"The known angles begin anew: the calibration {join_words(others, _NAMED_AT_MOST)} is another than in the "
+            f"run of {self._since}.\n"
         )
 
-    def keep(self, index: int, taken: tuple[Achieved, AverageReply]) -> None:
+    def keep(self, index: int, measured: tuple[Achieved, AverageReply]) -> None:
         """Write a known angle through to the disk."""
-        there, answer = taken
-        reached = [there.heading_deg, there.pitch_deg, there.roll_deg, there.uncertainty_deg]
+        achieved, answer = measured
+        reached = [achieved.heading_deg, achieved.pitch_deg, achieved.roll_deg, achieved.uncertainty_deg]
         self._keep(pose=index, there=reached, answer={
-            "n": answer.n, "overruns": answer.overruns, "magnetometer": _plain(answer.magnetometer),
-            "accelerometer": _plain(answer.accelerometer), "headings": {
-                slot: [each.status.name, _angles(each.attitude)] for slot, each in answer.headings.items()
+            "n": answer.n, "overruns": answer.overruns, "magnetometer": _statistic_data(answer.magnetometer),
+            "accelerometer": _statistic_data(answer.accelerometer), "headings": {
+                slot: [heading.status.name, _angles(heading.attitude)] for slot, heading in answer.headings.items()
             },
         })
 
@@ -118,26 +119,26 @@ class ByHand:
             return f"begins anew: the journal of {run}, is damaged"
         others = [name for name, now in self._bench.items() if before.get(name) != now]
         if others:
-            return f"begins anew, and does not go on with {run}: another {listed(others, _NAMED_AT_MOST)}"
+            return f"begins anew, and does not go on with {run}: another {join_words(others, _NAMED_AT_MOST)}"
         try:
             for entry in entries[1:]:
-                self._take(entry)
+                self._restore(entry)
         except (LookupError, TypeError, ValueError):
             self._tumble, self._faces, self._poses, self._held = None, ([], 0), {}, {}
             return f"begins anew: the journal of {run}, is damaged"
         steps = [*(["the six faces"] if self._faces[0] else []), *(["the tumble"] if self._tumble else []),
-                 *([counted(len(self._poses), "known angle")] if self._poses else [])]
-        for entry in entries[1:]:  # once more, for this run may be stopped before it comes to them
+                 *([format_count(len(self._poses), "known angle")] if self._poses else [])]
+        for entry in entries[1:]:  # written again, since this run may be stopped before it reaches them
             self._keep(**{name: value for name, value in entry.items() if name != "kind"})
         return f"goes on with {run}: {', '.join(steps)} taken over" if steps else ""
 
-    def _take(self, entry: Mapping[str, Any]) -> None:
+    def _restore(self, entry: Mapping[str, Any]) -> None:
         if "tumble" in entry:
-            kept = entry["tumble"]
+            stored = entry["tumble"]
             self._tumble = Tumble(
-                np.array(kept["points"], dtype=np.int16), np.array(kept["accelerometer"], dtype=np.int16),
-                float(kept["field_ut"]), int(kept["overruns"]), float(kept["duration_s"]),
-                np.array(kept["taken"], dtype=np.intp),
+                np.array(stored["points"], dtype=np.int16), np.array(stored["accelerometer"], dtype=np.int16),
+                float(stored["field_ut"]), int(stored["overruns"]), float(stored["duration_s"]),
+                np.array(stored["taken"], dtype=np.intp),
             )
             if not self._tumble.points.shape == self._tumble.accelerometer.shape == (len(self._tumble.taken), 3):
                 raise ValueError("a tumble of other shapes")
@@ -154,7 +155,7 @@ class ByHand:
             self._poses[int(entry["pose"])] = Achieved(*map(float, entry["there"])), _answer(entry["answer"])
 
 
-def _plain(statistic: Statistic) -> list[list[float] | None]:
+def _statistic_data(statistic: Statistic) -> list[list[float] | None]:
     return [_list(statistic.mean), _list(statistic.spread)]
 
 
@@ -166,17 +167,18 @@ def _angles(attitude: Pose | None) -> list[float] | None:
     return None if attitude is None else [attitude.heading_deg, attitude.pitch_deg, attitude.roll_deg]
 
 
-def _answer(kept: Mapping[str, Any]) -> AverageReply:
+def _answer(stored: Mapping[str, Any]) -> AverageReply:
     return AverageReply(
-        int(kept["n"]), _statistic(kept["magnetometer"]), _statistic(kept["accelerometer"]), int(kept["overruns"]), {
+        int(stored["n"]), _statistic(stored["magnetometer"]), _statistic(stored["accelerometer"]),
+        int(stored["overruns"]), {
             int(slot): SlotHeading(Status[status], None if angles is None else Pose(*map(float, angles)))
-            for slot, (status, angles) in kept["headings"].items()
+            for slot, (status, angles) in stored["headings"].items()
         },
     )
 
 
-def _statistic(kept: Sequence[Any]) -> Statistic:
-    mean, spread = (None if each is None else np.array(each, dtype=np.float64) for each in kept)
+def _statistic(stored: Sequence[Any]) -> Statistic:
+    mean, spread = (None if values is None else np.array(values, dtype=np.float64) for values in stored)
     if mean is None or mean.shape != (3,) or (spread is not None and spread.shape != (3,)):
         raise ValueError("a mean of other than three axes")
     return Statistic(mean, spread)

@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
 
 def open_flashed(hil: HilSession) -> list[str]:
-    """Put the firmware of a session onto its board and open that; return what was done, in sentences.
+    """Flash the firmware of a session onto its board and open the board; return the actions in sentences.
 
-    A board that could not be flashed is lost: the first test that needs it is charged with it. What was flashed is
-    recorded as the board's ELF.
+    A board that could not be flashed is lost: the first test that needs it is charged with it. The record names the
+    flashed file as the board's ELF.
 
     Raises
     ------
     pytest.UsageError
-        When the board is virtual, the image is refused, or as `HilSession.open`: before anything is flashed.
+        If the board is virtual, the image is refused, or for the reasons of `HilSession.open`; nothing is flashed then.
     """
     from hiltest.boards import OnChip
     from hiltest.boards.bench import firmware_of
@@ -36,7 +36,7 @@ def open_flashed(hil: HilSession) -> list[str]:
         if getattr(hil.settings, name) is not None:
             other = hil.settings.sources[name]
             raise pytest.UsageError(f"--flash is for a real board, and {other} has none: leave one out")
-    said = []
+    actions = []
     try:
         file = hil.settings.firmware or firmware_of(hil.rig)
         if hil.settings.base is not None:
@@ -45,14 +45,14 @@ def open_flashed(hil: HilSession) -> list[str]:
         target = find_target(rig=hil.rig, port=hil.settings.port)
         hil.open(with_board=False)
         done = flash(image, target, progress=progress_of(hil.config))
-        said = [done.sentence(image, target)]
+        actions = [done.sentence(image, target)]
         digest = sha256(file.read_bytes()).hexdigest()
         hil.on_chip = OnChip(digest, image.image.compiler_flags, image.image.build_id)
     except ConfigError as error:
         raise pytest.UsageError(str(error)) from error
     except (BenchError, ProtocolError) as error:
         hil.trouble = error
-    if not hil.rig.own_language:  # which reads variables by the ELF's names
+    if not hil.rig.own_language:  # such a board needs the ELF, since it reads variables by name
         hil.settings = hil.settings._replace(firmware=None)
     hil.open(with_board=True)
-    return said
+    return actions

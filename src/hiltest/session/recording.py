@@ -1,4 +1,4 @@
-"""The part of the plugin that keeps the record; registered only when a test needs hiltest."""
+"""Plugin that keeps the record; registered only if a test needs hiltest."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
     from hiltest.rig import Rig
 
 REPLAY = "replay"
-"""In the place of a test's id: the end of a replay whose recording goes on."""
+"""Name in place of a test's id if a replay ended before its recording."""
 _PHASES = ("setup", "call", "teardown")
 
 
 def start_recording(hil: HilSession) -> Recording:
-    """Begin the record of a session, and register what keeps it."""
+    """Begin the record of a session, and register the plugin that keeps it."""
     rig, recorder = hil.rig_if_needed, hil.claim_folder()
     recorder.begin(calibration_record(hil.calibration))
-    remove_runs(recorder.folder / OLDER_FOLDER)  # what an earlier command compared with must not pass for this one's
+    remove_runs(recorder.folder / OLDER_FOLDER)  # the older firmware of an earlier command must not pass for this one's
     if rig is not None:
         recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:
@@ -55,7 +55,7 @@ def start_recording(hil: HilSession) -> Recording:
 
 
 class Recording:
-    """Journals each finished test; at the end decides the run and writes every file."""
+    """Journals each finished test; at the end it decides the run and writes every file."""
 
     def __init__(self, hil: HilSession, recorder: Recorder) -> None:
         self._hil = hil
@@ -65,14 +65,14 @@ class Recording:
         self._summary_remark = ""
         self.run: Run | None = None
 
-    # First: before a test runs, or a worker is waited for.
+    # This hook is the first, before a test runs or the session waits for a worker.
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> None:
-        """Run the older firmware, if there is one; no test runs for a base that is missing."""
+        """Run the older firmware, if there is one; no test runs if the base is missing."""
         hil = self._hil
         if hil.trouble is not None or session.testsfailed or not (session.testscollected or hil.hands_out):
-            return  # how the session ends stands without a base
-        hil.gate.run_older(partial(_say, session.config))
+            return  # the end of the session is already certain
+        hil.gate.run_older(partial(_print_line, session.config))
         hil.restart_wall_clock()
         if hil.gate.missing:
             pytest.exit(f"not evaluated: {hil.gate.missing}", returncode=NOT_EVALUATED)
@@ -81,16 +81,16 @@ class Recording:
         """Record the findings of one phase of a test."""
         self._log.add(report)
         self._note_board(getattr(report, BENCH, None))
-        found = getattr(report, FOUND_HERE, None)
-        if found is not None:
-            self.found(found)
+        findings = getattr(report, FOUND_HERE, None)
+        if findings is not None:
+            self.record(findings)
         if report.when not in _PHASES:
-            # pytest-xdist's own words on a test whose worker crashed: nothing more is heard of it.
+            # Reports of pytest-xdist on a test whose worker crashed; no other report follows.
             self.pytest_runtest_logfinish(report.nodeid)
 
-    def found(self, found: Found) -> None:
+    def record(self, findings: Found) -> None:
         """Record the measurements of a test, or of a worker at its end."""
-        self._recorder.found(found.measurements, found.tables)
+        self._recorder.add(findings.measurements, findings.tables)
 
     def _note_board(self, bench: dict[str, Any] | None) -> None:
         """Note the board that answered a worker."""
@@ -101,13 +101,13 @@ class Recording:
             self._recorder.board(board, bench["seed"])
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
-        """Write a finished test through to the disk, each attempt of it."""
+        """Write a finished test through to the disk, including each attempt."""
         results = self._log.finish(nodeid)
         for result in results:
-            self._recorder.finished(result)
+            self._recorder.finish_test(result)
         self._finished += bool(results) and results[-1].outcome is not TestOutcome.RERUN
 
-    # First of the plain implementations: others, such as junitxml, then see the final exit status.
+    # The first of the plain implementations, so that others, such as junitxml, see the final exit status.
     @pytest.hookimpl(tryfirst=True)
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
         """Close the board, decide the run, write ``run.json`` and the reports."""
@@ -117,14 +117,14 @@ class Recording:
         from hiltest.verdict.verdict import decide
 
         hil = self._hil
-        self._recorder.found(hil.end(), ())
-        self._recorder.finished(None)
+        self._recorder.add(hil.end(), ())
+        self._recorder.finish_test(None)
         if hil.divergence and not hil.trouble_reported:
-            self._recorder.finished(TestResult(REPLAY, TestOutcome.CONNECTION_LOST, 0.0, hil.divergence))
+            self._recorder.finish_test(TestResult(REPLAY, TestOutcome.CONNECTION_LOST, 0.0, hil.divergence))
         exitstatus = self._write_coverage(exitstatus)
-        self._recorder.findings.chosen = self._hil.choice.of_our_tests
+        self._recorder.findings.chosen = self._hil.choice.chose_our_tests
         stopped = bool(session.shouldstop or session.shouldfail)
-        left_out = self._hold_to_the_rig(left_out=stopped or exitstatus > 1 or self._hil.choice.of_any_tests)
+        left_out = self._record_unmet_limits(left_out=stopped or exitstatus > 1 or self._hil.choice.chose_any_tests)
         cut_short = stopped or self._finished < session.testscollected
         decided = partial(
             decide, self._recorder.findings, pytest_exit=int(exitstatus), left_out=left_out, cut_short=cut_short
@@ -141,10 +141,10 @@ class Recording:
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
         terminal = session.config.pluginmanager.get_plugin("terminalreporter")
         if exitstatus == NOT_EVALUATED and terminal is not None:
-            self.print_summary(terminal, session.config)  # after such a code pytest itself asks for none
+            self.print_summary(terminal, session.config)  # pytest itself prints none after such an exit code
 
     def _write_coverage(self, exitstatus: int) -> int:
-        """Write the coverage that was asked for; return the exit status, which is of usage where it cannot."""
+        """Write the requested coverage; return the exit status, which is a usage error if writing fails."""
         file, coverage = self._hil.settings.coverage, self._hil.coverage
         if file is None or coverage is None:
             return exitstatus
@@ -160,8 +160,8 @@ class Recording:
         )
         return exitstatus
 
-    def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
-        """Record every limit that this set of tests has not met; with `left_out` only return their names."""
+    def _record_unmet_limits(self, *, left_out: bool) -> list[str]:
+        """Record every limit of the rig without a measurement; with `left_out` only return their names."""
         findings, rig = self._recorder.findings, self._hil.rig_if_needed
         if rig is None or not self._hil.must_meet_every_limit:
             return []
@@ -175,17 +175,17 @@ class Recording:
         )
         lost = any(test.outcome.is_of_bench for test in findings.tests)
         if left_out or lost:
-            return [each.name for each in unmet]
-        self._recorder.found(unmet, ())
-        self._recorder.finished(None)
+            return [measurement.name for measurement in unmet]
+        self._recorder.add(unmet, ())
+        self._recorder.finish_test(None)
         return []
 
-    # Around pytest's own, whose first part shows tracebacks: the verdict and what failed come before them.
+    # A wrapper around pytest's own summary, whose first part shows tracebacks: verdict and failures come before them.
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_terminal_summary(
         self, terminalreporter: pytest.TerminalReporter, config: pytest.Config
     ) -> Generator[None, None, None]:
-        """Print the verdict, what failed, the calibrators and where the report is."""
+        """Print the verdict, the failures, the calibrators and the path of the report."""
         self.print_summary(terminalreporter, config)
         if self.run is not None:
             for report in (*terminalreporter.getreports("failed"), *terminalreporter.getreports("error")):
@@ -193,7 +193,7 @@ class Recording:
         return (yield)
 
     def print_summary(self, terminal: pytest.TerminalReporter, config: pytest.Config) -> None:
-        """Print the summary, if there is a run."""
+        """Print the summary if there is a run."""
         if self.run is None:
             return
         from hiltest.report.job_summary import annotation
@@ -211,16 +211,16 @@ class Recording:
 
 
 def _point_to_summary(report: pytest.TestReport) -> None:
-    """Leave values and the wire trace to the summary, of a test that only measurements out of their limits failed.
+    """Leave values and the wire trace to the summary if only measurements out of their limits failed a test.
 
-    Reports that are written to files have their text already.
+    The text of reports that are written to files already exists.
     """
     if names := getattr(report, OUT_OF_LIMIT, None):
         report.longrepr = out_of_limit_in_words(names)
         report.sections = [section for section in report.sections if section[0] != WIRE_TRACE]
 
 
-def _say(config: pytest.Config, line: str) -> None:
+def _print_line(config: pytest.Config, line: str) -> None:
     """Print a line at once, before the end of the session."""
     terminal = config.pluginmanager.get_plugin("terminalreporter")
     if terminal is not None:
@@ -234,7 +234,7 @@ def rig_record(rig: Rig) -> RigRecord:
     mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
     return RigRecord(
         rig.name, str(rig.path), rig.sha256, mounting, conditions_sha256(rig),
-        {name: (each.absolute, each.relative) for name, each in rig.tolerances.items()},
+        {name: (tolerance.absolute, tolerance.relative) for name, tolerance in rig.tolerances.items()},
         rig.procedure.cost_reference, str(rig.faults or ""),
     )
 
@@ -265,9 +265,10 @@ def board_record(board: Board | CompassBoard) -> BoardRecord:
         calibrators=tuple(identity.calibrators),
         sensors=tuple(
             SensorRecord(
-                each.name, each.kind.name.lower(), each.bus, each.address, bool(each.present), bool(each.selected)
+                sensor.name, sensor.kind.name.lower(), sensor.bus, sensor.address, bool(sensor.present),
+                bool(sensor.selected)
             )
-            for each in board.sensors
+            for sensor in board.sensors
         ),
         compiler_flags=board.compiler_flags, elf_build_id=board.elf_build_id,
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _NAMED_AT_MOST = 3
 
-# Attributes of a report. They are plain data, but for FOUND_HERE, which `pack` makes plain on the way from a worker.
+# Attributes of a report. They are plain data, except FOUND_HERE, which a worker sends in the form that `pack` returns.
 CAUSE = "hil_cause"
 """Outcome of a test that the bench or the firmware ended."""
 REASON = "hil_reason"
@@ -27,13 +27,13 @@ REASON = "hil_reason"
 TRACE = "hil_trace"
 """The wire trace of a failed test, relative to the run's folder."""
 OUT_OF_LIMIT = "hil_out_of_limit"
-"""Names of the measurements that failed a test, where nothing else did."""
+"""Names of the measurements that failed a test, if nothing else failed it."""
 WIRE_TRACE = "wire trace"
-"""Section of a report that says where its trace is."""
+"""Section of a report with the path of its trace."""
 FOUND_HERE = "hil_found"
 """Measurements and tables of one phase of a test."""
 BENCH = "hil_bench"
-"""From a worker: whether there is a rig, and which board with which seed."""
+"""Bench of a worker: presence of a rig, the board that answered, and its seed."""
 
 
 class Found:
@@ -48,44 +48,44 @@ class Found:
 
 FOUND: pytest.StashKey[Found] = pytest.StashKey()
 FOUND_AT_ITS_END: pytest.StashKey[Found] = pytest.StashKey()
-"""Findings that the report of a tear-down has taken."""
+"""Findings that the report of a tear-down already contains."""
 GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
 FAILED_LIMITS: pytest.StashKey[list[str]] = pytest.StashKey()
-"""Names of the measurements that have just failed the test."""
+"""Names of the measurements that failed the test in this phase."""
 
 
 def carry_over(item: pytest.Item) -> None:
-    """Take again, at the set-up of another attempt, what the tear-down of the one before measured.
+    """Add the measurements of the previous attempt's tear-down again at the set-up of the next attempt.
 
-    pytest-rerunfailures before 16 passes on no reports that follow a failed one.
+    pytest-rerunfailures before 16 drops reports that follow a failed one.
     """
     before = item.stash.get(FOUND_AT_ITS_END, None)
     if before is not None:
         item.stash.setdefault(FOUND, Found()).measurements.extend(before.measurements)
 
 
-def pack(found: Found) -> dict[str, Any]:
-    """Return plain data that leaves the process: no enum, no number of numpy's."""
+def pack(findings: Found) -> dict[str, Any]:
+    """Return findings as plain data that can leave the process, without enums and numpy's numbers."""
     return {
-        "measurements": [plain_data(measurement.rounded()) for measurement in found.measurements],
-        "tables": [plain_data(table.rounded()) for table in found.tables],
+        "measurements": [plain_data(measurement.rounded()) for measurement in findings.measurements],
+        "tables": [plain_data(table.rounded()) for table in findings.tables],
     }
 
 
 def unpack(content: Mapping[str, Any]) -> Found:
-    """Return what `pack` made plain."""
+    """Return the findings from the result of `pack`."""
     from hiltest.measurement import Measurement
     from hiltest.record.run import Table
     from hiltest.record.run_json import part_from
 
     return Found(
-        [part_from(Measurement, each) for each in content["measurements"]],
-        [part_from(Table, each) for each in content["tables"]],
+        [part_from(Measurement, part) for part in content["measurements"]],
+        [part_from(Table, part) for part in content["tables"]],
     )
 
 
 def plain_data(record: DataclassInstance) -> dict[str, Any]:
-    """Return a part of the record as `asdict` has it, with types of JSON only."""
+    """Return the same as `asdict` for a part of the record, with types of JSON only."""
     plain: dict[str, Any] = json.loads(json.dumps(asdict(record)))
     return plain
 
@@ -111,24 +111,24 @@ class TestLog:
     Parameters
     ----------
     test_id
-        Makes of pytest's node id the id that the record keeps.
+        Function that returns the id in the record for pytest's node id.
     """
 
-    __test__ = False  # not a test class, whatever pytest makes of the name
+    __test__ = False  # pytest takes the class for a test class because of its name
 
     def __init__(self, test_id: Callable[[str], str] = str) -> None:
         self._test_id = test_id
         self._attempts: dict[str, list[list[pytest.TestReport]]] = {}
 
     def add(self, report: pytest.TestReport) -> None:
-        """Take the report of one phase; another set-up of the same test begins another attempt."""
+        """Add the report of one phase; another set-up of the same test begins another attempt."""
         attempts = self._attempts.setdefault(report.nodeid, [])
         if report.when == "setup" or not attempts:
             attempts.append([])
         attempts[-1].append(report)
 
     def finish(self, nodeid: str) -> list[TestResult]:
-        """Return a result for each attempt of a test, the last being the test's own; none if it never ran."""
+        """Return a result for each attempt of a test, of which the last counts; empty if the test never ran."""
         results = [self._result(nodeid, reports) for reports in self._attempts.pop(nodeid, [])]
         return [*(replace(result, outcome=TestOutcome.RERUN) for result in results[:-1]), *results[-1:]]
 
@@ -144,14 +144,14 @@ class TestLog:
 
 
 def out_of_limit_in_words(names: Sequence[str]) -> str:
-    """Return why measurements failed a test; their values stand in the list of failures, and in it alone."""
-    from hiltest.text import listed
+    """Return why measurements failed a test, without their values, which the list of failures shows."""
+    from hiltest.text import join_words
 
-    return f"out of limit: {listed(names, _NAMED_AT_MOST)}"
+    return f"out of limit: {join_words(names, _NAMED_AT_MOST)}"
 
 
 def _outcome(report: pytest.TestReport) -> TestOutcome:
-    outcome = TestOutcome(str(report.outcome))  # the others' too, such as pytest-rerunfailures'
+    outcome = TestOutcome(str(report.outcome))  # including outcomes of plugins such as pytest-rerunfailures
     if outcome is TestOutcome.RERUN:
         return outcome
     cause = getattr(report, CAUSE, "")
@@ -165,12 +165,12 @@ def _outcome(report: pytest.TestReport) -> TestOutcome:
 
 
 def _badness(report: pytest.TestReport) -> tuple[bool, bool, bool]:
-    # Of several failures the first phase counts: max() keeps the first of equals.
+    # The first phase of several failed ones counts, since max() returns the first of equal items.
     return (report.failed or str(report.outcome) == TestOutcome.RERUN, report.skipped, report.when == "call")
 
 
 def _reason(report: pytest.TestReport) -> str:
-    """Return one line saying why a test did not pass."""
+    """Return the reason in one line why a test did not pass."""
     if report.passed:
         return ""
     if hasattr(report, REASON):

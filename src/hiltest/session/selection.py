@@ -1,4 +1,4 @@
-"""The choice of tests: all that there are, or some that the user has chosen."""
+"""The choice of tests: all tests, or some that the user has chosen."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from typing import NamedTuple
 
 import pytest
 
-# pytest's options that leave tests out.
+# Options of pytest that leave tests out.
 _CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
 _NOT_COLLECTED = ("ignore", "ignore_glob", "lf")
-# Those that make it show something instead of running tests.
+# Options with which pytest shows something instead of running tests.
 _LOOKS = ("collectonly", "showfixtures", "show_fixtures_per_test", "markers", "cacheshow", "help")
 
 
 def only_looks(config: pytest.Config) -> bool:
-    """Say whether pytest was asked to show something, such as the tests that there are, and to run none."""
+    """Return whether pytest was asked only to show something, such as the collected tests."""
     return any(vars(config.option).get(name) for name in _LOOKS)
 
 
 class Choice:
-    """Choice of tests of a session, as far as it decides what may be missing from its record.
+    """Choice of tests of a session, which decides which measurements may be missing from its record.
 
     Attributes
     ----------
     left_out : LeftOut
-        Tests of the full set.
+        Omitted tests of the full set.
     deselected : bool
-        Whether tests of hiltest that the set has were deselected.
+        True if tests of hiltest in the set were deselected.
     only_benchmarks : bool
-        Whether pytest was asked for benchmarks of device cycles and for no other test of ours: they measure nothing
-        that has a limit.
+        True if pytest was asked only for benchmarks of device cycles, which measure nothing
+        with a limit.
     """
 
     def __init__(self, config: pytest.Config) -> None:
@@ -42,28 +42,28 @@ class Choice:
         self.only_benchmarks = False
 
     @property
-    def of_any_tests(self) -> bool:
-        """Whether the user asked for a part of the tests: by ``-k``, ``-m``, ``--ignore``, files or node ids."""
+    def chose_any_tests(self) -> bool:
+        """True if the user asked for part of the tests: by ``-k``, ``-m``, ``--ignore``, files or node ids."""
         return self.only_benchmarks or self._has_given(_CHOICES) or self._named_tests
 
     @property
-    def of_our_tests(self) -> bool:
-        """Whether tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others.
+    def chose_our_tests(self) -> bool:
+        """True if tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others.
 
-        What a conftest deselects is not the user's choice: it is missing.
+        A test that a conftest deselects is not the user's choice: it counts as missing.
         """
         deselected = self.deselected and self._has_given(_CHOICES)
         return deselected or self.only_benchmarks or self._has_given(_NOT_COLLECTED) or self._named_tests
 
     def _has_given(self, options: tuple[str, ...]) -> bool:
-        given = vars(self._config.option)
-        return any(given.get(name) for name in options)
+        options_ = vars(self._config.option)
+        return any(options_.get(name) for name in options)
 
     @property
     def _named_tests(self) -> bool:
         named = self._config.args if self._config.args_source is pytest.Config.ArgsSource.ARGS else []
-        here = self._config.invocation_params.dir
-        return bool(named) and not any("::" not in each and (here / each).is_dir() for each in named)
+        start = self._config.invocation_params.dir
+        return bool(named) and not any("::" not in argument and (start / argument).is_dir() for argument in named)
 
 
 RUN_COMMAND = "hiltest-run"
@@ -73,22 +73,22 @@ MARKER = "full"
 
 
 class LeftOut(NamedTuple):
-    """Tests that this session would have run, were it of the full set."""
+    """Tests of the full set, which this session omits."""
 
     tests: tuple[str, ...] = ()
     """Node ids."""
     how: str = ""
-    """The option that brings them back."""
+    """Option that includes them."""
 
     def describe(self) -> list[str]:
-        """Return what to say of them once tests are collected."""
+        """Return the remark that follows the collection of tests."""
         if not self.tests:
             return []
         count = f"{len(self.tests)} test{'s' * (len(self.tests) != 1)}"
         return [f"gate set: {count} of the full set left out; {self.how} runs them"]
 
     def check_that_some_are_left(self, items: Sequence[pytest.Item]) -> None:
-        """Refuse a choice that leaves no test to run.
+        """Check that a choice leaves a test to run.
 
         Raises
         ------
@@ -105,14 +105,14 @@ def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: 
     Parameters
     ----------
     items
-        All that are to run; changed in place.
+        All tests that will run; changed in place.
     candidates
-        Those that have to do with hiltest. Another project's mark of the same name is its own affair.
+        Tests that use hiltest. The same mark in another project's tests has another meaning.
 
     Returns
     -------
     LeftOut
-        Those that were.
+        Tests that were deselected.
     """
     full = [item for item in candidates if item.get_closest_marker(MARKER) is not None]
     how = "--suite full" if config.pluginmanager.has_plugin(RUN_COMMAND) else "--hil-suite=full"
@@ -129,36 +129,36 @@ _FIXTURE_MODULES = frozenset({"hiltest.fixtures", "hiltest.cycle_benchmarks.hook
 
 
 def uses_board(item: pytest.Item) -> bool:
-    """Say whether a test needs a board: by the marker ``hil`` or by a fixture."""
-    return item.get_closest_marker("hil") is not None or bool(_BOARD_FIXTURES & _fixtures_of(item))
+    """Return whether a test needs a board: by the marker ``hil`` or by a fixture."""
+    return item.get_closest_marker("hil") is not None or bool(_BOARD_FIXTURES & _own_fixtures(item))
 
 
 def uses_hiltest(item: pytest.Item) -> bool:
-    """Say whether a test uses hiltest."""
-    return uses_board(item) or bool(_FIXTURES & _fixtures_of(item))
+    """Return whether a test uses hiltest."""
+    return uses_board(item) or bool(_FIXTURES & _own_fixtures(item))
 
 
 def uses_rig(item: pytest.Item) -> bool:
-    """Say whether a test needs a rig; one that only measures does not."""
-    return uses_board(item) or "rig" in _fixtures_of(item)
+    """Return whether a test needs a rig; a test that only measures does not."""
+    return uses_board(item) or "rig" in _own_fixtures(item)
 
 
 def is_benchmark(item: pytest.Item) -> bool:
-    """Say whether a test shows device cycles in pytest-benchmark, by hiltest's fixture and not another project's."""
-    return "benchmark_cycles" in _fixtures_of(item)
+    """Return whether a test shows device cycles in pytest-benchmark, by hiltest's fixture and not another project's."""
+    return "benchmark_cycles" in _own_fixtures(item)
 
 
 def only_shows_cycles(item: pytest.Item) -> bool:
-    """Say whether a test shows device cycles and measures nothing that could have a limit."""
-    return is_benchmark(item) and "measure" not in _fixtures_of(item)
+    """Return whether a test shows device cycles and measures nothing that could have a limit."""
+    return is_benchmark(item) and "measure" not in _own_fixtures(item)
 
 
-def _fixtures_of(item: pytest.Item) -> set[str]:
+def _own_fixtures(item: pytest.Item) -> set[str]:
     """Return the names of hiltest's own fixtures that a test uses.
 
-    Another project's fixture may be called ``board`` too; its tests are none of our business.
+    Another project's fixture may also be called ``board``; its tests do not use hiltest.
     """
-    info = getattr(item, "_fixtureinfo", None)  # pytest has no public way to ask which definition a name resolves to
+    info = getattr(item, "_fixtureinfo", None)  # pytest has no public function that resolves a fixture's name
     if info is None:
         return set()
     used = {name: definitions[-1].func for name, definitions in info.name2fixturedefs.items() if definitions}
@@ -168,17 +168,17 @@ def _fixtures_of(item: pytest.Item) -> set[str]:
 GROUP = "hil"
 """Mark of pytest-xdist for tests that it keeps together."""
 
-# Folders of suites: a bench's own, and the packaged ones.
+# Folders of suites: those of a bench, and the packaged ones.
 _SUITES = (("hil", "suites"), ("bench", "suites"))
 
 
 def id_in_record(nodeid: str, root: Path) -> str:
-    """Return the id of a test for the record: for a suite it does not depend on where pytest was started.
+    """Return the id of a test for the record; for a suite it does not depend on the folder pytest was started in.
 
     Parameters
     ----------
     nodeid
-        As pytest has it, with the group that pytest-xdist puts behind it.
+        Node id of pytest, with the group that pytest-xdist appends.
     root
         Folder that the file is relative to.
     """
@@ -192,9 +192,9 @@ def id_in_record(nodeid: str, root: Path) -> str:
 
 
 def place_in_record(file: str, line: int, config: pytest.Config) -> str:
-    """Return where a call stands, as seen from where pytest was started: ``hil/suites/test_heading.py:81``.
+    """Return the position of a call relative to the folder pytest was started in: ``hil/suites/test_heading.py:81``.
 
-    Of the packaged suites, which lie elsewhere on each machine, it is the name in the record: ``test_heading.py:81``.
+    For the packaged suites, whose path depends on the machine, it is the name in the record: ``test_heading.py:81``.
     """
     root, start = config.rootpath, config.invocation_params.dir
     stands = start / file

@@ -1,7 +1,7 @@
 """Bench of one pytest session: rig, board, measurements, and the fault that ended it.
 
-Imported at the start of every pytest run on the machine, so everything that takes time
-to import is imported by the function that needs it.
+Every pytest run on the machine imports this module, so that slow imports are made by the functions
+that need them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from hiltest.record.outcomes import TestOutcome
-from hiltest.runs.folders import RecordFolder, folder_beside_complete, said_of_folder
+from hiltest.runs.folders import RecordFolder, folder_beside_complete, folder_remark
 from hiltest.runs.gate import SessionGate
 from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
@@ -57,13 +57,13 @@ class HilSession:
     Attributes
     ----------
     trouble : Exception or None
-        Why the board cannot be used any more.
+        Reason why the board is no longer usable.
     trouble_reported : bool
-        Whether a test has already been charged with it; later ones are skipped.
+        True if a test has already been charged with it; later ones are skipped.
     trouble_met_by : str
         Node id of that test.
-    asked_for : bool
-        Whether the bench is needed even if no test uses it.
+    is_required : bool
+        True if the bench is needed even if no test uses it.
     calibration : CalibrationFile or None
         Calibration of ``--hil-calibration``.
     choice : Choice
@@ -73,18 +73,18 @@ class HilSession:
     folder : RecordFolder
         Folder of the record.
     coverage : Coverage or None
-        Coverage of the firmware, from `end` on, where it was asked for.
+        Coverage of the firmware, available after `end`, if it was requested.
     replay : Replay or None
         Recording that the run is replayed from.
     divergence : str
-        From `end` on, where the run was not the recorded one; empty otherwise.
+        Difference between the run and the recorded one, available after `end`; empty without one.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
         self.config = config
         self.replay: Replay | None = None
         self.divergence = ""
-        self.on_chip: OnChip | None = None  # of a board that was flashed
+        self.on_chip: OnChip | None = None  # facts about firmware that was flashed
         self._tape: Tape | None = None
         if settings.replay is not None:
             settings = self._begin_replay(settings, settings.replay)
@@ -97,7 +97,7 @@ class HilSession:
         self._rig: Rig | None = None
         self._board: Board | CompassBoard | None = None
         self._opened_s = 0.0
-        self.asked_for = False
+        self.is_required = False
         self._needs_rig = False
         self._traces: WireTraces | None = None
         self.choice = Choice(config)
@@ -106,7 +106,7 @@ class HilSession:
         self.coverage: Coverage | None = None
         self._source: SourceMap | None = None
         self._remarks: list[str] = []
-        self._errors: list[tuple[BaseException, str]] = []  # of fixtures, and the test that each failed first
+        self._errors: list[tuple[BaseException, str]] = []  # errors of fixtures, and the test that each failed first
 
     def _begin_replay(self, settings: Settings, path: Path) -> Settings:
         """Open the recording; return the settings of the recorded run."""
@@ -122,7 +122,7 @@ class HilSession:
 
     @property
     def tape(self) -> Tape:
-        """What the questions of the run to its bench pass through."""
+        """The tape, which all questions of the run to its bench pass through."""
         if self._tape is None:
             from hiltest.replay.tape import LIVE
             from hiltest.session.tape import open_record
@@ -140,52 +140,52 @@ class HilSession:
 
     @property
     def hands_out(self) -> bool:
-        """True in the process that hands tests out to workers, which opens no board."""
+        """True in the process that distributes tests to workers, which opens no board."""
         option = self.config.option
         return not self.is_worker and getattr(option, "dist", "no") != "no" and bool(getattr(option, "tx", None))
 
     def begin(self, items: Sequence[pytest.Item]) -> bool:
-        """Load the rig and open the board, if any test will need them; a worker opens it for the first that does.
+        """Load the rig and open the board, if a test will need them; a worker opens the board later.
 
         Returns
         -------
         bool
-            Whether there is something to record, and this process is the one to do it.
+            True if there is something to record, and this process is responsible for the record.
 
         Raises
         ------
         pytest.UsageError
-            If the rig, the firmware or an option is wrong; no file has been touched then.
+            If the rig, the firmware or an option is wrong; no file has been changed then.
         """
-        if only_looks(self.config) or not (self.asked_for or any(map(uses_hiltest, items))):
+        if only_looks(self.config) or not (self.is_required or any(map(uses_hiltest, items))):
             return False
         self._needs_rig |= any(map(uses_rig, items))
         ours = list(filter(uses_hiltest, items))
-        if not self.asked_for:  # hiltest run knows its folder before it opens the bench
+        if not self.is_required:  # hiltest run knows its folder before it opens the bench
             self._choose_folder(ours)
         self.open(with_board=any(map(uses_board, items)))
         return not self.is_worker
 
     def _choose_folder(self, items: Sequence[pytest.Item]) -> None:
-        """Keep the record of benchmarks, and of a part of the tests, apart from a complete one."""
+        """Separate the records of benchmarks and of some of the tests from a complete one."""
         out = self.settings.out
         if items and all(map(only_shows_cycles, items)):
             self.choice.only_benchmarks = True
             self.folder = RecordFolder(out / _BENCHMARKS)
-        elif self.choice.of_our_tests:
-            self._keep_in(folder_beside_complete(out))
+        elif self.choice.chose_our_tests:
+            self._record_in(folder_beside_complete(out))
         elif not self.must_meet_every_limit:
-            self._keep_in(folder_beside_complete(out, [self.test_id(each.nodeid) for each in items]))
+            self._record_in(folder_beside_complete(out, [self.test_id(item.nodeid) for item in items]))
 
-    def _keep_in(self, folder: Path) -> None:
+    def _record_in(self, folder: Path) -> None:
         if folder != self.folder.path:
             self.folder = RecordFolder(folder)
-            self._remarks = [said_of_folder(self.settings.out, folder)]
+            self._remarks = [folder_remark(self.settings.out, folder)]
 
     def open(self, *, with_board: bool) -> None:
-        """Load the rig, if one is needed, and, `with_board`, open the board; one that is lost is kept in `trouble`.
+        """Load the rig, if one is needed, and, `with_board`, open the board; `trouble` tells if it is lost.
 
-        From here on there is something to record, even if no test needs it.
+        From now on there is something to record, even if no test needs it.
 
         Raises
         ------
@@ -196,18 +196,18 @@ class HilSession:
         from hiltest.imu_calibration.file import load_calibration
         from hiltest.runs.wire_traces import remove_traces
 
-        self.asked_for = True
+        self.is_required = True
         try:
             check_environment()
             self._check_tape()
-            # Reading the rig is what finds its mistakes.
+            # Reading the rig is the check for its mistakes.
             self._needs_rig |= with_board
             _ = self.rig_if_needed
             if self.settings.calibration is not None and self.calibration is None:
                 self.calibration = load_calibration(self.settings.calibration)
             if not self.is_worker:
                 self.gate.read()
-                # Before anything is written to the folder, the first words on the line among it.
+                # The claim comes before anything is written to the folder, including the trace of the first bytes.
                 self.claim_folder()
                 remove_traces(self.folder.path)
                 if self.settings.coverage is not None:
@@ -222,25 +222,25 @@ class HilSession:
             raise pytest.UsageError(str(error)) from error
 
     def _check_tape(self) -> None:
-        """Refuse to record or replay what would be another run the second time."""
+        """Refuse to record or replay a run that would differ the second time."""
         from hiltest.errors import ConfigError
 
         settings = self.settings
-        asked_for = settings.sources["record" if settings.record is not None else "replay"]
+        option = settings.sources["record" if settings.record is not None else "replay"]
         if settings.record is None and settings.replay is None:
             return
         if self.is_worker or self.hands_out:
-            raise ConfigError(f"{asked_for}: a run is recorded and replayed in one process; leave out -n and --dist")
+            raise ConfigError(f"{option}: a run is recorded and replayed in one process; leave out -n and --dist")
         if settings.coverage is not None:
-            raise ConfigError(f"{asked_for}: a recording has no coverage; leave out --hil-coverage")
+            raise ConfigError(f"{option}: a recording has no coverage; leave out --hil-coverage")
 
     def claim_folder(self) -> Recorder:
-        """Return the recorder of this session, whose folder no other session has from here on.
+        """Return the recorder of this session, which now owns its folder exclusively.
 
         Raises
         ------
         ConfigError
-            If another run has the folder, or it cannot be written to.
+            If another run uses the folder, or it cannot be written to.
         """
         return self.folder.claim(self.settings, self.rig_if_needed)
 
@@ -251,43 +251,43 @@ class HilSession:
             from hiltest.bench_files import rig_file
             from hiltest.rig.file import load_rig
 
-            here, named = self.config.invocation_params.dir, self.settings.rig
+            start, named = self.config.invocation_params.dir, self.settings.rig
             if self.replay is not None:
-                self._rig = self.replay.rig(None if named is None else rig_file(here, named))
+                self._rig = self.replay.rig(None if named is None else rig_file(start, named))
             else:
-                self._rig = load_rig(rig_file(here, named))
+                self._rig = load_rig(rig_file(start, named))
             self._rig.refuse_playback("a run")
         return self._rig
 
     @property
     def rig_if_needed(self) -> Rig | None:
-        """The rig, or None: tests that only measure need none but the one that was asked for."""
-        return self.rig if self._needs_rig or self._rig_is_asked_for or self._rig is not None else None
+        """The rig, or None: tests that only measure need no rig, unless the user asked for one."""
+        return self.rig if self._needs_rig or self._rig_is_requested or self._rig is not None else None
 
     @property
     def must_meet_every_limit(self) -> bool:
-        """Whether a limit of the rig that nothing was measured against fails the run.
+        """True if a limit of the rig without a measurement fails the run.
 
-        It does not under plain pytest with the packaged rig, whose limits are for the packaged suites.
+        It does not under plain pytest with the packaged rig, whose limits belong to the packaged suites.
         """
         if self.replay is not None:
             return self.replay.run.holds_limits
-        return self._rig_is_asked_for or self.config.pluginmanager.has_plugin(RUN_COMMAND)
+        return self._rig_is_requested or self.config.pluginmanager.has_plugin(RUN_COMMAND)
 
     @property
-    def _rig_is_asked_for(self) -> bool:
-        """Whether an option names the rig, or it is the default one of a bench of one's own."""
+    def _rig_is_requested(self) -> bool:
+        """True if an option names the rig, or the bench has a default rig of its own."""
         from hiltest.bench_files import has_own_rig
 
         return self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
 
     def connect(self) -> Board | CompassBoard:
-        """Return the board, opened and identified, or speaking.
+        """Return the board, opened and identified, or sending if it speaks its own language.
 
         Raises
         ------
         BenchError, ProtocolError
-            The first one that this session met: a lost board is not tried again.
+            The first error of this session: it does not try a lost board again.
         """
         if self.trouble is not None:
             raise self.trouble
@@ -321,12 +321,12 @@ class HilSession:
 
     @cached_property
     def by_hand(self) -> ByHand | None:
-        """What an operator has done, kept for a run that goes on; None where nothing is, or none is asked."""
+        """The operator's steps, kept for the continuation of the run; None without an operator or a journal."""
         from hiltest.boards import Board
 
         if self.is_worker or not isinstance(self._board, Board) or self.rig.turntable.kind != "operator":
             return None
-        if self.settings.record or self.settings.replay:  # a recording has every answer, from the first question on
+        if self.settings.record or self.settings.replay:  # a recording needs every answer from the first question on
             return None
         from hiltest.rig.rig import conditions_sha256
         from hiltest.session.by_hand import ByHand
@@ -340,7 +340,7 @@ class HilSession:
         })
 
     def _connect_here(self) -> None:
-        """Open the board; where a worker will, only try it if an older firmware would run for minutes before that."""
+        """Open the board; if a worker will do so, only check it before an older firmware runs for minutes."""
         if not self.hands_out:
             self.connect()
         elif self.gate.runs_older:
@@ -348,7 +348,7 @@ class HilSession:
             self._board = None
 
     def restart_wall_clock(self) -> None:
-        """Leave out of the board's wall time what came before its first test."""
+        """Exclude the time before the first test from the board's wall time."""
         self._opened_s = time.monotonic()
 
     @property
@@ -362,15 +362,15 @@ class HilSession:
         return self.rig.seed if self.settings.seed is None else self.settings.seed
 
     def blame(self, error: BaseException, nodeid: str) -> TestOutcome | None:
-        """Return whose fault a failed test is, None when it is the test's own.
+        """Return the outcome of a test that bench or firmware failed; None if the test failed by itself.
 
-        A lost board is remembered, so that the tests after this one can be skipped. What sensors do wrong is the
-        bench's fault, but on a virtual board, whose sensors are sound: there it is the firmware's.
+        A lost board is remembered, so that later tests can be skipped. Faults of sensors are the bench's, except on a
+        virtual board, whose sensors are sound: there the firmware causes them.
         """
         from hiltest.errors import BenchError, DeviceError, ProtocolError, SensorFaultError, board_is_gone
 
         if isinstance(error, SensorFaultError) or (isinstance(error, DeviceError) and error.is_of_sensors):
-            board = self._asked_board()
+            board = self._answering_board()
             return None if board and board.sensors_are_sound else TestOutcome.CONNECTION_LOST
         if not isinstance(error, BenchError | ProtocolError):
             return None
@@ -381,15 +381,15 @@ class HilSession:
         return TestOutcome.CONNECTION_LOST if isinstance(error, BenchError) else TestOutcome.WRONG_FIRMWARE
 
     def failed_first(self, error: BaseException, nodeid: str) -> str:
-        """Return the test that an error failed first: that of a shared fixture fails each test that asks for it."""
-        for met, first in self._errors:
-            if met is error:
+        """Return the test that an error failed first, since a shared fixture fails each test that requests it."""
+        for earlier, first in self._errors:
+            if earlier is error:
                 return first
         self._errors.append((error, nodeid))
         return nodeid
 
     def begin_test(self, nodeid: str) -> None:
-        """Drop the bytes on the line before the test that begins, and note which it is."""
+        """Drop the bytes on the line from before the test that begins, and note its id."""
         if self._traces is not None:
             self._traces.begin()
         if self._tape is not None:
@@ -397,7 +397,7 @@ class HilSession:
 
     @contextmanager
     def refusing_reset(self) -> Iterator[None]:
-        """Around what a test does: where the board was reset meanwhile, that is what came of it, whatever was found."""
+        """Wrap a test: if the board was reset meanwhile, report the reset as its result."""
         from hiltest.errors import BenchError, ProtocolError
 
         try:
@@ -410,11 +410,11 @@ class HilSession:
         self._refuse_reset()
 
     def _refuse_reset(self) -> None:
-        if self.trouble is None and (board := self._asked_board()):
+        if self.trouble is None and (board := self._answering_board()):
             board.session.refuse_reset()
 
-    def _asked_board(self) -> Board | None:
-        """Return the board, if one is open that answers requests."""
+    def _answering_board(self) -> Board | None:
+        """Return the board if it is open and answers requests."""
         if self._board is None:
             return None
         from hiltest.boards import Board
@@ -422,14 +422,14 @@ class HilSession:
         return self._board if isinstance(self._board, Board) else None
 
     def keep_trace(self, test: str, phase: str, error: BaseException) -> str:
-        """Write the bytes on the line during a test that failed; return the file, or an empty text."""
+        """Write the bytes on the line during a failed test; return the file, or an empty text."""
         if self._traces is None:
             return ""
         about = self._board.description if self._board else f"rig {self.rig.name}"
         return self._traces.keep(test, phase, error, about=about)
 
     def test_id(self, nodeid: str) -> str:
-        """Return the id of a test for the record: for a suite it does not depend on where pytest was started."""
+        """Return the id of a test for the record; for a suite it does not depend on pytest's starting folder."""
         return id_in_record(nodeid, self.config.rootpath)
 
     def check(
@@ -440,22 +440,22 @@ class HilSession:
         Parameters
         ----------
         name, value, unit, limit, **more
-            As `hiltest.measurement.check` has them.
+            Arguments of `hiltest.measurement.check`.
 
         Raises
         ------
         ValueError
-            If the unit is not the one of the rig's limit.
+            If the unit differs from that of the rig's limit.
         """
         from hiltest.measurement import check
 
         rig = self.rig_if_needed
         if rig is None:
-            # Without a rig nothing says that a board cannot know it.
+            # Without a rig the kind of the board is unknown, and with it the values that it cannot offer.
             return check(name, value, unit=unit, limit=limit, could_offer=True, **more)
-        wanted = rig.units.get(name, unit)
-        if unit != wanted:
-            raise ValueError(f"{name} is measured in {unit!r}, and its limit in {rig.path} is in {wanted!r}")
+        unit_of_limit = rig.units.get(name, unit)
+        if unit != unit_of_limit:
+            raise ValueError(f"{name} is measured in {unit!r}, and its limit in {rig.path} is in {unit_of_limit!r}")
         kind = self._board.origin if self._board else rig.board.kind
         return check(
             name, value, unit=unit, limit=rig.limits.get(name) or limit,
@@ -464,14 +464,14 @@ class HilSession:
         )
 
     def keep(self, item: pytest.Item, measurement: Measurement) -> None:
-        """Take a measurement of a running test.
+        """Add a measurement of a running test.
 
         Raises
         ------
         ValueError
             If another test has already measured something of this name.
         BoardResetError
-            If the board was reset: what was measured may be of one that has lost what it is of.
+            If the board was reset, since the measurement may belong to a board that has lost its state.
         """
         self._refuse_reset()
         owner = self.measured_by.setdefault(measurement.name, item.nodeid)
@@ -502,7 +502,7 @@ class HilSession:
         ]
 
     def _end_tape(self) -> tuple[float | None, Mapping[str, int | str]]:
-        """Ask the board's last questions: how long it ran, and what its firmware took; then there are no more."""
+        """Ask the board's last questions: its running time, and the memory use of its firmware."""
         from hiltest.errors import DivergenceError
 
         if self._tape is None:
@@ -526,12 +526,12 @@ class HilSession:
         return progress_of(self.config)
 
     def clear_progress(self) -> None:
-        """Take the progress off the line before pytest writes there."""
+        """Clear the progress line before pytest writes there."""
         if "progress" in vars(self):
             self.progress.clear()
 
     def describe(self) -> list[str]:
-        """Return the header lines: which board, what its numbers rest on, and the base of the comparison."""
+        """Return the header lines: the board, the conditions of its numbers, and the base of the comparison."""
         base = [*self.gate.describe(), *self._remarks]
         if (self.trouble or self._board) and self.rig.faults is not None:
             base = [f"faults on purpose: {self.rig.faults}", *base]
@@ -543,7 +543,7 @@ class HilSession:
         return [
             f"{board.description}; {board.firmware_line}",
             f"rig {self._rig_line()}; cycles by {board.cycle_model} at {board.core_clock_hz / 1e6:g} MHz",
-            *([self.by_hand.said] if self.by_hand and self.by_hand.said else []), *base,
+            *([self.by_hand.remark] if self.by_hand and self.by_hand.remark else []), *base,
         ]
 
     def _rig_line(self) -> str:

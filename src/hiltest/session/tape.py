@@ -1,4 +1,4 @@
-"""The tape of a session: what its run asks of the bench is recorded, or answered from a recording."""
+"""The tape of a session: the run's questions to the bench are recorded, or answered from a recording."""
 
 from __future__ import annotations
 
@@ -29,33 +29,34 @@ class Replay(NamedTuple):
     player: Player
     record: RecordingRecord
 
-    def settings(self, given: Settings) -> Settings:
-        """Return the settings of the recorded run, where none are given.
+    def settings(self, requested: Settings) -> Settings:
+        """Return the settings of the recorded run, except those that are requested.
 
         Raises
         ------
         ConfigError
-            When an option is given that only a run on a bench has.
+            If an option is set that needs a bench.
         """
         for name in _OF_THE_RECORDED_RUN:
-            if getattr(given, name) is not None:
+            if getattr(requested, name) is not None:
                 raise ConfigError(
-                    f"{given.sources[name]} goes not with --hil-replay: bench, firmware and seed are the recorded ones"
+                    f"{requested.sources[name]} goes not with --hil-replay: bench, firmware and seed are the recorded "
+                    "ones"
                 )
         run = self.run
-        return given._replace(
-            sources={**given.sources, "rig": given.sources["rig"] if given.rig is not None else "recorded"},
-            seed=run.seed, poses=given.poses or run.poses,  # type: ignore[arg-type]
-            suite=run.suite if given.sources["suite"] == "default" else given.suite,  # type: ignore[arg-type]
+        return requested._replace(
+            sources={**requested.sources, "rig": requested.sources["rig"] if requested.rig is not None else "recorded"},
+            seed=run.seed, poses=requested.poses or run.poses,  # type: ignore[arg-type]
+            suite=run.suite if requested.sources["suite"] == "default" else requested.suite,  # type: ignore[arg-type]
         )  # fmt: skip
 
     def rig(self, named: Path | None) -> Rig:
-        """Return the recorded rig, or another one of the same conditions, as for other limits.
+        """Return the recorded rig, or another one with the same conditions, such as one with other limits.
 
         Raises
         ------
         ConfigError
-            When numbers on the other rig would be others.
+            If measurements on the other rig would differ.
         """
         recorded = parse_rig(Path(self.run.rig_file), self.run.rig_text.encode())
         if named is None:
@@ -75,16 +76,16 @@ def open_replay(path: Path) -> Replay:
     Raises
     ------
     ConfigError
-        When it is none.
+        If the file is no recording.
     """
-    if path.is_relative_to(Path.cwd()):  # as one would type it here
+    if path.is_relative_to(Path.cwd()):  # so that the path is the shortest one
         path = path.relative_to(Path.cwd())
     run, transcript = read_transcript(path)
     return Replay(run, Player(transcript, path), RecordingRecord(str(path), transcript.sha256, run.recorded_utc))
 
 
 def open_record(path: Path, settings: Settings, rig: Rig, *, holds_limits: bool) -> Recorder:
-    """Return what records a run; the file is written from the first word to the board on."""
+    """Return the recorder of a run, which writes the file from the first byte to the board on."""
     about = RecordedRun(
         hiltest.__version__, utc_now(), str(rig.path), rig.path.read_text(encoding="utf-8"), holds_limits,
         settings.seed, settings.poses, settings.suite,

@@ -1,7 +1,7 @@
-"""pytest-xdist: tests that use hiltest run in one worker, and the process that hands them out keeps the record.
+"""pytest-xdist: tests that use hiltest run in one worker, and the controlling process keeps the record.
 
-A worker opens the board when its first test needs it, and writes no file but wire traces. What it finds goes up on
-the reports of its tests, and what only its end can measure on its last words.
+A worker opens the board when its first test needs it, and writes no files but wire traces. Its findings are attached
+to the reports of its tests, and those of its end to its final output.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ _OUTPUT = "hil"
 
 
 class Node(Protocol):
-    """A worker as the process that hands out tests sees it; one that crashed has no output."""
+    """A worker from the point of view of the controlling process; a crashed worker has no output."""
 
     workerinput: dict[str, Any]
     workeroutput: dict[str, Any]
 
 
 class Worker:
-    """In a worker: keeps tests that use hiltest together, and reports their bench."""
+    """Plugin in a worker: it keeps tests that use hiltest together, and reports their bench."""
 
     def __init__(self, hil: HilSession) -> None:
         self._hil = hil
         self._board: dict[str, Any] | None = None
-        # Filled until the session ends, which sends it.
-        self._told: dict[str, Any] = {
+        # The session sends this dictionary at its end.
+        self._output: dict[str, Any] = {
             "found": pack(Found()), "left_out": ([], ""), "deselected": False, "usage_error": "", "coverage": "",
         }  # fmt: skip
-        hil.config.workeroutput[_OUTPUT] = self._told  # type: ignore[attr-defined]
+        hil.config.workeroutput[_OUTPUT] = self._output  # type: ignore[attr-defined]
 
-    # First, so that pytest-xdist sees the group.
+    # This hook is the first, so that pytest-xdist sees the group.
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Put all tests that use hiltest into one group."""
@@ -53,7 +53,7 @@ class Worker:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_collection_finish(self, session: pytest.Session) -> Generator[None, object, object]:
-        """Refuse to open one board in several workers, and pass on every usage error, which xdist does not."""
+        """Refuse to open one board in several workers, and report every usage error, which xdist does not."""
         if distribution_of(self._hil.config) == SPREAD:
             put_into_group(session.items)
         let_groups_count(session.items)
@@ -61,16 +61,16 @@ class Worker:
             check_one_worker(self._hil.config, session.items)
             result = yield
         except pytest.UsageError as error:
-            self._told["usage_error"] = str(error)
+            self._output["usage_error"] = str(error)
             raise
-        self._told["left_out"] = (list(self._hil.choice.left_out.tests), self._hil.choice.left_out.how)
-        self._told["deselected"] = self._hil.choice.deselected
+        self._output["left_out"] = (list(self._hil.choice.left_out.tests), self._hil.choice.left_out.how)
+        self._output["deselected"] = self._hil.choice.deselected
         return result
 
-    # First: the board is open, or known to be lost, before anything of the test is set up.
+    # This hook is the first: the board is open, or lost, before any set-up of the test.
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
-        """Open the board for the first test that needs it: only this worker gets such tests."""
+        """Open the board for the first test that needs it; only this worker gets such tests."""
         from hiltest.errors import BenchError, ConfigError, ProtocolError
 
         if not uses_board(item):
@@ -80,31 +80,31 @@ class Worker:
             with suppress(BenchError, ProtocolError):
                 self._hil.connect()
         except ConfigError as error:
-            self._told["usage_error"] = str(error)
+            self._output["usage_error"] = str(error)
             pytest.exit(str(error), returncode=int(pytest.ExitCode.USAGE_ERROR))
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """Put the bench of the test's numbers on the report."""
+        """Add the bench of the test's numbers to the report."""
         report = yield
         if uses_hiltest(item):
             hil = self._hil
-            known = {
+            description = {
                 "rig": hil.rig_if_needed is not None, "only_benchmarks": hil.choice.only_benchmarks,
                 "folder": str(hil.folder.path),
             }
-            setattr(report, BENCH, {**known, **self._answering()})
+            setattr(report, BENCH, {**description, **self._bench_data()})
         return report
 
     def pytest_sessionfinish(self) -> None:
-        """Close the board, and send the measurements of the session itself, and the coverage."""
-        self._told["found"] = pack(Found(self._hil.end()))
+        """Close the board, and send the coverage and the measurements of the whole session."""
+        self._output["found"] = pack(Found(self._hil.end()))
         if self._hil.coverage is not None:
             from hiltest.coverage.lcov import to_lcov
 
-            self._told["coverage"] = to_lcov(self._hil.coverage)
+            self._output["coverage"] = to_lcov(self._hil.coverage)
 
-    def _answering(self) -> dict[str, Any]:
+    def _bench_data(self) -> dict[str, Any]:
         from hiltest.session.recording import board_record
 
         board = self._hil.board
@@ -115,26 +115,26 @@ class Worker:
 
 _DISTRIBUTION = "hil_distribution"
 SPREAD = "load"
-"""Distribution of pytest-xdist where only ``-n`` is given."""
+"""Distribution of pytest-xdist if only ``-n`` is set."""
 
 
 def distribution_of(config: pytest.Config) -> str:
-    """Return in a worker what ``--dist`` is where tests are handed out."""
+    """Return, in a worker, the value of ``--dist`` in the controlling process."""
     return str(config.workerinput[_DISTRIBUTION])  # type: ignore[attr-defined]
 
 
 def put_into_group(items: Sequence[pytest.Item]) -> None:
-    """Give the tests that use hiltest ids with the group behind, by which `GroupedLoad` keeps them together."""
+    """Append the group to the ids of tests that use hiltest, by which `GroupedLoad` keeps them together."""
     for item in items:
         if uses_hiltest(item):
             setattr(item, "_nodeid", f"{item.nodeid}@{GROUP}")  # noqa: B010
 
 
 def let_groups_count(items: Sequence[pytest.Item]) -> None:
-    """Restore the ids with the group in them, as pytest-xdist sets them.
+    """Restore the ids with the group, as pytest-xdist sets them.
 
-    It hands out by group what has the group behind its id, and puts it there through an attribute that from pytest 9.2
-    on nothing reads (its issue 1386): ``--dist loadgroup`` would group nothing, and not say so.
+    It distributes tests by the group after their id, and sets that through an attribute that pytest ignores since 9.2
+    (its issue 1386): ``--dist loadgroup`` would silently group nothing.
     """
     for item in items:
         meant = getattr(item, "_nodeid", item.nodeid)
@@ -148,7 +148,7 @@ def check_one_worker(config: pytest.Config, items: Sequence[pytest.Item]) -> Non
     Raises
     ------
     pytest.UsageError
-        It says what to write.
+        With the remedy.
     """
     ours = [item for item in items if uses_hiltest(item)]
     workers = config.workerinput["workercount"]  # type: ignore[attr-defined]
@@ -169,7 +169,7 @@ def check_one_worker(config: pytest.Config, items: Sequence[pytest.Item]) -> Non
 
 
 class GroupedLoad:
-    """Distribution of tests under ``-n``: as pytest-xdist does, but tests that use hiltest go to one worker."""
+    """Distribution of tests under ``-n``: that of pytest-xdist, but tests that use hiltest go to one worker."""
 
     def __init__(self, config: pytest.Config, log: Any) -> None:
         from xdist.scheduler import LoadScheduling
@@ -182,10 +182,10 @@ class GroupedLoad:
         return getattr(self._inner, name)
 
     def schedule(self) -> None:
-        """Distribute; the first time decide how, as only the workers know which tests there are."""
+        """Distribute the tests; the first call chooses the distribution, as only the workers know the tests."""
         collected = {} if self._is_decided else dict(self._inner.node2collection)
         self._is_decided = True
-        if any(each.endswith(f"@{GROUP}") for ids in collected.values() for each in ids):
+        if any(test_id.endswith(f"@{GROUP}") for ids in collected.values() for test_id in ids):
             from xdist.scheduler import LoadGroupScheduling
 
             self._inner = LoadGroupScheduling(self._config, self._log)
@@ -196,31 +196,31 @@ class GroupedLoad:
 
 
 class Controller:
-    """In the process that hands out tests: begins the record with the first test that uses hiltest."""
+    """Plugin in the controlling process: it begins the record with the first test that uses hiltest."""
 
     def __init__(self, hil: HilSession) -> None:
         self._hil = hil
         self._recording: Recording | None = None
-        # Finished before it is known that anything is to be recorded: reports, and ids of tests that are through.
+        # Reports, and ids of finished tests, from before the first one that must be recorded.
         self._early: list[pytest.TestReport | str] = []
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Node) -> None:
-        """Tell a worker how tests are distributed, which pytest-xdist does not."""
+        """Send the distribution to a worker, which pytest-xdist does not."""
         node.workerinput[_DISTRIBUTION] = self._hil.config.option.dist
 
     @pytest.hookimpl(tryfirst=True, optionalhook=True)
     def pytest_xdist_make_scheduler(self, config: pytest.Config, log: Any) -> GroupedLoad | None:
-        """Keep tests that use hiltest together where the user left it open how tests are distributed."""
+        """Keep tests that use hiltest together if the user chose no distribution."""
         return GroupedLoad(config, log) if config.option.dist == SPREAD else None
 
     def pytest_sessionstart(self) -> None:
-        """Begin at once when the command itself needs the bench."""
-        if self._hil.asked_for:
+        """Begin at once if the command itself needs the bench."""
+        if self._hil.is_required:
             self._begin()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Begin with the first report that names its bench."""
+        """Begin with the first report that has a bench."""
         if self._recording is not None:
             return
         self._early.append(report)
@@ -233,32 +233,32 @@ class Controller:
             self._begin()
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
-        """Remember that a test is through."""
+        """Remember that a test has finished."""
         if self._recording is None:
             self._early.append(nodeid)
 
     def pytest_testnodedown(self, node: Node) -> None:
-        """Record what a worker sent at its end.
+        """Record the final output of a worker.
 
         Raises
         ------
         pytest.UsageError
-            If the worker met one.
+            If the worker reported one.
         """
-        told = getattr(node, "workeroutput", {}).get(_OUTPUT)
-        if told is None:
+        output = getattr(node, "workeroutput", {}).get(_OUTPUT)
+        if output is None:
             return
-        if told["usage_error"]:
-            raise pytest.UsageError(told["usage_error"])
-        tests, how = told["left_out"]
+        if output["usage_error"]:
+            raise pytest.UsageError(output["usage_error"])
+        tests, how = output["left_out"]
         self._hil.choice.left_out = LeftOut(tuple(tests), how)
-        self._hil.choice.deselected = told["deselected"]
-        if told["coverage"]:
+        self._hil.choice.deselected = output["deselected"]
+        if output["coverage"]:
             from hiltest.coverage.lcov import from_lcov
 
-            self._hil.coverage = from_lcov(told["coverage"], "coverage of a worker")
+            self._hil.coverage = from_lcov(output["coverage"], "coverage of a worker")
         if self._recording is not None:
-            self._recording.found(unpack(told["found"]))
+            self._recording.record(unpack(output["found"]))
 
     def _begin(self) -> None:
         from hiltest.errors import ConfigError
@@ -269,8 +269,8 @@ class Controller:
             self._recording = start_recording(self._hil)
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
-        for each in self._early:
-            if isinstance(each, str):
-                self._recording.pytest_runtest_logfinish(each)
+        for event in self._early:
+            if isinstance(event, str):
+                self._recording.pytest_runtest_logfinish(event)
             else:
-                self._recording.pytest_runtest_logreport(each)
+                self._recording.pytest_runtest_logreport(event)

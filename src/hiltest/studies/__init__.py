@@ -1,4 +1,4 @@
-"""The experiments of the papers, to be run again: which figures of theirs come out, and which do not."""
+"""Repetitions of the papers' experiments: printed figures that can be reproduced, and others that cannot."""
 
 NAMES = ("budget", "choose", "compensation", "constraints", "dpi", "ellipsoids", "estimators", "float32", "imu")
-"""Of every study; each is the constant STUDY of a module of that name here."""
+"""Names of all studies; each is the constant STUDY of a module of that name in this package."""

@@ -1,4 +1,4 @@
-"""The calibrators of the packaged firmware, in its float32 and with its cycles, without booting it."""
+"""The calibrators of the packaged firmware, in its float32 and with its cycles, without a boot of the firmware."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ _ENTRY = struct.Struct("<II")  # calibrator_entry_t: name and function
 _LONGEST_NAME = 64
 _LARGEST = np.iinfo(np.int16)
 MOST_POINTS = 10_000
-"""Of one call: 60 of the 110 kB of RAM that the firmware leaves."""
+"""Largest number of points of one call: they take 60 of the 110 kB of RAM that the firmware leaves."""
 
 
 class BoardCalibrators:
-    """The table of calibrators of an ELF, called on a virtual board that did not boot.
+    """The table of calibrators of an ELF, called on a virtual board without booting.
 
     Parameters
     ----------
     firmware
-        By default the packaged one.
+        Path of the ELF; by default the packaged one.
 
     Attributes
     ----------
     names : tuple of str
-        As the firmware's identity has them; none of an ELF that has no such table.
+        Names in the firmware's identity; empty for an ELF without such a table.
     cycle_model : str
-        That counts the cycles.
+        Cycle model of the counts.
     """
 
     def __init__(self, firmware: Path | None = None) -> None:
@@ -47,7 +47,7 @@ class BoardCalibrators:
         in_sram = all(sram.base <= self._board.image.symbols[function].address < sram.base + sram.size
                       for function in self._functions.values())  # fmt: skip
         self.cycle_model = f"{self._board.processor.profile.name}@{'sram' if in_sram else 'flash'}"
-        # What the firmware subtracts from each count.
+        # The firmware subtracts the same from each count.
         self._empty = self._call("magnetometer_empty", np.zeros((1, 3)), None)[1] if self.names else 0
 
     def _table(self) -> list[tuple[str, str]]:
@@ -55,14 +55,14 @@ class BoardCalibrators:
         table = image.symbols.get("calibrators")
         if table is None or table.is_function:
             return []
-        found = []
+        entries = []
         for name, function in _ENTRY.iter_unpack(memory.read(table.address, table.size)):
             text = bytes(memory.read(name, _LONGEST_NAME)).partition(b"\0")[0].decode("ascii")
             symbol = image.function_at(function & ~1)
             if symbol is None:
                 raise ConfigError(f"{image.name}: calibrator {text} is no function of it")
-            found.append((text, symbol.name))
-        return found
+            entries.append((text, symbol.name))
+        return entries
 
     def calibrate(self, name: str, counts: Array, *, anchor: Array | None = None) -> tuple[MagnetometerFit, int]:
         """Calibrate, and count the cycles.
@@ -72,22 +72,22 @@ class BoardCalibrators:
         name
             One of `names`.
         counts : shape (n, 3)
-            Whole numbers that int16 holds [counts].
+            Whole numbers in the range of int16 [counts].
         anchor : shape (3,)
-            What the firmware sums about, in place of the middle of the points' range [counts].
+            Origin of the firmware's sums, instead of the middle of the points' range [counts].
 
         Returns
         -------
         fit : MagnetometerFit
         cycles : int
-            As the firmware reports them: less those of an empty call.
+            Cycles as the firmware reports them: without those of an empty call.
 
         Raises
         ------
         ConfigError
-            When the board's RAM has no room for the points; `MOST_POINTS` have.
+            If the board's RAM has no room for the points; `MOST_POINTS` always fit.
         ValueError
-            When a coordinate is out of the range of int16.
+            If a coordinate is out of the range of int16.
         """
         fit, cycles = self._call(self._functions[name], counts, anchor)
         return fit, cycles - self._empty
@@ -98,9 +98,9 @@ class BoardCalibrators:
         points = np.ascontiguousarray(counts, dtype="<i2")
         ends = [points.min(axis=0), points.max(axis=0)] if anchor is None else [anchor, anchor]
         result = bytearray(_FIT.size)
-        given = Structure(Address(points), np.array([len(points)], "<u2"), np.array(ends, "<i2").ravel(),
+        arguments = Structure(Address(points), np.array([len(points)], "<u2"), np.array(ends, "<i2").ravel(),
                           np.zeros(1, "<u2"))  # fmt: skip
-        cost = self._board.call(function, given, result)
+        cost = self._board.call(function, arguments, result)
         return _fit(_FIT.unpack(result)), cost.cycles
 
 
@@ -112,5 +112,5 @@ def _fit(values: tuple[Any, ...]) -> MagnetometerFit:
 
 @cache
 def board_calibrators() -> BoardCalibrators:
-    """Return the calibrators of the packaged firmware; loading it takes a while, once in a process."""
+    """Return the calibrators of the packaged firmware; loading it takes a while, once per process."""
     return BoardCalibrators()

@@ -1,4 +1,4 @@
-"""`budget`: the error of every calibrator on the board against the clock cycles that there are, on the same points."""
+"""`budget`: the error of every calibrator on the board against the available clock cycles, on the same points."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from hiltest.studies.board_calibrators import board_calibrators
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 NAMES = tuple(sorted(FIRMWARE))
-# The thesis' noise, iron of an ordinary board, and as many points as its figure has.
+# The thesis' noise, the iron of an ordinary board, and the number of points in its figure.
 _FIELD_UT, _NOISE_UT, _HARD_IRON_UT, _STRETCH, _POINTS = 50.0, 0.3, 50.0, 0.2, 30
 #: Clock cycles.
 BUDGETS = tuple(np.rint(np.geomspace(2_000, 400_000, 24)).astype(int).tolist())
 _DIRECTIONS = sphere_directions(200)
-# Of a curve: the error at each budget, that of all effort, its cycles, and those after which little changes.
+# Numbers of a curve: the error at each budget, that of all effort, its cycles, and those after which little changes.
 _NUMBERS = len(BUDGETS) + 3
 _NONE = -1.0
-# An error that is no larger than the last by more than this is as good as that.
+# An error counts as the final one if it exceeds that by no more than this factor.
 _LITTLE = 1.05
-# What the thesis counts, and how many times slower than its own calibrator it says that others are.
+# Cycles according to the thesis, and its factor between its own calibrator and the others.
 _THESIS_PER_POINT, _THESIS_FIXED, _TIMES = 168, 2600, 10.0
 
 
@@ -59,7 +59,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def _curve(board: Board, name: str, points: int, readings: Array) -> list[float | int]:
-    efforts = [each for each in effort_curve(board, name, points=points) if each.fit.has_fit]
+    efforts = [effort for effort in effort_curve(board, name, points=points) if effort.fit.has_fit]
     errors = [direction_error_rms_deg(effort.fit, readings, _DIRECTIONS) for effort in efforts]
     if not efforts:
         return [*[_NONE] * (_NUMBERS - 2), 0, 0]
@@ -73,15 +73,15 @@ def _curve(board: Board, name: str, points: int, readings: Array) -> list[float 
 
 
 def _error_within(efforts: Sequence[Effort], errors: Sequence[float], budget: int) -> float:
-    """Return the error of the largest effort that a budget pays for."""
+    """Return the error of the largest effort within a budget."""
     paid = [error for effort, error in zip(efforts, errors, strict=True) if effort.cycles <= budget]
     return paid[-1] if paid else _NONE
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Take means, and judge how many times slower others are."""
-    found = np.concatenate([np.reshape(block, (-1, len(NAMES), _NUMBERS)) for block in by_condition[0]])
-    means, lowest = found.mean(axis=0), found.min(axis=0)
+    """Compute means, and judge how many times slower other calibrators are."""
+    numbers = np.concatenate([np.reshape(block, (-1, len(NAMES), _NUMBERS)) for block in by_condition[0]])
+    means, lowest = numbers.mean(axis=0), numbers.min(axis=0)
     rows = tuple(
         (name, budget, float(means[k, place]) if lowest[k, place] >= 0.0 else None)
         for k, name in enumerate(NAMES) for place, budget in enumerate(BUDGETS)
@@ -91,10 +91,10 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     sentence = (
         f"From {plan.points} points direct errs {errors['direct']:.2f} deg for {cycles['direct']:.0f} cycles; to "
         f"within 5 % of their best {', '.join(f'{name} takes {enough[name]:.0f}' for name in _OTHERS)}, in the mean of "
-        f"{len(found)} instances."
+        f"{len(numbers)} instances."
     )
     return Conclusion(sentence, tuple(_measurements(errors, cycles)), Table("study.budget", columns, rows),
-                      tuple(_printed(plan, cycles, enough)))  # fmt: skip
+                      tuple(_printed_figures(plan, cycles, enough)))  # fmt: skip
 
 
 _OTHERS = {
@@ -111,7 +111,7 @@ def _measurements(errors: dict[str, float], cycles: dict[str, float]) -> list[Me
     return measurements
 
 
-def _printed(plan: Plan, cycles: dict[str, float], enough: dict[str, float]) -> list[PrintedFigure]:
+def _printed_figures(plan: Plan, cycles: dict[str, float], enough: dict[str, float]) -> list[PrintedFigure]:
     ours, theirs = cycles["direct"], _THESIS_PER_POINT * plan.points + _THESIS_FIXED
     why = {
         "iterative": "all ten elements at once, solved once; the thesis counts 2860 cycles for a point",

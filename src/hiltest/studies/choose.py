@@ -1,4 +1,4 @@
-"""`choose`: which calibrator of the board for one's own noise, number of points, coverage and budget of cycles?"""
+"""`choose`: the calibrator of the board for given noise, number of points, coverage and budget of cycles."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from hiltest.report.svg import Figure
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.estimators import quantile_and_interval
 from hiltest.studies.instances import Model, draw_instances
-from hiltest.studies.study import Block, Conclusion, Given, Numbers, Plan, Study
-from hiltest.text import hundredths, readable
+from hiltest.studies.study import Block, Conclusion, Conditions, Numbers, Plan, Study
+from hiltest.text import format_number, hundredths
 
 _HIGH = 0.95
 _NUMBERS = 3
@@ -25,35 +25,35 @@ RECOMMENDED, RUNNER_UP, TOO_DEAR = "recommended", "runner-up", "over budget"
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A calibrator of the board under the conditions."""
+    """A calibrator of the board under the plan's conditions."""
 
     name: str
     median_deg: float
-    """Of the direction's rms error over instances [deg]."""
+    """Median over instances of the direction's rms error [deg]."""
     high_deg: float
     at_least_deg: float
     at_most_deg: float
-    """Its 95th percentile, and the ends of what so many instances say of that [deg]."""
+    """95th percentile of that error, and the ends of its confidence interval [deg]."""
     ellipsoids_percent: float
-    """Instances with an ellipsoid [%]; the sphere counts for the others."""
+    """Instances with an ellipsoid [%]; the others have a sphere."""
     cycles: int
     most_cycles: int
-    """In the median of instances, and the most of any."""
+    """Median over instances, and maximum."""
 
     def __str__(self) -> str:
         """Return name and numbers."""
-        at_most = f", at most {readable(self.most_cycles)}" if self.most_cycles > self.cycles else ""
+        at_most = f", at most {format_number(self.most_cycles)}" if self.most_cycles > self.cycles else ""
         return (
             f"{self.name} ({hundredths(self.median_deg)} deg in the median, {hundredths(self.high_deg)} or less in "
-            f"{100 * _HIGH:g} %, {readable(self.cycles)} cycles{at_most})"
+            f"{100 * _HIGH:g} %, {format_number(self.cycles)} cycles{at_most})"
         )
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return of each instance and calibrator the direction's error [deg], whether it is an ellipsoid, and cycles."""
-    given, board = plan.given or Given(), board_calibrators()
-    model = Model(plan.seed, plan.points, given.noise_ut, occluded=1.0 - given.coverage_percent / 100.0,
-                  field_ut=given.field_ut)  # fmt: skip
+    """Return direction error [deg], whether the fit is an ellipsoid, and cycles, for each instance and calibrator."""
+    conditions, board = plan.given or Conditions(), board_calibrators()
+    model = Model(plan.seed, plan.points, conditions.noise_ut, occluded=1.0 - conditions.coverage_percent / 100.0,
+                  field_ut=conditions.field_ut)  # fmt: skip
     drawn = draw_instances(model, block.first, block.count)
     numbers: list[float | int] = []
     for k in range(block.count):
@@ -65,18 +65,20 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Take one calibrator, and the next."""
-    given, board = plan.given or Given(), board_calibrators()
+    """Select the recommended calibrator and the runner-up."""
+    conditions, board = plan.given or Conditions(), board_calibrators()
     numbers = np.concatenate([np.reshape(block, (-1, len(board.names), _NUMBERS)) for block in by_condition[0]])
     candidates = [_candidate(name, numbers[:, index]) for index, name in enumerate(board.names)]
-    affordable = [each for each in candidates if given.cycles is None or each.most_cycles <= given.cycles]
+    affordable = [
+        candidate for candidate in candidates if conditions.cycles is None or candidate.most_cycles <= conditions.cycles
+    ]
     best = chosen(affordable)
-    second = chosen([each for each in affordable if each is not best])
+    second = chosen([candidate for candidate in affordable if candidate is not best])
     too_dear = [candidate for candidate in candidates if candidate not in affordable]
-    marks = dict.fromkeys((each.name for each in too_dear), TOO_DEAR)
-    for each, mark in ((best, RECOMMENDED), (second, RUNNER_UP)):
-        if each is not None:
-            marks[each.name] = mark
+    marks = dict.fromkeys((candidate.name for candidate in too_dear), TOO_DEAR)
+    for choice, mark in ((best, RECOMMENDED), (second, RUNNER_UP)):
+        if choice is not None:
+            marks[choice.name] = mark
     columns = (
         Column("calibrator"), Column("median", "deg"), Column("p95", "deg"), Column("p95, at least", "deg"),
         Column("p95, at most", "deg"), Column("ellipsoids", "%"), Column("cycles", "cycle"),
@@ -84,11 +86,11 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         Column("choice"),
     )  # fmt: skip
     rows = tuple(
-        (each.name, each.median_deg, each.high_deg, each.at_least_deg, each.at_most_deg, each.ellipsoids_percent,
-         each.cycles, each.most_cycles, marks.get(each.name, ""))
-        for each in candidates
+        (candidate.name, candidate.median_deg, candidate.high_deg, candidate.at_least_deg, candidate.at_most_deg,
+         candidate.ellipsoids_percent, candidate.cycles, candidate.most_cycles, marks.get(candidate.name, ""))
+        for candidate in candidates
     )  # fmt: skip
-    sentence = f"{_conditions(plan, given)}: {_advice(best, second, too_dear)}."
+    sentence = f"{_conditions(plan, conditions)}: {_advice(best, second, too_dear)}."
     measurements = tuple(_measurements(candidates, board.cycle_model))
     return Conclusion(sentence, measurements, Table("study.choose", columns, rows), ())
 
@@ -96,7 +98,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
 def _candidate(name: str, numbers: Array) -> Candidate:
     errors_deg, ellipsoids, cycles = numbers.T
     high, low_end, high_end = quantile_and_interval(errors_deg, _HIGH)
-    # So few instances that an end is not known: the end of all of them.
+    # Too few instances leave an end unknown: the extreme of all instances replaces it.
     at_least = float(errors_deg.min()) if low_end is None else low_end
     at_most = float(errors_deg.max()) if high_end is None else high_end
     return Candidate(name, float(np.median(errors_deg)), high, at_least, at_most, 100.0 * float(ellipsoids.mean()),
@@ -104,30 +106,32 @@ def _candidate(name: str, numbers: Array) -> Candidate:
 
 
 def chosen(candidates: Sequence[Candidate]) -> Candidate | None:
-    """Return the cheapest of those that err as little as the best, as far as the instances can tell.
+    """Return the cheapest calibrator whose error is indistinguishable from the best.
 
     Notes
     -----
-    That is those whose 95th percentile lies within the interval of the smallest one. None of no candidates.
+    Its 95th percentile lies within the interval of the smallest one. The result is None without candidates.
     """
     if not candidates:
         return None
     best = min(candidates, key=lambda candidate: candidate.high_deg)
-    return min((each for each in candidates if each.high_deg <= best.at_most_deg), key=lambda each: each.cycles)
+    return min((
+        candidate for candidate in candidates if candidate.high_deg <= best.at_most_deg
+    ), key=lambda candidate: candidate.cycles)
 
 
-def _conditions(plan: Plan, given: Given) -> str:
-    budget = "any number of" if given.cycles is None else f"at most {readable(given.cycles)}"
+def _conditions(plan: Plan, conditions: Conditions) -> str:
+    budget = "any number of" if conditions.cycles is None else f"at most {format_number(conditions.cycles)}"
     return (
-        f"For {given.noise_ut:g} uT of noise in {given.field_ut:g} uT, {plan.points} points over at least "
-        f"{given.coverage_percent:g} % of the sphere and {budget} cycles"
+        f"For {conditions.noise_ut:g} uT of noise in {conditions.field_ut:g} uT, {plan.points} points over at least "
+        f"{conditions.coverage_percent:g} % of the sphere and {budget} cycles"
     )
 
 
 def _advice(best: Candidate | None, second: Candidate | None, too_dear: Sequence[Candidate]) -> str:
     if best is None:
-        return f"none; the cheapest is {min(too_dear, key=lambda each: each.most_cycles)}"
-    more = chosen([each for each in too_dear if each.high_deg < best.at_least_deg])
+        return f"none; the cheapest is {min(too_dear, key=lambda candidate: candidate.most_cycles)}"
+    more = chosen([candidate for candidate in too_dear if candidate.high_deg < best.at_least_deg])
     return (
         f"take {best}; {f'next is {second}' if second else 'no other is within the budget'}"
         + (f"; for more cycles {more}" if more else "")
@@ -136,9 +140,11 @@ def _advice(best: Candidate | None, second: Candidate | None, too_dear: Sequence
 
 def _measurements(candidates: Sequence[Candidate], cycle_model: str) -> list[Measurement]:
     return [
-        measurement for each in candidates for measurement in (
-            check(f"study.choose.{each.name}.p95", each.high_deg, unit="deg"),
-            check(f"study.choose.{each.name}.cycles", each.most_cycles, unit="cycle", cycle_model=cycle_model),
+        measurement for candidate in candidates for measurement in (
+            check(f"study.choose.{candidate.name}.p95", candidate.high_deg, unit="deg"),
+            check(
+                f"study.choose.{candidate.name}.cycles", candidate.most_cycles, unit="cycle", cycle_model=cycle_model
+            ),
         )
     ]  # fmt: skip
 
@@ -147,16 +153,17 @@ def draw(run: Run) -> Figure:
     """Draw error against cycles, each calibrator's median and 95th percentile."""
     table = run.table("study.choose")
     assert table is not None
-    found = [(str(row[0]), float(row[6] or 0.0), float(row[1] or 0.0), float(row[2] or 0.0), str(row[8]))
+    entries = [(str(row[0]), float(row[6] or 0.0), float(row[1] or 0.0), float(row[2] or 0.0), str(row[8]))
              for row in table.rows]  # fmt: skip
-    cycles = [each[1] for each in found]
+    cycles = [entry[1] for entry in entries]
     figure = Figure(
         title="Error against cycles", description=run.verdict.sentence, x_label="cycles of one calibration, median",
         y_label="direction error, median to p95 [deg]", x_range=(min(cycles) / 1.5, max(cycles) * 1.5),
-        y_range=(min(each[2] for each in found) / 1.3, max(each[3] for each in found) * 1.3), width=560.0, height=360.0,
+        y_range=(min(entry[2] for entry in entries) / 1.3, max(entry[3] for entry in entries) * 1.3), width=560.0,
+        height=360.0,
         log_x=True, log_y=True,
     )  # fmt: skip
-    for index, (name, x, median, high, choice) in enumerate(found):
+    for index, (name, x, median, high, choice) in enumerate(entries):
         style, mark = series(index)
         figure.bars([(x, median, high)], style)
         figure.series(f"{name}, {choice}" if choice else name, [(x, median)], mark=mark or Mark.DOT,

@@ -1,4 +1,4 @@
-"""`compensation`: how much of offset and of sensitivity error does the direct fit take out, as noise grows?"""
+"""`compensation`: the share of offset and sensitivity error that the direct fit removes, as noise grows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigur
 NOISE_UT = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0)
 OFFSET_PRINTED = (100.0, 94.36, 91.52, 88.75, 85.00, 81.10)
 SENSITIVITY_PRINTED = (100.0, 93.21, 92.29, 90.70, 88.65, 86.26)
-# Percentage points. What a mean of 10 000 scatters is a tenth of it; what the thesis leaves open of its model is more.
+# Percentage points. The mean of 10 000 scatters by a tenth of it; open details of the thesis' model matter more.
 _AGREES = 2.0
 _WHY = {
     "offset": "the thesis says neither how many points there are nor how large the offsets; those move the figure",
@@ -28,15 +28,15 @@ _WHY = {
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return how many of a block are ellipsoids, and over these the sums of what is compensated [%]."""
+    """Return the number of ellipsoids in a block, and over these the sums of the compensated shares [%]."""
     drawn = draw_instances(Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition),
                            block.first, block.count)  # fmt: skip
     parts = compensated(drawn, fit_quadrics(drawn.points_ut))
     return parts.shape[1], *(100.0 * parts.sum(axis=1)).tolist()
 
 
-def compensated(drawn: Instances, found: QuadricBatch, field_ut: float = 50.0) -> Array:
-    """Return what share of the errors is taken out of each instance whose quadric is an ellipsoid.
+def compensated(drawn: Instances, fitted: QuadricBatch, field_ut: float = 50.0) -> Array:
+    """Return the share of the errors that is removed for each instance whose quadric is an ellipsoid.
 
     Returns
     -------
@@ -45,16 +45,16 @@ def compensated(drawn: Instances, found: QuadricBatch, field_ut: float = 50.0) -
 
     Notes
     -----
-    Offset: ``1 - |left| / |e|``, where the distance left of the fitted centre from e is taken in the sensor's field,
-    and again as it is after the calibration, ``R C left``. Sensitivity: 1 less the quotient of the true ellipsoid's
-    largest less smallest radius after and before; those after are R times the singular values of ``R C E``.
+    Offset: ``1 - |left| / |e|``, where ``left``, the distance of the fitted centre from e, is taken in the sensor's
+    field, and again after the calibration, as ``R C left``. Sensitivity: 1 minus a quotient, the largest minus the
+    smallest radius of the true ellipsoid after over before; radii after are R times the singular values of ``R C E``.
     """
-    good = found.is_ellipsoid
-    eigenvalues, vectors = np.linalg.eigh(found.shape[good])
-    radii_ut = np.sqrt(found.level[good][:, None] / eigenvalues)
+    good = fitted.is_ellipsoid
+    eigenvalues, vectors = np.linalg.eigh(fitted.shape[good])
+    radii_ut = np.sqrt(fitted.level[good][:, None] / eigenvalues)
     calibration = field_ut * (vectors / radii_ut[:, None, :]) @ np.swapaxes(vectors, -1, -2)
     hard_iron_ut = drawn.hard_iron_ut[good]
-    left_ut = found.centre[good] - hard_iron_ut
+    left_ut = fitted.centre[good] - hard_iron_ut
     distance_ut = np.linalg.norm(hard_iron_ut, axis=-1)
     offset = 1.0 - np.linalg.norm(left_ut, axis=-1) / distance_ut
     calibrated = 1.0 - np.linalg.norm((calibration @ left_ut[..., None])[..., 0], axis=-1) / distance_ut
@@ -65,7 +65,7 @@ def compensated(drawn: Instances, found: QuadricBatch, field_ut: float = 50.0) -
 
 
 def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Take the means, and put them beside the thesis' Tables 2 and 3."""
+    """Compute the means, and compare them with the thesis' Tables 2 and 3."""
     sums = np.array([np.sum(blocks, axis=0) for blocks in by_noise])
     offset, calibrated, sensitivity = (sums[:, 1:] / np.maximum(sums[:, :1], 1.0)).T.tolist()
     table = Table(
@@ -76,12 +76,14 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
                   strict=True)),
     )  # fmt: skip
     printed = tuple(
-        _printed(what, number, noise_ut, said, came)
-        for what, number, saying, coming in (("offset", 2, OFFSET_PRINTED, offset),
+        _printed_figure(quantity, number, noise_ut, printed_value, measured_value)
+        for quantity, number, printed_values, measured_values in (("offset", 2, OFFSET_PRINTED, offset),
                                              ("sensitivity", 3, SENSITIVITY_PRINTED, sensitivity))
-        for noise_ut, said, came in zip(NOISE_UT, saying, coming, strict=True)
+        for noise_ut, printed_value, measured_value in zip(NOISE_UT, printed_values, measured_values, strict=True)
     )  # fmt: skip
-    agree = {what: sum(each.reproduced for each in printed if each.what.startswith(what)) for what in _WHY}
+    agree = {quantity: sum(
+        figure.reproduced for figure in printed if figure.figure.startswith(quantity)
+    ) for quantity in _WHY}
     sentence = (
         f"At {plan.points} points {agree['offset']} of {len(NOISE_UT)} figures of Table 2 (offset) come out within "
         f"{_AGREES:g} percentage points, and {agree['sensitivity']} of {len(NOISE_UT)} of Table 3 (sensitivity)."
@@ -95,15 +97,19 @@ def _measurements(plan: Plan, agree: dict[str, int]) -> list[Measurement]:
     return [check(f"study.compensation.{name}", value, unit="") for name, value in values.items()]
 
 
-def _printed(what: str, number: int, noise_ut: float, said: float, came: float) -> PrintedFigure:
-    reproduced = abs(came - said) <= _AGREES
-    why = f"within {_AGREES:g} percentage points" if reproduced else _WHY[what]
-    return PrintedFigure(f"{what} error compensated at {noise_ut:g} uT", f"Mucciaccia, Table {number}", f"{said:.2f} %",
-                         f"{came:.2f} %", reproduced, why)  # fmt: skip
+def _printed_figure(
+    quantity: str, number: int, noise_ut: float, printed_value: float, measured_value: float
+) -> PrintedFigure:
+    reproduced = abs(measured_value - printed_value) <= _AGREES
+    why = f"within {_AGREES:g} percentage points" if reproduced else _WHY[quantity]
+    return PrintedFigure(
+        f"{quantity} error compensated at {noise_ut:g} uT", f"Mucciaccia, Table {number}", f"{printed_value:.2f} %",
+        f"{measured_value:.2f} %", reproduced, why,
+    )  # fmt: skip
 
 
 def draw(run: Run) -> Figure:
-    """Draw both tables and what came of them."""
+    """Draw both tables, printed and measured."""
     table = run.table("study.compensation")
     assert table is not None
     columns = {column.name: [float(cell or 0) for cell in table.column(column.name)] for column in table.columns}
@@ -112,10 +118,14 @@ def draw(run: Run) -> Figure:
         x_range=(0.0, NOISE_UT[-1] + 1.0), y_range=(min(0.0, *columns["sensitivity"]), 105.0), width=560.0,
         height=360.0,
     )  # fmt: skip
-    for place, what in enumerate(_WHY):
-        points, printed = (list(zip(NOISE_UT, columns[name], strict=True)) for name in (what, f"{what} printed"))
-        figure.series(f"{what}, measured", points, f"series-{place}", Mark.DOT)
-        figure.series(f"{what}, printed", printed, mark=Mark.DIAMOND, mark_style=f"series-{place} hollow", radius=5.0)
+    for place, quantity in enumerate(_WHY):
+        points, printed = (
+            list(zip(NOISE_UT, columns[name], strict=True)) for name in (quantity, f"{quantity} printed")
+        )
+        figure.series(f"{quantity}, measured", points, f"series-{place}", Mark.DOT)
+        figure.series(
+            f"{quantity}, printed", printed, mark=Mark.DIAMOND, mark_style=f"series-{place} hollow", radius=5.0
+        )
     return figure
 
 

@@ -1,4 +1,4 @@
-"""`constraints`: does a fit that is kept to ellipsoids leave a better ellipsoid on the way to the unconstrained one?"""
+"""`constraints`: improvement of fits constrained to ellipsoids by a step towards the unconstrained fit."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
-# What the points of a condition lie on, but for noise; of the first a cap, so that noise decides what is fitted.
+# Surfaces that the points of a condition lie on, except for noise; on the first only a cap, so that noise decides.
 SURFACES = (
     "ellipsoid", "one-sheet hyperboloid", "two-sheet hyperboloid", "elliptic paraboloid", "hyperbolic paraboloid",
 )  # fmt: skip
 METHODS = {"gradient-descent": fit_gradient_descent, "li": fit_li}
 _NOISE = (0.2, 0.05, 0.05, 0.05, 0.05)
 _CAP = 0.15  # of the sphere
-# Of 30 points on the rarest surface a fifth have another optimum than an ellipsoid, of 100 a thirtieth.
+# For 30 points on the rarest surface a fifth of the optima are no ellipsoids, for 100 a thirtieth.
 _ATTEMPTS = 2000
-# Of a method: whether it has an ellipsoid, where the line leaves the ellipsoids, whether the fit half-way to there is
-# an ellipsoid, whether it is better, and its error over that of the constrained one.
+# Figures of a method: whether it has an ellipsoid, the place where the line leaves the ellipsoids, whether the fit
+# half-way to there is an ellipsoid, whether it is better, and its error over that of the constrained one.
 _FIGURES = 5
 _NUMBERS = 1 + _FIGURES * len(METHODS)
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return of each cloud whether the optimum's determinant is positive, and the figures of each method."""
+    """Return whether the optimum's determinant is positive, and the figures of each method, for each cloud."""
     numbers: list[float | int] = []
     for instance in range(block.first, block.first + block.count):
         key = np.random.SeedSequence([plan.seed, block.condition, instance])
@@ -43,7 +43,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
         best = unconstrained(clouds)
         numbers.append(int(np.linalg.det(shape_of(best)) > 0.0))
         for method in METHODS.values():
-            numbers += _figures(clouds, best, method.solve(clouds))
+            numbers += _method_figures(clouds, best, method.solve(clouds))
     return numbers
 
 
@@ -59,7 +59,7 @@ def _draw(random: np.random.Generator, surface: int, count: int) -> Clouds:
 
 
 def _points(random: np.random.Generator, surface: int, count: int) -> Array:
-    """Draw points of a surface, its axes any and of any length, with noise."""
+    """Draw points of a surface with noise; its axes are random in direction and length."""
     u, turn = random.uniform(-1.0, 1.0, count), random.uniform(0.0, 2.0 * np.pi, count)
     sign = random.choice([-1.0, 1.0], count)
     height = 1.0 - _CAP * (1.0 + u)
@@ -90,8 +90,8 @@ def coefficients(solution: Solution) -> Array:
     linear = -2.0 * shape @ solution.centre
     constant = solution.centre @ shape @ solution.centre - 1.0
     first, second = np.triu_indices(3, 1)
-    found = np.concatenate([np.diag(shape), 2.0 * shape[first, second], linear, [constant]])
-    return np.asarray(found / np.trace(shape))
+    quadric = np.concatenate([np.diag(shape), 2.0 * shape[first, second], linear, [constant]])
+    return np.asarray(quadric / np.trace(shape))
 
 
 def shape_of(quadric: Array) -> Array:
@@ -103,7 +103,7 @@ def shape_of(quadric: Array) -> Array:
 
 
 def is_ellipsoid(quadric: Array) -> bool:
-    """Say whether a quadric is an ellipsoid: its shape is positive definite and its level positive."""
+    """Return whether a quadric is an ellipsoid: its shape is positive definite and its level positive."""
     shape = shape_of(quadric)
     if not np.linalg.eigvalsh(shape)[0] > 0.0:
         return False
@@ -111,12 +111,12 @@ def is_ellipsoid(quadric: Array) -> bool:
 
 
 def leaves_at(best: Array, constrained: Array) -> float:
-    """Return where the line from a constrained fit, 1, to the best one, 0, leaves the ellipsoids.
+    """Return the parameter at which the line from a constrained fit (1) to the best one (0) leaves the ellipsoids.
 
     Notes
     -----
-    By the smallest eigenvalue of the shape, which is concave along the line and has one zero. The determinant
-    (Mucciaccia, 4.2.1) is positive at both ends where the best shape has two negative eigenvalues.
+    The criterion is the smallest eigenvalue of the shape, which is concave along the line and has one zero. The
+    determinant (Mucciaccia, 4.2.1) is positive at both ends if the best shape has two negative eigenvalues.
     """
 
     def smallest(t: float) -> float:
@@ -125,30 +125,30 @@ def leaves_at(best: Array, constrained: Array) -> float:
     return float(bisect(smallest, 0.0, 1.0))
 
 
-def _figures(clouds: Clouds, best: Array, solution: Solution) -> list[float | int]:
+def _method_figures(clouds: Clouds, best: Array, solution: Solution) -> list[float | int]:
     if int(solution.status) != FitStatus.ELLIPSOID:
         return [0] * _FIGURES
     constrained = coefficients(solution)
     tau = leaves_at(best, constrained)
     between = best + (tau + 1.0) / 2.0 * (constrained - best)
-    error, before = (float(each @ clouds.scatter @ each) for each in (between, constrained))
+    error, before = (float(quadric @ clouds.scatter @ quadric) for quadric in (between, constrained))
     return [1, tau, int(is_ellipsoid(between)), int(error < before), error / before]
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Count, and judge what the thesis says."""
-    found = [np.concatenate([np.reshape(block, (-1, _NUMBERS)) for block in blocks]) for blocks in by_condition]
+    """Count the improvements, and judge the thesis' statements."""
+    by_surface = [np.concatenate([np.reshape(block, (-1, _NUMBERS)) for block in blocks]) for blocks in by_condition]
     rows: list[tuple[Cell, ...]] = []
-    for surface, clouds in zip(SURFACES, found, strict=True):
+    for surface, clouds in zip(SURFACES, by_surface, strict=True):
         for k, method in enumerate(METHODS):
-            each = clouds[:, 1 + _FIGURES * k : 1 + _FIGURES * (k + 1)]
-            fitted = each[each[:, 0] == 1]
+            figures = clouds[:, 1 + _FIGURES * k : 1 + _FIGURES * (k + 1)]
+            fitted = figures[figures[:, 0] == 1]
             rows.append((
                 surface, method, len(clouds), len(fitted), int((fitted[:, 2] * fitted[:, 3]).sum()),
                 *(float(np.median(fitted[:, column])) if len(fitted) else None for column in (4, 1)),
             ))  # fmt: skip
     fits, better = (sum(int(row[column] or 0) for row in rows) for column in (3, 4))
-    total, both_positive = sum(len(each) for each in found), int(sum(each[:, 0].sum() for each in found))
+    total, both_positive = sum(map(len, by_surface)), int(sum(clouds[:, 0].sum() for clouds in by_surface))
     columns = (Column("surface"), Column("constrained fit"), Column("clouds"), Column("ellipsoids"),
                Column("bettered"), Column("error left"), Column("line leaves at"))  # fmt: skip
     values = {"clouds": total, "fits": fits, "bettered": better, "determinant_fails": both_positive}
@@ -174,7 +174,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
 
 
 def draw(run: Run) -> Figure:
-    """Draw what one step along the line leaves of the error, for each surface."""
+    """Draw the remaining error after one step along the line, for each surface."""
     table = run.table("study.constraints")
     assert table is not None
     figure = Figure(

@@ -1,4 +1,4 @@
-"""`dpi`: what gravity adds to fits of norms, which leave a rotation, in heading, pitch and roll."""
+"""`dpi`: improvement of norm fits, which leave a rotation, by gravity, in heading, pitch and roll."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
-# Of the field where the paper's authors measured, in the south of Brazil.
+# Dip of the field at the paper's place, in the south of Brazil.
 _DIP_DEG = -35.0
 _SAMPLES = 1000
-# Readings of a field of strength 1, and of gravity; fits are made of counts.
+# Readings of a field of strength 1, and of gravity; fits use counts.
 COUNTS = 1000.0
 _NOISE = 1e-3
 METHODS = ("uncalibrated", "ellipsoids", "dpi")
 ANGLES = ("heading", "pitch", "roll")
-# Of an instance: the largest errors, and the rotations that are left and that the accelerometer has.
+# Numbers of an instance: the largest errors, the remaining rotation, and that of the accelerometer.
 _NUMBERS = len(METHODS) * len(ANGLES) + 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """A sensor of which the readings are ``response @ vector + offset``, both of size 1."""
+    """A sensor whose readings are ``response @ vector + offset``, both of size 1."""
 
     response: Array
     offset: Array
@@ -45,7 +45,7 @@ class Sensor:
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return the largest errors of each instance, method after method [deg], and two rotations [deg]."""
+    """Return the largest errors of each instance, by method [deg], and two rotations [deg]."""
     numbers: list[float] = []
     for instance in range(block.first, block.first + block.count):
         numbers += _errors_deg(np.random.Generator(np.random.Philox(key=[plan.seed, instance])))
@@ -59,24 +59,24 @@ def _errors_deg(random: np.random.Generator) -> list[float]:
         sensor.readings(vectors) + COUNTS * _NOISE * random.standard_normal(vectors.shape)
         for sensor, vectors in ((magnetometer, field), (accelerometer, down))
     )
-    of_gravity, of_norms = fit_direct(gravity_counts), fit_direct(counts)
-    of_both = fit_dpi(counts, of_gravity.corrected(gravity_counts), dip_deg=_DIP_DEG).calibration
+    gravity_fit, norm_fit = fit_direct(gravity_counts), fit_direct(counts)
+    dpi_fit = fit_dpi(counts, gravity_fit.corrected(gravity_counts), dip_deg=_DIP_DEG).calibration
     judged_down, judged_field = _vectors(judged_attitudes())
-    seen, seen_down = magnetometer.readings(judged_field), accelerometer.readings(judged_down)
+    readings, readings_down = magnetometer.readings(judged_field), accelerometer.readings(judged_down)
     true_deg = attitudes_deg(judged_down, judged_field)
     errors: list[float] = []
     for corrected_down, corrected in (
-        (seen_down, seen), (of_gravity.corrected(seen_down), of_norms.corrected(seen)),
-        (of_gravity.corrected(seen_down), of_both.corrected(seen)),
+        (readings_down, readings), (gravity_fit.corrected(readings_down), norm_fit.corrected(readings)),
+        (gravity_fit.corrected(readings_down), dpi_fit.corrected(readings)),
     ):  # fmt: skip
         off_deg = (attitudes_deg(corrected_down, corrected) - true_deg + 180.0) % 360.0 - 180.0
         errors += np.abs(off_deg).max(axis=0).tolist()
-    left_deg = rotation_left_deg(of_both, magnetometer.response)
-    return [*errors, left_deg, rotation_left_deg(of_gravity, accelerometer.response)]
+    left_deg = rotation_left_deg(dpi_fit, magnetometer.response)
+    return [*errors, left_deg, rotation_left_deg(gravity_fit, accelerometer.response)]
 
 
 def draw_sensor(random: np.random.Generator, turned_deg: float, stretched: float, offset: float) -> Sensor:
-    """Draw a sensor: its axes turned about z, y and x, its soft iron symmetric, each uniform up to these."""
+    """Draw a sensor: axes turned about z, y and x, and symmetric soft iron, each uniform within the bounds."""
     axes = Rotation.random(rng=random).as_matrix()
     stretch = (axes * random.uniform(1.0 - stretched, 1.0 + stretched, 3)) @ axes.T
     turned = Rotation.from_euler("ZYX", random.uniform(-turned_deg, turned_deg, 3), degrees=True).as_matrix()
@@ -92,7 +92,7 @@ def judged_attitudes() -> Rotation:
 
 
 def _vectors(attitudes: Rotation) -> tuple[Array, Array]:
-    """Return down and the field of strength 1 in the body frame, shape (n, 3) each."""
+    """Return down, and the field with strength 1, in the body frame, shape (n, 3) each."""
     dip = np.radians(_DIP_DEG)
     to_body = attitudes.inv()
     return to_body.apply([0.0, 0.0, 1.0]), to_body.apply([np.cos(dip), 0.0, np.sin(dip)])
@@ -105,9 +105,9 @@ def attitudes_deg(down: Array, field: Array) -> Array:
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Take medians and 95th percentiles of the largest errors."""
-    found = np.concatenate([np.reshape(block, (-1, _NUMBERS)) for block in by_condition[0]])
-    errors = found[:, :-2].reshape(-1, len(METHODS), len(ANGLES))
+    """Compute medians and 95th percentiles of the largest errors."""
+    instances = np.concatenate([np.reshape(block, (-1, _NUMBERS)) for block in by_condition[0]])
+    errors = instances[:, :-2].reshape(-1, len(METHODS), len(ANGLES))
     median, high = np.median(errors, axis=0), np.quantile(errors, 0.95, axis=0)
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (method, *(float(value) for pair in zip(median[k], high[k], strict=True) for value in pair))
@@ -117,10 +117,10 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     heading = dict(zip(METHODS, median[:, 0].tolist(), strict=True))
     sentence = (
         f"The largest heading error is {heading['uncalibrated']:.0f} deg uncalibrated, {heading['ellipsoids']:.1f} by "
-        f"ellipsoid fits and {heading['dpi']:.2f} by dpi, in the median of {len(found)} instances."
+        f"ellipsoid fits and {heading['dpi']:.2f} by dpi, in the median of {len(instances)} instances."
     )
     measurements = tuple(_measurements(median))
-    return Conclusion(sentence, measurements, Table("study.dpi", columns, rows), (_what_remains(found),))
+    return Conclusion(sentence, measurements, Table("study.dpi", columns, rows), (_remaining_rotation(instances),))
 
 
 def _measurements(median: Array) -> list[Measurement]:
@@ -130,14 +130,14 @@ def _measurements(median: Array) -> list[Measurement]:
     ]  # fmt: skip
 
 
-def _what_remains(found: Array) -> PrintedFigure:
-    left, own = found[:, -2], found[:, -1]
-    apart = float(np.median(np.abs(left - own)))
-    # A calibration from so many samples turns by their noise, over the root of how many there are.
+def _remaining_rotation(instances: Array) -> PrintedFigure:
+    remaining, own = instances[:, -2], instances[:, -1]
+    apart = float(np.median(np.abs(remaining - own)))
+    # Noise turns a calibration by its deviation divided by the root of the number of samples.
     noise_deg = float(np.degrees(_NOISE)) / np.sqrt(_SAMPLES)
     return PrintedFigure(
         "rotation that dpi leaves", "Coelho and Hemerly, 6", "that of the accelerometer's axes",
-        f"{np.median(left):.3f} deg, {np.median(own):.3f} of the accelerometer, {apart:.3f} apart in the median",
+        f"{np.median(remaining):.3f} deg, {np.median(own):.3f} of the accelerometer, {apart:.3f} apart in the median",
         bool(apart < 10.0 * noise_deg),
         f"an ellipsoid does not show how the accelerometer is turned, and the magnetometer is turned with it; noise "
         f"alone makes {noise_deg:.3f} deg of each axis",
@@ -145,7 +145,7 @@ def _what_remains(found: Array) -> PrintedFigure:
 
 
 def draw(run: Run) -> Figure:
-    """Draw the medians, with their 95th percentiles above."""
+    """Draw the medians, and the 95th percentiles above them."""
     table = run.table("study.dpi")
     assert table is not None
     values = [[float(cell or 0) for cell in row[1:]] for row in table.rows]

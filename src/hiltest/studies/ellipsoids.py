@@ -1,4 +1,4 @@
-"""`ellipsoids`: does the least-squares quadric of a calibration always come out as an ellipsoid?"""
+"""`ellipsoids`: frequency of least-squares quadrics that are no ellipsoids."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _POINTS_UNKNOWN = "the thesis does not say how many points an instance has"
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Count the quadrics of a block that are no ellipsoids, in C where there is a compiler."""
+    """Count the quadrics of a block that are no ellipsoids, in C if a compiler is available."""
     model = Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition)
     in_c, _ = kernel()
     count = non_ellipsoids if in_c is None else in_c.non_ellipsoids
@@ -28,49 +28,49 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Add up the counts, and judge what the thesis says of them."""
-    counts = [sum(int(each) for (each,) in blocks) for blocks in by_noise]
-    total, of = sum(counts), plan.instances * len(counts)
+    """Add up the counts, and judge the thesis' statements."""
+    counts = [sum(int(count) for (count,) in blocks) for blocks in by_noise]
+    total, instances = sum(counts), plan.instances * len(counts)
     table = Table(
         "study.ellipsoids",
         (Column("noise", "uT"), Column("instances"), Column("non_ellipsoids"), Column("per million"),
          Column("at least"), Column("at most")),
         tuple(_row(noise_ut, count, plan.instances) for noise_ut, count in zip(NOISE_UT, counts, strict=True)),
     )  # fmt: skip
-    said = f"{number(total)} of {number(of)} quadrics are no ellipsoids at {number(plan.points)} points"
-    return Conclusion(f"{said}.", tuple(_measurements(plan, total, of)), table,
-                      (_always(plan, total, of), _nearly_always(plan, counts)))  # fmt: skip
+    summary = f"{number(total)} of {number(instances)} quadrics are no ellipsoids at {number(plan.points)} points"
+    return Conclusion(f"{summary}.", tuple(_measurements(plan, total, instances)), table,
+                      (_judge_always(plan, total, instances), _judge_nearly_always(plan, counts)))  # fmt: skip
 
 
-def _measurements(plan: Plan, total: int, of: int) -> list[Measurement]:
-    values = {"non_ellipsoids": total, "instances": of, "points": plan.points}
+def _measurements(plan: Plan, total: int, instances: int) -> list[Measurement]:
+    values = {"non_ellipsoids": total, "instances": instances, "points": plan.points}
     return [check(f"study.ellipsoids.{name}", value, unit="") for name, value in values.items()]
 
 
-def _row(noise_ut: float, count: int, of: int) -> tuple[float | int, ...]:
-    low, high = interval(count, of)
-    return noise_ut, of, count, _MILLION * count / of, _MILLION * low, _MILLION * high
+def _row(noise_ut: float, count: int, instances: int) -> tuple[float | int, ...]:
+    low, high = interval(count, instances)
+    return noise_ut, instances, count, _MILLION * count / instances, _MILLION * low, _MILLION * high
 
 
-def interval(count: int, of: int) -> tuple[float, float]:
+def interval(count: int, instances: int) -> tuple[float, float]:
     """Return the 95 % interval of a share (Clopper and Pearson, Biometrika 26, 1934)."""
-    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
-    return low, float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
+    low = float(beta.ppf(0.025, count, instances - count + 1)) if count else 0.0
+    return low, float(beta.ppf(0.975, count + 1, instances - count)) if count < instances else 1.0
 
 
-def _always(plan: Plan, total: int, of: int) -> PrintedFigure:
+def _judge_always(plan: Plan, total: int, instances: int) -> PrintedFigure:
     if total:
         why = f"{_POINTS_UNKNOWN}; at {plan.points} it is not always an ellipsoid, and with more it is rarer"
     else:
-        at_most = _MILLION * interval(0, of)[1]
+        at_most = _MILLION * interval(0, instances)[1]
         why = f"{_POINTS_UNKNOWN}; at {plan.points} the 95 % interval of the share ends at {at_most:.3g} in a million"
     return PrintedFigure(
         "quadrics that are no ellipsoids, of 20 noise levels with 1 000 000 instances each", "Mucciaccia, 4.2.2", "0",
-        f"{number(total)} of {number(of)}", not total, why,
+        f"{number(total)} of {number(instances)}", not total, why,
     )  # fmt: skip
 
 
-def _nearly_always(plan: Plan, counts: Sequence[int]) -> PrintedFigure:
+def _judge_nearly_always(plan: Plan, counts: Sequence[int]) -> PrintedFigure:
     share, noise_ut = min((100.0 - 100.0 * count / plan.instances, noise_ut)
                           for count, noise_ut in zip(counts, NOISE_UT, strict=True))  # fmt: skip
     reproduced = share > 99.9
@@ -84,9 +84,9 @@ def draw(run: Run) -> Figure:
     table = run.table("study.ellipsoids")
     assert table is not None
     noise, share, low, high = (
-        [float(each or 0) for each in table.column(name)] for name in ("noise", "per million", "at least", "at most")
+        [float(cell or 0) for cell in table.column(name)] for name in ("noise", "per million", "at least", "at most")
     )
-    share, low, high = ([100.0 * each / _MILLION for each in column] for column in (share, low, high))
+    share, low, high = ([100.0 * value / _MILLION for value in column] for column in (share, low, high))
     figure = Figure(
         title="Quadrics that are no ellipsoids", description=run.verdict.sentence, x_label="noise [uT]",
         y_label="of instances [%]", x_range=(0.0, noise[-1] + noise[0]), y_range=(0.0, 1.05 * max(high)), width=560.0,

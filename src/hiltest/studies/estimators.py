@@ -1,4 +1,4 @@
-"""`estimators`: how far directions err after each calibrator, as noise, points, coverage and soft iron change."""
+"""`estimators`: direction errors of each calibrator, as noise, points, coverage and soft iron change."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigur
 
 UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
 NAMES = (UNCALIBRATED, SPHERE, *(name for name in REFERENCES if name not in FASTER))
-# Lines that a reader can tell apart.
+# Lines that a reader can distinguish.
 _DRAWN = (SPHERE, "direct", "iterative", "li", "corrected", "taubin", "geometric")
 _MEDIAN, _HIGH = 0.5, 0.95
 _CONFIDENCE = 0.95
@@ -29,7 +29,7 @@ _CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What is the same for a group of instances; see `hiltest.studies.instances.Model`."""
+    """Parameters of a group of instances; see `hiltest.studies.instances.Model`."""
 
     noise_ut: float
     points: int = 100
@@ -37,7 +37,7 @@ class Condition:
     stretch: float = 0.5
 
 
-# Noise with few and many points; then the number of points, the coverage and the soft iron alone.
+# Noise with few and many points; then variations of only the number of points, the coverage and the soft iron.
 CONDITIONS = (
     *(Condition(noise_ut, points) for points in (100, 1000) for noise_ut in (0.3, 1.0, 2.5, 5.0)),
     Condition(1.0, 30), Condition(1.0, 300),
@@ -48,7 +48,7 @@ JUDGED = CONDITIONS.index(Condition(2.5, 1000))
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return the direction's error [deg] and whether it is an ellipsoid, of each calibrator for each instance."""
+    """Return direction error [deg] and whether the fit is an ellipsoid, for each instance and calibrator."""
     condition = CONDITIONS[block.condition]
     model = Model(plan.seed, condition.points, condition.noise_ut, stream=block.condition,
                   stretch=condition.stretch, occluded=condition.occluded)  # fmt: skip
@@ -66,10 +66,12 @@ def _fits(drawn: Instances, k: int) -> list[MagnetometerFit]:
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Take medians and 95th percentiles, and judge what the thesis says of them."""
-    found = [np.concatenate([np.reshape(block, (-1, len(NAMES), 2)) for block in blocks]) for blocks in by_condition]
+    """Compute medians and 95th percentiles, and judge the thesis' statements."""
+    numbers_by_condition = [
+        np.concatenate([np.reshape(block, (-1, len(NAMES), 2)) for block in blocks]) for blocks in by_condition
+    ]
     rows: list[tuple[Cell, ...]] = []
-    for condition, numbers in zip(CONDITIONS, found, strict=True):
+    for condition, numbers in zip(CONDITIONS, numbers_by_condition, strict=True):
         for index, name in enumerate(NAMES):
             rows.append((
                 name, condition.noise_ut, condition.points, 100.0 * condition.occluded, condition.stretch,
@@ -83,7 +85,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         Column("median, at most", "deg"), Column("p95", "deg"), Column("p95, at least", "deg"),
         Column("p95, at most", "deg"), Column("ellipsoids", "%"),
     )  # fmt: skip
-    medians = dict(zip(NAMES, np.median(found[JUDGED][:, :, 0], axis=0).tolist(), strict=True))
+    medians = dict(zip(NAMES, np.median(numbers_by_condition[JUDGED][:, :, 0], axis=0).tolist(), strict=True))
     best = min(medians, key=medians.__getitem__)
     judged = CONDITIONS[JUDGED]
     sentence = (
@@ -91,12 +93,13 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         f"in the median of {plan.instances} instances; direct {medians['direct']:.2f}, "
         f"corrected {medians['corrected']:.2f}."
     )
-    return Conclusion(sentence, tuple(_measurements(found[JUDGED])), Table("study.estimators", columns, tuple(rows)),
-                      tuple(_printed(medians)))  # fmt: skip
+    table = Table("study.estimators", columns, tuple(rows))
+    measurements = tuple(_measurements(numbers_by_condition[JUDGED]))
+    return Conclusion(sentence, measurements, table, tuple(_printed_figures(medians)))  # fmt: skip
 
 
 def quantile_and_interval(errors: Array, share: float) -> tuple[float, float | None, float | None]:
-    """Return a quantile and its interval by the order of the errors; None for an end that so few cannot tell."""
+    """Return a quantile and its confidence interval; an end that too few errors leave open is None."""
     interval = quantile_test(errors, p=share).confidence_interval(_CONFIDENCE)
     ends = (float(interval.low), float(interval.high))
     low, high = (end if np.isfinite(end) else None for end in ends)
@@ -105,13 +108,13 @@ def quantile_and_interval(errors: Array, share: float) -> tuple[float, float | N
 
 def _measurements(judged: Array) -> list[Measurement]:
     return [
-        check(f"study.estimators.{name}.{what}", float(np.quantile(judged[:, index, 0], share)), unit="deg")
+        check(f"study.estimators.{name}.{quantile}", float(np.quantile(judged[:, index, 0], share)), unit="deg")
         for index, name in enumerate(NAMES) if name not in (UNCALIBRATED, SPHERE)
-        for what, share in (("median", _MEDIAN), ("p95", _HIGH))
+        for quantile, share in (("median", _MEDIAN), ("p95", _HIGH))
     ]  # fmt: skip
 
 
-def _printed(medians: dict[str, float]) -> list[PrintedFigure]:
+def _printed_figures(medians: dict[str, float]) -> list[PrintedFigure]:
     direct, geometric = medians["direct"], medians["geometric"]
     others = {name: medians[name] for name in ("iterative", "li", "taubin")}
     return [

@@ -1,4 +1,4 @@
-"""`float32`: which of the board's calibrators stay stable in single precision as hard iron grows."""
+"""`float32`: stability of the board's calibrators in single precision as hard iron grows."""
 
 from __future__ import annotations
 
@@ -21,32 +21,33 @@ from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 from hiltest.text import hundredths
 
-#: Hard iron over the field; a sensor of 1000 uT ends at the last.
+#: Hard iron over the field; a sensor of 1000 uT saturates beyond the last.
 RATIOS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)
 JUDGED = RATIOS.index(10.0)
-#: The closed form with its sums about the sensor's zero, as the thesis and Two-Step have them; of no board.
+#: The closed form with sums about the sensor's zero, as in the thesis and Two-Step; no board has it.
 ABOUT_ZERO = "direct-about-zero"
 _NOISE_UT = 0.3
 _HIGH = 0.95
-# Of what noise makes: the two add by squares, to a tenth more, as much as a tenth more noise; closer no data sheet
-# states it.
+# Fraction of the noise's error. Squares add up, so this adds a tenth, as a tenth more noise would; no data sheet states
+# noise more accurately.
 _STABLE = 0.46
-_UNIT_COUNTS = 512.0  # near the field's length; a power of two rounds nothing
+_UNIT_COUNTS = 512.0  # near the field's length; a power of two causes no rounding
 _NUMBERS = 4
 
 
 def names() -> tuple[str, ...]:
-    """Return the calibrators of the board, and what stands beside them."""
+    """Return the calibrators of the board, and the one for comparison."""
     return (*board_calibrators().names, ABOUT_ZERO)
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return of each instance and calibrator: error in float32 and in float64, the angle between the two [deg], and
-    whether the status differs.
+    """Return errors in float32 and float64, the angle between both [deg], and whether the status differs.
+
+    The order is by instance and calibrator.
     """
     board = board_calibrators()
     model = Model(plan.seed, plan.points, _NOISE_UT, stream=block.condition)
-    drawn = draw_instances(model, block.first, block.count).with_hard_iron(RATIOS[block.condition] * model.field_ut)
+    drawn = draw_instances(model, block.first, block.count).set_hard_iron(RATIOS[block.condition] * model.field_ut)
     numbers: list[float | int] = []
     for k in range(block.count):
         counts = drawn.counts(k)
@@ -65,47 +66,47 @@ def about_zero(counts: Array) -> MagnetometerFit:
 
     Notes
     -----
-    Sums point after point and an elimination without pivoting, as C has them. Of single operations, which IEEE 754
-    rounds in one way, and not BLAS: every host has the same. The calibration is made of the solution in float64.
+    The sums add point after point, and the elimination has no pivoting, as in C. Single operations, which IEEE 754
+    rounds uniquely, replace BLAS, so that every host has the same result. The calibration is computed in float64.
     """
     points = counts / _UNIT_COUNTS
     rows = np.column_stack([quadric_rows(points), -squared_lengths(points)]).astype(np.float32)
-    solved = _solved(np.add.reduce(rows[:, :9, None] * rows[:, None, :], axis=0))
+    solved = _solve_normal_equations(np.add.reduce(rows[:, :9, None] * rows[:, None, :], axis=0))
     if solved is None:
         return no_fit(FitStatus.SINGULAR)
-    found = solution_from_quadrics(3.0 * constant_part(3) + constant_trace(3) @ solved.astype(np.float64), 3)
-    if int(found.status) != FitStatus.ELLIPSOID:
+    solution = solution_from_quadrics(3.0 * constant_part(3) + constant_trace(3) @ solved.astype(np.float64), 3)
+    if int(solution.status) != FitStatus.ELLIPSOID:
         return no_fit(FitStatus.NOT_AN_ELLIPSOID)
     return MagnetometerFit(
-        FitStatus.ELLIPSOID, False, 0, found.soft_iron / _UNIT_COUNTS, _UNIT_COUNTS * found.centre
+        FitStatus.ELLIPSOID, False, 0, solution.soft_iron / _UNIT_COUNTS, _UNIT_COUNTS * solution.centre
     )
 
 
-def _solved(equations: NDArray[np.float32]) -> NDArray[np.float32] | None:
-    """Solve normal equations, shape (n, n + 1) with what they equal behind; None where a pivot is not positive."""
-    left = equations.copy()
-    unknowns = len(left)
+def _solve_normal_equations(equations: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    """Solve normal equations of shape (n, n + 1), with the right side last; None if a pivot is not positive."""
+    remaining = equations.copy()
+    unknowns = len(remaining)
     for pivot in range(unknowns):
-        if not left[pivot, pivot] > 0.0:
+        if not remaining[pivot, pivot] > 0.0:
             return None
-        shares = left[pivot + 1 :, pivot] / left[pivot, pivot]
-        left[pivot + 1 :] -= shares[:, None] * left[pivot]
-    found = np.zeros(unknowns, dtype=np.float32)
+        shares = remaining[pivot + 1 :, pivot] / remaining[pivot, pivot]
+        remaining[pivot + 1 :] -= shares[:, None] * remaining[pivot]
+    solution = np.zeros(unknowns, dtype=np.float32)
     for row in reversed(range(unknowns)):
-        known = np.add.reduce(left[row, row + 1 : unknowns] * found[row + 1 :])
-        found[row] = (left[row, unknowns] - known) / left[row, row]
-    return found
+        substituted = np.add.reduce(remaining[row, row + 1 : unknowns] * solution[row + 1 :])
+        solution[row] = (remaining[row, unknowns] - substituted) / remaining[row, row]
+    return solution
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Take medians and 95th percentiles, and say what float32 adds to what noise makes."""
-    found = [np.concatenate([np.reshape(block, (-1, len(names()), _NUMBERS)) for block in blocks])
+    """Compute medians and 95th percentiles, and compare float32's effect with that of noise."""
+    by_ratio = [np.concatenate([np.reshape(block, (-1, len(names()), _NUMBERS)) for block in blocks])
              for blocks in by_condition]  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
-    for ratio, numbers in zip(RATIOS, found, strict=True):
+    for ratio, numbers in zip(RATIOS, by_ratio, strict=True):
         for index, name in enumerate(names()):
             single, double, apart, differs = numbers[:, index].T
-            quantiles = [float(np.quantile(each, share)) for share in (0.5, _HIGH) for each in (single, double)]
+            quantiles = [float(np.quantile(errors, share)) for share in (0.5, _HIGH) for errors in (single, double)]
             added = float(np.quantile(apart, _HIGH))
             stable = added <= _STABLE * quantiles[-1]
             rows.append((name, ratio, *quantiles, added, 100.0 * float(differs.mean()), stable))
@@ -117,7 +118,9 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     board = names()[:-1]
     held = {name: [bool(row[-1]) for row in rows if row[0] == name] for name in names()}
     worst = max(float(row[6] or 0.0) for row in rows if row[0] in board)
-    until = next((ratio for ratio, each in zip(RATIOS, held[ABOUT_ZERO], strict=True) if not each), None)
+    until = next(
+        (ratio for ratio, stable_by_ratio in zip(RATIOS, held[ABOUT_ZERO], strict=True) if not stable_by_ratio), None
+    )
     sentence = (
         f"{sum(all(held[name]) for name in board)} of the board's {len(board)} calibrators are stable in float32 up to "
         f"{RATIOS[-1]:g} times the field, at most {hundredths(worst)} deg from float64 in {100 * _HIGH:g} % of "
@@ -125,17 +128,17 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         + ("direct is as well." if until is None else f"direct is not from {until:g} times the field on.")
     )
     measurements = tuple(
-        check(f"study.float32.{name}.apart", float(np.quantile(found[JUDGED][:, index, 2], _HIGH)), unit="deg")
+        check(f"study.float32.{name}.apart", float(np.quantile(by_ratio[JUDGED][:, index, 2], _HIGH)), unit="deg")
         for index, name in enumerate(names())
     )
     medians = [float(row[2] or 0.0) for row in rows if row[0] == ABOUT_ZERO]
     table = Table("study.float32", columns, tuple(rows))
-    return Conclusion(sentence, measurements, table, _printed(medians, stable=all(held[ABOUT_ZERO])))
+    return Conclusion(sentence, measurements, table, _printed_figures(medians, stable=all(held[ABOUT_ZERO])))
 
 
-def _printed(medians_deg: Sequence[float], *, stable: bool) -> tuple[PrintedFigure, ...]:
-    each = (f"{hundredths(error)} deg at {ratio:g}" for ratio, error in zip(RATIOS, medians_deg, strict=True))
-    measured = f"{ABOUT_ZERO} in the median {', '.join(each)} times the field"
+def _printed_figures(medians_deg: Sequence[float], *, stable: bool) -> tuple[PrintedFigure, ...]:
+    parts = (f"{hundredths(error)} deg at {ratio:g}" for ratio, error in zip(RATIOS, medians_deg, strict=True))
+    measured = f"{ABOUT_ZERO} in the median {', '.join(parts)} times the field"
     return (
         PrintedFigure(
             "Two-Step in single precision as hard iron grows", "INDUSCON 2018", "unstable",
@@ -152,7 +155,7 @@ def _printed(medians_deg: Sequence[float], *, stable: bool) -> tuple[PrintedFigu
 
 
 def draw(run: Run) -> Figure:
-    """Draw what float32 adds, beside what noise makes, against hard iron."""
+    """Draw the effects of float32 and of noise against hard iron."""
     table = run.table("study.float32")
     assert table is not None
     lines: dict[str, list[tuple[float, float]]] = {}

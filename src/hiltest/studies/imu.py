@@ -1,4 +1,4 @@
-"""`imu`: what least squares and fits of norms leave of an IMU's errors, and what subtracting the mean changes."""
+"""`imu`: remaining errors of an IMU after least squares and norm fits, and the effect of subtracting the mean."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ METHODS = (UNCALIBRATED, *CALIBRATORS)
 #: Length of the magnetometer's hard iron over the field; the accelerometer's condition comes behind these.
 OFFSETS = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0)
 ACCELEROMETER = len(OFFSETS)
-#: Readings of the paper's magnetometer leave the norm by .626 of it, as an offset that is as large as the field does.
+#: Readings of the paper's magnetometer deviate from the norm by .626 of it, as with an offset as large as the field.
 JUDGED = OFFSETS.index(1.0)
-_NOISE = 0.04  # of the field: what Table 2 has left after a calibration
+_NOISE = 0.04  # of the field: the remaining deviation in Table 2 after a calibration
 _PLACES = (*((method, "six faces") for method in (UNCALIBRATED, LSTSQ, "merayo", "frosio")),
            *((method, "60 attitudes") for method in ("merayo", "frosio")))  # fmt: skip
 _FACES = np.concatenate([np.eye(3), -np.eye(3)])
 _SAMPLES_A_FACE = 50
 _ACCELEROMETER_NOISE = 0.005  # of gravity
-_ASKEW_DEG = 0.3  # of a face that a hand puts the board on, about each axis
-# Of Table 1: x, y, z and all axes; of Table 2: before and after the mean is subtracted.
+_ASKEW_DEG = 0.3  # error of a face that is set by hand, about each axis
+# Values of Table 1: x, y, z and all axes; of Table 2: before and after subtracting the mean.
 _TABLE_1 = {
     UNCALIBRATED: (0.06343, 0.03357, 0.04977, 0.08734), LSTSQ: (0.00640, 0.00620, 0.02745, 0.02886),
     "merayo": (0.08447, 0.03284, 0.03312, 0.09649), "frosio": (0.04743, 0.08435, 0.03339, 0.10237),
@@ -47,10 +47,10 @@ _SHARE = 0.95
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return of each instance the rms of each method, 0 where it has no fit.
+    """Return the rms of each method for each instance, 0 without a fit.
 
-    Of the magnetometer: method after method, before and after the mean is subtracted, and whether li has the same
-    problem to solve in exact arithmetic. Of the accelerometer: x, y and z, place after place.
+    The order for the magnetometer is by method, before and after subtracting the mean, and then whether li's problem
+    stays the same in exact arithmetic. The order for the accelerometer is x, y and z, by place.
     """
     numbers: list[float | int] = []
     if block.condition == ACCELEROMETER:
@@ -58,7 +58,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
             numbers += _accelerometer(np.random.Generator(np.random.Philox(key=[plan.seed, instance])))
         return numbers
     model = Model(plan.seed, plan.points, 50.0 * _NOISE, stream=block.condition, occluded=0.0, hard_iron_ut=1.0)
-    drawn = draw_instances(model, block.first, block.count).with_hard_iron(OFFSETS[block.condition] * model.field_ut)
+    drawn = draw_instances(model, block.first, block.count).set_hard_iron(OFFSETS[block.condition] * model.field_ut)
     for k in range(block.count):
         counts = drawn.counts(k)
         centred = counts - counts.mean(axis=0)
@@ -69,7 +69,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def _rms(method: str, counts: Array, field_counts: float) -> float:
-    """Return the rms of 1 less the norms, 0 without a fit."""
+    """Return the rms of 1 minus the norms; 0 without a fit."""
     if method == UNCALIBRATED:
         return float(np.sqrt(np.mean((1.0 - np.linalg.norm(counts, axis=1) / field_counts) ** 2)))
     fit = REFERENCES[method](counts)
@@ -77,8 +77,8 @@ def _rms(method: str, counts: Array, field_counts: float) -> float:
 
 
 def is_same_for_li(counts: NDArray[np.int64]) -> bool:
-    """Say whether li's eigenproblem is the same, to the last digit, before and after the mean is subtracted."""
-    scaled = len(counts) * counts  # so that the mean is whole numbers as well
+    """Return whether li's eigenproblem is exactly the same before and after subtracting the mean."""
+    scaled = len(counts) * counts  # so that the mean consists of whole numbers, too
     return eliminated(scaled) == eliminated(scaled - counts.sum(axis=0))
 
 
@@ -87,13 +87,13 @@ def eliminated(points: NDArray[np.int64]) -> list[list[Fraction]]:
 
     Notes
     -----
-    S are the sums of products of the monomials; 1 are the squares and products, 2 the axes and 1. Of the matrix and
-    the constraint on 1 alone the eigenvectors follow that are the fit (Li and Griffiths, eq. 11 to 15).
+    S are the sums of products of the monomials; 1 are the squares and products, 2 the axes and 1. The eigenvectors that
+    are the fit follow from the matrix and the constraint on 1 alone (Li and Griffiths, eq. 11 to 15).
     """
     first, second = np.triu_indices(3, 1)
     whole = points.astype(object)  # Python's integers, which do not overflow
     rows = np.column_stack([whole**2, whole[:, first] * whole[:, second], whole, np.ones(len(whole), dtype=object)])
-    sums = [[Fraction(each) for each in row] for row in rows.T @ rows]
+    sums = [[Fraction(value) for value in row] for row in rows.T @ rows]
     for pivot in range(9, 5, -1):
         for row in range(pivot):
             part = sums[row][pivot] / sums[pivot][pivot]
@@ -110,43 +110,47 @@ def _accelerometer(random: np.random.Generator) -> list[float]:
         return np.asarray(sensor.readings(gravity) + COUNTS * noise)
 
     askew = _FACES + np.cross(np.radians(_ASKEW_DEG) * random.standard_normal(_FACES.shape), _FACES)
-    wanted = np.repeat(_FACES, _SAMPLES_A_FACE, axis=0)
+    expected = np.repeat(_FACES, _SAMPLES_A_FACE, axis=0)
     faces = read(np.repeat(askew, _SAMPLES_A_FACE, axis=0))
     attitudes = read(sphere_directions(60))
     rms: list[float] = []
     for method, place in _PLACES:
-        corrected = _corrected(method, faces if place == "six faces" else attitudes, faces, wanted)
-        off = np.zeros((1, 3)) if corrected is None else corrected - wanted
+        corrected = _correct_faces(method, faces if place == "six faces" else attitudes, faces, expected)
+        off = np.zeros((1, 3)) if corrected is None else corrected - expected
         rms += np.sqrt((off * off).mean(axis=0)).tolist()
     return rms
 
 
-def _corrected(method: str, samples: Array, faces: Array, wanted: Array) -> Array | None:
-    """Return the faces' samples as a method corrects them, or None without a fit."""
+def _correct_faces(method: str, samples: Array, faces: Array, expected: Array) -> Array | None:
+    """Return the faces' samples corrected by a method; None without a fit."""
     if method == UNCALIBRATED:
         return np.asarray(faces / COUNTS)
     if method == LSTSQ:  # Puc, Podobnik and Munih, eq. 11 to 13
         rows = np.column_stack([faces, -np.ones(len(faces))])
-        return np.asarray(rows @ np.linalg.lstsq(rows, wanted, rcond=None)[0])
+        return np.asarray(rows @ np.linalg.lstsq(rows, expected, rcond=None)[0])
     fit = REFERENCES[method](samples)
     return fit.corrected(faces) if fit.status is FitStatus.ELLIPSOID else None
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Take medians over the fits, count those that there are not, and put both beside the paper's tables."""
-    found = [np.concatenate([np.asarray(block) for block in blocks]).reshape(plan.instances, -1)
+    """Compute medians over the fits, count missing fits, and compare both with the paper's tables."""
+    numbers_by_condition = [np.concatenate([np.asarray(block) for block in blocks]).reshape(plan.instances, -1)
              for blocks in by_condition]  # fmt: skip
-    norms = np.array([each[:, :-1].reshape(plan.instances, len(METHODS), 2) for each in found[:ACCELEROMETER]])
-    differing = int(sum((each[:, -1] == 0).sum() for each in found[:ACCELEROMETER]))
-    axes = found[ACCELEROMETER].reshape(plan.instances, len(_PLACES), 3)
+    norms = np.array(
+        [numbers[:, :-1].reshape(plan.instances, len(METHODS), 2) for numbers in numbers_by_condition[:ACCELEROMETER]]
+    )
+    differing = int(sum((numbers[:, -1] == 0).sum() for numbers in numbers_by_condition[:ACCELEROMETER]))
+    axes = numbers_by_condition[ACCELEROMETER].reshape(plan.instances, len(_PLACES), 3)
     all_axes = np.concatenate([axes, np.linalg.norm(axes, axis=-1, keepdims=True)], axis=-1)
     rows: list[tuple[Cell, ...]] = [
-        ("magnetometer", offset, method, _median(rms[:, k, 0]), _median(rms[:, k, 1]), _without(rms[:, k, 0]),
-         _without(rms[:, k, 1]))
+        ("magnetometer", offset, method, _median(rms[:, k, 0]), _median(rms[:, k, 1]),
+         _percent_without_fit(rms[:, k, 0]), _percent_without_fit(rms[:, k, 1]))
         for offset, rms in zip(OFFSETS, norms, strict=True) for k, method in enumerate(METHODS)
     ]  # fmt: skip
     rows += [
-        (f"accelerometer, {place}", None, method, _median(all_axes[:, k, 3]), None, _without(all_axes[:, k, 3]), None)
+        (f"accelerometer, {place}", None, method, _median(
+            all_axes[:, k, 3]
+        ), None, _percent_without_fit(all_axes[:, k, 3]), None)
         for k, (method, place) in enumerate(_PLACES)
     ]
     columns = (
@@ -154,13 +158,17 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         Column("without a fit", "%"), Column("without a fit less mean", "%"),
     )  # fmt: skip
     frosio = METHODS.index("frosio")
-    lost, kept = _without(norms[JUDGED][:, frosio, 0]), _without(norms[JUDGED][:, frosio, 1])
+    lost, lost_less_mean = _percent_without_fit(
+        norms[JUDGED][:, frosio, 0]
+    ), _percent_without_fit(norms[JUDGED][:, frosio, 1])
     sentence = (
         f"With an offset as large as the field frosio has no fit in {lost:.0f} % of {plan.instances} instances, and in "
-        f"{kept:.0f} % once the mean is subtracted; what li has to solve differs in {differing} of "
+        f"{lost_less_mean:.0f} % once the mean is subtracted; what li has to solve differs in {differing} of "
         f"{plan.instances * ACCELEROMETER} in exact arithmetic."
     )
-    printed = (*_table_1(all_axes), *_table_2(norms[JUDGED]), _never(norms), _improves(norms[JUDGED], differing))
+    printed = (*_table_1(all_axes), *_table_2(norms[JUDGED]), _judge_convergence(norms), _judge_improvement(
+        norms[JUDGED], differing
+    ))
     return Conclusion(sentence, tuple(_measurements(norms[JUDGED], all_axes, differing)),
                       Table("study.imu", columns, tuple(rows)), printed)  # fmt: skip
 
@@ -170,29 +178,29 @@ def _median(rms: Array) -> float | None:
     return float(np.median(fitted)) if len(fitted) else None
 
 
-def _without(rms: Array) -> float:
-    """Return the share without a fit [%]."""
+def _percent_without_fit(rms: Array) -> float:
+    """Return the share of instances without a fit [%]."""
     return 100.0 * float((rms == 0.0).mean())
 
 
 def _measurements(judged: Array, all_axes: Array, differing: int) -> list[Measurement]:
-    found = [check("study.imu.li_differs", differing, unit=""),
+    measurements = [check("study.imu.li_differs", differing, unit=""),
              check("study.imu.lstsq_rms", float(np.median(all_axes[:, 1, 3])), unit="g")]  # fmt: skip
     for k, method in enumerate(CALIBRATORS, 1):
-        found.append(check(f"study.imu.{method}.without_fit", _without(judged[:, k, 0]), unit="%"))
-        found.append(check(f"study.imu.{method}.rms_less_mean", _median(judged[:, k, 1]), unit=""))
-    return found
+        measurements.append(check(f"study.imu.{method}.without_fit", _percent_without_fit(judged[:, k, 0]), unit="%"))
+        measurements.append(check(f"study.imu.{method}.rms_less_mean", _median(judged[:, k, 1]), unit=""))
+    return measurements
 
 
-def _judged(what: str, where: str, said: float, rms: Array, why_not: str) -> PrintedFigure:
-    """Judge a printed figure by the range that most instances lie in."""
+def _judge_figure(figure: str, paper: str, printed_value: float, rms: Array, why_not: str) -> PrintedFigure:
+    """Judge a printed figure by the range that contains most instances."""
     fitted = rms[rms > 0.0]
     if not len(fitted):
-        return PrintedFigure(what, where, f"{said:.5f}", "no fit", reproduced=False, why=why_not)
+        return PrintedFigure(figure, paper, f"{printed_value:.5f}", "no fit", reproduced=False, why=why_not)
     low, high = np.quantile(fitted, [(1.0 - _SHARE) / 2.0, (1.0 + _SHARE) / 2.0])
-    reproduced = bool(low <= said <= high)
+    reproduced = bool(low <= printed_value <= high)
     why = f"{100 * _SHARE:g} % of instances lie within {low:.4f} and {high:.4f}"
-    return PrintedFigure(what, where, f"{said:.5f}", f"{np.median(fitted):.5f}", reproduced,
+    return PrintedFigure(figure, paper, f"{printed_value:.5f}", f"{np.median(fitted):.5f}", reproduced,
                          why if reproduced else f"{why}; {why_not}")  # fmt: skip
 
 
@@ -205,36 +213,40 @@ def _table_1(all_axes: Array) -> list[PrintedFigure]:
     }  # fmt: skip
     columns = {(method, place): all_axes[:, k] for k, (method, place) in enumerate(_PLACES)}
     return [
-        _judged(f"accelerometer, {method}, {axis}", "Puc, Podobnik and Munih, Table 1", said,
+        _judge_figure(f"accelerometer, {method}, {axis}", "Puc, Podobnik and Munih, Table 1", printed_value,
                 columns[method, "60 attitudes" if method in CALIBRATORS else "six faces"][:, j], why_not[method])
         for method, figures in _TABLE_1.items()
-        for j, (axis, said) in enumerate(zip(("x", "y", "z", "all axes"), figures, strict=True))
+        for j, (axis, printed_value) in enumerate(zip(("x", "y", "z", "all axes"), figures, strict=True))
     ]  # fmt: skip
 
 
 def _table_2(judged: Array) -> list[PrintedFigure]:
     why_not = "the paper's samples are not known"
     return [
-        _judged(f"norm, {method}, {when}", "Puc, Podobnik and Munih, Table 2", said, judged[:, k, j], why_not)
+        _judge_figure(
+            f"norm, {method}, {when}", "Puc, Podobnik and Munih, Table 2", printed_value, judged[:, k, j], why_not
+        )
         for k, (method, figures) in enumerate(_TABLE_2.items())
-        for j, (when, said) in enumerate(zip(("before", "less mean"), figures, strict=True)) if said is not None
+        for j,
+        (when, printed_value) in enumerate(zip(("before", "less mean"), figures, strict=True))
+        if printed_value is not None
     ]  # fmt: skip
 
 
-def _never(norms: Array) -> PrintedFigure:
-    lost = [_without(norm[:, METHODS.index("frosio"), 0]) for norm in norms]
-    after = max(_without(norm[:, METHODS.index("frosio"), 1]) for norm in norms)
-    said = ", ".join(f"{share:.0f} % at {offset:g}" for offset, share in zip(OFFSETS, lost, strict=True))
+def _judge_convergence(norms: Array) -> PrintedFigure:
+    lost = [_percent_without_fit(norm[:, METHODS.index("frosio"), 0]) for norm in norms]
+    after = max(_percent_without_fit(norm[:, METHODS.index("frosio"), 1]) for norm in norms)
+    shares = ", ".join(f"{share:.0f} % at {offset:g}" for offset, share in zip(OFFSETS, lost, strict=True))
     large = [share for offset, share in zip(OFFSETS, lost, strict=True) if offset > 1.0]
     return PrintedFigure(
         "large offsets with which frosio converges", "Puc, Podobnik and Munih, 3.2", "none",
-        f"without a fit: {said} of the field; less mean at most {after:.0f} %", min(large) == 100.0,
+        f"without a fit: {shares} of the field; less mean at most {after:.0f} %", min(large) == 100.0,
         "it starts at an offset of 0, outside the sphere of the points once the offset is larger than the field",
     )  # fmt: skip
 
 
-def _improves(judged: Array, differing: int) -> PrintedFigure:
-    """Judge by the instances, each before and after: what rounding alone moves is no improvement."""
+def _judge_improvement(judged: Array, differing: int) -> PrintedFigure:
+    """Judge by the instances, each before and after: an effect of rounding is no improvement."""
     better: dict[str, float] = {}
     for k, method in enumerate(CALIBRATORS, 1):
         before, after = judged[:, k, 0], judged[:, k, 1]

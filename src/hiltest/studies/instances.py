@@ -1,9 +1,9 @@
 """The thesis' instance generator: calibration problems by number, the same in C and in numpy to the last bit.
 
 Instance k of a model is a function of (seed, stream, points, k): Philox 4x64-10 (Salmon et al., SC'11) by counter, so
-that workers share the work as they like. Angles and noise come from tables with 65 536 intervals; noise from that of
-`hiltest.world.noise`, which has variance .99998 and kurtosis 2.9991 and ends at 4.3 sigma. Everything else is + - * /
-and sqrt, which IEEE 754 rounds in one way.
+that workers can share the work arbitrarily. Angles and noise come from tables with 65 536 intervals; the noise table is
+that of `hiltest.world.noise`, with variance .99998 and kurtosis 2.9991, ending at 4.3 sigma. Other operations are
++ - * / and sqrt, which IEEE 754 rounds uniquely.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from hiltest.world.noise import normal_quantiles
 
 _PARTS = 1 << 16
 _QUARTER_TURN = _PARTS // 4
-_GRID = 1 << 30  # of cosines: finer than anything here, and coarser than the last bits of one host's library
+_GRID = 1 << 30  # of cosines: finer than needed, and coarser than differences between mathematical libraries
 _DIRECTIONS = sphere_directions(200)
 _PARAMETER_COUNTERS = 3
 _AT_ONCE = 4096  # instances that numpy draws and fits at a time: 100 MB at 1000 points
@@ -35,10 +35,10 @@ Words = NDArray[np.uint64]
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What instances are drawn from: ``m = R Q diag Q' b + e + n`` (Mucciaccia, eq. 1)."""
+    """Distribution of instances: ``m = R Q diag Q' b + e + n`` (Mucciaccia, eq. 1)."""
 
     seed: int
-    """0 to 2**64 - 1."""
+    """Seed, 0 to 2**64 - 1."""
     points: int
     """Points of each instance."""
     noise_ut: float
@@ -57,16 +57,16 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instances:
-    """Points and the truth behind them."""
+    """Points and the true parameters."""
 
     points_ut: Array
-    """Shape (m, n, 3). Measured field [uT], body frame."""
+    """Measured field [uT], body frame; shape (m, n, 3)."""
     soft_iron: Array
-    """Shape (m, 3, 3). Takes the field to the field at the part [1]."""
+    """Matrix from the field to the field at the part [1]; shape (m, 3, 3)."""
     hard_iron_ut: Array
-    """Shape (m, 3) [uT], body frame."""
+    """Hard iron [uT], body frame; shape (m, 3)."""
 
-    def with_hard_iron(self, length_ut: float) -> Instances:
+    def set_hard_iron(self, length_ut: float) -> Instances:
         """Return the same instances with hard iron of one length and the same directions."""
         hard_iron_ut = length_ut * self.hard_iron_ut / np.linalg.norm(self.hard_iron_ut, axis=-1, keepdims=True)
         return replace(
@@ -78,7 +78,7 @@ class Instances:
         return np.asarray(np.rint(COUNTS_PER_UT * self.points_ut[k]))
 
     def direction_error_deg(self, k: int, fit: MagnetometerFit, field_ut: float) -> float:
-        """Return the rms angle, over the sphere, of what a fit makes of readings without noise from the truth [deg]."""
+        """Return the rms angle over the sphere between the truth and noiseless readings corrected by a fit [deg]."""
         readings = COUNTS_PER_UT * (field_ut * _DIRECTIONS @ self.soft_iron[k] + self.hard_iron_ut[k])
         return direction_error_rms_deg(fit, readings, _DIRECTIONS)
 
@@ -95,41 +95,41 @@ class _KernelModel(ctypes.Structure):
 
 @cache
 def cosines() -> Array:
-    """Return the cosines in the middle of 65 536 parts of a turn, rounded to 2**-30."""
+    """Return the cosines at the middle of 65 536 parts of a turn, rounded to 2**-30."""
     return np.array([round(math.cos(2 * math.pi * (k + 0.5) / _PARTS) * _GRID) / _GRID for k in range(_PARTS)])
 
 
 def draw_instances(model: Model, first: int, count: int) -> Instances:
     """Draw instances `first` to ``first + count - 1`` of a model."""
-    given, points, heights = _words(model, first, count)
-    unit = (given >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    axes, cap = _rotations(given[7]), _rotations(given[8])
+    parameters, points, heights = _words(model, first, count)
+    unit = (parameters >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    axes, cap = _rotations(parameters[7]), _rotations(parameters[8])
     e = (1.0 - model.stretch) + (2.0 * model.stretch) * unit[:3]
     iron = [[axes[i][0] * e[0] * axes[j][0] + axes[i][1] * e[1] * axes[j][1] + axes[i][2] * e[2] * axes[j][2]
              for j in range(3)] for i in range(3)]  # fmt: skip
     hard = 2.0 * model.hard_iron_ut * unit[3:6] - model.hard_iron_ut
-    seen = 2.0 - 2.0 * (model.occluded * unit[6])
+    span = 2.0 - 2.0 * (model.occluded * unit[6])
 
-    z = seen[:, None] * ((heights + 0.5) * 2.0**-32) - 1.0
+    z = span[:, None] * ((heights + 0.5) * 2.0**-32) - 1.0
     r = np.sqrt(1.0 - z * z)
     part = (points >> np.uint64(48)).astype(np.intp)
     x, y = r * cosines()[part], r * cosines()[(part - _QUARTER_TURN) % _PARTS]
-    found = np.empty((count, model.points, 3))
+    points_ut = np.empty((count, model.points, 3))
     for i in range(3):
         a, b, c = (
             (model.field_ut * (iron[i][0] * cap[0][j] + iron[i][1] * cap[1][j] + iron[i][2] * cap[2][j]))[:, None]
             for j in range(3)
         )
         draws = (points >> np.uint64(16 * i) & np.uint64(0xFFFF)).astype(np.intp)
-        found[..., i] = a * x + b * y + c * z + hard[i][:, None] + model.noise_ut * normal_quantiles()[draws]
-    return Instances(found, np.moveaxis(np.array(iron), -1, 0), hard.T)
+        points_ut[..., i] = a * x + b * y + c * z + hard[i][:, None] + model.noise_ut * normal_quantiles()[draws]
+    return Instances(points_ut, np.moveaxis(np.array(iron), -1, 0), hard.T)
 
 
 def _words(model: Model, first: int, count: int) -> tuple[Words, Words, Array]:
-    """Return words of parameters, shape (12, m), and of points, and the heights' 32 bits, each of shape (m, n)."""
+    """Return the words of parameters, shape (12, m), and those of points and 32-bit heights, shape (m, n) each."""
     of_points, of_heights = -(-model.points // 4), -(-model.points // 8)
     counters = _PARAMETER_COUNTERS + of_points + of_heights
-    # numpy counts up before it draws: word 0 of instance k is of counter k * counters + 1.
+    # numpy increments the counter before it draws: word 0 of instance k belongs to counter k * counters + 1.
     start = np.array([first * counters, model.stream, model.points, 0], dtype=np.uint64)
     bits = np.random.Philox(counter=start, key=np.array([model.seed, 0], dtype=np.uint64))
     words = bits.random_raw(4 * counters * count).reshape(count, 4 * counters)
@@ -140,7 +140,7 @@ def _words(model: Model, first: int, count: int) -> tuple[Words, Words, Array]:
 
 
 def _rotations(words: Words) -> list[list[Array]]:
-    """Return rotations, any as likely as any other, as rows of entries, each of shape (m,)."""
+    """Return uniformly distributed rotations as rows of entries, each of shape (m,)."""
     shifts = (words >> np.uint64(16 * k) & np.uint64(0xFFFF) for k in range(4))
     w, x, y, z = (normal_quantiles()[shift.astype(np.intp)] for shift in shifts)
     norm = np.sqrt(w * w + x * x + y * y + z * z)
@@ -154,49 +154,51 @@ def _rotations(words: Words) -> list[list[Array]]:
 
 def non_ellipsoids(model: Model, first: int, count: int) -> int:
     """Count the instances whose least-squares quadric is no ellipsoid, in numpy."""
-    found = 0
+    total = 0
     for start in range(first, first + count, _AT_ONCE):
         points_ut = draw_instances(model, start, min(_AT_ONCE, first + count - start)).points_ut
-        found += int(np.count_nonzero(~fit_quadrics(points_ut).is_ellipsoid))
-    return found
+        total += int(np.count_nonzero(~fit_quadrics(points_ut).is_ellipsoid))
+    return total
 
 
 class Kernel:
-    """The same in C: `instances_kernel.c`."""
+    """The same functions in C: `instances_kernel.c`."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
         library.hiltest_non_ellipsoids.restype = ctypes.c_int64
 
     def points_ut(self, model: Model, first: int, count: int) -> Array:
-        """Return points as `draw_instances` draws them, shape (m, n, 3) [uT]."""
+        """Return the same points as `draw_instances`, shape (m, n, 3) [uT]."""
         points = np.empty((count, model.points, 3))
-        of = _kernel_model(model)
-        self._library.hiltest_draw(ctypes.byref(of), *_uint64(first, count), points.ctypes.data_as(ctypes.c_void_p))
+        kernel_model = _kernel_model(model)
+        self._library.hiltest_draw(
+            ctypes.byref(kernel_model), *_uint64(first, count), points.ctypes.data_as(ctypes.c_void_p)
+        )
         return points
 
     def fit_quadrics(self, points: Array) -> QuadricBatch:
-        """Fit as `hiltest.calibration.direct_batch.fit_quadrics` does, shape (m, n, 3); it measures no coverage."""
-        each = np.ascontiguousarray(points, dtype=np.float64)
-        rows = np.empty((len(each), 13))
-        places = (each.ctypes.data_as(ctypes.c_void_p), *_uint64(len(each), each.shape[1]))
+        """Fit as `hiltest.calibration.direct_batch.fit_quadrics` does, shape (m, n, 3), without coverage."""
+        contiguous = np.ascontiguousarray(points, dtype=np.float64)
+        rows = np.empty((len(contiguous), 13))
+        places = (contiguous.ctypes.data_as(ctypes.c_void_p), *_uint64(len(contiguous), contiguous.shape[1]))
         if self._library.hiltest_fit(*places, rows.ctypes.data_as(ctypes.c_void_p)) < 0:
-            raise MemoryError(f"no memory for {each.shape[1]} points")
-        shape, nothing = rows[:, :9].reshape(-1, 3, 3), np.broadcast_to(np.nan, len(each))
+            raise MemoryError(f"no memory for {contiguous.shape[1]} points")
+        shape, nothing = rows[:, :9].reshape(-1, 3, 3), np.broadcast_to(np.nan, len(contiguous))
         return QuadricBatch(shape, rows[:, 9:12], rows[:, 12], nothing)
 
     def non_ellipsoids(self, model: Model, first: int, count: int) -> int:
         """Count the instances whose least-squares quadric is no ellipsoid."""
-        of = _kernel_model(model)
-        found = int(self._library.hiltest_non_ellipsoids(ctypes.byref(of), *_uint64(first, count)))
-        if found < 0:
+        kernel_model = _kernel_model(model)
+        total = int(self._library.hiltest_non_ellipsoids(ctypes.byref(kernel_model), *_uint64(first, count)))
+        if total < 0:
             raise MemoryError(f"no memory for {model.points} points")
-        return found
+        return total
 
 
 @cache
 def kernel() -> tuple[Kernel | None, str]:
-    """Return the kernel in C, built now if it is not there and there is a compiler; or why there is none."""
+    """Return the kernel in C, compiled if necessary and possible; or the reason why it is missing."""
     sources = SOURCES[INSTANCES_KERNEL]
     library, reason = loaded(INSTANCES_KERNEL, sources)
     if library is None and not (reason := compiled(INSTANCES_KERNEL, sources)):
@@ -205,7 +207,7 @@ def kernel() -> tuple[Kernel | None, str]:
 
 
 def _kernel_model(model: Model) -> _KernelModel:
-    # Both tables are kept for good by whoever made them.
+    # The functions that made both tables cache them, so that the pointers stay valid.
     tables: tuple[Any, ...] = (normal_quantiles().ctypes.data, cosines().ctypes.data)
     return _KernelModel(
         model.seed, model.stream, model.points, model.field_ut, model.hard_iron_ut, model.stretch, model.occluded,

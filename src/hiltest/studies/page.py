@@ -8,7 +8,7 @@ from hiltest import __version__
 from hiltest.record.run import Cell, Run, Table
 from hiltest.report.page import render
 from hiltest.studies.study import Study
-from hiltest.text import readable
+from hiltest.text import format_number
 
 PAGE_FILE = "study.html"
 PRINTED_HEADER = ("figure", "paper", "printed", "measured", "reproduced", "why")
@@ -27,7 +27,7 @@ def page(study: Study, run: Run) -> str:
 
 
 def printed_rows(study: Study, run: Run) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each figure that a paper printed, as `PRINTED_HEADER` says."""
+    """Yield a row under `PRINTED_HEADER` for each figure that a paper printed."""
     table = run.table(f"study.{study.name}.printed") or Table("", (), ())
     for row in table.rows:
         yield tuple(_text(cell) for cell in row)
@@ -36,4 +36,4 @@ def printed_rows(study: Study, run: Run) -> Iterator[tuple[str, ...]]:
 def _text(cell: Cell) -> str:
     if isinstance(cell, bool):
         return "yes" if cell else "no"
-    return cell if isinstance(cell, str) else readable(cell)
+    return cell if isinstance(cell, str) else format_number(cell)

@@ -1,8 +1,8 @@
-"""What a study is, and the piece of it that one worker does.
+"""Parts of a study, and the block of it that one worker measures.
 
-A study asks a question of a paper, or an engineer's own. Its instances are cut into blocks, each of one condition (a
-noise level, a number of points, ...). What a block gives is a function of the plan and the block's number alone, and it
-is numbers that JSON holds: `measure_block` can be sent anywhere, done in any order and kept in a file.
+A study asks a question of a paper, or of an engineer. Its instances are divided into blocks, each of one condition (a
+noise level, a number of points, ...). The result of a block depends only on the plan and the block's number, and it
+consists of numbers for JSON: `measure_block` can run anywhere and in any order, and its result can be saved in a file.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ Numbers: TypeAlias = Sequence[float | int]
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
-    """An engineer's own conditions, which `choose` is asked about."""
+class Conditions:
+    """An engineer's own conditions, for the study `choose`."""
 
     field_ut: float = 50.0
     """Field strength [uT]."""
     noise_ut: float = 0.4
     """Standard deviation of a point on each axis [uT]."""
     coverage_percent: float = 50.0
-    """The points cover at least so much of the sphere [%]."""
+    """Smallest share of the sphere that the points cover [%]."""
     cycles: int | None = None
-    """What a calibration may cost; None for any number."""
+    """Largest cost of a calibration; None for any."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is asked of a study."""
+    """Parameters of a study."""
 
     study: str
     seed: int
     instances: int
-    """For each condition."""
+    """Instances of each condition."""
     points: int
-    """Of each instance; 0 where the study has its own numbers of points."""
-    given: Given | None = None
-    """For the study that asks for conditions."""
+    """Points of each instance; 0 if the study has its own numbers of points."""
+    given: Conditions | None = None
+    """Conditions for the study that needs them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,28 +58,28 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class PrintedFigure:
-    """A figure that a paper printed, and what came of it here."""
+    """A figure that a paper printed, and its measured value."""
 
-    what: str
-    where: str
-    """What it is a figure of, and its place in the paper."""
+    figure: str
+    paper: str
+    """Description of the figure, and its place in the paper."""
     printed: str
     measured: str
-    """With their units."""
+    """Printed and measured value, with units."""
     reproduced: bool
     why: str
-    """Why it is, or why it is not."""
+    """Reason why it was reproduced, or was not."""
 
 
 @dataclass(frozen=True, slots=True)
 class Conclusion:
-    """What all blocks together say."""
+    """Conclusion from all blocks."""
 
     sentence: str
     """The answer in one sentence."""
     measurements: tuple[Measurement, ...]
     table: Table
-    """The numbers, a row for each condition."""
+    """The numbers, one row per condition."""
     printed: tuple[PrintedFigure, ...]
 
 
@@ -89,32 +89,32 @@ class Study:
 
     name: str
     question: str
-    """One sentence."""
+    """Question in one sentence."""
     conditions: int
-    """How many there are."""
+    """Number of conditions."""
     instances: int
     points: int
-    """Of a plan that does not say; see there."""
+    """Defaults of a plan; see `Plan`."""
     block: int
-    """Most instances of a block: what takes a worker seconds."""
+    """Largest number of instances of a block, which takes a worker some seconds."""
     measure: Callable[[Plan, Block], Numbers] = field(repr=False)
-    """Returns the numbers of a block of a plan."""
+    """Function that returns the numbers of a block of a plan."""
     conclude: Callable[[Plan, Sequence[Sequence[Numbers]]], Conclusion] = field(repr=False)
-    """Returns the conclusion of the numbers of all blocks, by condition and in the order of the blocks."""
+    """Function that returns the conclusion from the numbers of all blocks, by condition and in order of blocks."""
     draw: Callable[[Run], Figure] = field(repr=False)
-    """Returns the plot of a finished record."""
+    """Function that returns the plot of a finished record."""
     most_points: int = 100_000
-    """Of a plan."""
+    """Largest number of points of a plan."""
 
 
 def study_of(name: str) -> Study:
     """Return the study of a name in `NAMES`."""
-    found: Study = import_module(f"{__package__}.{name}").STUDY
-    return found
+    study: Study = import_module(f"{__package__}.{name}").STUDY
+    return study
 
 
 def blocks_of(plan: Plan) -> list[Block]:
-    """Return the blocks of a plan; the number of a block is its place among them."""
+    """Return the blocks of a plan; the number of a block is its index."""
     return list(_blocks(plan, study_of(plan.study)))
 
 
@@ -125,5 +125,5 @@ def _blocks(plan: Plan, study: Study) -> Iterator[Block]:
 
 
 def measure_block(plan: Plan, number: int) -> Numbers:
-    """Do one block; whoever has the package can."""
+    """Measure one block; any machine with the package can do so."""
     return study_of(plan.study).measure(plan, blocks_of(plan)[number])

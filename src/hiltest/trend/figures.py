@@ -1,4 +1,4 @@
-"""One small plot of each measurement over the runs of a folder."""
+"""A small plot for each measurement over the runs of a folder."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from hiltest.measurement import Limit
 from hiltest.record.comparison import Change
 from hiltest.report.marks import KeyEntry, Mark, series
 from hiltest.report.svg import Figure, Point, Sheet, nice_ticks
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.trend.series import Measured, Series
 from hiltest.trend.series import Point as At
 
 _HEIGHT = 170.0
-_FEW = 60  # points that can still be distinguished
+_FEW = 60  # largest number of points whose marks can be distinguished
 _STEPS = {
     Change.BETTER: ("better", Mark.PLUS), Change.WORSE: ("worse", Mark.CROSS), Change.CHANGED: ("moved", Mark.DIAMOND),
 }  # fmt: skip
 _MARGIN = 0.08  # of the range, above and below
-# The axis writes six digits: a smaller range would have the same number at every tick.
+# The axis writes six digits: in a smaller range every tick would have the same number.
 _LEAST_RANGE = 2e-3
-# A limit this many times further from zero than the values would press them flat; the caption names it.
+# A limit farther from zero than this multiple of the values would flatten the plot; the caption names it instead.
 _NEAR = 2.5
 
 
 def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: float = 340.0) -> Figure:
-    """Draw a measurement over entries that are numbered from 1, every line for itself.
+    """Draw a measurement over entries that are numbered from 1, with one line per set of conditions.
 
     Parameters
     ----------
@@ -40,16 +40,18 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
     """
     scale, unit = _scale(measured)
     drawn = Figure(
-        title=f"{measured.name}{unit and f' [{unit}]'}{more}", description=_in_words(measured), x_label="", y_label="",
+        title=f"{measured.name}{unit and f' [{unit}]'}{more}", description=_plot_description(measured), x_label="",
+        y_label="",
         x_range=(0.5, len(names) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(len(names)),
         width=width, height=_HEIGHT,
     )  # fmt: skip
-    for each in measured.series:
-        _draw(drawn, each, scale)
+    for line_series in measured.series:
+        _draw(drawn, line_series, scale)
     for change, (style, mark) in _STEPS.items():
         at = [
-            (step.after + 1.0, point.value / scale) for each in measured.series for step in each.change_points
-            for point in each.points if point.entry == step.after and step.difference.change is change
+            (step.after + 1.0, point.value / scale)
+            for line_series in measured.series for step in line_series.change_points
+            for point in line_series.points if point.entry == step.after and step.difference.change is change
         ]  # fmt: skip
         drawn.marks(at, f"step {style}", mark, radius=6.0)
     drawn.sheet = _sheet(measured, names)
@@ -57,13 +59,15 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
 
 
 def _sheet(measured: Measured, names: Sequence[str]) -> Sheet:
-    """Return the value of each run; of several seeds with the lowest and the highest."""
-    points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
+    """Return the value of each run; for several seeds also the lowest and the highest."""
+    points = sorted(
+        (point for line_series in measured.series for point in line_series.points), key=lambda point: point.entry
+    )
     spread = ("lowest", "highest") if any(point.low < point.high for point in points) else ()
     numbers = [(point.value, point.low, point.high)[: 1 + len(spread)] for point in points]
     return Sheet(
         measured.name, ("run", measured.unit or "value", *spread),
-        [[names[point.entry], *map(readable, each)] for point, each in zip(points, numbers, strict=True)],
+        [[names[point.entry], *map(format_number, values)] for point, values in zip(points, numbers, strict=True)],
     )
 
 
@@ -82,7 +86,7 @@ def _draw(drawn: Figure, measured: Series, scale: float) -> None:
         if point.low < point.high:
             drawn.line([(point.entry + 1.0, side / scale) for side in (point.low, point.high)], f"{style} spread")
     points = [(point.entry + 1.0, point.value / scale) for point in measured.points]
-    drawn.line(_without_level_stretches(points), style)
+    drawn.line(_drop_level_points(points), style)
     if len(points) <= _FEW:
         drawn.marks(points, f"{style} filled", mark, radius=2.5)
 
@@ -90,22 +94,22 @@ def _draw(drawn: Figure, measured: Series, scale: float) -> None:
 def _limit_lines(
     points: Sequence[At], side: str, scale: float, y_range: tuple[float, float]
 ) -> Iterator[list[Point]]:
-    """Yield a level line for each stretch of runs with the same limit, where it lies within the plot."""
+    """Yield a level line for each stretch of runs with the same limit, if it lies within the plot."""
     for value, stretch in groupby(points, key=lambda point: point.limit and getattr(point.limit, side)):
         if value is not None and y_range[0] <= value / scale <= y_range[1]:
             entries = [point.entry for point in stretch]
             yield [(entries[0] + 0.5, value / scale), (entries[-1] + 1.5, value / scale)]
 
 
-def _without_level_stretches(points: Sequence[Point]) -> list[Point]:
-    """Leave out what lies on a level line between its neighbours: exact numbers hardly ever move."""
+def _drop_level_points(points: Sequence[Point]) -> list[Point]:
+    """Omit points on a level line between their neighbours, since exact numbers hardly ever move."""
     inner = zip(points, points[1:], points[2:], strict=False)
-    kept = [here for before, here, after in inner if not before[1] == here[1] == after[1]]
-    return [points[0], *kept, points[-1]]
+    corners = [point for before, point, after in inner if not before[1] == point[1] == after[1]]
+    return [points[0], *corners, points[-1]]
 
 
 def _y_range(measured: Measured, scale: float) -> tuple[float, float]:
-    points = [point for each in measured.series for point in each.points]
+    points = [point for line_series in measured.series for point in line_series.points]
     low, high = min(point.low for point in points), max(point.high for point in points)
     furthest = max(abs(low), abs(high))
     sides = [side for point in points for side in _sides(point.limit) if abs(side) <= _NEAR * furthest]
@@ -123,7 +127,7 @@ def _sides(limit: Limit | None) -> list[float]:
 
 def _scale(measured: Measured) -> tuple[float, str]:
     """Return a divisor that makes the values' digits fit beside the axis, and the unit with it."""
-    points = [point for each in measured.series for point in each.points]
+    points = [point for line_series in measured.series for point in line_series.points]
     largest = max(abs(value) for point in points for value in (point.low, point.high))
     power = 3 * max(0, math.floor(math.log10(largest) / 3.0)) if largest >= 1e5 else 0
     return 10.0**power, f"1e{power} {measured.unit}".strip() if power else measured.unit
@@ -136,13 +140,13 @@ def _run_ticks(entries: int) -> Sequence[float]:
     return [tick for tick in nice_ticks(1.0, float(entries)) if tick == int(tick)]
 
 
-def _in_words(measured: Measured) -> str:
+def _plot_description(measured: Measured) -> str:
     """Return a description of the plot, for readers who do not see it."""
-    first = min((each.points[0] for each in measured.series), key=lambda point: point.entry)
-    last = max((each.points[-1] for each in measured.series), key=lambda point: point.entry)
+    first = min((line_series.points[0] for line_series in measured.series), key=lambda point: point.entry)
+    last = max((line_series.points[-1] for line_series in measured.series), key=lambda point: point.entry)
     words = (
-        f"From {readable(first.value)} in run {first.entry + 1} to {readable(last.value)} {measured.unit}".rstrip()
-        + f" in run {last.entry + 1}"
+        f"From {format_number(first.value)} in run {first.entry + 1} to "
+        + f"{format_number(last.value)} {measured.unit}".rstrip() + f" in run {last.entry + 1}"
     )
     words += f", limit {measured.limit}" if measured.limit else ""
     if len(measured.series) > 1:

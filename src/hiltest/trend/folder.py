@@ -1,4 +1,4 @@
-"""Find the runs in a folder and the folders under it."""
+"""Search for runs in a folder and the folders under it."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ _LARGEST = 1e30
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """A file that is no run, or cannot be read, with the reason."""
+    """A file that is no run or cannot be read, with the reason."""
 
     file: str
     reason: str
 
 
 def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
-    """Read every run, campaign and baseline in a folder and in those under it.
+    """Read every run, campaign and baseline in a folder and the folders under it.
 
-    Hidden folders are not read, nor the older firmware of a run with ``--against``.
+    Hidden folders, and the older firmware of a run with ``--against``, are omitted.
 
     Returns
     -------
     entries : list of RunEntry
-        Called by their path from the folder.
+        Entries, named by their paths relative to the folder.
     skipped : list of Skipped
-        What has the name of a record or ends with ``.json``, and is none that can be read.
+        Files that have the name of a record or end with ``.json`` and cannot be read as one.
 
     Raises
     ------
     ConfigError
-        If there is no such folder.
+        If the folder does not exist.
     """
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder; name one with records of runs in it")
@@ -57,33 +57,35 @@ def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
     skipped: list[Skipped] = []
 
     def skip(path: Path, reason: str) -> None:
-        named, _, rest = reason.partition(": ")  # a file, where the path is its folder
+        named, _, rest = reason.partition(": ")  # the reason may name a file in the folder of the path
         is_there = rest and Path(named).is_relative_to(path)
-        skipped.append(Skipped(_called(Path(named) if is_there else path, folder), rest if is_there else reason))
+        skipped.append(Skipped(_relative_name(Path(named) if is_there else path, folder), rest if is_there else reason))
 
     def unreadable(error: OSError) -> None:
         skip(Path(error.filename), error.strerror or str(error))
 
     for name, subfolders, files in os.walk(folder, onerror=unreadable):
-        here = Path(name)
-        subfolders[:] = sorted(each for each in subfolders if not (each.startswith(".") or _is_older(each, here)))
-        runs = [here] if _RECORDS & set(files) else []
-        for path in [*runs, *(here / file for file in sorted(files) if _may_be_record(file))]:
+        current = Path(name)
+        subfolders[:] = sorted(
+            subfolder for subfolder in subfolders if not (subfolder.startswith(".") or _is_older(subfolder, current))
+        )
+        runs = [current] if _RECORDS & set(files) else []
+        for path in [*runs, *(current / file for file in sorted(files) if _may_be_record(file))]:
             try:
-                entries += _entries(path, _called(path, folder))
+                entries += _entries(path, _relative_name(path, folder))
             except ConfigError as error:
                 skip(path, str(error))
     return _campaigns(entries), skipped
 
 
 def _is_older(name: str, folder: Path) -> bool:
-    """Say whether a folder holds the older firmware of ``--against``, which is the base of the run around it."""
+    """Return whether a folder holds the older firmware of ``--against``, the base of the run in its parent folder."""
     if name != OLDER_FOLDER:
         return False
-    return any((folder / each).exists() for each in (*_RECORDS, SEEDS_FILE)) or any(folder.glob(SEED_FOLDERS))
+    return any((folder / file).exists() for file in (*_RECORDS, SEEDS_FILE)) or any(folder.glob(SEED_FOLDERS))
 
 
-def _called(path: Path, folder: Path) -> str:
+def _relative_name(path: Path, folder: Path) -> str:
     return path.relative_to(folder).as_posix()
 
 
@@ -91,33 +93,36 @@ def _may_be_record(name: str) -> bool:
     return name.endswith(".json") and name not in _RECORDS
 
 
-def _entries(path: Path, called: str) -> Iterator[RunEntry]:
-    """Yield the run or baseline in a file or folder; nothing for another file of hiltest's own."""
+def _entries(path: Path, entry_name: str) -> Iterator[RunEntry]:
+    """Yield the run or baseline in a file or folder; other files of hiltest yield nothing."""
     if path.is_dir():
         stored = read_record(path)
-        yield _of_run(stored.run, stored.path, f"{called}/{stored.path.name}".removeprefix("./"))
+        yield _run_entry(stored.run, stored.path, f"{entry_name}/{stored.path.name}".removeprefix("./"))
         return
     file = read_json(path, otherwise=_OTHERWISE)
     family = str(file.schema).partition("/")[0]
     if family == BASELINE_SCHEMA.partition("/")[0]:
         evidence = evidence_in(file)
-        knows_limits = any(each.limit for found in evidence.measurements.values() for each in found.values())
+        knows_limits = any(
+            measurement.limit
+            for measurements in evidence.measurements.values() for measurement in measurements.values()
+        )
         when_utc = _time(evidence.side.saved_utc, path)
-        yield _checked(RunEntry(called, when_utc, _called_so(evidence, called), knows_limits), path)
+        yield _check_size(RunEntry(entry_name, when_utc, _set_file(evidence, entry_name), knows_limits), path)
     elif family == RUN_SCHEMA.partition("/")[0]:
-        yield _of_run(record_in(file).run, path, called)
+        yield _run_entry(record_in(file).run, path, entry_name)
     elif not family.startswith("hiltest."):
         raise ConfigError(f"{path}: no record of hiltest's: schema is {shown(file.schema)}")
 
 
-def _of_run(run: Run, path: Path, called: str) -> RunEntry:
+def _run_entry(run: Run, path: Path, entry_name: str) -> RunEntry:
     if run.board is None:
         raise ConfigError(f"{path}: no board answered ({run.verdict.outcome})")
-    return _checked(RunEntry(called, _time(run.started_utc, path), evidence_of(run, file=called)), path)
+    return _check_size(RunEntry(entry_name, _time(run.started_utc, path), evidence_of(run, file=entry_name)), path)
 
 
-def _checked(entry: RunEntry, path: Path) -> RunEntry:
-    """Refuse numbers that are too large for a sum or an axis."""
+def _check_size(entry: RunEntry, path: Path) -> RunEntry:
+    """Reject numbers that are too large for a sum or an axis."""
     for measurements in entry.evidence.measurements.values():
         for measurement in measurements.values():
             if measurement.value is not None and abs(measurement.value) > _LARGEST:
@@ -125,12 +130,12 @@ def _checked(entry: RunEntry, path: Path) -> RunEntry:
     return entry
 
 
-def _called_so(evidence: Evidence, called: str) -> Evidence:
-    return replace(evidence, side=replace(evidence.side, file=called))
+def _set_file(evidence: Evidence, entry_name: str) -> Evidence:
+    return replace(evidence, side=replace(evidence.side, file=entry_name))
 
 
 def _time(text: str, path: Path) -> str:
-    """Return a time in one form, so that times sort."""
+    """Return a time in one format, so that times sort."""
     try:
         return datetime.fromisoformat(text).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     except (ValueError, OverflowError) as error:
@@ -138,7 +143,7 @@ def _time(text: str, path: Path) -> str:
 
 
 def _campaigns(entries: Sequence[RunEntry]) -> list[RunEntry]:
-    """Put the seeds of a campaign together, where they are of one build under one set of conditions."""
+    """Combine the seeds of a campaign if they have the same build and conditions."""
     alone: list[RunEntry] = []
     campaigns: dict[PurePosixPath, list[RunEntry]] = {}
     for entry in entries:

@@ -1,4 +1,4 @@
-"""A trend as one self-contained page without script or address, as a table at the terminal, and as JSON."""
+"""A trend as one self-contained page without scripts or addresses, as a table on the terminal, and as JSON."""
 
 from __future__ import annotations
 
@@ -32,16 +32,18 @@ SCHEMA = "hiltest.trend/1"
 
 
 def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
-    """Return the page: the plots with a change point, what changed in each run, then all other plots."""
-    counted = words.models(trend.measured)
+    """Return the page: plots with a change point, the changes of each run, then all other plots."""
+    remark = words.models(trend.measured)
     points = trend.change_points[:_POINTS_AT_MOST]
     moved = dict.fromkeys(step.difference.name for step in trend.change_points)
-    stepped = [each for name in moved for each in trend.measured if each.name == name and each.change_points]
-    level = [each for each in trend.measured if not each.change_points]
+    stepped = [
+        measured for name in moved for measured in trend.measured if measured.name == name and measured.change_points
+    ]
+    level = [measured for measured in trend.measured if not measured.change_points]
     groups = _plots(trend, "With a change point", stepped), _plots(trend, "Without a change point", level)
     return render(
         "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, sentence=words.sentence(trend),
-        counted=counted[:1].upper() + counted[1:], words=words, numbers=numbers, build=build, revision=revision,
+        counted=remark[:1].upper() + remark[1:], words=words, numbers=numbers, build=build, revision=revision,
         revised=any(entry.evidence.side.revision for entry in trend.entries),
         key=[*_line_key(trend), *(change_point_key() if trend.change_points else [])],
         groups=[group for group in groups if group.panels],
@@ -53,12 +55,12 @@ def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
 def _plots(trend: Trend, heading: str, measured: Sequence[Measured]) -> FigureGroup:
     names = [words.run_name(trend, index) for index in range(len(trend.entries))]
     width = panel_width(len(measured), _MOST)
-    drawn = [figure(each, names, more=words.under(trend, each), width=width) for each in measured]
+    drawn = [figure(measurement, names, more=words.under(trend, measurement), width=width) for measurement in measured]
     return FigureGroup("", heading, "", drawn, most=_MOST)
 
 
 def _line_key(trend: Trend) -> list[KeyEntry]:
-    """Return the key of the lines' styles, where there are several and each has its own."""
+    """Return the key of the lines' styles, if there are several lines and each has its own style."""
     if not 1 < len(trend.lines) <= len(SERIES):
         return []
     named = zip(trend.lines, SERIES, strict=False)
@@ -66,8 +68,8 @@ def _line_key(trend: Trend) -> list[KeyEntry]:
 
 
 def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
-    """Print what has a limit or a change point, or with `every` all; then the newest change points and the sentence."""
-    shown = [each for each in trend.measured if every or each.limit or each.change_points]
+    """Print measurements with a limit or change point, or all with `every`; then the newest changes and a sentence."""
+    shown = [measured for measured in trend.measured if every or measured.limit or measured.change_points]
     if shown:
         console.print(_grid(trend, shown))
     if remark := words.models(shown):
@@ -75,9 +77,10 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
     if len(shown) < len(trend.measured):
         console.print(f"{len(trend.measured) - len(shown)} more without limit and change point: --all")
     for step in trend.change_points[:_STEPS_AT_MOST]:
-        entry, found = trend.entries[step.after], step.difference
-        line = f"{words.run_name(trend, step.after)}, {entry.when_utc}: {found.change}: {found.name} {numbers(found)}"
-        console.print(escape(line), style=_STYLES.get(found.change), soft_wrap=True)
+        entry, difference = trend.entries[step.after], step.difference
+        run = f"{words.run_name(trend, step.after)}, {entry.when_utc}"
+        line = f"{run}: {difference.change}: {difference.name} {numbers(difference)}"
+        console.print(escape(line), style=_STYLES.get(difference.change), soft_wrap=True)
         console.print(escape(f"    {words.between(trend, step)} ({entry.file})"), soft_wrap=True)
     if len(trend.change_points) > _STEPS_AT_MOST:
         console.print(f"and {len(trend.change_points) - _STEPS_AT_MOST} change points before")
@@ -88,19 +91,19 @@ def _grid(trend: Trend, measured: list[Measured]) -> Table:
     grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in words.HEADINGS:
         grid.add_column(heading, justify="right" if heading in words.NUMERIC else "left", overflow="fold")
-    for each, cells in zip(measured, words.rows(trend, measured), strict=True):
-        grid.add_row(*map(escape, cells), style="bold" if each.change_points else None)
+    for measurement, cells in zip(measured, words.rows(trend, measured), strict=True):
+        grid.add_row(*map(escape, cells), style="bold" if measurement.change_points else None)
     return grid
 
 
 def to_json(trend: Trend, skipped: Sequence[Skipped]) -> str:
-    """Return the text of ``hiltest trend --json``; entries and lines are numbered from 0, in their order here."""
+    """Return the text of ``hiltest trend --json``; entries and lines are numbered from 0."""
     content = {
         "schema": SCHEMA,
         "entries": [_entry(entry) for entry in trend.entries],
         "lines": [asdict(line) for line in trend.lines],
-        "measurements": [_measured(each) for each in trend.measured],
-        "skipped": [asdict(each) for each in skipped],
+        "measurements": [_measured(measured) for measured in trend.measured],
+        "skipped": [asdict(file) for file in skipped],
     }
     return json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -111,7 +114,7 @@ def _entry(entry: RunEntry) -> dict[str, Any]:
 
 
 def _measured(measured: Measured) -> dict[str, Any]:
-    return {"name": measured.name, "unit": measured.unit, "series": [_series(each) for each in measured.series]}
+    return {"name": measured.name, "unit": measured.unit, "series": [_series(series) for series in measured.series]}
 
 
 def _series(series: Series) -> dict[str, Any]:
@@ -135,8 +138,9 @@ def _limit(stretch: Iterator[Point]) -> dict[str, Any]:
 
 
 def _step(step: ChangePoint) -> dict[str, Any]:
-    found = step.difference
+    difference = step.difference
     return {
-        "before": step.before, "after": step.after, "change": found.change, "base": found.base, "new": found.new,
-        "delta": found.delta, "interval": found.interval, "tolerance": asdict(found.tolerance),
+        "before": step.before, "after": step.after, "change": difference.change, "base": difference.base,
+        "new": difference.new,
+        "delta": difference.delta, "interval": difference.interval, "tolerance": asdict(difference.tolerance),
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Measurements over runs: which ones belong together, and their change points."""
+"""Measurements over runs under the same conditions, and their change points."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from statistics import fmean
 from hiltest.measurement import Limit, Measurement, Outcome
 from hiltest.record.comparison import Change, Difference
 from hiltest.verdict.chance import chance_of
-from hiltest.verdict.compare import with_accuracy
+from hiltest.verdict.compare import add_accuracy
 from hiltest.verdict.difference import difference
 from hiltest.verdict.evidence import Evidence, Seed
 from hiltest.verdict.noise import FALSE_ALARMS
 from hiltest.verdict.pairs import Pairs
 
-_MOVED = (Change.WORSE, Change.BETTER, Change.CHANGED)  # in this order, of one run
+_MOVED = (Change.WORSE, Change.BETTER, Change.CHANGED)  # order of the changes of one run
 
 
 @dataclass(frozen=True, slots=True)
 class RunEntry:
-    """A run, a campaign of several seeds or a baseline, with the time that it stands for.
+    """A run, a campaign of several seeds or a baseline, with its time.
 
-    `knows_limits` is false for a baseline from before limits were kept, whose numbers had some all the same.
+    `knows_limits` is false for an older baseline, which lacks the limits of its numbers.
     """
 
     file: str
@@ -48,9 +48,9 @@ class TrendLine:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One measurement of one entry: over several seeds their mean, the smallest and the largest.
+    """One measurement of one entry: over several seeds their mean, smallest and largest value.
 
-    Where the entry does not know its limit, it is that of the point before.
+    If the entry does not know its limit, it is that of the previous point.
     """
 
     entry: int
@@ -64,7 +64,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class ChangePoint:
-    """A change beyond the tolerance, from one entry to the next of the same line that has the number."""
+    """A change beyond the tolerance, between successive entries of a line that have the number."""
 
     before: int
     after: int
@@ -73,7 +73,7 @@ class ChangePoint:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One measurement of one line, in the order of time; `line` counts in `Trend.lines`."""
+    """One measurement of one line, in order of time; `line` is an index into `Trend.lines`."""
 
     line: int
     cycle_model: str
@@ -91,19 +91,21 @@ class Measured:
 
     @property
     def change_points(self) -> tuple[ChangePoint, ...]:
-        """Change points of all its series, in the order of time."""
-        return tuple(sorted((step for each in self.series for step in each.change_points), key=lambda step: step.after))
+        """Change points of all its series, in order of time."""
+        return tuple(
+            sorted((step for series in self.series for step in series.change_points), key=lambda step: step.after)
+        )
 
     @property
     def limit(self) -> Limit | None:
         """Limit of the newest entry that states one."""
-        knowing = [point for each in self.series for point in each.points if point.knows_limit]
+        knowing = [point for series in self.series for point in series.points if point.knows_limit]
         return max(knowing, key=lambda point: point.entry).limit if knowing else None
 
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """All measurements, by name, over entries in the order of time; `line_of` says on which line each entry is."""
+    """All measurements, by name, over entries in order of time; `line_of` is the index of each entry's line."""
 
     entries: tuple[RunEntry, ...]
     lines: tuple[TrendLine, ...]
@@ -113,35 +115,35 @@ class Trend:
     @property
     def change_points(self) -> tuple[ChangePoint, ...]:
         """Change points of all measurements, the newest first; those of one run in the order of a comparison."""
-        steps = (step for each in self.measured for step in each.change_points)
+        steps = (step for measured in self.measured for step in measured.change_points)
         return tuple(
             sorted(steps, key=lambda step: (-step.after, _MOVED.index(step.difference.change), step.difference.concern))
         )
 
 
 def trend_of(entries: Sequence[RunEntry]) -> Trend:
-    """Join what was measured under the same conditions, and find the change points.
+    """Join measurements that were made under the same conditions, and detect the change points.
 
     Parameters
     ----------
     entries
-        In any order; what no board answered has no place in it.
+        Entries in any order, each with a board that answered.
 
     Returns
     -------
     Trend
-        A step is a change that the comparison of the two runs would call better, worse or changed.
+        Trend with the changes that a comparison of two successive runs would call better, worse or changed.
     """
     in_time = tuple(sorted(entries, key=lambda entry: (entry.when_utc, entry.file)))
     line_of = [conditions_of(entry) for entry in in_time]
     lines: dict[TrendLine, list[int]] = {}
     for index, line in enumerate(line_of):
         lines.setdefault(line, []).append(index)
-    found: dict[tuple[str, str], list[Series]] = {}
+    series: dict[tuple[str, str], list[Series]] = {}
     for number, indices in enumerate(lines.values()):
         for key, numbers in _numbers(in_time, indices).items():
-            found.setdefault((key.name, key.unit), []).append(_series(key, number, in_time, numbers))
-    measured = tuple(Measured(name, unit, tuple(found[name, unit])) for name, unit in sorted(found))
+            series.setdefault((key.name, key.unit), []).append(_series(key, number, in_time, numbers))
+    measured = tuple(Measured(name, unit, tuple(series[name, unit])) for name, unit in sorted(series))
     numbers_of = {line: number for number, line in enumerate(lines)}
     return Trend(in_time, tuple(lines), tuple(numbers_of[line] for line in line_of), measured)
 
@@ -172,15 +174,15 @@ _Numbers = dict[int, dict[Seed, Measurement]]
 
 
 def _numbers(entries: Sequence[RunEntry], indices: Sequence[int]) -> dict[_Key, _Numbers]:
-    """Return the measurements of some entries without the volatile ones, which say nothing about the firmware."""
-    found: dict[_Key, _Numbers] = {}
+    """Return the measurements of some entries, except volatile ones, which say nothing about the firmware."""
+    numbers: dict[_Key, _Numbers] = {}
     for index in indices:
         for seed, measurements in entries[index].evidence.measurements.items():
             for measurement in measurements.values():
                 if measurement.value is not None and not measurement.volatile:
                     key = _Key(measurement.name, measurement.unit, measurement.cycle_model)
-                    found.setdefault(key, {}).setdefault(index, {})[seed] = measurement
-    return found
+                    numbers.setdefault(key, {}).setdefault(index, {})[seed] = measurement
+    return numbers
 
 
 def _series(key: _Key, line: int, entries: Sequence[RunEntry], numbers: _Numbers) -> Series:
@@ -192,8 +194,8 @@ def _series(key: _Key, line: int, entries: Sequence[RunEntry], numbers: _Numbers
 
 
 def _point(index: int, by_seed: Mapping[Seed, Measurement], *, knows_limit: bool) -> Point:
-    values = [float(each.value) for each in by_seed.values() if each.value is not None]
-    shown = _deciding(by_seed)
+    values = [float(measurement.value) for measurement in by_seed.values() if measurement.value is not None]
+    shown = _deciding_seed(by_seed)
     return Point(index, fmean(values), min(values), max(values), shown.limit, str(shown.outcome), knows_limit)
 
 
@@ -203,22 +205,22 @@ def _steps(name: str, entries: Sequence[RunEntry], numbers: _Numbers) -> Iterato
         if all(base[seed].value == new[seed].value for seed in paired):
             continue
         evidence = entries[after].evidence
-        was, now = ({seed: _value_only(side[seed]) for seed in paired} for side in (base, new))
+        was, now = ({seed: _remove_limit(side[seed]) for seed in paired} for side in (base, new))
         pairs = Pairs(name, was, now)
         board = evidence.conditions.board if evidence.conditions else ""
         share = FALSE_ALARMS / max(map(len, evidence.measurements.values()))  # of all that this run measured
         chance = replace(chance_of(pairs, board, evidence.tolerances), share=share)
-        found = difference(pairs, board, evidence.tolerances, chance)
-        if found.change in _MOVED:
-            told = with_accuracy(found, entries[before].evidence.measurements, evidence.measurements)
-            yield ChangePoint(before, after, replace(told, outcome=str(_deciding(new).outcome)))
+        change = difference(pairs, board, evidence.tolerances, chance)
+        if change.change in _MOVED:
+            described = add_accuracy(change, entries[before].evidence.measurements, evidence.measurements)
+            yield ChangePoint(before, after, replace(described, outcome=str(_deciding_seed(new).outcome)))
 
 
-def _value_only(measurement: Measurement) -> Measurement:
-    """Return the number alone: a limit that was moved is no change of the measurement."""
+def _remove_limit(measurement: Measurement) -> Measurement:
+    """Return a measurement without its limit: a limit that was moved is no change of the measurement."""
     return replace(measurement, outcome=Outcome.INFORMATION)
 
 
-def _deciding(by_seed: Mapping[Seed, Measurement]) -> Measurement:
-    """Return one of several seeds: one that gates, if any."""
-    return next((each for each in by_seed.values() if each.gates), next(iter(by_seed.values())))
+def _deciding_seed(by_seed: Mapping[Seed, Measurement]) -> Measurement:
+    """Return the measurement of one of several seeds: one that gates, if any."""
+    return next((measurement for measurement in by_seed.values() if measurement.gates), next(iter(by_seed.values())))

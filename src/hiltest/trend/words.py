@@ -1,11 +1,11 @@
-"""A trend in words, the same at the terminal and on the page."""
+"""A trend in words, for the terminal and the page."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.trend.series import ChangePoint, Measured, Trend, TrendLine
 from hiltest.verdict.evidence import Evidence
 from hiltest.verdict.wording import counted_by, model_names, numbers, revision
@@ -21,7 +21,7 @@ def sentence(trend: Trend) -> str:
     lines = f" under {len(trend.lines)} conditions that are not compared" if len(trend.lines) > 1 else ""
     if not steps:
         return f"{span}{lines}: no change point in {len(trend.measured)} measurements."
-    stepped = sum(bool(each.change_points) for each in trend.measured)
+    stepped = sum(bool(measured.change_points) for measured in trend.measured)
     newest = steps[0]
     last = f"the last in {run_name(trend, newest.after)}: {newest.difference.name} {numbers(newest.difference)}"
     many = f"{len(steps)} change point{'s' * (len(steps) > 1)} in {stepped} of {len(trend.measured)} measurements"
@@ -29,34 +29,34 @@ def sentence(trend: Trend) -> str:
 
 
 def run_name(trend: Trend, index: int) -> str:
-    """Return the name of an entry: its number, and its sources where they are known."""
+    """Return the name of an entry: its number, and its sources if they are known."""
     made_for = revision(trend.entries[index].evidence.side.revision)
     return f"run {index + 1}" + (f" ({made_for})" if made_for else "")
 
 
 def models(measured: Iterable[Measured]) -> str:
-    """Return the cycle models of some measurements; empty where none is of cycles."""
+    """Return the cycle models of measurements; empty if none is a count of cycles."""
     return counted_by(_models(measured))
 
 
 def under(trend: Trend, measured: Measured) -> str:
     """Return the text after the name of a plot: the limit, and among several cycle models its own."""
     limit = f"limit {measured.limit}" if measured.limit else ""
-    return "".join(f", {each}" for each in (limit, _own_model(trend, measured)) if each)
+    return "".join(f", {text}" for text in (limit, _own_model(trend, measured)) if text)
 
 
 def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
-    """Yield measurements under `HEADINGS`; the last cell counts change points, and names the run of the last.
+    """Yield measurements under `HEADINGS`; the last cell counts change points and names the run of the last one.
 
-    Where several models counted cycles of the trend, a unit of cycles names its own.
+    If several models counted cycles of the trend, the unit of a count names its model.
     """
-    for each in measured:
-        counted = _own_model(trend, each)
-        yield _row(each, f"{each.unit} {counted}" if counted else each.unit)
+    for measurement in measured:
+        counted = _own_model(trend, measurement)
+        yield _row(measurement, f"{measurement.unit} {counted}" if counted else measurement.unit)
 
 
 def _models(measured: Iterable[Measured]) -> Iterator[str]:
-    return (series.cycle_model for each in measured for series in each.series)
+    return (series.cycle_model for measurement in measured for series in measurement.series)
 
 
 def _own_model(trend: Trend, measured: Measured) -> str:
@@ -66,11 +66,11 @@ def _own_model(trend: Trend, measured: Measured) -> str:
 
 
 def _row(measured: Measured, unit: str) -> tuple[str, ...]:
-    points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
+    points = sorted((point for series in measured.series for point in series.points), key=lambda point: point.entry)
     steps = measured.change_points
     return (
-        measured.name, str(len(points)), readable(points[0].value), readable(points[-1].value),
-        readable(min(point.low for point in points)), readable(max(point.high for point in points)), unit,
+        measured.name, str(len(points)), format_number(points[0].value), format_number(points[-1].value),
+        format_number(min(point.low for point in points)), format_number(max(point.high for point in points)), unit,
         str(measured.limit or ""), f"{len(steps)}, last in run {steps[-1].after + 1}" if steps else "",
     )  # fmt: skip
 
@@ -82,26 +82,26 @@ def between(trend: Trend, step: ChangePoint) -> str:
 
 
 def changed_run(trend: Trend, after: int, steps: Sequence[ChangePoint]) -> str:
-    """Return the heading of a run with change points: its name and time, and how many of each change."""
+    """Return the heading of a run with change points: its name, its time, and the number of each kind of change."""
     counts = Counter(step.difference.change for step in steps)
     changes = ", ".join(f"{count} {change}" for change, count in counts.items())
     return f"{run_name(trend, after)}, {trend.entries[after].when_utc}: {changes}"
 
 
 def causes(trend: Trend, steps: Sequence[ChangePoint]) -> list[str]:
-    """Return what else differs from the run before: one text, several where a baseline has numbers of other builds."""
+    """Return the other differences from the previous run; several if a baseline has numbers of other builds."""
     return list(dict.fromkeys(between(trend, step) for step in steps))
 
 
 def line_name(trend: Trend, line: TrendLine) -> str:
     """Return the name of a line: the conditions that the lines of a trend do not all share."""
-    shown = dict(_of_line(line))
-    others = [dict(_of_line(each)) for each in trend.lines]
-    told = [text for name, text in shown.items() if any(other[name] != text for other in others)]
-    return ", ".join(told) or line.rig
+    shown = dict(_conditions(line))
+    others = [dict(_conditions(other)) for other in trend.lines]
+    distinguishing = [text for name, text in shown.items() if any(other[name] != text for other in others)]
+    return ", ".join(distinguishing) or line.rig
 
 
-def _of_line(line: TrendLine) -> Iterator[tuple[str, str]]:
+def _conditions(line: TrendLine) -> Iterator[tuple[str, str]]:
     yield "rig", f"rig {line.rig}"
     yield "conditions", f"conditions {line.rig_sha256[:8] or 'not recorded'}"
     yield "board", f"{line.board or 'no'} board"
@@ -113,7 +113,7 @@ def _of_line(line: TrendLine) -> Iterator[tuple[str, str]]:
 
 
 def seeds_in_words(seeds: tuple[int | None, ...]) -> str:
-    """Return seeds shortly: ``seed 1``, ``100 seeds, 1 to 100``."""
+    """Return seeds in short form: ``seed 1``, ``100 seeds, 1 to 100``."""
     numbered = [seed for seed in seeds if seed is not None]
     if not numbered:
         return "no seed"
@@ -121,14 +121,14 @@ def seeds_in_words(seeds: tuple[int | None, ...]) -> str:
 
 
 def _changes(before: Evidence, after: Evidence, measurement: str) -> Iterator[str]:
-    was, now = _made_with(before, measurement), _made_with(after, measurement)
+    was, now = _sources_of_number(before, measurement), _sources_of_number(after, measurement)
     for name in was:
         if name in now and was[name] != now[name]:
             yield f"{name} {was[name]} -> {now[name]}"
 
 
-def _made_with(evidence: Evidence, measurement: str) -> dict[str, str]:
-    """Return firmware and sources of a number; of one that a baseline has accepted only the build is known."""
+def _sources_of_number(evidence: Evidence, measurement: str) -> dict[str, str]:
+    """Return firmware and sources of a number; for one that a baseline accepted only the build is known."""
     side = evidence.side
     if measurement in evidence.builds:
         return {"build": evidence.builds[measurement]}

@@ -28,32 +28,32 @@ class BaselineRow:
     unit: str
     cycle_model: str
     values: tuple[float | int | None, ...]
-    """In the order of the baseline's seeds; None where there was no number."""
+    """Values in the order of the baseline's seeds; None for a seed without a number."""
     failed: tuple[int | None, ...] = ()
-    """Seeds on which it was out of its limit."""
+    """Seeds on which the measurement was out of its limit."""
     limit: Limit | None = None
-    """Limit that it had; None too in a file from before it was kept."""
+    """Limit of the measurement; None also in older files, which lack it."""
     tolerance: Tolerance | None = None
-    """Tolerance that was in force; None in a file from before it was kept."""
+    """Tolerance that was in force; None in older files, which lack it."""
     build_id: str | None = None
-    """Build that it was accepted from; None for that of the baseline's side."""
+    """Build that the measurement was accepted from; None for the build of the baseline's side."""
 
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """One measurement that was moved into a baseline, from which build, and why."""
+    """One measurement that was moved into a baseline, its build and the reason."""
 
     name: str
-    """``*`` where all were, by saving a run over the file."""
+    """Name of the measurement; ``*`` if a run was saved over the file."""
     because: str
     when_utc: str
     build_id: str
-    """Build that it is of since."""
+    """Build that the measurement comes from now."""
     was: float | None
     now: float | None
-    """Means over the seeds; None where there was none, or is none any more."""
+    """Means over the seeds, before and after; None without a number."""
     was_build_id: str | None = None
-    """Build that it was of before; None where there was none, and in a file from before it was kept."""
+    """Build that the measurement came from before; None for a new one, and in older files, which lack it."""
     revision: Revision | None = None
     """Sources that the run was made for."""
 
@@ -64,22 +64,22 @@ class Baseline:
 
     schema: Literal["hiltest.baseline/1"]
     saved_utc: str
-    """When it was saved, or last updated."""
+    """Time at which the file was saved or last updated."""
     side: Side
-    """The run that was saved; it counts what was accepted since and is of other builds."""
+    """The run that was saved, with the number of measurements accepted from other builds since."""
     conditions: Conditions
     seeds: tuple[int | None, ...]
-    """None for a board that simulates nothing; of several runs of one their numbers."""
+    """Seeds; None for a board that simulates nothing, and the numbers of the runs if it ran several times."""
     measurements: tuple[BaselineRow, ...]
-    """Sorted by name; none of them volatile."""
+    """Measurements that are not volatile, sorted by name."""
     history: tuple[Accepted, ...] = ()
-    """Oldest first."""
+    """Accepted changes, oldest first."""
     passed: tuple[str, ...] = ()
-    """Ids of the tests that passed on every seed; empty in a file from before they were kept."""
+    """Ids of the tests that passed on every seed; empty in older files, which lack them."""
 
 
 def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
-    """Make a baseline of a run, or of several that differ in their seed.
+    """Make a baseline of one run, or of several that differ in their seed.
 
     Raises
     ------
@@ -99,7 +99,8 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
     if not rows:
         raise ConfigError(f"{evidence.name}: it has no number at all; a baseline is a run that measured something")
     return Baseline(
-        SCHEMA, saved_utc, kept_side(evidence, saved_utc), evidence.conditions, seeds, rows, passed=_passed(evidence)
+        SCHEMA, saved_utc, kept_side(evidence, saved_utc), evidence.conditions, seeds, rows,
+        passed=_passed_tests(evidence)
     )
 
 
@@ -109,7 +110,7 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
         seed: {row.name: _measurement(row, index, seed) for row in baseline.measurements}
         for index, seed in enumerate(baseline.seeds)
     }
-    # Counted here: the lines say what they are of, whatever was made of the file's head.
+    # The count is taken from the rows, which name their builds: the head of the file may have been edited.
     accepted = accepted_from(baseline.measurements)
     side = replace(baseline.side, file=file, sha256=sha256, saved_utc=baseline.saved_utc, accepted=accepted)
     builds = {row.name: row.build_id for row in baseline.measurements if row.build_id is not None}
@@ -121,7 +122,7 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
 
 
 def renewed(baseline: Baseline, before: Baseline) -> Baseline:
-    """Return a baseline that takes the place of another, whose history goes on."""
+    """Return a baseline that replaces another one and continues its history."""
     entry = Accepted(
         "*", "renewed", baseline.saved_utc, baseline.side.build_id, None, None, before.side.build_id,
         baseline.side.revision,
@@ -135,34 +136,40 @@ def kept_side(run: Evidence, saved_utc: str) -> Side:
 
 
 def rows_of(evidence: Evidence, seeds: Sequence[Seed]) -> tuple[BaselineRow, ...]:
-    """Return every measurement of a run that has a number on one of the seeds, and is not volatile, by name."""
+    """Return the measurements of a run that have a number on some seed and are not volatile, by name."""
     names = {name for measurement in evidence.measurements.values() for name in measurement}
     return tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None)
 
 
 def accepted_from(rows: Sequence[BaselineRow]) -> tuple[FromBuild, ...]:
-    """Count the measurements of other builds than the side's."""
+    """Count the measurements that come from other builds than the side's."""
     counts = Counter(row.build_id for row in rows if row.build_id is not None)
     return tuple(FromBuild(build_id, counts[build_id]) for build_id in sorted(counts))
 
 
-def _passed(evidence: Evidence) -> tuple[str, ...]:
+def _passed_tests(evidence: Evidence) -> tuple[str, ...]:
     """Return the tests that passed on every seed."""
-    on_each = [
-        {test for test, outcome in made.items() if outcome is TestOutcome.PASSED} for made in evidence.tests.values()
+    passed_on_seeds = [
+        {test for test, outcome in outcomes.items() if outcome is TestOutcome.PASSED}
+        for outcomes in evidence.tests.values()
     ]
-    return tuple(sorted(set.intersection(*on_each))) if on_each else ()
+    return tuple(sorted(set.intersection(*passed_on_seeds))) if passed_on_seeds else ()
 
 
 def _row(evidence: Evidence, name: str, seeds: Sequence[Seed]) -> BaselineRow | None:
-    """Return a measurement over the seeds; None when it was not made, has no number at all or is volatile."""
-    made = {seed: evidence.measurements[seed].get(name) for seed in seeds}
-    first = next((each for each in made.values() if each is not None), None)
-    values = tuple(None if each is None else each.value for each in made.values())
+    """Return a measurement over the seeds; None if it was not made, has no number at all or is volatile."""
+    by_seed = {seed: evidence.measurements[seed].get(name) for seed in seeds}
+    first = next((measurement for measurement in by_seed.values() if measurement is not None), None)
+    values = tuple(None if measurement is None else measurement.value for measurement in by_seed.values())
     if first is None or first.volatile or all(value is None for value in values):
         return None
-    failed = tuple(seed for seed, each in made.items() if each is not None and each.outcome is Outcome.FAIL)
-    limit = next((each.limit for each in made.values() if each is not None and each.limit is not None), None)
+    failed = tuple(
+        seed for seed, measurement in by_seed.items() if measurement is not None and measurement.outcome is Outcome.FAIL
+    )
+    limit = next((
+        measurement.limit
+        for measurement in by_seed.values() if measurement is not None and measurement.limit is not None
+    ), None)
     return BaselineRow(name, first.unit, first.cycle_model, values, failed, limit, evidence.in_force.get(name))
 
 
@@ -174,33 +181,33 @@ def _measurement(row: BaselineRow, index: int, seed: Seed) -> Measurement:
 def accept(
     baseline: Baseline, run: Evidence, patterns: Sequence[str], *, because: str, when_utc: str
 ) -> Baseline:
-    """Move the named measurements of a run into a baseline, and keep all others.
+    """Move the named measurements of a run into a baseline, and leave all others unchanged.
 
     Parameters
     ----------
     run
-        On the same rig, with every seed of the baseline. One of chosen tests takes nothing out.
+        Run on the same rig, with every seed of the baseline. A run of chosen tests removes no measurement.
     patterns
-        Names of measurements; ``*`` stands for anything. One that the run no longer makes is taken out.
+        Names of measurements; ``*`` stands for anything. Measurements that the run no longer makes are removed.
     because
-        Why it may be as it is now; goes into the history.
+        Reason for the change; recorded in the history.
 
     Raises
     ------
     ConfigError
-        If nothing has a name, the run is no like of the baseline, it lacks a seed, or a measurement that its tests
-        were not chosen for would be taken out.
+        If nothing matches a pattern, the run cannot be compared with the baseline, it lacks a seed, or a measurement
+        would be removed only because its test was not chosen.
 
     Notes
     -----
-    Every measurement keeps the build that it is of. Once all are those of the run, the baseline is of that run.
+    Every measurement keeps its build. If all of them equal those of the run, the baseline becomes one of that run.
     """
     _refuse_another_bench(baseline, run)
     rows = {row.name: row for row in baseline.measurements}
-    of_run = {row.name: row for row in rows_of(run, baseline.seeds)}
-    named = _named(patterns, rows, run)
-    _refuse_what_was_not_chosen(run, [name for name in named if name in rows and name not in of_run])
-    moved = {name: of_run.get(name) for name in named if of_run.get(name) != _as_of_run(rows.get(name), of_run)}
+    run_rows = {row.name: row for row in rows_of(run, baseline.seeds)}
+    named = _matching_names(patterns, rows, run)
+    _refuse_unchosen(run, [name for name in named if name in rows and name not in run_rows])
+    moved = {name: run_rows.get(name) for name in named if run_rows.get(name) != _as_in_run(rows.get(name), run_rows)}
     if not moved:
         return baseline
     history = [
@@ -212,21 +219,21 @@ def accept(
     ]  # fmt: skip
     from_run = {name: row and replace(row, build_id=run.side.build_id) for name, row in moved.items()}
     after = replace(baseline, saved_utc=when_utc, history=(*baseline.history, *history))
-    return _with_rows(after, rows | from_run, of_run, run)
+    return _replace_rows(after, rows | from_run, run_rows, run)
 
 
-def _with_rows(
-    baseline: Baseline, rows: Mapping[str, BaselineRow | None], of_run: Mapping[str, BaselineRow], run: Evidence
+def _replace_rows(
+    baseline: Baseline, rows: Mapping[str, BaselineRow | None], run_rows: Mapping[str, BaselineRow], run: Evidence
 ) -> Baseline:
-    """Return a baseline with these measurements, which are of one run or of several builds."""
-    kept = {name: row for name, row in sorted(rows.items()) if row is not None}
-    if not kept:
+    """Return a baseline with the given rows, which are of one run or of several builds."""
+    remaining = {name: row for name, row in sorted(rows.items()) if row is not None}
+    if not remaining:
         raise ConfigError(f"nothing is moved: no measurement would be left; {run.name} has none of these")
-    if run.conditions is not None and of_run == {name: _as_of_run(row, of_run) for name, row in kept.items()}:
+    if run.conditions is not None and run_rows == {name: _as_in_run(row, run_rows) for name, row in remaining.items()}:
         side = replace(kept_side(run, baseline.saved_utc), seeds=baseline.side.seeds)
-        return replace(baseline, side=side, conditions=run.conditions, measurements=tuple(of_run.values()))
+        return replace(baseline, side=side, conditions=run.conditions, measurements=tuple(run_rows.values()))
     build_id = baseline.side.build_id
-    measurements = tuple(replace(row, build_id=None) if row.build_id == build_id else row for row in kept.values())
+    measurements = tuple(replace(row, build_id=None) if row.build_id == build_id else row for row in remaining.values())
     side = replace(baseline.side, saved_utc=baseline.saved_utc, accepted=accepted_from(measurements))
     return replace(baseline, side=side, measurements=measurements)
 
@@ -248,7 +255,7 @@ def _refuse_another_bench(baseline: Baseline, run: Evidence) -> None:
         )
 
 
-def _refuse_what_was_not_chosen(run: Evidence, missing: Sequence[str]) -> None:
+def _refuse_unchosen(run: Evidence, missing: Sequence[str]) -> None:
     """Refuse to drop a measurement because its test did not run."""
     if run.chosen and missing:
         others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
@@ -258,16 +265,16 @@ def _refuse_what_was_not_chosen(run: Evidence, missing: Sequence[str]) -> None:
         )
 
 
-def _named(patterns: Sequence[str], rows: dict[str, BaselineRow], run: Evidence) -> list[str]:
-    known = sorted({*rows, *(name for measurement in run.measurements.values() for name in measurement)})
+def _matching_names(patterns: Sequence[str], rows: dict[str, BaselineRow], run: Evidence) -> list[str]:
+    all_names = sorted({*rows, *(name for measurement in run.measurements.values() for name in measurement)})
     named: list[str] = []
     for pattern in patterns:
-        found = [name for name in known if name == pattern or fnmatchcase(name, pattern)]
-        if not found:
-            nearest = get_close_matches(pattern, known, n=1)
+        matches = [name for name in all_names if name == pattern or fnmatchcase(name, pattern)]
+        if not matches:
+            nearest = get_close_matches(pattern, all_names, n=1)
             hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
             raise ConfigError(f"no measurement is called {pattern!r}, neither in the baseline nor in {run.name}{hint}")
-        named += found
+        named += matches
     return named
 
 
@@ -277,14 +284,14 @@ def _build_id(row: BaselineRow | None, baseline: Baseline) -> str | None:
     return baseline.side.build_id if row.build_id is None else row.build_id
 
 
-def _as_of_run(row: BaselineRow | None, of_run: Mapping[str, BaselineRow]) -> BaselineRow | None:
-    """Return a measurement as a run has it that measured the same: what two builds have alike was not moved.
+def _as_in_run(row: BaselineRow | None, run_rows: Mapping[str, BaselineRow]) -> BaselineRow | None:
+    """Return a row as a run that measured the same values would have it, so that equal rows do not count as moved.
 
-    The run knows no build of a single measurement, and always a tolerance, which an older file does not state.
+    A run states no build for a single measurement, and always a tolerance, which an older file does not state.
     """
     if row is None:
         return None
-    same = of_run.get(row.name, row)
+    same = run_rows.get(row.name, row)
     return replace(row, build_id=None, tolerance=row.tolerance or same.tolerance)
 
 

@@ -17,7 +17,7 @@ from hiltest.verdict.baseline import SCHEMA, Baseline, evidence_from
 from hiltest.verdict.evidence import Evidence, Seed
 
 _SILENT = {"measurements": ("limit", "tolerance", "build_id"), "history": ("was_build_id", "revision")}
-"""Left out of a line where they are null, as in a file from before they were kept: no line of it may change."""
+"""Fields that are omitted from a line if they are null: lines of older files, which lack them, do not change."""
 
 _ADAPTER = TypeAdapter(Baseline)
 OTHERWISE = "save it again: hiltest baseline save RUN FILE"
@@ -30,7 +30,7 @@ def read_baseline(path: Path) -> Baseline:
     Raises
     ------
     ConfigError
-        If it is missing, not JSON, of another schema, or has a field that is missing or wrong; it says which.
+        If it is missing, not JSON, of another schema, or has a field that is missing or wrong.
     """
     return baseline_in(read_json(path, otherwise=OTHERWISE))
 
@@ -41,24 +41,24 @@ def evidence_in(file: JsonFile) -> Evidence:
     Raises
     ------
     ConfigError
-        If it is of another schema, or has a field that is missing or wrong; it says which.
+        If it is of another schema, or has a field that is missing or wrong.
     """
     return evidence_from(baseline_in(file), str(file.path), file.sha256)
 
 
 def to_json(baseline: Baseline, before: Any = None) -> str:
-    """Return the text of a baseline file: a measurement a line, for readable diffs.
+    """Return the text of a baseline file, one measurement per line, for readable diffs.
 
     Parameters
     ----------
     before
-        The file as it was, of which fields that are not known here are kept.
+        Previous content of the file; its unknown fields are preserved.
     """
-    content = with_unknown(asdict(baseline), _with_silent(before))
+    content = add_unknown_fields(asdict(baseline), _add_silent_fields(before))
     for kind, silent in _SILENT.items():
         content[kind] = [
-            {name: value for name, value in each.items() if name not in silent or value is not None}
-            for each in content[kind]
+            {name: value for name, value in item.items() if name not in silent or value is not None}
+            for item in content[kind]
         ]
     if not content["passed"]:
         del content["passed"]
@@ -66,12 +66,12 @@ def to_json(baseline: Baseline, before: Any = None) -> str:
     return "{\n" + fields + "\n}\n"
 
 
-def _with_silent(before: Any) -> Any:
-    """Return a file as it was with the fields that its lines lack, so that a line that is the same is seen to be."""
+def _add_silent_fields(before: Any) -> Any:
+    """Return the previous content with the fields that its lines omit, so that unchanged lines compare equal."""
     if not isinstance(before, dict):
         return before
     return before | {
-        kind: [{**each, **{name: each.get(name) for name in silent}} for each in before[kind]]
+        kind: [{**item, **{name: item.get(name) for name in silent}} for item in before[kind]]
         for kind, silent in _SILENT.items() if kind in before
     }  # fmt: skip
 
@@ -82,13 +82,13 @@ def baseline_in(file: JsonFile) -> Baseline:
     Raises
     ------
     ConfigError
-        As `evidence_in`.
+        For the reasons of `evidence_in`.
     """
     if file.schema != SCHEMA:
-        said = f"schema is {shown(file.schema)}, this hiltest reads {shown(SCHEMA)}"
-        raise ConfigError(f"{file.path}: {said}; {OTHERWISE}")
+        mismatch = f"schema is {shown(file.schema)}, this hiltest reads {shown(SCHEMA)}"
+        raise ConfigError(f"{file.path}: {mismatch}; {OTHERWISE}")
     try:
-        # As JSON, and strictly: a number in quotes is no number, and a list is what a tuple is written as.
+        # Validation as JSON and in strict mode: a quoted number is rejected, and a list is accepted for a tuple.
         baseline = _ADAPTER.validate_json(json.dumps(file.content), strict=True)
     except ValidationError as error:
         first = error.errors()[0]
@@ -100,13 +100,13 @@ def baseline_in(file: JsonFile) -> Baseline:
 
 
 def _fault(baseline: Baseline) -> str:
-    """Return what is wrong with rows that are each valid, together; empty where nothing is."""
+    """Return a contradiction between rows that are each valid; empty without one."""
     if not baseline.seeds:
         return "it is of no run at all: seeds is empty"
     if not baseline.measurements:
         return "there is nothing to compare with: measurements is empty"
-    for kind, each in (("seed", baseline.seeds), ("measurement", [row.name for row in baseline.measurements])):
-        twice = [value for value, count in Counter[Seed | str](each).items() if count > 1]
+    for kind, values in (("seed", baseline.seeds), ("measurement", [row.name for row in baseline.measurements])):
+        twice = [value for value, count in Counter[Seed | str](values).items() if count > 1]
         if twice:
             return f"{kind} {shown(twice[0])} stands twice"
     for row in baseline.measurements:
@@ -123,52 +123,52 @@ def _json(value: object) -> str:
 
 def _field(name: str, value: Any) -> str:
     if name in ("measurements", "history", "passed"):
-        return "[" + ",".join(f"\n {_json(each)}" for each in value) + "]"
+        return "[" + ",".join(f"\n {_json(item)}" for item in value) + "]"
     return _json(value) if name == "seeds" else json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
 
 
-def with_unknown(written: Any, read: Any) -> Any:
-    """Return what is to be written, with every field of what was read that the writer does not know.
+def add_unknown_fields(written: Any, read: Any) -> Any:
+    """Return the value to write, with the fields of the previous content that the writer does not know.
 
     Parameters
     ----------
     written
-        Made of classes, which have lost what they do not know.
+        Value made from dataclasses, which drop unknown fields.
     read
-        The file as it was.
+        Previous content of the file.
 
     Returns
     -------
     JSON value
-        An object keeps its unknown fields. An object in a list keeps them as long as nothing else of it has changed:
-        the fields of another number are not kept with this one.
+        An object keeps its unknown fields. An object in a list keeps them only if none of its other fields has changed,
+        since they may belong to the old number.
 
     Examples
     --------
-    >>> with_unknown({"a": 2}, {"a": 1, "b": 3})
+    >>> add_unknown_fields({"a": 2}, {"a": 1, "b": 3})
     {'a': 2, 'b': 3}
-    >>> with_unknown([{"name": "x", "a": 1}, {"name": "y", "a": 2}], [{"name": "y", "a": 2, "b": 3}])
+    >>> add_unknown_fields([{"name": "x", "a": 1}, {"name": "y", "a": 2}], [{"name": "y", "a": 2, "b": 3}])
     [{'name': 'x', 'a': 1}, {'name': 'y', 'a': 2, 'b': 3}]
     """
     if isinstance(written, Mapping) and isinstance(read, Mapping):
-        known = {key: with_unknown(value, read.get(key)) for key, value in written.items()}
-        return known | {key: value for key, value in read.items() if key not in written}
+        merged = {key: add_unknown_fields(value, read.get(key)) for key, value in written.items()}
+        return merged | {key: value for key, value in read.items() if key not in written}
     if not (isinstance(written, list | tuple) and isinstance(read, list)):
         return written
     before: defaultdict[str, list[Any]] = defaultdict(list)
-    for each in read:
-        if isinstance(each, Mapping):
-            before[str(each.get("name"))].append(each)
+    for item in read:
+        if isinstance(item, Mapping):
+            before[str(item.get("name"))].append(item)
     return [
-        next((old for old in before[str(each.get("name"))] if _says_as_much(old, each)), each)
-        if isinstance(each, Mapping) else each for each in written
+        next((old for old in before[str(item.get("name"))] if _contains(old, item)), item)
+        if isinstance(item, Mapping) else item for item in written
     ]  # fmt: skip
 
 
-def _says_as_much(old: Any, new: Any) -> bool:
-    """Say whether `old` contains all of `new`."""
+def _contains(old: Any, new: Any) -> bool:
+    """Return whether `old` contains all of `new`."""
     if isinstance(new, Mapping):
-        return isinstance(old, Mapping) and all(key in old and _says_as_much(old[key], new[key]) for key in new)
+        return isinstance(old, Mapping) and all(key in old and _contains(old[key], new[key]) for key in new)
     if isinstance(new, list | tuple):
-        return isinstance(old, list) and len(old) == len(new) and all(map(_says_as_much, old, new))
+        return isinstance(old, list) and len(old) == len(new) and all(map(_contains, old, new))
     return bool(old == new)

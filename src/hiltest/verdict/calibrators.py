@@ -14,7 +14,7 @@ MEAN_ERROR = KINDS["heading.{calibrator}.bias"]
 UNCALIBRATED = "uncalibrated"
 FROM_FLASH = "cycles.{}.from_flash"
 WITHOUT_WAITS, WITH_WAITS = "cycles without memory waits (ranked)", "cycles as it runs from flash"
-"""What both columns of cycles are called, where something was counted with the waits of memories."""
+"""Headings of both columns of cycles if something was counted with the waits of memories."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +39,23 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
     Returns
     -------
     tuple of CalibratorResult
-        All but ``uncalibrated``; those without a cycle count come last, those that cannot be ranked by name.
+        All calibrators but ``uncalibrated``. Calibrators without a cycle count come last; ties are sorted by name.
     """
-    found = {measurement.name: measurement for measurement in measurements}
-    names = [each.subject for each in measurements if each.kind is WORST_HEADING and not has_no_number(each)]
-    results = [_calibrator_result(name, found) for name in names if name != UNCALIBRATED]
+    by_name = {measurement.name: measurement for measurement in measurements}
+    names = [
+        measurement.subject
+        for measurement in measurements if measurement.kind is WORST_HEADING and not has_no_number(measurement)
+    ]
+    results = [_calibrator_result(name, by_name) for name in names if name != UNCALIBRATED]
     order = cheapest_first({result.name: result.cycles for result in results})
     return tuple(sorted(results, key=lambda result: order.index(result.name)))
 
 
 def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:
-    """Return names by their cycle counts, those without one last.
+    """Return names by their cycle counts; names without one come last.
 
-    Those that cannot be ranked against the cheapest of a group stand with it, by name; the next begins another group.
-    A chain of close costs is no tie: its ends can be ranked.
+    Names whose counts cannot be ranked against the cheapest of a group belong to that group and are sorted by name; the
+    next name begins another group. A chain of close costs is no tie, since its ends can be ranked.
     """
     by_cost = sorted(costs, key=lambda name: (value_of(costs[name]) or float("inf"), name))
     groups: list[list[str]] = []
@@ -64,30 +67,30 @@ def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:
     return [name for group in groups for name in sorted(group)]
 
 
-def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorResult:
+def _calibrator_result(name: str, by_name: dict[str, Measurement]) -> CalibratorResult:
     return CalibratorResult(
-        name, found[f"heading.{name}.max"], centred=found.get(f"heading.{name}.max_centred"),
-        cycles=found.get(f"cycles.{name}.total"), from_flash=found.get(FROM_FLASH.format(name)),
+        name, by_name[f"heading.{name}.max"], centred=by_name.get(f"heading.{name}.max_centred"),
+        cycles=by_name.get(f"cycles.{name}.total"), from_flash=by_name.get(FROM_FLASH.format(name)),
     )
 
 
-def fit_status(name: str, found: Mapping[str, Measurement]) -> FitStatus:
+def fit_status(name: str, by_name: Mapping[str, Measurement]) -> FitStatus:
     """Return the status of a calibrator's fit."""
-    return FitStatus(int(value_of(found.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
+    return FitStatus(int(value_of(by_name.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
 
 
 def has_no_number(measurement: Measurement) -> bool:
-    """Say whether a limit was not evaluated for want of a number, and not for want of a reference."""
+    """Return whether a limit was not evaluated because the number is missing, rather than a reference."""
     return measurement.outcome is Outcome.UNSET and measurement.value is None
 
 
 def value_of(measurement: Measurement | None) -> float | None:
-    """Return the number of a measurement, None where either is missing."""
+    """Return the number of a measurement; None if either is missing."""
     return None if measurement is None or measurement.value is None else float(measurement.value)
 
 
 def maximum_of(measurement: Measurement | None) -> float | None:
-    """Return the upper side of a measurement's limit, None where there is none."""
+    """Return the upper side of a measurement's limit; None without one."""
     return None if measurement is None or measurement.limit is None else measurement.limit.max
 
 
@@ -100,28 +103,28 @@ class CalibratorCost:
 
     name: str
     cycles: float | None
-    """Cycles of a calibration from all its points; of a streaming calibrator, all its points and the fit."""
+    """Cycles of a calibration from all its points; for a streaming calibrator, of all its points and the fit."""
     points: int | None = None
-    """Points that a streaming calibrator was given; None for one that takes all at once."""
+    """Number of points that a streaming calibrator received; None for one that takes all at once."""
 
     @property
     def is_streaming(self) -> bool:
-        """True for a streaming calibrator, which is given its points one by one."""
+        """True for a streaming calibrator, which receives its points one by one."""
         return self.points is not None
 
 
 def calibrator_costs(run: Run) -> list[CalibratorCost]:
-    """Return the cost of each calibrator whose heading was measured, cheapest first, streams after the others."""
-    given = _points_given(run)
-    counted = {
-        each.name: _stream_cycles(run, each.name, given[each.name]) if each.name in given else each.cycles
-        for each in calibrator_results(run.measurements)
+    """Return the cost of each calibrator whose heading was measured: cheapest first, streaming calibrators last."""
+    points = _points_received(run)
+    cycles = {
+        result.name: _stream_cycles(run, result.name, points[result.name]) if result.name in points else result.cycles
+        for result in calibrator_results(run.measurements)
     }
-    costs = [CalibratorCost(name, value_of(counted[name]), given.get(name)) for name in cheapest_first(counted)]
+    costs = [CalibratorCost(name, value_of(cycles[name]), points.get(name)) for name in cheapest_first(cycles)]
     return sorted(costs, key=lambda cost: cost.is_streaming)
 
 
-def _points_given(run: Run) -> dict[str, int]:
+def _points_received(run: Run) -> dict[str, int]:
     """Return how many points each streaming calibrator had received at its last stage."""
     table = run.table(STAGES_TABLE)
     if table is None:
@@ -131,8 +134,8 @@ def _points_given(run: Run) -> dict[str, int]:
 
 
 def _stream_cycles(run: Run, name: str, points: int) -> Measurement | None:
-    """Return the cycles of all points and of the fit at the end: the mean is over the same points."""
-    mean, fit = (run.measurement(f"stream.{name}.{what}") for what in ("cycles_mean", "fit_cycles"))
+    """Return the cycles of all points and of the final fit; the mean is over the same points."""
+    mean, fit = (run.measurement(f"stream.{name}.{quantity}") for quantity in ("cycles_mean", "fit_cycles"))
     if mean is None or fit is None or mean.value is None or fit.value is None:
         return None
     return replace(mean, value=float(mean.value) * points + float(fit.value))

@@ -12,8 +12,8 @@ from hiltest.calibration.fit import FitStatus
 # rms of a residual scatters by 1/sqrt(2 * 91) = 7 %, so 1.5 is far outside of chance.
 GOOD_FIT_FACTOR = 1.5
 
-# Below this nothing holds the ellipsoid: about where the pivots of `direct` reach their own bound. A
-# calibrator that has no such bound fits the few points it has as well as any, and is wrong elsewhere.
+# Below this coverage nothing holds the ellipsoid; the pivots of `direct` reach their own bound about there.
+# A calibrator without such a bound fits its few points well, and is wrong elsewhere.
 POOR_COVERAGE_PERCENT = 50.0
 
 
@@ -32,7 +32,7 @@ class Cause(StrEnum):
     ROTATION = "rotation"
     GOOD_FIT_BAD_HEADING = "good fit, bad heading"
     BAD_FIT = "bad fit"
-    # Of firmware that speaks its own language.
+    # The remaining causes belong to firmware that speaks its own language.
     FRAME = "another frame than the declared one"
     NOT_TOGETHER = "its field, its calibration and its heading do not belong together"
     STILL = "a heading that does not follow the board"
@@ -70,114 +70,115 @@ OF_SOURCE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadingSymptoms:
-    """Symptoms of one calibrator's heading in a run. A limit that is None is not exceeded."""
+    """Symptoms of one calibrator's heading in a run. A limit of None is never exceeded."""
 
     max_deg: float
     max_limit_deg: float | None
     """Largest heading error and its limit."""
     bias_deg: float | None
     bias_limit_deg: float | None
-    """Circular mean of the errors and the limit of its magnitude; None of errors that cancel all round."""
+    """Circular mean of the errors and the limit of its magnitude; None if the errors cancel all round."""
     max_centred_deg: float | None
-    """Largest error with the bias taken off; it has the limit `max_limit_deg`."""
+    """Largest error after subtracting the bias; its limit is `max_limit_deg`."""
     residual_percent: float
     residual_predicted_percent: float
-    """Residual of the fit, and the one that sensor noise alone would leave."""
+    """Residual of the fit, and the residual that sensor noise alone would cause."""
     accelerometer_norm_rms_mg: float
     accelerometer_limit_mg: float | None
-    """How far the measured gravity is from 1 g over the known angles."""
+    """Deviation of the measured gravity from 1 g over the known angles, and its limit."""
     tilt_error_deg: float = 0.0
     tilt_limit_deg: float | None = None
-    """Largest difference between pitch or roll as answered and as the turntable knows them."""
+    """Largest difference between the answered pitch or roll and the turntable's, and its limit."""
     fit: FitStatus = FitStatus.ELLIPSOID
-    """With any other than `ELLIPSOID` the headings are those of the sphere fit."""
+    """Status of the fit; any status but `ELLIPSOID` means that the headings are those of the sphere fit."""
     coverage_percent: float = 100.0
-    """Coverage of the points that were fitted: `sphere_coverage`."""
+    """Coverage of the fitted points, from `sphere_coverage`."""
     wrong_axes: bool = False
-    """The readings at the known angles are those of other axes than the board's."""
+    """True if the readings at the known angles belong to other axes than the board's."""
     accelerometer_makes_more: bool | None = None
-    """Whether the accelerometer makes more of the error than the magnetometer; None where that is unknown."""
+    """True if the accelerometer contributes more to the error than the magnetometer; None if unknown."""
     source: Source | None = None
-    """What makes most of the magnetometer's part; None where nothing is known to."""
+    """Source of most of the magnetometer's contribution; None if no source is known."""
     is_arithmetic: bool = False
-    """The source is the firmware's own arithmetic: the float64 fit of the same points is without it."""
+    """True if the source is the firmware's own arithmetic: the float64 fit of the same points is free of it."""
     is_stale: bool = False
-    """The calibration is of other iron, or of other points."""
+    """True if the calibration belongs to other iron, or to other points."""
 
     @property
     def fails(self) -> bool:
-        """Whether the error or its mean exceeds its limit."""
-        return _over(self.max_deg, self.max_limit_deg) or self.bias_over
+        """True if the error or its mean exceeds its limit."""
+        return _exceeds(self.max_deg, self.max_limit_deg) or self.bias_over
 
     @property
     def bias_over(self) -> bool:
-        """Whether the mean error exceeds its limit."""
-        return self.bias_deg is not None and _over(abs(self.bias_deg), self.bias_limit_deg)
+        """True if the mean error exceeds its limit."""
+        return self.bias_deg is not None and _exceeds(abs(self.bias_deg), self.bias_limit_deg)
 
     @property
     def centred_over(self) -> bool:
-        """Whether the largest error does without its mean; as it is where there is no mean."""
-        return _over(self.max_deg if self.max_centred_deg is None else self.max_centred_deg, self.max_limit_deg)
+        """True if the largest error exceeds its limit without the mean, or with it if there is no mean."""
+        return _exceeds(self.max_deg if self.max_centred_deg is None else self.max_centred_deg, self.max_limit_deg)
 
     @property
     def accelerometer_is_wrong(self) -> bool:
-        """Whether gravity makes most of the error; where that is unknown, whether it is out of its own limits."""
+        """True if gravity causes most of the error; if that is unknown, whether it is out of its own limits."""
         if self.accelerometer_makes_more is not None:
             return self.accelerometer_makes_more
         return (
-            _over(self.accelerometer_norm_rms_mg, self.accelerometer_limit_mg)
-            or _over(self.tilt_error_deg, self.tilt_limit_deg)
+            _exceeds(self.accelerometer_norm_rms_mg, self.accelerometer_limit_mg)
+            or _exceeds(self.tilt_error_deg, self.tilt_limit_deg)
         )
 
     @property
     def fits_well(self) -> bool:
-        """Whether the residual is no larger than noise may leave."""
+        """True if the residual is no larger than noise explains."""
         return self.residual_percent <= GOOD_FIT_FACTOR * self.residual_predicted_percent
 
 
-def name_cause(seen: HeadingSymptoms) -> Cause:
+def name_cause(symptoms: HeadingSymptoms) -> Cause:
     """Return the likely cause of a failed heading.
 
     Returns
     -------
     Cause
-        `Cause.NONE` when neither the error nor the bias exceeds its limit.
+        `Cause.NONE` if neither the error nor the bias exceeds its limit.
 
     Notes
     -----
     The order matters. Wrong axes explain every other symptom. A wrong accelerometer spoils every
-    heading, whatever the fit; what it makes of the error is compared with what the magnetometer
-    makes, where the record has the field and gravity that there were to read. Otherwise its limits decide. Its norm
+    heading, whatever the fit; its contribution to the error is compared with the magnetometer's
+    if the record has the true field and gravity. Otherwise its limits decide. Its norm
     alone does not show it: an offset of e g at a right angle to gravity changes the norm by
     e^2 / 2 and tilts the horizon by e radians, so pitch and roll are compared with the known ones.
 
     An offset that is the same at every pose is the mounting, or the firmware. A rotation of the
-    soft iron about the body's z axis is one too *while the board is level*: z is then the vertical.
+    soft iron about the body's z axis has the same effect *while the board is level*: z is then the vertical.
     On a tilted board the same rotation mixes the vertical field into the horizontal and the error
-    changes with the heading: over poses of both kinds it is what it is, a rotation that no fit
-    of norms can see. A source that is known to make most of the error is named; a rotation that
-    leaves the fit good is called what it looks like. That is also what is left with a perfect
-    fit, once the points covered the sphere and the calibrator did not fall back to a sphere:
-    neither is a good fit, however small the residual.
+    changes with the heading: poses of both kinds identify it as a rotation, which no fit
+    of norms can see. A source that is known to cause most of the error is named; a rotation that
+    leaves the fit good is reported as a good fit with a bad heading. So is an unexplained error after a perfect
+    fit, if the points covered the sphere and the calibrator did not fall back to a sphere:
+    otherwise the fit is not good, however small the residual.
     """
-    if not seen.fails:
+    if not symptoms.fails:
         return Cause.NONE
-    if seen.wrong_axes:
+    if symptoms.wrong_axes:
         return Cause.AXES
-    if seen.accelerometer_is_wrong:
+    if symptoms.accelerometer_is_wrong:
         return Cause.ACCELEROMETER
-    if seen.bias_over and not seen.centred_over:
+    if symptoms.bias_over and not symptoms.centred_over:
         return Cause.CONSTANT_OFFSET
-    if seen.fit is FitStatus.POOR_COVERAGE or seen.coverage_percent < POOR_COVERAGE_PERCENT:
+    if symptoms.fit is FitStatus.POOR_COVERAGE or symptoms.coverage_percent < POOR_COVERAGE_PERCENT:
         return Cause.POOR_COVERAGE
-    if seen.is_stale:
+    if symptoms.is_stale:
         return Cause.STALE
-    is_ellipsoid = seen.fit is FitStatus.ELLIPSOID
-    looks_like_a_good_fit = seen.source is Source.ROTATION and seen.fits_well and not seen.is_arithmetic
-    if is_ellipsoid and seen.source is not None and not looks_like_a_good_fit:
-        return OF_SOURCE[seen.source]
-    return Cause.GOOD_FIT_BAD_HEADING if is_ellipsoid and seen.centred_over and seen.fits_well else Cause.BAD_FIT
+    is_ellipsoid = symptoms.fit is FitStatus.ELLIPSOID
+    looks_like_a_good_fit = symptoms.source is Source.ROTATION and symptoms.fits_well and not symptoms.is_arithmetic
+    if is_ellipsoid and symptoms.source is not None and not looks_like_a_good_fit:
+        return OF_SOURCE[symptoms.source]
+    looks_good = is_ellipsoid and symptoms.centred_over and symptoms.fits_well
+    return Cause.GOOD_FIT_BAD_HEADING if looks_good else Cause.BAD_FIT
 
 
-def _over(value: float, limit: float | None) -> bool:
+def _exceeds(value: float, limit: float | None) -> bool:
     return limit is not None and value > limit

@@ -1,4 +1,4 @@
-"""What chance makes of the change of one measurement."""
+"""Effect of chance on the change of one measurement."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from hiltest.verdict.statistics import LARGEST
 
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """What chance makes of one measurement."""
+    """Effect of chance on one measurement."""
 
     noise: Noise | None
-    """Of its mean change; None where there is none."""
+    """Noise of the mean change; None without noise."""
     tolerance: Tolerance
-    """What it must move beyond, apart from noise."""
+    """Tolerance that a change must exceed, apart from noise."""
     size: float
-    """Of its values, which a relative tolerance is a part of."""
+    """Magnitude of the values, which a relative tolerance refers to."""
     shared: bool
-    """Whether runs of one seed read the same noise."""
+    """True if runs on one seed read the same noise."""
     share: float = FALSE_ALARMS
     """Share of comparisons of unchanged firmware that may call it changed."""
 
@@ -45,28 +45,28 @@ class Chance:
 
     @property
     def shown(self) -> Tolerance:
-        """The tolerance with what noise moves, where runs do not share it."""
+        """The tolerance, widened by the noise if runs do not share it."""
         if self.shared or self.noise is None or not self.noise.tested:
             return self.tolerance
         return Tolerance(max(self.tolerance.absolute, half_width(self.noise, self.share)), self.tolerance.relative)
 
     @property
-    def seen(self) -> float:
-        """Smallest change that is seen in 4 of 5 comparisons."""
+    def smallest_change(self) -> float:
+        """Smallest change that is detected in 4 of 5 comparisons."""
         return smallest_seen(self.noise, self.floor, self.share)
 
     def explains(self, moved: float) -> bool:
-        """Say whether noise alone may have moved the mean by so much, at this measurement's share of false alarms."""
+        """Return whether noise alone may move the mean this far, at this measurement's share of false alarms."""
         return self.noise is not None and abs(moved) <= half_width(self.noise, self.share)
 
 
 def chance_of(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> Chance:
-    """Return what chance makes of a measurement that is compared alone.
+    """Return the effect of chance on a measurement that is compared alone.
 
-    On a real board its noise takes the place of the catalogue's tolerance, where that is the smaller one: a harmless
-    change is lost in the noise then. A tolerance that a rig states decides alone there.
+    On a real board the noise replaces the catalogue's tolerance if that is smaller: noise hides a harmless change.
+    A tolerance that a rig states decides alone.
     """
-    tolerance = of_flash(pairs.latest, pairs.tolerance or tolerance_of(pairs.name, tolerances))
+    tolerance = flash_tolerance(pairs.latest, pairs.tolerance or tolerance_of(pairs.name, tolerances))
     seeds = pairs.seeds
     base, new = values_of(pairs.base, seeds), values_of(pairs.new, seeds)
     shared = board != REAL
@@ -76,23 +76,23 @@ def chance_of(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> 
     if shared:
         return Chance(None if tolerance == EXACT else paired(moves(pairs.name, base, new)), tolerance, size, shared)
     noise = unpaired(*(pairs.runs or (base, new)), deviation_of(pairs.name))
-    found = Chance(noise, tolerance, size, shared)
+    chance = Chance(noise, tolerance, size, shared)
     if noise is None:
-        return found
+        return chance
     if tolerance != tolerance_of(pairs.name, {}):
-        return replace(found, noise=replace(noise, tested=False))
-    return found if noise.deviation <= found.floor else replace(found, tolerance=EXACT)
+        return replace(chance, noise=replace(noise, tested=False))
+    return chance if noise.deviation <= chance.floor else replace(chance, tolerance=EXACT)
 
 
-def of_flash(latest: Measurement, tolerance: Tolerance) -> Tolerance:
-    """Return the tolerance, no tighter than two counts of code in flash can be distinguished."""
+def flash_tolerance(latest: Measurement, tolerance: Tolerance) -> Tolerance:
+    """Return the tolerance, widened to the smallest difference that counts of code in flash can resolve."""
     if not in_flash(latest.cycle_model):
         return tolerance
     return Tolerance(tolerance.absolute, max(tolerance.relative, FLASH_TIE))
 
 
 def moves(name: str, base: Sequence[float], new: Sequence[float]) -> list[float]:
-    """Return the changes; of a direction the short way round, and as far back: of half a turn both signs are right."""
+    """Return the changes; changes of a direction are wrapped to half a turn, at which both signs are right."""
     changes = changes_of(base, new)
     return [math.remainder(change, 360.0) for change in changes] if is_direction(name) else changes
 

@@ -17,7 +17,7 @@ from hiltest.verdict.evidence import REAL, Evidence, Seed, as_one_run, evidence_
 from hiltest.verdict.noise import FALSE_ALARMS
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.pairs import Pairs, number_of
-from hiltest.verdict.wording import entry, on_seeds, sentence
+from hiltest.verdict.wording import entry, format_seeds, sentence
 
 _Measured = Mapping[Seed, Mapping[str, Measurement]]
 _MOVED = (Change.BETTER, Change.WORSE)
@@ -28,170 +28,179 @@ _ASSUMED = (
 
 
 def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Comparison:
-    """Compare two sides, paired by seed, with the tolerances that the base states, or else those of the new one's rig.
+    """Compare two sides, paired by seed, with the base's tolerances, or those of the new run's rig if it has none.
 
     Parameters
     ----------
     together
-        Whether both firmwares ran in one session: they may then be of different compilers and flags.
+        True if both firmwares ran in one session: their compilers and flags may then differ.
 
     Returns
     -------
     Comparison
-        Has obstacles where the gate cannot be evaluated; the differences are then information only.
+        The comparison; it has obstacles if the gate cannot be evaluated, and its differences are then information only.
     """
     board = new.conditions.board if new.conditions else ""
     runs = (base, new)
     if all(run.conditions is not None and run.conditions.board == REAL for run in runs):
         base, new = map(as_one_run, runs)
-    pairs = [replace(each, runs=_of_each_run(each.name, runs)) for each in pairs_of(base, new)]
+    pairs = [replace(pair, runs=_numbers_of_runs(pair.name, runs)) for pair in pairs_of(base, new)]
     chances = chances_of(pairs, board, new.tolerances)
     names = {pair.name for pair in pairs}
-    differences = (
-        _informs(difference(pair, board, new.tolerances, chances[pair.name]), pair, names, chances) for pair in pairs
+    raw = (
+        _as_information(difference(pair, board, new.tolerances, chances[pair.name]), pair, names, chances)
+        for pair in pairs
     )
     changes = (
-        _taken(_shown_if_loosened(made, each), each, base, new) for made, each in zip(differences, pairs, strict=True)
+        _mark_not_taken(_mark_loosened(change, pair), pair, base, new) for change, pair in zip(raw, pairs, strict=True)
     )
-    found = tuple(with_accuracy(change, base.measurements, new.measurements) for change in changes)
+    differences = tuple(add_accuracy(change, base.measurements, new.measurements) for change in changes)
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
-    made = _comparison(base.side, new, found, obstacles(base, new, found, together=together), kind)
-    return replace(made, remark=_ASSUMED) if _noise_is_assumed(chances.values()) else made
+    comparison = _comparison(base.side, new, differences, obstacles(base, new, differences, together=together), kind)
+    return replace(comparison, remark=_ASSUMED) if _noise_is_assumed(chances.values()) else comparison
 
 
 def _noise_is_assumed(chances: Iterable[Chance]) -> bool:
-    """Say whether runs that share no noise are too few to say how much they differ."""
+    """Return whether unpaired runs are too few to estimate their noise."""
     noises = [chance.noise for chance in chances if chance.noise is not None and not chance.shared]
     return bool(noises) and not any(noise.of_these_runs for noise in noises)
 
 
 def chances_of(pairs: Sequence[Pairs], board: str, tolerances: Mapping[str, Tolerance]) -> dict[str, Chance]:
-    """Return what chance makes of each measurement of a comparison, by name.
+    """Return the effect of chance on each measurement of a comparison, by name.
 
-    Those that noise could carry beyond their tolerance, and so call better or worse, share the false alarms equally
-    (Bonferroni): none of them may be called in 99 of 100 comparisons of unchanged firmware.
+    Measurements that noise could move beyond their tolerance share the false alarms equally (Bonferroni): 99 of 100
+    comparisons of unchanged firmware call none of them better or worse.
     """
-    found = {pair.name: chance_of(pair, board, tolerances) for pair in pairs}
+    chances = {pair.name: chance_of(pair, board, tolerances) for pair in pairs}
     sharing = sum(
-        each.noise is not None and each.noise.reaches(each.floor) and (each.shared or not identify(name).decided_by)
-        for name, each in found.items()
+        chance.noise is not None and chance.noise.reaches(chance.floor)
+        and (chance.shared or not identify(name).decided_by)
+        for name, chance in chances.items()
     )
-    return {name: replace(each, share=FALSE_ALARMS / max(sharing, 1)) for name, each in found.items()}
+    return {name: replace(chance, share=FALSE_ALARMS / max(sharing, 1)) for name, chance in chances.items()}
 
 
 def changes_seen(run: Run) -> dict[str, float]:
-    """Return the smallest change of each measurement that is seen in 4 of 5 cases: by the comparison of the run.
+    """Return the smallest change of each measurement that the run's comparison detects in 4 of 5 cases.
 
-    Of a run that was compared with nothing, by a comparison with one more such run.
+    If the run was compared with nothing, the values are for a comparison with one more such run.
     """
     if run.comparison is not None:
-        return {each.name: each.seen for each in run.comparison.differences if each.seen is not None}
+        return {
+            difference.name: difference.seen for difference in run.comparison.differences if difference.seen is not None
+        }
     evidence = evidence_of(run)
     board = evidence.conditions.board if evidence.conditions else ""
-    found = chances_of(pairs_of(evidence, evidence), board, evidence.tolerances)
-    return {name: each.seen for name, each in found.items() if not is_direction(name)}
+    chances = chances_of(pairs_of(evidence, evidence), board, evidence.tolerances)
+    return {name: chance.smallest_change for name, chance in chances.items() if not is_direction(name)}
 
 
 def not_compared(file: str, reason: str, new: Evidence) -> Comparison:
-    """Return the comparison with a base that cannot be read: the obstacle, and the failures of the run itself.
+    """Return the comparison with an unreadable base: the obstacle, and the failures of the run itself.
 
     Parameters
     ----------
     file
-        File that was to be the base.
+        File of the base.
     reason
-        Why it is none, with what to do.
+        Reason why it cannot be used, with a remedy.
     """
     return _comparison(Side(file), new, (), (reason, *new.faults), BaseKind.RUN)
 
 
 def _comparison(
-    base: Side, new: Evidence, found: tuple[Difference, ...], reasons: tuple[str, ...], kind: BaseKind
+    base: Side, new: Evidence, differences: tuple[Difference, ...], reasons: tuple[str, ...], kind: BaseKind
 ) -> Comparison:
-    failed = (*(() if new.may_miss else _missed(new, found)), *new.failed)
-    made = Comparison(
-        base, new.side, found, reasons, "", failed=failed, unjudged=tuple(_not_evaluated(new)), chosen=new.chosen,
+    failed = (*(() if new.may_miss else _missed_limits(new, differences)), *new.failed)
+    comparison = Comparison(
+        base, new.side, differences, reasons, "", failed=failed, unjudged=tuple(_unevaluated_limits(new)),
+        chosen=new.chosen,
         base_kind=kind,
     )
-    return replace(made, sentence=sentence(made))
+    return replace(comparison, sentence=sentence(comparison))
 
 
-def _missed(new: Evidence, found: tuple[Difference, ...]) -> Iterator[str]:
-    """Yield the limits that the new run misses, in order of concern; what got worse as it is named among that."""
-    missed = _with_outcome(new, Outcome.FAIL)
-    for each in sorted(found, key=lambda each: each.concern):
-        if seeds := missed.pop(each.name, None):
-            named = each.change is Change.WORSE or len(new.measurements) == 1
-            yield entry(each) + ("" if named else on_seeds(list(seeds)))
+def _missed_limits(new: Evidence, differences: tuple[Difference, ...]) -> Iterator[str]:
+    """Yield the limits that the new run misses, in order of concern; measurements that got worse show the change."""
+    missed = _measurements_with(new, Outcome.FAIL)
+    for changed in sorted(differences, key=lambda changed: changed.concern):
+        if seeds := missed.pop(changed.name, None):
+            named = changed.change is Change.WORSE or len(new.measurements) == 1
+            yield entry(changed) + ("" if named else format_seeds(list(seeds)))
     for seeds in missed.values():
         yield measured(next(iter(seeds.values())))
 
 
-def _not_evaluated(new: Evidence) -> Iterator[str]:
+def _unevaluated_limits(new: Evidence) -> Iterator[str]:
     for outcome in UNDECIDED:
-        for name, seeds in _with_outcome(new, outcome).items():
+        for name, seeds in _measurements_with(new, outcome).items():
             yield f"{name} ({next(iter(seeds.values())).note})"
 
 
-def _with_outcome(new: Evidence, outcome: Outcome) -> dict[str, dict[Seed, Measurement]]:
+def _measurements_with(new: Evidence, outcome: Outcome) -> dict[str, dict[Seed, Measurement]]:
     """Return the measurements that have an outcome, by name and seed."""
-    found: dict[str, dict[Seed, Measurement]] = {}
-    for seed, made in new.measurements.items():
-        for name, each in sorted(made.items()):
-            if each.outcome is outcome:
-                found.setdefault(name, {})[seed] = each
-    return found
+    by_name: dict[str, dict[Seed, Measurement]] = {}
+    for seed, measurements in new.measurements.items():
+        for name, measurement in sorted(measurements.items()):
+            if measurement.outcome is outcome:
+                by_name.setdefault(name, {})[seed] = measurement
+    return by_name
 
 
-def _informs(found: Difference, pairs: Pairs, names: Set[str], chances: Mapping[str, Chance]) -> Difference:
-    """Return a difference; between runs that share no noise the largest of many errors informs: their rms decides.
+def _as_information(difference: Difference, pairs: Pairs, names: Set[str], chances: Mapping[str, Chance]) -> Difference:
+    """Return a difference as information if runs share no noise and it is the largest of many errors: the rms decides.
 
-    Unless it has left its limit, or the rig states its tolerance.
+    It decides all the same if it has left its limit, or if the rig states its tolerance.
     """
-    chance, decides = chances[found.name], identify(found.name).decided_by
+    chance, decides = chances[difference.name], identify(difference.name).decided_by
     stated = chance.noise is not None and not chance.noise.tested
-    if chance.shared or stated or decides not in names or found.change not in _MOVED or pairs.newly_out:
-        return found
+    if chance.shared or stated or decides not in names or difference.change not in _MOVED or pairs.newly_out:
+        return difference
     note = f"on a real board {decides} decides"
-    return replace(found, change=Change.CHANGED, note="; ".join(filter(None, (found.note, note))))
+    return replace(difference, change=Change.CHANGED, note="; ".join(filter(None, (difference.note, note))))
 
 
-def _shown_if_loosened(found: Difference, pairs: Pairs) -> Difference:
-    """Return a difference; a limit that the change under test loosens is shown, though the number is what it was."""
-    loosened = found.change is Change.UNCHANGED and pairs.limit_loosened
-    return replace(found, change=Change.CHANGED) if loosened else found
+def _mark_loosened(difference: Difference, pairs: Pairs) -> Difference:
+    """Return a difference; a loosened limit is shown even if the number did not change."""
+    loosened = difference.change is Change.UNCHANGED and pairs.limit_loosened
+    return replace(difference, change=Change.CHANGED) if loosened else difference
 
 
-def _taken(found: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:
-    """Return a difference; a measurement is not gone when the run ended before it."""
+def _mark_not_taken(difference: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:
+    """Return a difference; a measurement is not called gone if the run ended before it."""
     partial = bool(new.faults or new.failed) or (new.chosen and not base.chosen)
-    made = any(_was_made(pairs.new[seed]) for seed in pairs.lost)
-    if partial and found.change is Change.GONE and pairs.lost and not made:
-        return replace(found, change=Change.NOT_TAKEN, note="")
-    return found
+    was_made = any(_was_made(pairs.new[seed]) for seed in pairs.lost)
+    if partial and difference.change is Change.GONE and pairs.lost and not was_made:
+        return replace(difference, change=Change.NOT_TAKEN, note="")
+    return difference
 
 
 def _was_made(measurement: Measurement | None) -> bool:
-    """Say whether a test made a measurement, with a number or not; a limit that nothing met is kept without a test."""
+    """Return whether a test made a measurement, with or without a number; unmet limits are recorded without a test."""
     return measurement is not None and (bool(measurement.test) or measurement.outcome is not Outcome.UNSET)
 
 
 def pairs_of(base: Evidence, new: Evidence) -> list[Pairs]:
-    """Return the measurements to compare, by name: all but those volatile in the base, or new and volatile."""
+    """Return the measurements to compare, by name: all that are not volatile in the base, or in the new run if new."""
     seeds = [seed for seed in base.measurements if seed in new.measurements]
     names: set[str] = set()
     for seed in seeds:
-        names.update(name for name, each in base.measurements[seed].items() if not each.volatile)
+        names.update(name for name, measurement in base.measurements[seed].items() if not measurement.volatile)
         was = base.measurements[seed]
-        names.update(name for name, each in new.measurements[seed].items() if not each.volatile and name not in was)
+        names.update(
+            name for name, measurement in new.measurements[seed].items() if not measurement.volatile and name not in was
+        )
     pairs = (
-        Pairs(name, _on(base.measurements, name, seeds), _on(new.measurements, name, seeds), base.in_force.get(name))
+        Pairs(name, _values_on(
+            base.measurements, name, seeds
+        ), _values_on(new.measurements, name, seeds), base.in_force.get(name))
         for name in sorted(filter(is_compared, names))
     )
     return [pair for pair in pairs if not pair.is_nothing]
 
 
-def _of_each_run(name: str, sides: tuple[Evidence, Evidence]) -> tuple[list[float], list[float]]:
+def _numbers_of_runs(name: str, sides: tuple[Evidence, Evidence]) -> tuple[list[float], list[float]]:
     base, new = (
         [number for run in side.measurements.values() if (number := number_of(run.get(name))) is not None]
         for side in sides
@@ -199,23 +208,23 @@ def _of_each_run(name: str, sides: tuple[Evidence, Evidence]) -> tuple[list[floa
     return base, new
 
 
-def _on(
+def _values_on(
     measurements: Mapping[Seed, Mapping[str, Measurement]], name: str, seeds: list[Seed]
 ) -> dict[Seed, Measurement | None]:
     return {seed: measurements[seed].get(name) for seed in seeds}
 
 
-def with_accuracy(found: Difference, base: _Measured, new: _Measured) -> Difference:
-    """Return a difference; that of a calibrator's cost says what its accuracy was and is, if both sides know.
+def add_accuracy(difference: Difference, base: _Measured, new: _Measured) -> Difference:
+    """Return a difference; a calibrator's cost is supplemented by its accuracy on both sides, if both have it.
 
     Parameters
     ----------
     base, new
-        All that both sides measured. Over several seeds it names the means, as for the cost.
+        All measurements of both sides. Over several seeds the means are named, as for the cost.
     """
-    name = identify(found.name).accuracy
-    if found.change not in _MOVED or not name:
-        return found
+    name = identify(difference.name).accuracy
+    if difference.change not in _MOVED or not name:
+        return difference
     pairs = [
         (was.value, now.value)
         for seed in base.keys() & new.keys()
@@ -223,8 +232,8 @@ def with_accuracy(found: Difference, base: _Measured, new: _Measured) -> Differe
         and was.value is not None and now.value is not None
     ]
     if not pairs:
-        return found
-    unit = next(each[name].unit for each in new.values() if name in each)
+        return difference
+    unit = next(measurements[name].unit for measurements in new.values() if name in measurements)
     before, after = (fmean(side) for side in zip(*pairs, strict=True))
     accuracy = f"{name} {hundredths(before)} -> {hundredths(after)} {unit}"
-    return replace(found, note="; ".join(filter(None, (found.note, accuracy))))
+    return replace(difference, note="; ".join(filter(None, (difference.note, accuracy))))

@@ -1,4 +1,4 @@
-"""One side of a comparison: its measurements, and what they depend on."""
+"""One side of a comparison: its measurements and their conditions."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ from hiltest.record.run import Run
 from hiltest.verdict.statistics import mean_value
 
 Seed = int | None
-"""None for a board that simulates nothing; where it has run several times, the number of the run."""
+"""Seed; None for a board that simulates nothing, and the number of the run if such a board ran several times."""
 
 
 NO_BOARD = "none"
-"""Kind of the board where no test needs one."""
+"""Kind of the board if no test needs one."""
 REAL = "real"
-"""Kind of the board whose runs share no noise."""
+"""Kind of a board whose runs share no noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Conditions that must be the same on both sides for numbers to be comparable, beside compiler and cycle model."""
+    """Conditions that must be equal on both sides for numbers to be comparable, beside compiler and cycle model."""
 
     board: str
-    """Its kind: ``virtual`` or ``real``, of a replay with the recording that it is of, or `NO_BOARD`."""
+    """Kind of the board: ``virtual``, ``real``, either with the recording for a replay, or `NO_BOARD`."""
     rig_sha256: str
-    """SHA-256 of the rig's conditions; empty in a record from before they were kept, and without board and rig."""
+    """SHA-256 of the rig's conditions; empty in older records, which lack it, and without board and rig."""
     calibrators: tuple[str, ...]
-    """As the board names them."""
+    """Names of the calibrators as the board reports them."""
     sensors: tuple[str, ...]
-    """Those that were there, by name."""
+    """Names of the sensors that were present."""
     protocol_version: int
     compiler_flags: tuple[str, ...]
-    """Compiler flags of all units of the firmware; empty where there is no ELF, or none with debugging information."""
+    """Compiler flags of all units of the firmware; empty without an ELF or its debugging information."""
     poses: str
     """Known angles that were measured: ``all`` or ``level``."""
     suite: str
     """Set of tests: ``gate`` or ``full``."""
     calibrated: bool
-    """Whether a calibration file was tested too."""
+    """True if a calibration file was tested, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,31 +54,31 @@ class Evidence:
 
     side: Side
     conditions: Conditions | None
-    """None when no board answered that was to."""
+    """Conditions of the run; None if a board was needed and none answered."""
     measurements: Mapping[Seed, Mapping[str, Measurement]]
-    """Measurements by name, the volatile ones too."""
+    """Measurements by name, including volatile ones."""
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
     """Tolerances that the rig states, by exact name."""
     faults: tuple[str, ...] = ()
-    """Why this side is no evidence, one line each, with what to do: such as a run that was cut short."""
+    """Reasons why this side cannot be compared, one line each, with a remedy: such as a run that was cut short."""
     chosen: bool = False
-    """Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep."""
+    """True if only chosen tests ran: such a run is comparable with the same choice, and cannot become a baseline."""
     failed: tuple[str, ...] = ()
-    """What else than a limit makes it no pass by itself: tests that failed, with the reason."""
+    """Tests that failed for another reason than a limit, with the reason."""
     may_miss: bool = False
-    """Whether limits that were missed were allowed to be, as on some seeds of many."""
+    """True if missed limits are allowed, as on some seeds of many."""
     is_baseline: bool = False
-    """Whether it was read from a baseline file."""
+    """True if it was read from a baseline file."""
     builds: Mapping[str, str] = field(default_factory=dict)
-    """Build of each measurement that is of another one than `side`: a baseline may have accepted some."""
+    """Builds of measurements that come from another build than `side`, since a baseline accepted them."""
     in_force: Mapping[str, Tolerance] = field(default_factory=dict)
-    """Tolerance of every measurement, as the record states it; empty in one from before it was kept."""
+    """Tolerance of every measurement according to the record; empty for older records, which lack it."""
     tests: Mapping[Seed, Mapping[str, TestOutcome]] = field(default_factory=dict)
-    """Outcome of every test by its id, of a baseline those that passed; empty where that was not kept."""
+    """Outcome of every test by its id, for a baseline of those that passed; empty in older files, which lack it."""
 
     @property
     def name(self) -> str:
-        """Name for messages: its file, or the firmware of a run that is just ending."""
+        """Name for messages: the file, or the firmware of a run that is just ending."""
         firmware = f" of {self.side.firmware} {self.side.version}" if self.side.firmware else ""
         return self.side.file or f"this run{firmware}"
 
@@ -89,7 +89,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
     Parameters
     ----------
     file, sha256
-        Where it was read from; empty for a run that is just ending.
+        File that the run was read from; empty for a run that is just ending.
     """
     board, rig = run.board, run.rig
     side = Side(file=file, sha256=sha256, saved_utc=run.finished_utc, revision=run.revision)
@@ -112,25 +112,25 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
 
 
 def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
-    """Put runs that differ in their seed, or of a board that has noise of its own, together as one side.
+    """Combine runs that differ in their seed, or of a board that has noise of its own, into one side.
 
     Parameters
     ----------
     runs
-        At least one.
+        At least one run.
     file
-        What to call them.
+        Name of the combined side.
     """
     first = runs[0]
     faults = [fault for run in runs for fault in run.faults]
-    for each in runs[1:]:
-        if each.conditions != first.conditions:
-            faults.append(f"{each.name}: under other conditions than {first.name}; run all seeds on one rig")
-        elif _build(each.side) != _build(first.side):
-            faults.append(f"{each.name}: of another firmware than {first.name}; run all seeds with one")
+    for run in runs[1:]:
+        if run.conditions != first.conditions:
+            faults.append(f"{run.name}: under other conditions than {first.name}; run all seeds on one rig")
+        elif _build(run.side) != _build(first.side):
+            faults.append(f"{run.name}: of another firmware than {first.name}; run all seeds with one")
     numbered = len(runs) > 1 and first.conditions is not None and first.conditions.board == REAL
-    measurements = _by_seed([run.measurements for run in runs], numbered=numbered)
-    tests = _by_seed([run.tests for run in runs], numbered=numbered)
+    measurements = _merge_by_seed([run.measurements for run in runs], numbered=numbered)
+    tests = _merge_by_seed([run.tests for run in runs], numbered=numbered)
     if len(measurements) < sum(len(run.measurements) for run in runs):
         faults.append(f"{file}: a seed stands there twice; run the campaign into an empty folder")
     if numbered and len({run.side.sha256 for run in runs}) < len(runs):
@@ -142,66 +142,70 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         revision=first.side.revision if len({run.side.revision for run in runs}) == 1 else None,
     )
     chosen = any(run.chosen for run in runs)
-    failed = tuple(f"{why} {_of_run(run)}" for run in runs for why in run.failed)
+    failed = tuple(f"{why} {_seeds_in_words(run)}" for run in runs for why in run.failed)
     return Evidence(
         side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed,
-        in_force={name: each for run in reversed(runs) for name, each in run.in_force.items()}, tests=tests,
+        in_force={name: tolerance for run in reversed(runs) for name, tolerance in run.in_force.items()}, tests=tests,
     )
 
 
-_Found = TypeVar("_Found")
+_Value = TypeVar("_Value")
 
 
-def _by_seed(runs: Sequence[Mapping[Seed, _Found]], *, numbered: bool) -> dict[Seed, _Found]:
-    """Return what was found on each seed; of a board that simulates nothing by the number of the run."""
+def _merge_by_seed(runs: Sequence[Mapping[Seed, _Value]], *, numbered: bool) -> dict[Seed, _Value]:
+    """Return the values by seed; for a board that simulates nothing, by the number of the run."""
     if numbered:
-        return dict(enumerate((found for run in runs for found in run.values()), start=1))
-    return {seed: found for run in runs for seed, found in run.items()}
+        return dict(enumerate((value for run in runs for value in run.values()), start=1))
+    return {seed: value for run in runs for seed, value in run.items()}
 
 
-def _of_run(run: Evidence) -> str:
+def _seeds_in_words(run: Evidence) -> str:
     return f"on seed {', '.join(map(str, run.side.seeds))}" if run.side.seeds else f"in {run.name}"
 
 
 def as_one_run(evidence: Evidence) -> Evidence:
-    """Return runs that share no noise as one run: means, with the outcome of the run that gates, if any.
+    """Return runs that share no noise as one run: means, with the outcome of a run that gates, if any.
 
-    A measurement or a test that one of several runs lacks is missing, and a number that it lacks is none.
+    A measurement or test that one of the runs lacks is omitted; a mean is missing if one of its numbers is.
     """
     runs = list(evidence.measurements.values())
-    made = {name: [run[name] for run in runs] for name in runs[0] if all(name in run for run in runs)} if runs else {}
+    measurements = {
+        name: [run[name] for run in runs] for name in runs[0] if all(name in run for run in runs)
+    } if runs else {}
     tests = list(evidence.tests.values())
-    passed = {test: [each[test] for each in tests] for test in tests[0] if all(test in each for each in tests)} \
-        if tests else {}
+    by_test = {
+        test: [outcomes[test] for outcomes in tests] for test in tests[0] if all(test in outcomes for outcomes in tests)
+    } if tests else {}
     return replace(
-        evidence, measurements={None: {name: _mean_of(each) for name, each in made.items()}} if runs else {},
-        tests={None: {test: _worst_of(each) for test, each in passed.items()}} if tests else {},
+        evidence,
+        measurements={None: {name: _mean_measurement(values) for name, values in measurements.items()}} if runs else {},
+        tests={None: {test: _worst_outcome(values) for test, values in by_test.items()}} if tests else {},
     )
 
 
-def _mean_of(runs: Sequence[Measurement]) -> Measurement:
+def _mean_measurement(runs: Sequence[Measurement]) -> Measurement:
     values = [run.value for run in runs if run.value is not None]
     shown = next((run for run in runs if run.value is None or run.gates), runs[0])
-    return replace(shown, value=mean_value([float(each) for each in values])) if len(values) == len(runs) else shown
+    return replace(shown, value=mean_value([float(value) for value in values])) if len(values) == len(runs) else shown
 
 
-def _worst_of(outcomes: Sequence[TestOutcome]) -> TestOutcome:
+def _worst_outcome(outcomes: Sequence[TestOutcome]) -> TestOutcome:
     return next((outcome for outcome in outcomes if outcome is not TestOutcome.PASSED), TestOutcome.PASSED)
 
 
 def no_evidence(file: str) -> Evidence:
-    """Return a side without a record; a comparison with it is not evaluated."""
+    """Return a side without a record; a comparison with it cannot be evaluated."""
     return Evidence(Side(file=file), None, {})
 
 
-def with_misses_allowed(campaign: Evidence) -> Evidence:
-    """Return the runs of a campaign that may miss a limit on some seeds, and has."""
+def allow_misses(campaign: Evidence) -> Evidence:
+    """Return the side of a campaign that passed although some seeds missed a limit, as it was allowed to."""
     return replace(campaign, may_miss=True)
 
 
 def _conditions(run: Run) -> Conditions | None:
     if run.board is None:
-        # A run without one is whole only where no test needed it: its numbers are as good as any.
+        # Such a run is complete only if no test needed a board; its numbers are then valid.
         return Conditions(
             board=NO_BOARD, rig_sha256=run.rig.conditions_sha256 if run.rig else "", calibrators=(), sensors=(),
             protocol_version=0, compiler_flags=(), poses=run.poses, suite=run.suite,
@@ -218,13 +222,13 @@ def _conditions(run: Run) -> Conditions | None:
 
 
 def _tolerances(place: str, content: Mapping[str, tuple[float, float]], file: str) -> dict[str, Tolerance]:
-    found = {}
-    for name, each in content.items():
+    tolerances = {}
+    for name, values in content.items():
         try:
-            found[name] = Tolerance(*each)
+            tolerances[name] = Tolerance(*values)
         except ValueError as error:
             raise ConfigError(f"{file}: {place}.{name}: {error}; run it again: hiltest run") from error
-    return found
+    return tolerances
 
 
 def _build(side: Side) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from hiltest.record.files import RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.record.journal import JOURNAL_FILE
 from hiltest.strict_json import read_json
 from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
-from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds, with_misses_allowed
+from hiltest.verdict.evidence import Evidence, allow_misses, evidence_of, evidence_of_seeds
 
 _A_SIDE = "name a run.json, its folder or a baseline"
 
@@ -23,25 +23,25 @@ def read_evidence(place: Path) -> Evidence:
     Parameters
     ----------
     place
-        A run's folder or its ``run.json``, the folder of a campaign, or a baseline file.
+        Folder of a run or its ``run.json``, the folder of a campaign, or a baseline file.
 
     Raises
     ------
     ConfigError
-        If there is nothing of the kind, or it cannot be read; it says why and what to do.
+        If no record is there, or it cannot be read; the message has the reason and a remedy.
     """
     if os.path.isdir(place):
-        seeds = sorted(each for each in place.glob(SEED_FOLDERS) if each.is_dir())
+        seeds = sorted(folder for folder in place.glob(SEED_FOLDERS) if folder.is_dir())
         if not _has_run(place):
-            return _of_campaign(place, seeds) if seeds else _of_run(place)
+            return _campaign_evidence(place, seeds) if seeds else _run_evidence(place)
         if (place / SEEDS_FILE).exists():
             raise ConfigError(
                 f"{place}: holds both a single run and a campaign ({SEEDS_FILE}), one of them stale; name the run's "
                 f"{RUN_FILE}, or run again with an --out of its own"
             )
-        return _of_run(place)  # it is newer than any seeds beside it: a campaign begins by removing a single run
+        return _run_evidence(place)  # the run is newer than any seeds beside it: a campaign removes a single run first
     if place.name.endswith(".jsonl"):
-        return _of_run(place)
+        return _run_evidence(place)
     file = read_json(place, otherwise=_A_SIDE)
     if str(file.schema).partition("/")[0] == BASELINE_SCHEMA.partition("/")[0]:
         from hiltest.verdict.baseline_file import evidence_in
@@ -54,48 +54,48 @@ def read_evidence(place: Path) -> Evidence:
 
 
 def read_runs(places: Sequence[Path]) -> Evidence:
-    """Read one side of a comparison from several runs of one firmware: with a seed each, or on a real board.
+    """Read one side of a comparison from several runs of one firmware: with one seed each, or on a real board.
 
     Raises
     ------
     ConfigError
-        As `read_evidence`.
+        For the reasons of `read_evidence`.
     """
     runs = [read_evidence(place) for place in places]
     return runs[0] if len(runs) == 1 else evidence_of_seeds(runs, f"{places[0]} and {len(runs) - 1} more")
 
 
 def _has_run(folder: Path) -> bool:
-    """Say whether a folder holds what a single run wrote; a journal without a line is of one that never began."""
+    """Return whether a folder holds the files of a single run; an empty journal belongs to one that never began."""
     journal = folder / JOURNAL_FILE
     return (folder / RUN_FILE).exists() or (journal.is_file() and journal.stat().st_size > 0)
 
 
-def _of_run(place: Path) -> Evidence:
+def _run_evidence(place: Path) -> Evidence:
     from hiltest.record.reader import read_record
 
     record = read_record(place, otherwise=_A_SIDE)
     return evidence_of(record.run, file=str(record.path), sha256=record.sha256)
 
 
-def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
+def _campaign_evidence(folder: Path, seeds: Sequence[Path]) -> Evidence:
     runs, faults = [], []
     if not (folder / SEEDS_FILE).exists():
         faults.append(f"{folder}: the campaign was cut short: it has no {SEEDS_FILE}; run all of it again")
     for seed in seeds:
         try:
-            runs.append(_of_run(seed))
+            runs.append(_run_evidence(seed))
         except ConfigError as error:
             faults.append(str(error))
     if not runs:
         raise ConfigError(faults[0])
-    found = evidence_of_seeds(runs, str(folder))
-    found = replace(found, faults=(*faults, *found.faults))
-    return with_misses_allowed(found) if _seeds_may_fail(folder / SEEDS_FILE) else found
+    evidence = evidence_of_seeds(runs, str(folder))
+    evidence = replace(evidence, faults=(*faults, *evidence.faults))
+    return allow_misses(evidence) if _seeds_may_fail(folder / SEEDS_FILE) else evidence
 
 
 def _seeds_may_fail(file: Path) -> bool:
-    """Say whether a campaign passed although seeds missed limits, because some of them may."""
+    """Return whether a campaign passed although seeds missed limits, because some of them may."""
     try:
         content = read_json(file, otherwise="run the campaign again").content
     except ConfigError:

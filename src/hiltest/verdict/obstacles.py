@@ -8,7 +8,7 @@ from shlex import quote
 
 from hiltest.record.comparison import Change, Difference
 from hiltest.record.outcomes import TestOutcome
-from hiltest.text import without_folders
+from hiltest.text import short_test_id
 from hiltest.verdict.evidence import NO_BOARD, REAL, Conditions, Evidence, Seed
 
 _NAMED_AT_MOST = 3
@@ -19,46 +19,50 @@ _A_LARGER_SUITE = ("gate", "full")
 def obstacles(
     base: Evidence, new: Evidence, differences: Sequence[Difference] | None, *, together: bool
 ) -> tuple[str, ...]:
-    """Return why the gate cannot be evaluated, one line each, with what to do; nothing when it can.
+    """Return why the gate cannot be evaluated, one line each, with a remedy; empty if it can.
 
     Parameters
     ----------
     differences
-        Between them; None to ask only whether numbers of one may stand beside numbers of the other.
+        Differences between the sides; None asks only if their numbers may stand beside each other.
     together
-        Whether both firmwares ran in one session: compiler and flags may then differ.
+        True if both firmwares ran in one session: compiler and flags may then differ.
     """
-    unlike = (*base.faults, *new.faults, *_of_sides(base, new, together=together))
+    unlike = (*base.faults, *new.faults, *_side_differences(base, new, together=together))
     if differences is None:
         return unlike
-    # Other conditions have other tests: that is no reason of its own.
-    missing = () if unlike or new.chosen else _of_tests(base, new, together=together)
-    return (*unlike, *missing, *_of_broken_tests(base, new, differences), *_of_measurements(base, new, differences))
+    # Other conditions have other tests, so missing tests are no reason of their own.
+    missing = () if unlike or new.chosen else _missing_tests(base, new, together=together)
+    return (*unlike, *missing, *_tests_broken_in_base(
+        base, new, differences
+    ), *_missing_measurements(base, new, differences))
 
 
-def _of_sides(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
-    """Yield the differences between two sides; where one has no board, or another kind, the rest follows from that."""
+def _side_differences(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
+    """Yield the differences between two sides; a missing board or another kind of board explains all others."""
     was, now = base.conditions, new.conditions
     if was is None or now is None:
-        # Of what has no record at all its fault is the whole reason.
-        boardless = (each for each in (base, new) if each.conditions is None and each.measurements)
-        yield from (f"{each.name}: no board answered; run it again" for each in boardless)
+        # If a side left no record, its fault is the only reason.
+        boardless = (side for side in (base, new) if side.conditions is None and side.measurements)
+        yield from (f"{side.name}: no board answered; run it again" for side in boardless)
     elif was.board != now.board:
         yield f"another kind of board: {was.board} before, {now.board} now; compare runs of one kind"
     else:
-        yield from _of_conditions(base, new, was, now, _or_renew(together=together))
-        yield from _of_cycle_models(base, new, _or_renew(together=together))
-        yield from () if together else _of_builds(base, new, was, now)
-        yield from _of_choice(base, new)
-        yield from _of_seeds(base, new) if now.board != REAL else ()
+        yield from _condition_differences(base, new, was, now, _renew_advice(together=together))
+        yield from _cycle_model_differences(base, new, _renew_advice(together=together))
+        yield from () if together else _build_differences(base, new, was, now)
+        yield from _choice_differences(base, new)
+        yield from _seed_differences(base, new) if now.board != REAL else ()
 
 
-def _of_conditions(base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str) -> Iterator[str]:
-    yield from _of_rigs(base, new, was, now, renew)
+def _condition_differences(
+    base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str
+) -> Iterator[str]:
+    yield from _rig_differences(base, new, was, now, renew)
     if set(was.sensors) != set(now.sensors):
-        lost, added = _without(was.sensors, now.sensors), _without(now.sensors, was.sensors)
-        yield f"other sensors: {_gone_and_added(lost, added)}; put them back{renew}"
-    if lost := _without(was.calibrators, now.calibrators):
+        lost, added = _join_missing(was.sensors, now.sensors), _join_missing(now.sensors, was.sensors)
+        yield f"other sensors: {_describe_changes(lost, added)}; put them back{renew}"
+    if lost := _join_missing(was.calibrators, now.calibrators):
         yield f"calibrator missing: the firmware has no {lost} any more; put it back{renew}"
     if was.protocol_version != now.protocol_version:
         versions = f"version {was.protocol_version} before, {now.protocol_version} now"
@@ -72,10 +76,10 @@ def _of_conditions(base: Evidence, new: Evidence, was: Conditions, now: Conditio
         yield "no calibration file: the base tested one; run with --calibration FILE"
 
 
-def _of_rigs(base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str) -> Iterator[str]:
+def _rig_differences(base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str) -> Iterator[str]:
     if was.board == now.board == NO_BOARD and not (was.rig_sha256 and now.rig_sha256):
-        return  # what needs no board needs no rig, which is read all the same where there is one
-    unknown = [each.name for each, conditions in ((base, was), (new, now)) if not conditions.rig_sha256]
+        return  # tests that need no board need no rig either, although it is read if there is one
+    unknown = [side.name for side, conditions in ((base, was), (new, now)) if not conditions.rig_sha256]
     if unknown:
         yield f"{' and '.join(unknown)}: the record does not say what rig it is of; run it again with this hiltest"
     elif was.rig_sha256 != now.rig_sha256:
@@ -85,7 +89,7 @@ def _of_rigs(base: Evidence, new: Evidence, was: Conditions, now: Conditions, re
         )
 
 
-def _of_cycle_models(base: Evidence, new: Evidence, renew: str) -> Iterator[str]:
+def _cycle_model_differences(base: Evidence, new: Evidence, renew: str) -> Iterator[str]:
     if base.side.cycle_model != new.side.cycle_model:
         yield (
             f"another cycle model: {base.side.cycle_model} before, {new.side.cycle_model} now; cycles of different "
@@ -93,7 +97,7 @@ def _of_cycle_models(base: Evidence, new: Evidence, renew: str) -> Iterator[str]
         )
 
 
-def _of_builds(base: Evidence, new: Evidence, was: Conditions, now: Conditions) -> Iterator[str]:
+def _build_differences(base: Evidence, new: Evidence, was: Conditions, now: Conditions) -> Iterator[str]:
     advice = f"run both firmwares together with `hiltest run --against OLD.elf`, or {_RENEW}"
     if base.side.compiler != new.side.compiler:
         yield f"another compiler: {base.side.compiler} before, {new.side.compiler} now; {advice}"
@@ -103,42 +107,42 @@ def _of_builds(base: Evidence, new: Evidence, was: Conditions, now: Conditions) 
         if before or after:
             yield f"{unknown}: its compiler flags are unknown; build it with debugging information (-g)"
     elif set(before) != set(after):
-        lost, added = _without(before, after), _without(after, before)
-        yield f"other compiler flags: {_gone_and_added(lost, added)}; {advice}"
+        lost, added = _join_missing(before, after), _join_missing(after, before)
+        yield f"other compiler flags: {_describe_changes(lost, added)}; {advice}"
 
 
-def _of_choice(base: Evidence, new: Evidence) -> Iterator[str]:
-    # What it did not measure would be new, and new is no regression. The other way round it would be gone.
+def _choice_differences(base: Evidence, new: Evidence) -> Iterator[str]:
+    # Measurements that the base lacks would be new, and new ones are no regression; the opposite case would be "gone".
     if base.chosen and not new.chosen:
         yield f"{base.name}: only chosen tests ran before, and all now; run all of them for a base"
 
 
-def _of_seeds(base: Evidence, new: Evidence) -> Iterator[str]:
+def _seed_differences(base: Evidence, new: Evidence) -> Iterator[str]:
     if not set(base.measurements) & set(new.measurements):
         was, now = _seeds(base), _seeds(new)
         yield f"no seed in common: {was} before, {now} now; run with a seed of the base"
 
 
-def _of_tests(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
-    """Yield an obstacle for tests that passed in the base and are gone; they need not have measured anything."""
+def _missing_tests(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
+    """Yield an obstacle for tests that passed in the base and are gone, even if they measured nothing."""
     missing: dict[str, str] = {}
     for seed, before in base.tests.items():
         now = new.tests.get(seed, {} if seed in new.measurements else before)
-        # By name alone, and as often: pytest's ids depend on the folder that it was started in.
-        passed = Counter(without_folders(test) for test, outcome in before.items() if outcome is TestOutcome.PASSED)
-        ran = Counter(without_folders(test) for test, outcome in now.items() if outcome.has_run)
-        outcomes = {without_folders(test): f"is {outcome}" for test, outcome in now.items() if not outcome.has_run}
+        # Tests are matched by name and count: pytest's ids depend on the folder that it was started in.
+        passed = Counter(short_test_id(test) for test, outcome in before.items() if outcome is TestOutcome.PASSED)
+        ran = Counter(short_test_id(test) for test, outcome in now.items() if outcome.has_run)
+        outcomes = {short_test_id(test): f"is {outcome}" for test, outcome in now.items() if not outcome.has_run}
         missing |= {test: outcomes.get(test, "did not run") for test in passed - ran}
     if not missing:
         return
-    test, what = next(iter(missing.items()))
-    more, them = (f", and so {len(missing) - 1} more", "them") if len(missing) > 1 else ("", "it")
-    otherwise = _without_test(test, base, new, together=together)
-    yield f"test missing: {test} passed before and {what} now{more}; let {them} run, or {otherwise}"
+    test, reason = next(iter(missing.items()))
+    more, pronoun = (f", and so {len(missing) - 1} more", "them") if len(missing) > 1 else ("", "it")
+    otherwise = _remedy_for_test(test, base, new, together=together)
+    yield f"test missing: {test} passed before and {reason} now{more}; let {pronoun} run, or {otherwise}"
 
 
-def _without_test(test: str, base: Evidence, new: Evidence, *, together: bool) -> str:
-    """Return how to go on without a test."""
+def _remedy_for_test(test: str, base: Evidence, new: Evidence, *, together: bool) -> str:
+    """Return the remedy for a missing test."""
     if together:
         return f"leave it out of both runs: -- -k {quote('not ' + test.rpartition('::')[2].partition('[')[0])}"
     run = quote(new.side.file or "RUN")
@@ -147,10 +151,10 @@ def _without_test(test: str, base: Evidence, new: Evidence, *, together: bool) -
     return f"make this run the base with `hiltest baseline save {run} FILE`"
 
 
-def _of_broken_tests(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
+def _tests_broken_in_base(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
     """Yield an obstacle for measurements that are new only because their test broke off in the base."""
     broken = {
-        seed: {without_folders(test) for test, outcome in tests.items() if not outcome.came_to_its_end}
+        seed: {short_test_id(test) for test, outcome in tests.items() if not outcome.came_to_its_end}
         for seed, tests in base.tests.items()
     }
     lost = {}
@@ -166,27 +170,28 @@ def _of_broken_tests(base: Evidence, new: Evidence, differences: Sequence[Differ
 
 
 def _broken_test_of(name: str, new: Evidence, broken: Mapping[Seed, Set[str]]) -> str:
-    """Return the test that measured this now and is among those that broke off on its seed, empty if none did."""
-    for seed, made in new.measurements.items():
-        if name in made and (test := without_folders(made[name].test)) in broken.get(seed, ()):
+    """Return the test that measured this now and broke off on its seed before; empty if none did."""
+    for seed, measurements in new.measurements.items():
+        if name in measurements and (test := short_test_id(measurements[name].test)) in broken.get(seed, ()):
             return test
     return ""
 
 
-def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
-    # Cycles of another model are there, and the other model is an obstacle already; and so are other poses, at which
-    # other measurements are made.
+def _missing_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
+    # Cycles of another model are present, and the other model is an obstacle already. So are other poses, which have
+    # other measurements.
     was, now = base.conditions, new.conditions
     other_poses = was is not None and now is not None and was.poses != now.poses
     counted_otherwise = base.side.cycle_model != new.side.cycle_model
     gone = [] if other_poses else [
-        each for each in differences
-        if each.change is Change.GONE and not (counted_otherwise and each.cycle_model and each.new is not None)
+        difference for difference in differences
+        if difference.change is Change.GONE
+        and not (counted_otherwise and difference.cycle_model and difference.new is not None)
     ]  # fmt: skip
-    for each in gone[:_NAMED_AT_MOST]:
-        why = f" ({each.note})" if each.note else ""
-        accept = _accept(base, new, each.name)
-        yield f"measurement gone: {each.name}{why}; bring it back, or {accept}"
+    for difference in gone[:_NAMED_AT_MOST]:
+        why = f" ({difference.note})" if difference.note else ""
+        accept = _accept(base, new, difference.name)
+        yield f"measurement gone: {difference.name}{why}; bring it back, or {accept}"
     if len(gone) > _NAMED_AT_MOST:
         yield f"measurements gone: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
     not_taken = sum(difference.change is Change.NOT_TAKEN for difference in differences)
@@ -204,10 +209,10 @@ def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Differ
 
 
 def _accept(base: Evidence, new: Evidence, name: str) -> str:
-    """Return how to go on without a measurement: a run is made a baseline, which one of chosen tests cannot be."""
+    """Return the remedy for a missing measurement: a run can become a baseline unless its tests were chosen."""
     if base.chosen:
-        made = (measurement[name].test for measurement in base.measurements.values() if name in measurement)
-        test = next((each.rpartition("::")[2].partition("[")[0] for each in made if each), "")
+        tests = (measurement[name].test for measurement in base.measurements.values() if name in measurement)
+        test = next((test_id.rpartition("::")[2].partition("[")[0] for test_id in tests if test_id), "")
         return f"leave its test out of both runs: -- -k 'not {test or 'its name'}'"
     file, run = quote(base.side.file), quote(new.side.file or "RUN")
     update = f"{run} --accept {quote(name)} --because TEXT`"
@@ -217,16 +222,16 @@ def _accept(base: Evidence, new: Evidence, name: str) -> str:
     return f"accept that into a baseline, {save} and `hiltest baseline update FILE {update}"
 
 
-def _or_renew(*, together: bool) -> str:
-    """Return the other remedy; two firmwares in one session have no baseline to renew."""
+def _renew_advice(*, together: bool) -> str:
+    """Return the alternative remedy; two firmwares in one session have no baseline to renew."""
     return "" if together else f", or {_RENEW}"
 
 
-def _without(these: Sequence[str], those: Sequence[str]) -> str:
-    return ", ".join(each for each in these if each not in those)
+def _join_missing(names: Sequence[str], others: Sequence[str]) -> str:
+    return ", ".join(name for name in names if name not in others)
 
 
-def _gone_and_added(lost: str, added: str) -> str:
+def _describe_changes(lost: str, added: str) -> str:
     return ", and ".join(filter(None, (lost and f"{lost} before and not now", added and f"{added} now and not before")))
 
 

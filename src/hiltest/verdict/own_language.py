@@ -1,4 +1,4 @@
-"""Which part of firmware that speaks its own language makes a wrong heading: frame, calibration, or filter."""
+"""Diagnosis of a wrong heading of firmware that speaks its own language: frame, calibration, or filter."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 from hiltest.measurement import KINDS, Measurement
 from hiltest.record.run import Table
-from hiltest.text import readable
+from hiltest.text import format_number
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause
 
-#: Subjects of such firmware's headings: its own, that of its calibrated vectors, and that of its calibration alone.
+#: Subjects of such firmware's headings: its own, and those from its calibrated vectors and its calibration alone.
 FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
 
 _PARTS = {ECOMPASS: "without its filter", CALIBRATED: "by its calibration alone"}
@@ -22,31 +22,33 @@ _OTHER_TILT = (
 )
 
 
-def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
-    """Return the likely cause of the firmware's own heading out of its limit, and what speaks for it.
+def diagnose_firmware(measurements: Mapping[str, Measurement], tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
+    """Return the likely cause if the firmware's own heading is out of its limit, and the evidence for it.
 
     Parameters
     ----------
-    found
-        All of the run.
+    measurements
+        All measurements of the run.
     tables
-        With what the procedure found of its conventions.
+        Tables with the conventions that the procedure detected.
     """
-    limit_deg = maximum_of(found.get(f"heading.{FIRMWARE}.max"))
-    said = _contradictions(tables)
-    if still := said.get("still"):
+    limit_deg = maximum_of(measurements.get(f"heading.{FIRMWARE}.max"))
+    contradictions = _contradictions(tables)
+    if still := contradictions.get("still"):
         return Cause.STILL, [still]
-    right = [source for source in (CALIBRATED, ECOMPASS) if _within(found.get(f"heading.{source}.max"), limit_deg)]
-    errors = {source: value_of(found.get(f"heading.{source}.max")) for source in (CALIBRATED, ECOMPASS)}
-    bias_dps = value_of(found.get("gyroscope.firmware.bias_error"))
-    unsettled = value_of(found.get("device.unsettled")) or 0.0
+    right = [
+        source for source in (CALIBRATED, ECOMPASS) if _is_within(measurements.get(f"heading.{source}.max"), limit_deg)
+    ]
+    errors = {source: value_of(measurements.get(f"heading.{source}.max")) for source in (CALIBRATED, ECOMPASS)}
+    bias_dps = value_of(measurements.get("gyroscope.firmware.bias_error"))
+    unsettled = value_of(measurements.get("device.unsettled")) or 0.0
     details = [f"calibration right ({errors[right[0]]:.2f} deg)"] if right else []
-    mean_deg = value_of(found.get(f"heading.{FIRMWARE}.bias")) or 0.0
-    centred = found.get(f"heading.{FIRMWARE}.max_centred")
-    is_constant = "heading" not in said and _within(centred, min(abs(mean_deg), limit_deg or math.inf))
-    if is_constant and not unsettled and bias_dps is None:  # which are reasons for a filter to lag
+    mean_deg = value_of(measurements.get(f"heading.{FIRMWARE}.bias")) or 0.0
+    centred = measurements.get(f"heading.{FIRMWARE}.max_centred")
+    is_constant = "heading" not in contradictions and _is_within(centred, min(abs(mean_deg), limit_deg or math.inf))
+    if is_constant and not unsettled and bias_dps is None:  # either would make a filter lag
         return Cause.CONSTANT_OFFSET, [f"{mean_deg:+.2f} deg", *details]
-    if frame := said.get("vectors") or said.get("heading"):  # another frame may explain both
+    if frame := contradictions.get("vectors") or contradictions.get("heading"):  # another frame may explain both
         return Cause.FRAME, [frame]
     if right:
         if unsettled:
@@ -54,8 +56,8 @@ def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Tab
         if bias_dps is not None:
             details.append(f"gyroscope offset wrong by {bias_dps:.2f} dps")
         return (Cause.NOT_SETTLED if unsettled else Cause.FILTER), details
-    offset_ut = value_of(found.get("fit.firmware.offset_error"))
-    rotation_deg = value_of(found.get("fit.firmware.rotation_left"))
+    offset_ut = value_of(measurements.get("fit.firmware.offset_error"))
+    rotation_deg = value_of(measurements.get("fit.firmware.rotation_left"))
     details = [f"its calibration alone errs by {errors[CALIBRATED]:.2f} deg"] if errors[CALIBRATED] is not None else []
     if offset_ut is not None:
         details.append(f"hard iron wrong by {offset_ut:.2f} uT")
@@ -65,19 +67,19 @@ def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Tab
 
 
 def diagnose_parts(tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
-    """Return the likely cause of headings computed from what the firmware says that are far from the one it says."""
+    """Return the likely cause if headings computed from the firmware's vectors are far from its own heading."""
     vectors = _contradictions(tables).get("vectors")
     return (Cause.FRAME, [vectors]) if vectors else (Cause.NOT_TOGETHER, [])
 
 
 def next_step(measurement: Measurement, tables: Mapping[str, Table]) -> str:
-    """Return what to do about a measurement out of its limit; angles that are only taken for others are no sensor's."""
+    """Return the remedy for a measurement out of its limit; exchanged angles are no fault of a sensor."""
     is_other = measurement.kind is _TILT_ERROR and "tilt" in _contradictions(tables)
     return _OTHER_TILT if is_other else measurement.next_step
 
 
 def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
-    """Return how far the firmware's calibrated vectors and its calibration alone err, in a sentence; may be empty."""
+    """Return the errors of the firmware's calibrated vectors and of its calibration alone as a sentence, or nothing."""
     parts = [
         f"{words} {value:.2f} deg" for name, words in _PARTS.items() if (value := worst_deg.get(name)) is not None
     ]
@@ -86,36 +88,36 @@ def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
 
 
 def costs_in_words(results: Sequence[CalibratorResult]) -> str:
-    """Return what the firmware's own fit takes, and beside it the cheapest other one of the same samples.
+    """Return the cost of the firmware's own fit, and of the cheapest other calibrator on the same samples.
 
     Parameters
     ----------
     results
-        Cheapest first.
+        Results, cheapest first.
     """
     own = next((result for result in results if result.name == CALIBRATED), None)
     cycles = value_of(own.cycles) if own else None
     if own is None or cycles is None:
         return ""
     waited = value_of(own.from_flash)
-    cost = f"Its fit takes {readable(cycles)} cycles"
-    cost += "" if waited is None else f" without memory waits, {readable(waited)} from flash"
+    cost = f"Its fit takes {format_number(cycles)} cycles"
+    cost += "" if waited is None else f" without memory waits, {format_number(waited)} from flash"
     other = next((result for result in results if result is not own and value_of(result.cycles) is not None), None)
-    parts = [f"{cost}{_noted(own)}"]
-    parts += [f"{other.name} {readable(value_of(other.cycles))}{_noted(other)}"] if other else []
+    parts = [f"{cost}{_note_in_brackets(own)}"]
+    parts += [f"{other.name} {format_number(value_of(other.cycles))}{_note_in_brackets(other)}"] if other else []
     return f"{'; '.join(parts)}."
 
 
-def _noted(result: CalibratorResult) -> str:
+def _note_in_brackets(result: CalibratorResult) -> str:
     return f" ({result.cycles.note})" if result.cycles and result.cycles.note else ""
 
 
-def _within(measurement: Measurement | None, limit_deg: float | None) -> bool:
+def _is_within(measurement: Measurement | None, limit_deg: float | None) -> bool:
     value = value_of(measurement)
     return value is not None and limit_deg is not None and value <= limit_deg
 
 
 def _contradictions(tables: Mapping[str, Table]) -> dict[str, str]:
-    """Return how what the firmware says would be right, by what it is said of."""
+    """Return the correction that each contradiction suggests, by its subject."""
     table = tables.get(_CONTRADICTIONS)
-    return {} if table is None else {str(of): str(said) for of, said in table.rows}
+    return {} if table is None else {str(subject): str(correction) for subject, correction in table.rows}

@@ -12,10 +12,10 @@ from hiltest.verdict.evidence import Seed
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """One measurement on every seed that both sides have; None where a side did not make it.
+    """One measurement on every seed that both sides have; None if a side did not make it.
 
-    `tolerance` is the base's, which a change under test cannot take away either; None where it states none. `runs` are
-    the numbers of each run of either side on a board whose runs share no noise: they are no pairs, but their means are.
+    `tolerance` is the base's, which a change under test cannot remove; None if the base states none. `runs` are the
+    numbers of each run of both sides on a board whose runs share no noise: only their means are paired.
     """
 
     name: str
@@ -31,43 +31,45 @@ class Pairs:
 
     @property
     def is_nothing(self) -> bool:
-        """True where neither side has a number or a limit."""
-        made = [each for side in (self.base, self.new) for each in side.values() if each is not None]
-        return not any(each.limit or each.value is not None for each in made)
+        """True if neither side has a number or a limit."""
+        measurements = [
+            measurement for side in (self.base, self.new) for measurement in side.values() if measurement is not None
+        ]
+        return not any(measurement.limit or measurement.value is not None for measurement in measurements)
 
     @property
     def lost(self) -> list[Seed]:
-        """Seeds with a number in the base alone and no reason given; a measurement with a limit is never excused."""
-        return [seed for seed in self._in_base_alone if not self._excused(seed)]
+        """Seeds with a number in the base alone and without a reason; a measurement with a limit is never excused."""
+        return [seed for seed in self._base_only_seeds if not self._is_excused(seed)]
 
     @property
     def not_offered(self) -> list[Seed]:
-        """Seeds with a number in the base alone, where the new run says why it has none."""
-        return [seed for seed in self._in_base_alone if self._excused(seed)]
+        """Seeds with a number in the base alone, for which the new run gives a reason."""
+        return [seed for seed in self._base_only_seeds if self._is_excused(seed)]
 
-    def _excused(self, seed: Seed) -> bool:
+    def _is_excused(self, seed: Seed) -> bool:
         was = self.base[seed]
-        return _states_why(self.new[seed]) and not (was and was.limit)
+        return _has_reason(self.new[seed]) and not (was and was.limit)
 
     @property
-    def _in_base_alone(self) -> list[Seed]:
+    def _base_only_seeds(self) -> list[Seed]:
         return [seed for seed, was in self.base.items() if has_number(was) and not has_number(self.new[seed])]
 
     @property
     def newly_out(self) -> list[Seed]:
-        """Seeds that fail a limit now and did not before: a NaN always, otherwise what the base measured too.
+        """Seeds that fail a limit now and did not before: any NaN, otherwise only values that the base has, too.
 
-        Where the limit is another now, not those that have not passed through either of the two.
+        If the limit was edited, seeds that crossed neither the old nor the new limit are omitted.
         """
         return [
             seed for seed, now in self.new.items()
             if now is not None and is_out(now) and not is_out(was := self.base[seed])
-            and (not has_number(now) if was is None else _went_out(was, now))
+            and (not has_number(now) if was is None else _crossed_limit(was, now))
         ]
 
     @property
     def limit_changed(self) -> str:
-        """The limit before it was edited or dropped; empty where the base has none, or the same."""
+        """The limit before it was edited or dropped; empty if the base has none, or the same."""
         both = ((was.limit, now) for seed, was in self.base.items() if was and (now := self.new[seed]))
         edited = [(before, now.limit) for before, now in both if before is not None and before != now.limit]
         if not edited:
@@ -77,25 +79,27 @@ class Pairs:
 
     @property
     def limit_loosened(self) -> bool:
-        """True where the new limit accepts more than the base's did, or there is none any more."""
+        """True if the new limit accepts more than the base's, or was removed."""
         both = ((was.limit, now.limit) for seed, was in self.base.items() if was and (now := self.new[seed]))
         return any(before is not None and (after is None or not before.covers(after)) for before, after in both)
 
     @property
     def limit(self) -> Limit | None:
-        """The base's, which a change under test cannot take away; where there is none the new run's."""
-        made = (*self.base.values(), *self.new.values())
-        return next((each.limit for each in made if each and each.limit), None)
+        """The base's limit, which a change under test cannot remove, or else the new run's."""
+        measurements = (*self.base.values(), *self.new.values())
+        return next((measurement.limit for measurement in measurements if measurement and measurement.limit), None)
 
     @property
     def latest(self) -> Measurement:
-        """The new run's, or where there is none the base's; over several seeds one that gates, if any."""
-        made = [each for each in self.new.values() if each] or [each for each in self.base.values() if each]
-        return next((each for each in made if each.gates), made[0])
+        """The new run's measurement, or else the base's; over several seeds one that gates, if any."""
+        measurements = [measurement for measurement in self.new.values() if measurement] or [
+            measurement for measurement in self.base.values() if measurement
+        ]
+        return next((measurement for measurement in measurements if measurement.gates), measurements[0])
 
 
 def number_of(measurement: Measurement | None) -> float | None:
-    """Return the value for a comparison: None for a NaN."""
+    """Return the value for a comparison; None for a NaN."""
     if measurement is None or measurement.value is None or not math.isfinite(measurement.value):
         return None
     return float(measurement.value)
@@ -114,12 +118,12 @@ def is_out(measurement: Measurement | None) -> bool:
     return measurement is not None and measurement.outcome is Outcome.FAIL
 
 
-def _states_why(measurement: Measurement | None) -> bool:
+def _has_reason(measurement: Measurement | None) -> bool:
     return measurement is not None and measurement.says_why_not
 
 
-def _went_out(was: Measurement, now: Measurement) -> bool:
-    """Say whether a failing measurement has left a limit; where that was edited, it may always have failed it."""
+def _crossed_limit(was: Measurement, now: Measurement) -> bool:
+    """Return whether a failing measurement crossed a limit; if the limit was edited, it may always have failed it."""
     if was.limit == now.limit or now.value is None or was.value is None:
         return True
     return any(limit.holds(was.value) and not limit.holds(now.value) for limit in (was.limit, now.limit) if limit)

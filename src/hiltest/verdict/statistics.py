@@ -8,11 +8,11 @@ from statistics import fmean, median
 from hiltest.measurement import EXACT, Tolerance, round_significant
 
 LARGEST = 1e100
-"""Nothing that is measured is so large, and sums of such squares still are numbers."""
+"""No measurement is larger, and sums of such squares are still finite."""
 
 
 def mean_value(values: Sequence[float]) -> float | int | None:
-    """Return the mean as it is written; None for no values, and where one is beyond `LARGEST`."""
+    """Return the mean in its written form; None without values, and if one is beyond `LARGEST`."""
     if not values or max(map(abs, values)) > LARGEST:
         return None
     mean = round_significant(fmean(values))
@@ -20,22 +20,22 @@ def mean_value(values: Sequence[float]) -> float | int | None:
 
 
 FAR = 10.0
-"""So many times the tolerance, and the median seed's move, is no chance.
+"""A move is no chance if it exceeds the tolerance and the median seed's move by this factor.
 
-Both firmwares read the same noise, so that a tolerance is already all that a harmless change moves. Of a change that
-moves all seeds, normally distributed, ten medians are 6.7 standard deviations: one seed in 10^10 is farther.
+Both firmwares read the same noise, so that a harmless change stays within the tolerance. If a change moves all seeds
+with a normal distribution, ten medians are 6.7 standard deviations: one seed in 10^10 moves farther.
 """
 
 
 def moved_alone(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -> list[int]:
-    """Return which pairs moved far beyond the tolerance and beyond what the others did.
+    """Return the indices of pairs that moved far beyond the tolerance and beyond the other pairs.
 
     Parameters
     ----------
     base, new
-        Paired, of a board whose noise is the same on both sides.
+        Paired values of a board whose noise is the same on both sides.
     tolerance
-        Tolerance of their mean. With an exact one each pair counts in the mean already, and none is named.
+        Tolerance of their mean. If it is exact, each pair counts in the mean already, and none is returned.
     """
     if tolerance == EXACT:
         return []

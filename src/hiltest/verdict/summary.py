@@ -1,4 +1,4 @@
-"""Summary of a run: failures and causes, accuracy and cost of each calibrator, and what is close to its limit."""
+"""Summary of a run: failures and causes, accuracy and cost of each calibrator, and measurements close to a limit."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from hiltest.measurement import (
 )
 from hiltest.record.failures import failed_otherwise, out_of_limit
 from hiltest.record.run import Findings, Run, TestResult
-from hiltest.text import counted, listed, number, readable
+from hiltest.text import format_count, format_number, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
 from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
 from hiltest.verdict.own_language import FIRMWARE, next_step
 
 CLOSE = 0.05
-"""A measurement is close to its limit from this part of it on."""
+"""A measurement is close to its limit if it is nearer than this fraction of it."""
 CLOSE_AT_MOST = 5
 
 _OF_UNSET = "Run the tests that measure these limits, or take the limits out of the rig."
@@ -50,9 +50,9 @@ class Failure:
 
     measurement: Measurement
     was: float | None
-    """In the baseline; None without one."""
+    """Value in the baseline; None without one."""
     cause: str
-    """Likely cause; empty where it is unknown."""
+    """Likely cause; empty if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,23 +73,23 @@ class Summary:
     """Contents of the top of every report, in this order."""
 
     failures: tuple[Failure, ...]
-    """One of each calibrator first."""
+    """Failures, one of each calibrator first."""
     causes: tuple[str, ...]
-    """Likely causes of all that failed: one of a kind, that of the first failure first."""
+    """Likely causes, one of each kind; that of the first failure comes first."""
     broken: tuple[TestResult, ...]
     """Tests that are red for another reason than a limit."""
     unset: tuple[Measurement, ...]
-    """Limits that could not be told at the uncertainty of their reference, or not evaluated for another reason."""
+    """Limits that could not be decided at the uncertainty of their reference, or not evaluated for another reason."""
     unmeasured: tuple[Measurement, ...]
-    """Limits that nothing was measured against in a run with broken tests, which are the reason."""
+    """Limits without a measurement because tests broke off."""
     advice: tuple[str, ...]
-    """What to do next."""
+    """Suggested next steps."""
     reference: str
-    """Calibrator that the ratios are of; empty without one."""
+    """Calibrator that the ratios refer to; empty without one."""
     calibrators: tuple[CalibratorLine, ...]
-    """Cheapest first."""
+    """Calibrators, cheapest first."""
     close: tuple[Measurement, ...]
-    """Within `CLOSE` of their limit, or with an uncertainty range that reaches beyond it; `CLOSE_AT_MOST` of them."""
+    """Measurements within `CLOSE` of a limit, or whose uncertainty range crosses it; at most `CLOSE_AT_MOST`."""
 
 
 def summarise(run: Run | Findings) -> Summary:
@@ -102,16 +102,18 @@ def summarise(run: Run | Findings) -> Summary:
     tables = run.tables if isinstance(run, Findings) else {table.name: table for table in run.tables}
     named = [result.name for result in results]
     causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}
-    failures = [_failure(each, run, causes) for each in _in_order(failed, reference.name if reference else "")]
+    failures = [_failure(measurement, run, causes) for measurement in _sort_failures(
+        failed, reference.name if reference else ""
+    )]
     unset = [measurement for measurement in measurements if measurement.outcome in UNDECIDED]
-    near = [each for each in unset if each.outcome is Outcome.CANNOT_TELL]
-    unmeasured = [each for each in unset if broken and each.value is None and not each.test]
+    near = [measurement for measurement in unset if measurement.outcome is Outcome.CANNOT_TELL]
+    unmeasured = [measurement for measurement in unset if broken and measurement.value is None and not measurement.test]
     of_failures = [causes[failure.measurement.subject] for failure in failures if failure.cause]
     return Summary(
         failures=tuple(failures),
-        causes=_one_of_a_kind([*of_failures, *causes.values()]),
+        causes=_distinct_causes([*of_failures, *causes.values()]),
         broken=broken,
-        unset=tuple(each for each in unset if each not in unmeasured),
+        unset=tuple(measurement for measurement in unset if measurement not in unmeasured),
         unmeasured=tuple(unmeasured),
         advice=tuple(dict.fromkeys((
             *(ADVICE[cause.cause] for cause in causes.values()),
@@ -121,39 +123,39 @@ def summarise(run: Run | Findings) -> Summary:
         ))),
         reference=reference.name if reference else "",
         calibrators=tuple(
-            CalibratorLine(each, _ratio(run, each, reference))
-            for each in sorted(results, key=lambda result: result.name != FIRMWARE)
-            if each.maximum.limit or each.cycles or FIRMWARE in named
+            CalibratorLine(result, _ratio(run, result, reference))
+            for result in sorted(results, key=lambda result: result.name != FIRMWARE)
+            if result.maximum.limit or result.cycles or FIRMWARE in named
         ),
         close=close_to_limit(measurements),
     )
 
 
-def _one_of_a_kind(causes: Sequence[Diagnosis]) -> tuple[str, ...]:
+def _distinct_causes(causes: Sequence[Diagnosis]) -> tuple[str, ...]:
     return tuple({cause.cause: cause.words for cause in reversed(causes)}[kind] for kind in dict.fromkeys(
         cause.cause for cause in causes
     ))
 
 
 def unmeasured_in_words(unmeasured: Sequence[Measurement]) -> str:
-    """Return how many limits were left without a measurement by tests that failed; empty where none was."""
+    """Return the limits that failed tests left without a measurement, in words; empty without any."""
     if not unmeasured:
         return ""
-    named = listed([each.name for each in unmeasured], 1)
-    return f"not measured, since tests failed: {counted(len(unmeasured), 'limit')} of the rig, {named}"
+    named = join_words([measurement.name for measurement in unmeasured], 1)
+    return f"not measured, since tests failed: {format_count(len(unmeasured), 'limit')} of the rig, {named}"
 
 
 def cost_reference(run: Run | Findings, results: Sequence[CalibratorResult]) -> CalibratorResult | None:
-    """Return the calibrator that the rig gives costs as multiples of; None where it names none that was counted."""
+    """Return the calibrator that the rig chose as the unit of costs; None if it was not counted or not chosen."""
     name = run.rig.cost_reference if run.rig else ""
     return next((result for result in results if result.name == name and value_of(result.cycles)), None)
 
 
 def limit_in_words(measurement: Measurement) -> str:
-    """Return the limit in a sentence: ``limit 1.8``, ``limit at least 300``, ``limit 2 with U 0.71``; empty without."""
+    """Return the limit in a sentence: ``limit 1.8``, ``limit at least 300``, ``limit 2 with U 0.71``; may be empty."""
     if measurement.limit is None:
         return ""
-    uncertainty = f" with U {readable(measurement.uncertainty, 2)}" if measurement.uncertainty else ""
+    uncertainty = f" with U {format_number(measurement.uncertainty, 2)}" if measurement.uncertainty else ""
     return f"limit {measurement.limit}".replace("limit at most ", "limit ") + uncertainty
 
 
@@ -165,7 +167,7 @@ def held_to(measurement: Measurement, was: float | None = None) -> str:
 
 
 def ratio_in_words(result: CalibratorResult, reference: CalibratorResult) -> str:
-    """Return how many times the reference's cycles a calibrator takes, with the range that their model leaves."""
+    """Return a calibrator's cycles as a multiple of the reference's, with the range that their model leaves."""
     if result.cycles is None or reference.cycles is None or not result.cycles.value or not reference.cycles.value:
         return ""
     if result is reference:
@@ -178,18 +180,20 @@ def ratio_in_words(result: CalibratorResult, reference: CalibratorResult) -> str
 
 
 def close_to_limit(measurements: Sequence[Measurement]) -> tuple[Measurement, ...]:
-    """Return what is close to its limit: cycles that may exceed it first, then the nearest."""
+    """Return the measurements close to a limit: cycles that may exceed it first, then the nearest."""
     near = [(measurement, _room(measurement)) for measurement in measurements if measurement.outcome is Outcome.PASS]
-    close = [(each, room) for each, room in near if each.may_exceed_limit or (room is not None and room <= CLOSE)]
+    close = [(measurement, room) for measurement, room in near if measurement.may_exceed_limit or (
+        room is not None and room <= CLOSE
+    )]
     close.sort(key=lambda pair: (not pair[0].may_exceed_limit, 0.0 if pair[1] is None else pair[1]))
-    return tuple(each for each, _ in close[:CLOSE_AT_MOST])
+    return tuple(measurement for measurement, _ in close[:CLOSE_AT_MOST])
 
 
 def _room(measurement: Measurement) -> float | None:
-    """Return how far a value is from its limit, as a part of it; None where that says nothing.
+    """Return the distance of a value from its limit as a fraction of the limit; None if that is meaningless.
 
-    A count is at its limit because nothing was lost, and a limit of 0 has no parts. Of two sides the part is of half
-    the distance between them.
+    A count is at its limit because nothing was lost, and a limit of 0 has no fractions. For a two-sided limit the
+    fraction refers to half of its width.
     """
     limit, value = measurement.limit, measurement.value
     if limit is None or value is None or limit.min == limit.max or measurement.section is Section.BOARD:
@@ -207,21 +211,22 @@ def _sides(limit: Limit) -> list[tuple[float, float]]:
     return [(side, abs(side)) for side in (limit.min, limit.max) if side is not None]
 
 
-def _in_order(failed: Sequence[Measurement], reference: str) -> list[Measurement]:
-    """Return failures as a reader wants them: one of each calibrator before the rest of any, the reference's first.
+def _sort_failures(failed: Sequence[Measurement], reference: str) -> list[Measurement]:
+    """Return failures in order of interest: one of each calibrator before the rest, the reference's first.
 
-    What is no calibrator's comes behind the reference's: a wrong accelerometer explains all headings after it.
+    Failures that belong to no calibrator follow the reference's: a wrong accelerometer explains all later headings.
     """
     order, kinds = list(Section), list(KINDS)
-    by_kind = sorted(failed, key=lambda each: (
-        order.index(each.section), each.subject, kinds.index(each.kind.name) if each.kind else len(kinds), each.name,
+    by_kind = sorted(failed, key=lambda failure: (
+        order.index(failure.section), failure.subject,
+        kinds.index(failure.kind.name) if failure.kind else len(kinds), failure.name,
     ))  # fmt: skip
-    first = {each.subject: each for each in reversed(by_kind) if each.section in _OF_CALIBRATORS}
+    first = {failure.subject: failure for failure in reversed(by_kind) if failure.section in _OF_CALIBRATORS}
 
-    def rank(each: Measurement) -> int:
-        if each.section not in _OF_CALIBRATORS:
+    def rank(failure: Measurement) -> int:
+        if failure.section not in _OF_CALIBRATORS:
             return 1
-        return 3 if each is not first[each.subject] else 0 if each.subject == reference else 2
+        return 3 if failure is not first[failure.subject] else 0 if failure.subject == reference else 2
 
     return sorted(by_kind, key=rank)
 
@@ -234,44 +239,45 @@ def _failure(measurement: Measurement, run: Run | Findings, causes: Mapping[str,
 
 
 def _ratio(run: Run | Findings, result: CalibratorResult, reference: CalibratorResult | None) -> str:
-    """Return the ratio as a number alone, for a column; only calibrators of the board are given the same points."""
-    cycles, of = value_of(result.cycles), value_of(reference.cycles) if reference else None
-    if reference is None or not cycles or not of or not run.board or result.name not in run.board.calibrators:
+    """Return the ratio as a number, for a column; only calibrators of the board receive the same points."""
+    cycles, reference_cycles = value_of(result.cycles), value_of(reference.cycles) if reference else None
+    offered = run.board.calibrators if run.board else ()
+    if reference is None or not cycles or not reference_cycles or result.name not in offered:
         return ""
     tied = result is not reference and cannot_be_ranked(result.cycles, reference.cycles)
-    return f"within {100 * FLASH_TIE:g} %" if tied else f"{cycles / of:.2f}"
+    return f"within {100 * FLASH_TIE:g} %" if tied else f"{cycles / reference_cycles:.2f}"
 
 
 def cost_line(run: Run) -> str:
-    """Return what the board's calibrators cost at the same points; empty where none was counted.
+    """Return the cost of the board's calibrators at the same points; empty if none was counted.
 
-    A cost never stands without the worst heading that was reached for it. The budget is the one that the rig shows
-    beside the per-point and the fixed cost of its reference, at as many points.
+    A cost never stands without its worst heading. The budget is computed from the limits on the per-point and the fixed
+    cost of the reference, at as many points.
     """
     offered = run.board.calibrators if run.board else ()
-    results = [each for each in calibrator_results(run.measurements) if each.name in offered]
+    results = [result for result in calibrator_results(run.measurements) if result.name in offered]
     counted = [result for result in results if result.cycles is not None and result.cycles.value]
     if not counted:
         return ""
     reference = cost_reference(run, counted)
-    parts = [_budget(run, reference.name) if reference else "", *(_cost(each, reference) for each in counted)]
-    models = sorted({each.cycles.cycle_model for each in counted if each.cycles})
+    parts = [_budget(run, reference.name) if reference else "", *(_cost(result, reference) for result in counted)]
+    models = sorted({result.cycles.cycle_model for result in counted if result.cycles})
     return "; ".join(filter(None, (*parts, f"counted by {' and '.join(models)}"))) + "."
 
 
 def _budget(run: Run, name: str) -> str:
-    total, per_point, fixed = (run.measurement(f"cycles.{name}.{each}") for each in ("total", "per_point", "fixed"))
-    slope, rest = (_most(each) for each in (per_point, fixed))
+    total, per_point, fixed = (run.measurement(f"cycles.{name}.{part}") for part in ("total", "per_point", "fixed"))
+    slope, rest = (_information_limit(measurement) for measurement in (per_point, fixed))
     if not (total and per_point and fixed and total.value and per_point.value and fixed.value and slope and rest):
         return ""
-    points = (total.value - fixed.value) / per_point.value  # what the line was fitted to has no name of its own
+    points = (total.value - fixed.value) / per_point.value  # the number of points that the line was fitted to
     if not 1.0 <= points <= _MOST_POINTS:
         return ""
     budget = "Thesis budget" if (slope, rest) == _OF_THE_THESIS else "Budget"
-    return f"{budget} for {round(points)} points {readable(round(points) * slope + rest)} cycles"
+    return f"{budget} for {round(points)} points {format_number(round(points) * slope + rest)} cycles"
 
 
-def _most(measurement: Measurement | None) -> float | None:
+def _information_limit(measurement: Measurement | None) -> float | None:
     return measurement.information.max if measurement and measurement.information else None
 
 
@@ -280,5 +286,5 @@ def _cost(result: CalibratorResult, reference: CalibratorResult | None) -> str:
     band = f" ({cycles.band})" if cycles and cycles.band else ""
     worst = "no heading" if maximum.value is None else f"{number(maximum.value, maximum.unit)} {maximum.unit}"
     ratio = ratio_in_words(result, reference) if reference else ""
-    cost = f"{result.name} {readable(cycles.value if cycles else None)}{band} for {worst}"
+    cost = f"{result.name} {format_number(cycles.value if cycles else None)}{band} for {worst}"
     return ", ".join(filter(None, (cost, ratio)))

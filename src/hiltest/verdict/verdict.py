@@ -1,4 +1,4 @@
-"""The verdict of a run: its exit code and its one sentence, from the record alone, and the limits that nothing met."""
+"""The verdict of a run: its exit code and its one sentence, from the record alone, and the limits without a value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hiltest.record.failures import (
 )
 from hiltest.record.outcomes import RED, TestOutcome
 from hiltest.record.run import Findings, TestResult, Verdict
-from hiltest.text import counted, listed, number, with_unit
+from hiltest.text import format_count, format_with_unit, join_words, number
 from hiltest.verdict.calibrators import (
     MEAN_ERROR,
     UNCALIBRATED,
@@ -27,12 +27,12 @@ from hiltest.verdict.wording import sentence
 POSES_TABLE = "heading.poses"
 
 TIE_DEG = 0.1
-"""Worst headings this close are a tie: a tenth of what a compass limit of 1 or 2 degrees resolves."""
+"""Worst headings this close count as equal: a tenth of the resolution of a compass limit of 1 or 2 degrees."""
 
 _NAMED_AT_MOST = 3
 _CALIBRATOR = "{calibrator}"
 _UNTRIMMED = "-untrimmed"
-# Calibrations that no calibrator of the firmware makes of the tumble's points, and why there may be none.
+# Calibrations that no calibrator of the firmware makes from the tumble's points, and reasons why one may be missing.
 _OF_STILL_POSES = "dpi-poses"
 _OTHERWISE = {
     **dict.fromkeys(("dpi", _OF_STILL_POSES), 'procedure.dpi is "none", or its fit was refused'),
@@ -48,28 +48,28 @@ def decide(
     Parameters
     ----------
     findings
-        Tests, measurements and tables of the run, and its comparison with a base if there was to be one.
+        Tests, measurements and tables of the run, and its comparison with a base, if any.
     pytest_exit
-        Exit status as pytest has it; its 2, 3, 4 and 5 win over every other.
+        Exit status of pytest; its 2, 3, 4 and 5 take precedence over every other.
     left_out
-        Limits of the rig that nothing was measured against, because the user chose among the tests
+        Limits of the rig without a measurement, because the user chose among the tests
         or because the session stopped. They are named, and fail no run.
     cut_short
-        Whether tests that were to run did not.
+        True if planned tests did not run.
 
     Returns
     -------
     Verdict
-        `complete` is False when tests that were to run did not come to their end, or limits were left out without
-        the user's choice. What was chosen stands in the record (`Run.chosen`), and is compared with its like.
+        `complete` is False if planned tests did not finish, or limits were left out without the user's choice. The
+        record states a choice (`Run.chosen`), and is compared with runs of the same choice.
     """
     code = exit_code(findings, pytest_exit=pytest_exit)
-    known = code in list(ExitCode)
-    word = WORDS[ExitCode(code)] if known else f"exit code {code}"
+    is_known = code in list(ExitCode)
+    word = WORDS[ExitCode(code)] if is_known else f"exit code {code}"
     not_met = left_out and not findings.chosen
     return Verdict(
         outcome=word, exit_code=code, sentence=_sentence(findings, word, left_out),
-        complete=not (pytest_exit in PYTEST_WINS or cut_short or not_met or _stopped(findings)),
+        complete=not (pytest_exit in PYTEST_WINS or cut_short or not_met or _bench_failures(findings)),
     )
 
 
@@ -77,9 +77,9 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22, 21."""
     if pytest_exit in PYTEST_WINS:
         return pytest_exit
-    # A measurement out of its limit is red whatever its test went on to do, such as skip.
+    # A measurement out of its limit is red even if its test is skipped afterwards.
     outcomes = {test.outcome for test in findings.tests}
-    if _red(findings) or _failed(findings):
+    if _has_red_test(findings) or _failed_measurements(findings):
         return ExitCode.FAILED
     if TestOutcome.WRONG_FIRMWARE in outcomes:
         return ExitCode.WRONG_FIRMWARE
@@ -93,68 +93,71 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
 
 
 def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
-    """Compose the verdict: the word, the failures or the accuracy reached, and what was not evaluated."""
-    word, against_base = word.upper(), _against_base(findings)
-    if stopped := _what_stopped(findings):
-        kept = f"{counted(len(findings.measurements), 'measurement')} kept."
-        return " ".join(filter(None, (f"{word}: {stopped} {kept}", against_base)))
+    """Compose the verdict: the word, the failures or the accuracy, and the limits that were not evaluated."""
+    word, against_base = word.upper(), _base_sentence(findings)
+    if stopped := _stop_reason(findings):
+        saved = f"{format_count(len(findings.measurements), 'measurement')} kept."
+        return " ".join(filter(None, (f"{word}: {stopped} {saved}", against_base)))
     summary = summarise(findings)
     poses = findings.tables.get(POSES_TABLE)
-    reached = "" if summary.failures or summary.broken else _reached(summary, len(poses.rows) if poses else 0)
+    reached = "" if summary.failures or summary.broken else _best_results(summary, len(poses.rows) if poses else 0)
     return " ".join(filter(None, (
-        f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken), _likely(summary.causes),
-        _not_evaluated(summary, findings, word), _sentence_of(unmeasured_in_words(summary.unmeasured)), reached,
-        *(f"{each.outcome.capitalize()}: {_ended(each.reason)}" for each in _stopped(findings)[:1]),
+        f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken),
+        _cause_sentence(summary.causes),
+        _not_evaluated(summary, findings, word), _as_sentence(unmeasured_in_words(summary.unmeasured)), reached,
+        *(f"{test.outcome.capitalize()}: {_end_with_period(test.reason)}" for test in _bench_failures(findings)[:1]),
         _left_out_words(left_out), against_base,
     )))
 
 
 def headline(verdict: Verdict, summary: Summary) -> str:
-    """Return the sentence of a verdict for above a list of the failures: it counts them where the sentence names them.
+    """Return the sentence of a verdict for use above a list of the failures: it counts them instead of naming them.
 
     Parameters
     ----------
     summary
-        Of the same run.
+        Summary of the same run.
     """
     failures, broken = len(summary.failures), len(summary.broken)
-    out = f"{counted(failures, 'measurement')} out of {'its limit' if failures == 1 else 'their limits'}."
+    out = f"{format_count(failures, 'measurement')} out of {'its limit' if failures == 1 else 'their limits'}."
     words = verdict.sentence
     for named, instead in (
         (failures_in_words(summary.failures), out),
-        (tests_in_words(summary.broken), f"{counted(broken, 'test')} failed."),
-        (_likely(summary.causes), ""),
-        (_sentence_of(unmeasured_in_words(summary.unmeasured)), ""),
+        (tests_in_words(summary.broken), f"{format_count(broken, 'test')} failed."),
+        (_cause_sentence(summary.causes), ""),
+        (_as_sentence(unmeasured_in_words(summary.unmeasured)), ""),
     ):
         if named:
             words = words.replace(f" {named}", f" {instead}".rstrip())
     return words
 
 
-def _sentence_of(words: str) -> str:
+def _as_sentence(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}." if words else ""
 
 
-def _against_base(findings: Findings) -> str:
-    """Return the sentence of the comparison; beside failures of the run itself changes are only counted."""
+def _base_sentence(findings: Findings) -> str:
+    """Return the sentence of the comparison; if the run itself failed, changes are only counted."""
     if findings.comparison is None:
         return ""
-    failed = _failed(findings) or _red(findings)
+    failed = _failed_measurements(findings) or _has_red_test(findings)
     return sentence(findings.comparison, beside_failures=True) if failed else findings.comparison.sentence
 
 
-def _reached(summary: Summary, poses: int) -> str:
-    """Return accuracy and cost of the reference of cost, and of the cheapest other calibrator."""
+def _best_results(summary: Summary, poses: int) -> str:
+    """Return accuracy and cost of the cost reference, and of the cheapest other calibrator."""
     results = [calibrator.result for calibrator in summary.calibrators]
     if not results:
         return ""
     lead = next((result for result in results if result.name == summary.reference), results[0])
     ratios = {calibrator.name: calibrator.ratio for calibrator in summary.calibrators}
-    others = [each for each in results if each is not lead and ratios[each.name] and each.maximum.value is not None]
+    others = [
+        result for result in results if result is not lead and ratios[result.name] and result.maximum.value is not None
+    ]
     beside = [
         parts_in_words({result.name: value_of(result.maximum) for result in results}), costs_in_words(results),
     ] if lead.name == FIRMWARE else []  # fmt: skip
-    against = _against(others[0], lead) if others else ""
+    against = _compare_calibrators(others[0], lead) if others else ""
     return " ".join(filter(None, (_accuracy_and_cost(lead, poses), *beside, against)))
 
 
@@ -162,15 +165,17 @@ def _accuracy_and_cost(result: CalibratorResult, poses: int) -> str:
     centred = result.maximum.outcome is Outcome.UNSET and result.centred is not None
     centred = centred and result.centred is not None and result.centred.outcome is not Outcome.UNSET
     heading = result.centred if centred and result.centred else result.maximum
-    worst = "no heading" if heading.value is None else f"worst heading {with_unit(heading.value, heading.unit)}"
+    worst = "no heading" if heading.value is None else f"worst heading {format_with_unit(heading.value, heading.unit)}"
     worst += (" about its mean" if centred else "") + (f" over {poses} poses" if poses else "") + held_to(heading)
     cycles = result.cycles
-    cost = "" if cycles is None or cycles.value is None else f", {with_unit(cycles.value, 'cycle')}{held_to(cycles)}"
+    cost = ""
+    if cycles is not None and cycles.value is not None:
+        cost = f", {format_with_unit(cycles.value, 'cycle')}{held_to(cycles)}"
     return f"{result.name}: {worst}{cost}."
 
 
-def _against(other: CalibratorResult, lead: CalibratorResult) -> str:
-    """Compare accuracy and cost of two calibrators that had the same points."""
+def _compare_calibrators(other: CalibratorResult, lead: CalibratorResult) -> str:
+    """Compare accuracy and cost of two calibrators that received the same points."""
     worse_deg = (value_of(other.maximum) or 0.0) - (value_of(lead.maximum) or 0.0)
     if abs(worse_deg) <= TIE_DEG:
         accuracy = f"equal accuracy (within {TIE_DEG:g} deg)"
@@ -180,7 +185,7 @@ def _against(other: CalibratorResult, lead: CalibratorResult) -> str:
 
 
 def failures_in_words(failures: Sequence[Failure]) -> str:
-    """Name the first measurements that failed, each with its limit and what it was in the baseline."""
+    """Name the first measurements that failed, each with its limit and its value in the baseline."""
     if not failures:
         return ""
     named = [
@@ -188,15 +193,15 @@ def failures_in_words(failures: Sequence[Failure]) -> str:
         + held_to(failure.measurement, failure.was)
         for failure in failures
     ]
-    return f"{listed(named, _NAMED_AT_MOST)}."
+    return f"{join_words(named, _NAMED_AT_MOST)}."
 
 
-def _likely(causes: Sequence[str]) -> str:
-    return f"Likely cause: {listed(causes, 1)}." if causes else ""
+def _cause_sentence(causes: Sequence[str]) -> str:
+    return f"Likely cause: {join_words(causes, 1)}." if causes else ""
 
 
 def _value(measurement: Measurement) -> str:
-    return measurement.note if measurement.value is None else with_unit(measurement.value, measurement.unit)
+    return measurement.note if measurement.value is None else format_with_unit(measurement.value, measurement.unit)
 
 
 def _left_out_words(left_out: Sequence[str]) -> str:
@@ -207,54 +212,60 @@ def _left_out_words(left_out: Sequence[str]) -> str:
 
 
 def _not_evaluated(summary: Summary, findings: Findings, word: str) -> str:
-    """Name the limits that could not be told or applied, and what was checked instead."""
-    near = [each for each in summary.unset if each.outcome is Outcome.CANNOT_TELL]
-    unset = [each for each in summary.unset if each not in near]
-    told = listed([f"{each.name} {_value(each)}{held_to(each)}" for each in near], _NAMED_AT_MOST)
-    open_ = f"Cannot tell at this uncertainty: {told}." if near else ""
+    """Name the limits that could not be decided or applied, and the checks that replaced them."""
+    near = [measurement for measurement in summary.unset if measurement.outcome is Outcome.CANNOT_TELL]
+    unset = [measurement for measurement in summary.unset if measurement not in near]
+    undecided = join_words(
+        [f"{measurement.name} {_value(measurement)}{held_to(measurement)}" for measurement in near], _NAMED_AT_MOST
+    )
+    open_ = f"Cannot tell at this uncertainty: {undecided}." if near else ""
     return " ".join(filter(None, (open_, _unset_in_words(unset, findings, word))))
 
 
 def _unset_in_words(unset: Sequence[Measurement], findings: Findings, word: str) -> str:
     if not unset:
         return ""
-    if all(_is_for_want_of_mounting(each) for each in unset):
-        means = [each for each in findings.measurements.values() if each.kind is MEAN_ERROR and each.value is not None]
+    if all(_lacks_mounting(measurement) for measurement in unset):
+        means = [
+            measurement
+            for measurement in findings.measurements.values()
+            if measurement.kind is MEAN_ERROR and measurement.value is not None
+        ]
         mean = f"; mean error {number(means[0].value, 'deg')} deg" if means else ""
         return f"Only centred values were checked: {unset[0].note}{mean}."
-    named = listed([f"{each.name} ({each.note})" for each in unset], _NAMED_AT_MOST)
-    said = word == str(WORDS[ExitCode.NOT_EVALUATED]).upper()
-    return f"{named}." if said else f"Not evaluated: {named}."
+    named = join_words([f"{measurement.name} ({measurement.note})" for measurement in unset], _NAMED_AT_MOST)
+    is_in_verdict = word == str(WORDS[ExitCode.NOT_EVALUATED]).upper()
+    return f"{named}." if is_in_verdict else f"Not evaluated: {named}."
 
 
-def _is_for_want_of_mounting(measurement: Measurement) -> bool:
-    """Say whether a heading was measured, and only its limit could not be applied, which a centred one can."""
+def _lacks_mounting(measurement: Measurement) -> bool:
+    """Return whether a heading was measured and only its limit could not be applied, since no mounting is declared."""
     kind = measurement.kind
     mounted = kind is not None and kind.reference is Reference.MOUNTED
     return mounted and not has_no_number(measurement)
 
 
-def _what_stopped(findings: Findings) -> str:
-    """Return why the bench or the firmware ended the run, empty when neither did."""
-    stopped = _stopped(findings)
-    if not stopped or _red(findings) or _failed(findings):
+def _stop_reason(findings: Findings) -> str:
+    """Return why the bench or the firmware ended the run; empty if neither did."""
+    stopped = _bench_failures(findings)
+    if not stopped or _has_red_test(findings) or _failed_measurements(findings):
         return ""
-    return _ended(stopped[0].reason)
+    return _end_with_period(stopped[0].reason)
 
 
-def _ended(reason: str) -> str:
+def _end_with_period(reason: str) -> str:
     return reason if reason.endswith((".", "?")) else f"{reason}."
 
 
-def _failed(findings: Findings) -> list[Measurement]:
+def _failed_measurements(findings: Findings) -> list[Measurement]:
     return out_of_limit(findings.measurements.values())
 
 
-def _stopped(findings: Findings) -> list[TestResult]:
+def _bench_failures(findings: Findings) -> list[TestResult]:
     return [test for test in findings.tests if test.outcome.is_of_bench]
 
 
-def _red(findings: Findings) -> bool:
+def _has_red_test(findings: Findings) -> bool:
     return any(test.outcome in RED for test in findings.tests)
 
 
@@ -262,32 +273,32 @@ def unmet_limits(
     limits: Mapping[str, Limit], units: Mapping[str, str], measured: Collection[str], calibrators: Sequence[str],
     *, gate_only: bool = False, places: Mapping[str, str] | None = None,
 ) -> list[Measurement]:
-    """Return a measurement without a value for every limit of the rig that nothing was measured for.
+    """Return a measurement without a value for every limit of the rig without a measurement.
 
     Parameters
     ----------
     limits, units
         Limits and units of the rig, by measurement name.
     measured
-        Names of all that was measured.
+        Names of all measurements.
     calibrators
-        Calibrators of the board; empty when no board answered.
+        Calibrators of the board; empty if no board answered.
     gate_only
-        Whether there are tests that were left out because they are of the full set.
+        True if tests of the full set were left out.
     places
-        Where each limit stands, ``file:line``.
+        Position of each limit, ``file:line``.
     """
     stands = places or {}
     return [
         Measurement(
             name, None, units.get(name, ""), limit=limit, outcome=Outcome.UNSET,
-            note=_why(name, calibrators, gate_only, stands.get(name, "")),
+            note=_unmet_reason(name, calibrators, gate_only, stands.get(name, "")),
         )
         for name, limit in limits.items() if name not in measured
     ]
 
 
-def _why(name: str, calibrators: Sequence[str], gate_only: bool, place: str) -> str:
+def _unmet_reason(name: str, calibrators: Sequence[str], gate_only: bool, place: str) -> str:
     named = identify(name)
     calibrator, _, points = named.subject.removesuffix(_UNTRIMMED).partition("@")
     waits = gate_only and calibrator == _OF_STILL_POSES

@@ -9,42 +9,42 @@ from shlex import quote
 
 from hiltest.measurement import Outcome, Tolerance, is_direction
 from hiltest.record.comparison import Answer, BaseKind, Change, Comparison, Difference, Revision, Side
-from hiltest.text import listed, readable
+from hiltest.text import format_number, join_words
 from hiltest.verdict.evidence import Seed
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
-"""Changes that are listed, in this order; those that are unchanged or were not taken are only counted."""
+"""Changes that are listed, in this order; unchanged measurements and those not taken are only counted."""
 
 _NAMED_AT_MOST = 2
 _COMMIT_DIGITS = 12  # enough to distinguish any two commits of a repository
 _SEEDS_AT_MOST = 3
 _MOST_PERCENT = 1000.0
-"""Larger percentages are cut: of a base near zero they say nothing, and the difference stands beside them."""
+"""Larger percentages are cut: with a base near zero they say nothing, and the difference is shown as well."""
 
 
-def revision(of: Revision | None) -> str:
-    """Return the sources of a run: label, commit and branch, as far as they are known.
+def revision(source: Revision | None) -> str:
+    """Return the known parts of the sources of a run: label, commit and branch.
 
     Examples
     --------
     ``v1.2-rc1, commit 0123456789ab, branch main``
     """
-    if of is None:
+    if source is None:
         return ""
-    commit = f"commit {of.commit[:_COMMIT_DIGITS]}" if of.commit else ""
-    return ", ".join(filter(None, (of.label, commit, f"branch {of.branch}" if of.branch else "")))
+    commit = f"commit {source.commit[:_COMMIT_DIGITS]}" if source.commit else ""
+    return ", ".join(filter(None, (source.label, commit, f"branch {source.branch}" if source.branch else "")))
 
 
 def build(side: Side) -> str:
-    """Return the build of the numbers of a side; those of a baseline may be of several.
+    """Return the build of the numbers of a side; a baseline may contain several.
 
     Examples
     --------
     ``build 8fc8, with 2 measurements accepted from build 17ab and 1 measurement accepted from build 90cd``
     """
     accepted = [
-        f"{each.measurements} measurement{'s' * (each.measurements != 1)} accepted from build {each.build_id}"
-        for each in side.accepted
+        f"{part.measurements} measurement{'s' * (part.measurements != 1)} accepted from build {part.build_id}"
+        for part in side.accepted
     ]
     of_firmware = f"build {side.build_id}" if side.build_id else "no firmware"
     return of_firmware + (f", with {' and '.join(accepted)}" if accepted else "")
@@ -57,13 +57,13 @@ def numbers(difference: Difference) -> str:
     --------
     ``11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)``
     """
-    was, now = (readable(value) for value in (difference.base, difference.new))
+    was, now = (format_number(value) for value in (difference.base, difference.new))
     if difference.base is None or difference.new is None:
         values = was if difference.new is None else now
     else:
         values = f"{was} -> {now}"
     details = "; ".join(filter(None, (moved(difference), _limit(difference), difference.note)))
-    return f"{values} {_in_words(difference.unit)}".rstrip() + (f" ({details})" if details else "")
+    return f"{values} {_plural_unit(difference.unit)}".rstrip() + (f" ({details})" if details else "")
 
 
 def held_to(tolerance: Tolerance, unit: str) -> str:
@@ -73,19 +73,21 @@ def held_to(tolerance: Tolerance, unit: str) -> str:
     --------
     ``0.01 deg and 1 %``, or ``exact``
     """
-    absolute = f"{readable(tolerance.absolute)} {_in_words(unit)}".rstrip() if tolerance.absolute else ""
+    absolute = f"{format_number(tolerance.absolute)} {_plural_unit(unit)}".rstrip() if tolerance.absolute else ""
     relative = f"{100.0 * tolerance.relative:g} %" if tolerance.relative else ""
     return " and ".join(filter(None, (absolute, relative))) or "exact"
 
 
 def seen_from(difference: Difference) -> str:
-    """Return the smallest change in degrees that the comparison sees in 4 of 5 cases; empty for any other unit.
+    """Return the smallest change in degrees that the comparison detects in 4 of 5 cases; empty for any other unit.
 
     Examples
     --------
     ``seen from 0.0123 deg on``
     """
-    return f"seen from {readable(difference.seen, 3)} deg on" if difference.seen and difference.unit == "deg" else ""
+    if not difference.seen or difference.unit != "deg":
+        return ""
+    return f"seen from {format_number(difference.seen, 3)} deg on"
 
 
 def entry(difference: Difference) -> str:
@@ -94,21 +96,21 @@ def entry(difference: Difference) -> str:
 
 
 def moved(difference: Difference) -> str:
-    """Return by how much a measurement moved, in its unit and in percent; empty when it has no pair."""
+    """Return by how much a measurement moved, in its unit and in percent; empty without a pair."""
     if difference.delta is None:
         return ""
-    words = _signed(difference.delta)
+    words = _format_signed(difference.delta)
     share = moved_percent(difference)
     if share is not None and abs(share) <= _MOST_PERCENT and (difference.base or 0.0) * (difference.new or 0.0) > 0:
         words += f", {percent(share)}"
     if difference.interval is not None:
         low, high = difference.interval
-        words += f", 95 % {_signed(low)} to {_signed(high)}"
+        words += f", 95 % {_format_signed(low)} to {_format_signed(high)}"
     return words
 
 
 def moved_percent(difference: Difference) -> float | None:
-    """Return the change in percent of the base, None without a number, with a base of 0, and of a direction."""
+    """Return the change in percent of the base; None without a number, with a base of 0, and for a direction."""
     if difference.delta is None or not difference.base or is_direction(difference.name):
         return None
     return 100.0 * difference.delta / abs(difference.base)
@@ -120,29 +122,31 @@ def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
     Parameters
     ----------
     beside_failures
-        Whether it stands behind the run's own failures: they are not named again, and changes are only counted.
+        True if it follows the run's own failures: they are not repeated, and changes are only counted.
     """
     answer = comparison.answer.capitalize()
     if comparison.answer is Answer.MAY and comparison.chosen:
         answer += " as far as the chosen tests show"
     if beside_failures:
-        parts = [_of_obstacles(comparison), *_counts(comparison, named=False)]
+        parts = [_first_obstacle(comparison), *_counts(comparison, named=False)]
         return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
     return f"{answer} (against {comparison.base.file}): {reasons(comparison)}."
 
 
 def reasons(comparison: Comparison) -> str:
-    """Return the reasons of a comparison's answer: what failed, what kept it from being made, and what changed."""
-    worse = {entry(each) for each in comparison.of(Change.WORSE)} if comparison.evaluated else set()
+    """Return the reasons of a comparison's answer: failures, obstacles, and changes."""
+    worse = {
+        entry(difference) for difference in comparison.differences_with(Change.WORSE)
+    } if comparison.evaluated else set()
     parts = [
-        _named("failed: ", [each for each in comparison.failed if each not in worse]),
-        _of_obstacles(comparison), _named("not evaluated: ", comparison.unjudged), *_counts(comparison),
+        _name_first("failed: ", [text for text in comparison.failed if text not in worse]),
+        _first_obstacle(comparison), _name_first("not evaluated: ", comparison.unjudged), *_counts(comparison),
     ]
     return "; ".join(filter(None, parts)) or "nothing measured"
 
 
 def counted_by(models: Iterable[str]) -> str:
-    """Return the cycle models of the cycles that are shown; empty where there are none.
+    """Return the cycle models of the cycles that are shown; empty without any.
 
     Examples
     --------
@@ -154,36 +158,36 @@ def counted_by(models: Iterable[str]) -> str:
 
 
 def model_names(models: Iterable[str]) -> str:
-    """Return each cycle model once, empty where there are none."""
+    """Return each cycle model once; empty without any."""
     return " and ".join(sorted(set(filter(None, models))))
 
 
 def models_shown(comparison: Comparison) -> set[str]:
-    """Return the cycle models of all cycles that a comparison shows: what changed, and what is out of its limit."""
+    """Return the cycle models of all cycles that a comparison shows: of changes, and of values out of a limit."""
     return {
-        each.cycle_model for each in comparison.differences if each.change in SHOWN or each.outcome == Outcome.FAIL
+        diff.cycle_model for diff in comparison.differences if diff.change in SHOWN or diff.outcome == Outcome.FAIL
     }
 
 
-def on_seeds(seeds: Sequence[Seed]) -> str:
+def format_seeds(seeds: Sequence[Seed]) -> str:
     """Return seeds in words."""
-    return f" on seed {listed([str(seed) for seed in seeds], _SEEDS_AT_MOST)}"
+    return f" on seed {join_words([str(seed) for seed in seeds], _SEEDS_AT_MOST)}"
 
 
 def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]:
-    """Return the groups that are shown, in the order to show them, without empty ones."""
-    groups = [(change, comparison.of(change)) for change in SHOWN]
-    return [(change, found) for change, found in groups if found]
+    """Return the groups that are shown, in order, without empty ones."""
+    groups = [(change, comparison.differences_with(change)) for change in SHOWN]
+    return [(change, differences) for change, differences in groups if differences]
 
 
 def percent(value: float) -> str:
-    """Return a percentage with two digits, or all before the point; above a thousand only that it is."""
+    """Return a percentage with two digits, or all before the point; beyond a thousand only a bound."""
     if abs(value) > _MOST_PERCENT or not math.isfinite(value):
-        return f"beyond {_signed(math.copysign(_MOST_PERCENT, value))} %"
-    return f"{value:+.2g} %" if abs(value) < 99.5 else f"{_signed(round(value))} %"
+        return f"beyond {_format_signed(math.copysign(_MOST_PERCENT, value))} %"
+    return f"{value:+.2g} %" if abs(value) < 99.5 else f"{_format_signed(round(value))} %"
 
 
-def _of_obstacles(comparison: Comparison) -> str:
+def _first_obstacle(comparison: Comparison) -> str:
     if not comparison.obstacles:
         return ""
     more = len(comparison.obstacles) - 1
@@ -193,28 +197,31 @@ def _of_obstacles(comparison: Comparison) -> str:
 
 
 def _counts(comparison: Comparison, *, named: bool = True) -> list[str]:
-    """Return how many measurements there are of each change, and name the first that got worse and better."""
-    # What is gone is among the reasons then.
+    """Return the number of measurements for each change, and name the first that got worse and better."""
+    # Measurements that are gone are among the reasons if the comparison was not evaluated.
     without = () if comparison.evaluated else (Change.GONE,)
-    found = {each: comparison.of(each) for each in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED) if each not in without}
-    counts = [_counted(change, each) if named else f"{len(each)} {change}" for change, each in found.items() if each]
+    kinds = [change for change in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED) if change not in without]
+    groups = [(change, group) for change in kinds if (group := comparison.differences_with(change))]
+    counts = [_count_and_names(change, group) if named else f"{len(group)} {change}" for change, group in groups]
     return [f"apart from that {counts[0]}", *counts[1:]] if comparison.obstacles and counts else counts
 
 
-def _counted(change: Change, found: Sequence[Difference]) -> str:
-    count = f"{len(found)} {change}"
-    return _named(f"{count}: ", [entry(each) for each in found]) if change in (Change.WORSE, Change.BETTER) else count
+def _count_and_names(change: Change, differences: Sequence[Difference]) -> str:
+    count = f"{len(differences)} {change}"
+    return _name_first(
+        f"{count}: ", [entry(difference) for difference in differences]
+    ) if change in (Change.WORSE, Change.BETTER) else count
 
 
-def _named(before: str, texts: Sequence[str]) -> str:
-    return f"{before}{listed(texts, _NAMED_AT_MOST)}" if texts else ""
+def _name_first(before: str, texts: Sequence[str]) -> str:
+    return f"{before}{join_words(texts, _NAMED_AT_MOST)}" if texts else ""
 
 
-def _signed(value: float) -> str:
-    return f"{'+' if value >= 0 else '-'}{readable(abs(value))}"
+def _format_signed(value: float) -> str:
+    return f"{'+' if value >= 0 else '-'}{format_number(abs(value))}"
 
 
-def _in_words(unit: str) -> str:
+def _plural_unit(unit: str) -> str:
     return "cycles" if unit == "cycle" else unit
 
 
@@ -223,44 +230,45 @@ def _limit(difference: Difference) -> str:
 
 
 def how_to_keep(comparison: Comparison, run: str, options: str | None = None) -> str:
-    """Return the command that moves what got better into the base, in one line.
+    """Return the command that accepts the improvements into the base, in one line.
 
     Parameters
     ----------
     run
-        Where the new run is, as one would type it.
+        Path of the new run, quoted for a shell.
     options
-        What makes ``hiltest run`` run the same on other seeds, as one would type it; None where that is not known: a
-        record does not say which files were named.
+        Options that make ``hiltest run`` run the same on other seeds, quoted for a shell; None if unknown, since a
+        record does not name its files.
 
     Returns
     -------
     str
-        Empty where nothing got better, the change is not to be merged, or the base is an older firmware's ELF: the
+        Empty if nothing got better, the change must not be merged, or the base is an older firmware's ELF: the
         next run is then compared with this firmware.
     """
-    better = comparison.of(Change.BETTER)
+    better = comparison.differences_with(Change.BETTER)
     if not better or comparison.answer is not Answer.MAY or comparison.base_kind is BaseKind.TOGETHER:
         return ""
     count = f"{len(better)} better; keep {'them' if len(better) > 1 else 'it'}: "
     if comparison.base_kind is BaseKind.RUN:
         save = f"{count}hiltest baseline save {quote(run)} FILE, and --baseline FILE from then on"
         return "" if comparison.chosen else save
-    first, of = _all_seeds(comparison, run, options)
-    names = " ".join(f"--accept {quote(each.name)}" for each in better)
-    return f"{count}{first}hiltest baseline update {quote(comparison.base.file)} {of} {names} --because TEXT"
+    first, accepted_run = _all_seeds(comparison, run, options)
+    names = " ".join(f"--accept {quote(difference.name)}" for difference in better)
+    return f"{count}{first}hiltest baseline update {quote(comparison.base.file)} {accepted_run} {names} --because TEXT"
 
 
 def _all_seeds(comparison: Comparison, run: str, options: str | None) -> tuple[str, str]:
-    """Return what to run first where a seed of the baseline is missing, and where what is accepted lies then.
+    """Return the command to run first if a seed of the baseline is missing, and the folder to accept from.
 
-    A mean over some of the seeds says nothing. The campaign gets a folder of its own: in the run's it would take the
-    place of the record just compared.
+    A mean over some of the seeds says nothing. The campaign gets a folder of its own: in the run's folder it would
+    replace the record that was just compared.
     """
     seeds = comparison.base.seeds
     if not set(seeds) - set(comparison.new.seeds):
         return "", quote(run)
     as_before, out = ("OPTIONS", "DIR") if options is None else (options, quote(str(PurePath(run) / "seeds")))
     command = " ".join(filter(None, ("hiltest run", as_before, f"--seeds {min(seeds)}..{max(seeds)} --out {out}")))
-    what = "run its seeds" if options is not None else f"run its seeds with the OPTIONS that {quote(run)} was run with"
-    return f"{what}, {command}, then ", out
+    action = "run its seeds"
+    action += f" with the OPTIONS that {quote(run)} was run with" if options is None else ""
+    return f"{action}, {command}, then ", out

@@ -42,9 +42,9 @@ def keep_record(folder: Path, value: float, witness: str = "", *, finish: bool =
     recorder.begin()
     for test in TESTS:
         note(folder, witness and "begun", test)
-        recorder.found([check(f"{test}.value", value, unit="deg", limit=Limit(max=9.0), test=test)],
+        recorder.add([check(f"{test}.value", value, unit="deg", limit=Limit(max=9.0), test=test)],
                        [Table(f"{test}.rows", (Column("n"),), ((value,),))])
-        recorder.finished(TestResult(test, TestOutcome.PASSED, 0.1, reason="ü"))
+        recorder.finish_test(TestResult(test, TestOutcome.PASSED, 0.1, reason="ü"))
         note(folder, witness and "finished", test)
     if finish:
         run = recorder.finish(Verdict("pass", 0, f"PASS {value}.", complete=True))

@@ -1,1 +1,1 @@
-"""The plots of a run's page, one module a subject, each drawn from the run's tables as SVG."""
+"""The plots of a run's page, one module per subject, each drawn from the run's tables as SVG."""

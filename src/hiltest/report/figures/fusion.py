@@ -11,7 +11,7 @@ from hiltest.report.figures.section import FigureGroup, numbers, panel_width, wr
 from hiltest.report.svg import Figure, Point, Sheet
 
 MOTION_TABLE = "fusion.motion"
-# In the order in which they are drawn: the noisiest first and thinnest, so that the others are seen on it.
+# Drawing order: the noisiest line first and thinnest, so that the others are visible on top of it.
 _LINES = (
     ("accelerometer_magnetometer", "without gyroscope", "thin"),
     ("gyroscope", "gyroscope alone", "dashed"),
@@ -20,7 +20,7 @@ _LINES = (
 
 
 def fusion_group(run: Run) -> FigureGroup | None:
-    """Return the section, None when the run has no motion."""
+    """Return the section; None if the run has no motion."""
     figure, table = motion_figure(run), run.table(MOTION_TABLE)
     if figure is None or table is None:
         return None
@@ -29,13 +29,13 @@ def fusion_group(run: Run) -> FigureGroup | None:
     return FigureGroup(
         "fusion", "Fusion during a motion",
         "Heading while the board was turned and tilted, less the true heading; all three began with the same attitude.",
-        [each for each in (figure, limits) if each],
+        [drawn_figure for drawn_figure in (figure, limits) if drawn_figure],
         numbers=[Sheet("Heading, and the errors", headings, [written(row) for row in table.rows])], short="Fusion",
     )
 
 
 def motion_figure(run: Run) -> Figure | None:
-    """Draw the heading errors of a motion, None when there was none."""
+    """Draw the heading errors of a motion; None without one."""
     table = run.table(MOTION_TABLE)
     lines = {} if table is None else {name: _points(table, name) for name, _, _ in _LINES}
     if not any(lines.values()):

@@ -1,4 +1,4 @@
-"""Heading error against the known angle, one panel a calibrator."""
+"""Heading error against the known angle, one panel per calibrator."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ class _Pose:
 
 
 def heading_group(run: Run) -> FigureGroup | None:
-    """Return the section, None when no heading was measured; all panels have the same axes."""
+    """Return the section; None if no heading was measured. All panels have the same axes."""
     table = run.table(POSES_TABLE)
     if table is None or not table.rows:
         return None
     columns = [column.name.removeprefix(_ERROR) for column in table.columns if column.name.startswith(_ERROR)]
     errors = {name: numbers(table, f"{_ERROR}{name}") for name in columns if name != UNCALIBRATED}
     limits = {name: upper_limit(run.measurement(f"heading.{name}.max")) for name in errors}
-    sizes = [abs(error) for each in errors.values() for error in each if math.isfinite(error)]
+    sizes = [abs(error) for series in errors.values() for error in series if math.isfinite(error)]
     top = 1.15 * max([*sizes, *filter(None, limits.values()), 0.1])
     return FigureGroup(
         "heading", "Heading error at known angles",
         "The heading that the board answered, less the angle that the turntable was set to. Only the mounting that the "
         "rig declares is subtracted.",
-        [_panel(name, _poses(table, each), limits[name], top, panel_width(len(errors), _MOST))
-         for name, each in errors.items()],
+        [_panel(name, _poses(table, series), limits[name], top, panel_width(len(errors), _MOST))
+         for name, series in errors.items()],
         most=_MOST, caption="Error [deg] over heading [deg], on the same axes for each calibrator",
         numbers=[_sheet(table, errors)], short="Heading error",
     ) if errors else None
@@ -68,7 +68,7 @@ def _panel(name: str, poses: Sequence[_Pose], limit: float | None, top: float, w
         ("beyond the limit", "over", Mark.CROSS, beyond),
     ):
         if shown:
-            points = [(each.heading_deg, each.error_deg) for each in shown]
+            points = [(pose.heading_deg, pose.error_deg) for pose in shown]
             figure.series(words, points, mark=mark, mark_style=style, radius=2.5)
     figure.line(sorted((pose.heading_deg, pose.error_deg) for pose in poses if pose.level), "level")
     return figure
@@ -76,7 +76,7 @@ def _panel(name: str, poses: Sequence[_Pose], limit: float | None, top: float, w
 
 def _sheet(table: Table, errors: dict[str, list[float]]) -> Sheet:
     poses = zip(*(written(table.column_if_any(name)) for name in ("heading", "pitch", "roll")), strict=True)
-    signed = ([f"{error:+.2f}" if math.isfinite(error) else "" for error in each] for each in errors.values())
+    signed = ([f"{error:+.2f}" if math.isfinite(error) else "" for error in series] for series in errors.values())
     return Sheet(
         "Heading error at each pose [deg]", ["heading", "pitch", "roll", *errors],
         [[*pose, *cells] for pose, cells in zip(poses, zip(*signed, strict=True), strict=True)],

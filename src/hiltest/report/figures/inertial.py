@@ -17,7 +17,7 @@ _AXES = "xyz"
 
 
 def accelerometer_group(run: Run) -> FigureGroup | None:
-    """Return the section, None when nothing was measured of it."""
+    """Return the section; None without a measurement in it."""
     limits = limit_figure(run.measurements, Section.ACCELEROMETER, "Share of each accelerometer limit")
     return _group(
         "Accelerometer",
@@ -28,7 +28,7 @@ def accelerometer_group(run: Run) -> FigureGroup | None:
 
 
 def gyroscope_group(run: Run) -> FigureGroup | None:
-    """Return the section, None when nothing was measured of it."""
+    """Return the section; None without a measurement in it."""
     limits = limit_figure(run.measurements, Section.GYROSCOPE, "Share of each gyroscope limit")
     return _group(
         "Gyroscope", "Bias from an earlier rest than the one it is checked on, scale and axes from whole turns of the "
@@ -70,7 +70,7 @@ def _tilt_figure(run: Run) -> Figure | None:
 
 
 def _faces_figure(run: Run) -> RowFigure | None:
-    """Draw the magnitude of gravity on each face before calibration: offsets and scales show here."""
+    """Draw the magnitude of gravity on each face before calibration, which shows offsets and scales."""
     table = run.table(FACES_TABLE)
     if table is None:
         return None
@@ -88,21 +88,21 @@ def _faces_figure(run: Run) -> RowFigure | None:
 
 
 def _face_up(counts: tuple[float, ...]) -> str:
-    axis = max(range(3), key=lambda each: abs(counts[each]))
+    axis = max(range(3), key=lambda index: abs(counts[index]))
     return f"{'+' if counts[axis] > 0 else '−'}{_AXES[axis]}"
 
 
 def _rest_figure(run: Run) -> RowFigure | None:
     """Draw the rate at rest before and after the bias was subtracted."""
-    found = {
+    measured = {
         words: run.measurement(name) for words, name in
         (("before calibration", "gyroscope.uncorrected_error"), ("bias subtracted", "gyroscope.bias_error"))
     }
     values = {
-        words: (abs(each.value), f"{abs(each.value):.3g} {each.unit}")
-        for words, each in found.items() if each is not None and each.value is not None
+        words: (abs(measurement.value), f"{abs(measurement.value):.3g} {measurement.unit}")
+        for words, measurement in measured.items() if measurement is not None and measurement.value is not None
     }
-    return bars("Rate at rest", values) if len(values) == len(found) else None
+    return bars("Rate at rest", values) if len(values) == len(measured) else None
 
 
 def _noise_figure(run: Run) -> RowFigure | None:

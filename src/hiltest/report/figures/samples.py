@@ -1,4 +1,4 @@
-"""The magnetometer's samples before calibration and after it, and how much of the sphere they cover."""
+"""The magnetometer's samples before and after calibration, and their coverage of the sphere."""
 
 from __future__ import annotations
 
@@ -32,34 +32,36 @@ class _Calibration:
 
 
 def samples_group(run: Run) -> FigureGroup | None:
-    """Return the section, None when no sample was collected."""
+    """Return the section; None if no sample was collected."""
     points, results = run.table(POINTS_TABLE), run.table(CALIBRATIONS_TABLE)
     samples = None if points is None else np.array([numbers(points, axis) for axis in "xyz"]).T
     if samples is None or not len(samples := samples[np.isfinite(samples).all(axis=1)]):
         return None
     calibrations = [] if results is None else list(_calibrations(results))
-    corrected = {each.name: (samples - each.hard_iron) @ each.soft_iron.T for each in calibrations}
+    corrected = {
+        calibration.name: (samples - calibration.hard_iron) @ calibration.soft_iron.T for calibration in calibrations
+    }
     width = panel_width(1 + len(corrected) + bool(corrected), _MOST)
-    panels = [_seen_along_z("before calibration", "raw counts", samples, width)]
-    for name, found in corrected.items():
-        panels.append(_seen_along_z(f"after {name}", "with the unit circle", found, width))
+    panels = [_plot_along_z("before calibration", "raw counts", samples, width)]
+    for name, calibrated in corrected.items():
+        panels.append(_plot_along_z(f"after {name}", "with the unit circle", calibrated, width))
         panels[-1].circle((0, 0), 1.0, "unit")
         panels[-1].key.append(_UNIT)
     panels += [
-        largest_cap_map(found, width=width, height=panels[0].height) for found in list(corrected.values())[:1]
+        largest_cap_map(calibrated, width=width, height=panels[0].height) for calibrated in list(corrected.values())[:1]
     ]
     sheets = [_calibration_sheet(results)] if results and corrected else []
     return FigureGroup(
         "samples", "Magnetometer samples",
         "Samples that the board collected while it was tumbled: as the sensor gave them, and as each calibrator "
-        f"corrects them. Samples on a sphere do not say that the heading is right.{_covered(run)}",
+        f"corrects them. Samples on a sphere do not say that the heading is right.{_coverage_in_words(run)}",
         panels, most=_MOST, caption="y over x: raw in counts, calibrated in units of the field's magnitude",
         numbers=[*sheets, Sheet("Raw samples [count]", "xyz", [written(row) for row in samples.tolist()])],
         short="Samples",
     )
 
 
-def _covered(run: Run) -> str:
+def _coverage_in_words(run: Run) -> str:
     covered = run.measurement("tumble.coverage")
     if covered is None or covered.value is None:
         return ""
@@ -67,16 +69,16 @@ def _covered(run: Run) -> str:
 
 
 def _calibrations(results: Table) -> Iterator[_Calibration]:
-    """Yield those that have a matrix and an offset."""
+    """Yield the calibrations that have a matrix and an offset."""
     soft_iron = np.array([[numbers(results, f"soft_iron_{row}{column}") for column in "xyz"] for row in "xyz"])
     hard_iron = np.array([numbers(results, f"hard_iron_{row}") for row in "xyz"])
     for index, name in enumerate(results.column_if_any("calibrator")):
-        found = _Calibration(str(name), soft_iron[:, :, index], hard_iron[:, index])
-        if np.isfinite(found.soft_iron).all() and np.isfinite(found.hard_iron).all():
-            yield found
+        calibration = _Calibration(str(name), soft_iron[:, :, index], hard_iron[:, index])
+        if np.isfinite(calibration.soft_iron).all() and np.isfinite(calibration.hard_iron).all():
+            yield calibration
 
 
-def _seen_along_z(title: str, words: str, samples: Array, width: float) -> Figure:
+def _plot_along_z(title: str, words: str, samples: Array, width: float) -> Figure:
     reach = 1.15 * max(1.0, float(np.abs(samples[:, :2]).max()))
     figure = Figure(
         title=title, description=f"{len(samples)} samples seen along z, {words}", x_label="", y_label="",
@@ -87,7 +89,7 @@ def _seen_along_z(title: str, words: str, samples: Array, width: float) -> Figur
 
 
 def _calibration_sheet(results: Table) -> Sheet:
-    """Return a column for each calibrator: three of them and sixteen numbers are higher than wide."""
+    """Return one column per calibrator: three of them and sixteen numbers are higher than wide."""
     columns = [(column.name.replace("_", " "), column.unit, results.column(column.name)) for column in results.columns]
     (_, _, names), *others = columns
     rows = [[f"{name} [{unit}]" if unit else name, *written(cells)] for name, unit, cells in others]
@@ -100,14 +102,14 @@ def _cap(hole: Hole) -> Array:
 
 
 def coverage_map(corrected: Array, shown: Array, hole: Hole | None) -> Figure:
-    """Draw which part of the sphere samples cover, by the rule that calibrations of recorded samples are accepted by.
+    """Draw the part of the sphere that samples cover, by the rule that accepts calibrations of recorded samples.
 
     Parameters
     ----------
     corrected, shown : shape (n, 3)
         All calibrated samples, and those that are drawn.
     hole
-        Named where it is part of what is not covered.
+        Largest hole; named if it is part of the uncovered area.
     """
     covered = covered_directions(corrected)
     named = hole if hole is not None and not covered.all() else None
@@ -118,13 +120,13 @@ def coverage_map(corrected: Array, shown: Array, hole: Hole | None) -> Figure:
         KeyEntry("no sample near", "uncovered"), SPHERE[~covered], shown, 460.0, 260.0,
     )
     if named is not None:
-        figure.marks(_on_map(np.array([named.direction])), "series-3 hollow", Mark.CROSS, radius=6.0)
+        figure.marks(_map_points(np.array([named.direction])), "series-3 hollow", Mark.CROSS, radius=6.0)
         figure.key.append(KeyEntry("middle of the largest hole", "", Mark.CROSS, "series-3 hollow"))
     return figure
 
 
 def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
-    """Draw where the samples of a tumble lie, and the largest cap of the sphere without one.
+    """Draw the samples of a tumble, and the largest cap of the sphere without one.
 
     Parameters
     ----------
@@ -151,12 +153,12 @@ def _sphere_map(
         title, description, *labels, x_range=(-180, 180), y_range=(-1, 1), x_ticks=(-180, -90, 0, 90, 180),
         width=width, height=height, key=[SAMPLE, entry],
     )
-    figure.dots(_on_map(marked), "uncovered")
-    figure.dots(_on_map(shown), "samples")
+    figure.dots(_map_points(marked), "uncovered")
+    figure.dots(_map_points(shown), "samples")
     return figure
 
 
-def _on_map(directions: Array) -> list[Point]:
+def _map_points(directions: Array) -> list[Point]:
     lengths = np.linalg.norm(directions, axis=1)
     directions = directions[lengths > 0.0] / lengths[lengths > 0.0, None]
     azimuths = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))

@@ -13,10 +13,10 @@ from hiltest.measurement import Measurement
 from hiltest.record.run import Cell, Table
 from hiltest.report.marks import KeyEntry
 from hiltest.report.svg import Sheet
-from hiltest.text import readable
+from hiltest.text import format_number
 
-_WIDTH, _GAP = 1094.0, 16.0  # of the inside of a card on a desk, and between two panels, in px
-_FEWEST, _STYLED = 2, 6  # columns: one alone is drawn no wider than two, and the style sheet knows up to six
+_WIDTH, _GAP = 1094.0, 16.0  # of the inside of a card on a wide screen, and between two panels, in px
+_FEWEST, _STYLED = 2, 6  # columns: a single panel is no wider than two, and the style sheet supports up to six
 
 
 class Drawing(Protocol):
@@ -32,10 +32,10 @@ class Drawing(Protocol):
 
     @property
     def sheet(self) -> Sheet | None:
-        """The numbers behind it."""
+        """Numbers of the panel."""
 
     def svg(self) -> Markup:
-        """Return it as an element of the page."""
+        """Return the panel as an element of the page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +48,13 @@ class FigureGroup:
     legend: str
     panels: Sequence[Drawing]
     most: int = 3
-    """Panels in a row on a desk; one more where it fills the last row better."""
+    """Panels in a row on a wide screen; one more if that fills the last row better."""
     caption: str = ""
-    """What all panels show."""
+    """Common caption of the panels."""
     numbers: Sequence[Sheet] = ()
-    """Where those of the panels one by one would be harder to read."""
+    """Numbers of all panels, if those of single panels would be harder to read."""
     short: str = ""
-    """The heading in the contents, where it is shorter there."""
+    """Shorter heading for the contents; may be empty."""
 
     @property
     def columns(self) -> int:
@@ -63,52 +63,52 @@ class FigureGroup:
 
     @property
     def key(self) -> Sequence[KeyEntry]:
-        """Key for all panels; empty where each panel has its own, because one mark stands for two things."""
+        """Key for all panels; empty if one mark has two meanings, and each panel therefore has its own key."""
         entries = tuple(dict.fromkeys(entry for panel in self.panels for entry in panel.key))
         swatches = {(entry.line, entry.mark, entry.mark_style) for entry in entries}
         return entries if len(swatches) == len(entries) else ()
 
     @property
     def sheets(self) -> Sequence[Sheet]:
-        """The numbers behind the panels, for readers who cannot see them or want them exactly."""
+        """Numbers of the panels, for readers who cannot see them or need exact values."""
         return self.numbers or [panel.sheet for panel in self.panels if panel.sheet]
 
 
 def columns(count: int, most: int) -> int:
-    """Return in how many columns panels leave the fewest places of the last row empty."""
+    """Return the number of columns that leaves the fewest places of the last row empty."""
     if count <= most:
         return max(count, 1)
-    return min(range(min(most + 1, _STYLED), most // 2, -1), key=lambda each: -count % each)
+    return min(range(min(most + 1, _STYLED), most // 2, -1), key=lambda count_of_columns: -count % count_of_columns)
 
 
 def panel_width(count: int, most: int) -> float:
-    """Return how wide a panel is drawn, so that its letters have their size on a desk."""
+    """Return the width of a panel at which its letters have their nominal size on a wide screen."""
     across = max(_FEWEST, columns(count, most))
     return (_WIDTH - _GAP * (across - 1)) / across
 
 
 def numbers(table: Table, column: str) -> list[float]:
-    """Return a column as floats; what is no number is NaN and is not drawn."""
+    """Return a column as floats; other cells become NaN and are not drawn."""
     return [_number(cell) for cell in table.column_if_any(column)]
 
 
 def upper_limit(measurement: Measurement | None) -> float | None:
-    """Return how large a measurement may be, None without a limit."""
+    """Return the upper limit of a measurement; None without one."""
     return None if measurement is None or measurement.limit is None else measurement.limit.max
 
 
 def written(cells: Iterable[Cell], digits: int = 4) -> list[str]:
-    """Return cells as people read them; a missing number is empty."""
-    return [_written(cell, digits) for cell in cells]
+    """Return cells as text; a missing number is empty."""
+    return [_format_cell(cell, digits) for cell in cells]
 
 
 def _number(cell: Cell) -> float:
     return float(cell) if isinstance(cell, int | float) and not isinstance(cell, bool) else math.nan
 
 
-def _written(cell: Cell, digits: int) -> str:
+def _format_cell(cell: Cell, digits: int) -> str:
     if cell is None or isinstance(cell, str):
         return cell or ""
     if isinstance(cell, bool):
         return "yes" if cell else "no"
-    return readable(cell, digits) if math.isfinite(cell) else ""
+    return format_number(cell, digits) if math.isfinite(cell) else ""
