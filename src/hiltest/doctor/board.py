@@ -65,7 +65,7 @@ def see_protocol(board: Board, _rig: Rig) -> Check:
 def see_sensors(board: Board, rig: Rig) -> Check:
     """Look whether the sensors that the rig names answer on their buses."""
     found, absent = [], []
-    for kind, wanted in board.declared.wanted.items():
+    for kind, wanted in board.declared.sensor_names.items():
         each = next(sensor for sensor in board.sensors if sensor.kind is kind and sensor.name == wanted)
         place = f"{wanted} (I2C{each.bus} 0x{each.address:02X})"
         if each.present:
