@@ -45,8 +45,8 @@ class Frame:
         return wrap_360(self.zero_deg + (angle_deg if self.clockwise else -angle_deg))
 
 
-#: The Sensor Fusion Toolbox sends a compass heading in all of its frames. ``enu`` is the mathematician's: the angle of
-#: the x axis from east, counterclockwise, the y axis forward where x is to the right.
+#: NXP's firmware sends a compass heading in all of its frames. ``enu`` is the mathematical convention: the angle of the
+#: x axis from east, counterclockwise, with x right and y forward.
 FRAMES = {
     "ned": Frame(_SAME, 1.0, clockwise=True),
     "android": Frame(_RIGHT_FORWARD_UP, -1.0, clockwise=True),
