@@ -205,7 +205,7 @@ class _Table:
         if rate_hz is not None:
             return np.arange(len(read)) / rate_hz, read
         if one_a_row:
-            read = self._joined(read)
+            read = self._join(read)
         time_s = scale_s * read[:, 0]
         step_s = float(np.median(np.diff(time_s)))
         if not 1.0 / _FASTEST_HZ <= step_s <= 1.0 / _SLOWEST_HZ:
@@ -227,7 +227,7 @@ class _Table:
             numbers.append(value)
         return numbers
 
-    def _joined(self, read: Reals) -> Reals:
+    def _join(self, read: Reals) -> Reals:
         rows, joined = at_the_gyroscope_s(read[:, 0], read[:, 1:])
         time = read[rows, 0]
         if len(time) < 2 or not bool((np.diff(time) > 0.0).all()):
