@@ -134,7 +134,7 @@ def _searched(
     refused = "" if found.refused_cycles is None else f"; refused ones {readable(found.refused_cycles)} at most"
     if not found.call.counts:
         return found, None, f"{function}: no call has succeeded of {searched}{refused}"
-    case = case_of(found, problem.kept(found.given), elf, function, seed_number)
+    case = case_of(found, problem.kept(found.worst_input), elf, function, seed_number)
     said = f"{case.said}: {readable(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
     return found, case, said
 
