@@ -34,6 +34,7 @@ TEST_PROGRAMS = Path(__file__).parents[1] / "tests" / "virtual" / "programs"
 FLAGS = (
     "-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-mthumb", "-O2", "-fno-math-errno", "-nostdlib",
     "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{TEST_PROGRAMS / 'flash.ld'}",
+    "-include", str(TEST_PROGRAMS / "prelude.h"),
 )  # fmt: skip
 
 

@@ -56,5 +56,5 @@ def checked(text: str, schema: str) -> dict[str, Any]:
     content: dict[str, Any] = json.loads(text)
     assert content["schema"] == schema
     validator = Draft202012Validator(json.loads(schema_file(schema).read_text(encoding="utf-8")))
-    assert [f"{each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []
+    assert [f"{error.json_path}: {error.message}" for error in validator.iter_errors(content)] == []
     return content

@@ -59,7 +59,7 @@ _ONLY_IN_CI = {
         "end_to_end/test_wrong_firmware", "firmware/test_calibrators_of_ones_own", "mutation/test_mutations",
         "record/test_killed_at_every_step", "runs/test_advice_for_a_campaign", "runs/test_bisect", "runs/test_campaign",
         "runs/test_campaign_summary", "serve/test_clients", "serve/test_ending", "serve/test_main_job",
-        "serve/test_start", "test_json_documents", "test_read_files", "test_release",
+        "serve/test_start", "test_json_documents", "test_read_files",
         "test_written_files",
         "virtual/test_foreign_programs",
     )
@@ -79,6 +79,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("slow")
         if item.path in _ONLY_IN_CI and item.get_closest_marker("slow"):
             item.add_marker("ci")
+        if item.get_closest_marker("ci"):
+            item.add_marker("slow")
     if asked := os.environ.get(_PART):
         part, parts = map(int, asked.split("/"))
         long = [item for item in items if item.get_closest_marker("ci")]

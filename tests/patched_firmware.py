@@ -24,6 +24,6 @@ def patched(elf: Path, functions: Iterable[str], instructions: Sequence[int]) ->
                 each["p_offset"] + address - each["p_vaddr"] for each in image.iter_segments("PT_LOAD")
                 if each["p_vaddr"] <= address < each["p_vaddr"] + each["p_filesz"]
             )  # fmt: skip
-            code = b"".join(each.to_bytes(2, "little") for each in instructions)
+            code = b"".join(instruction.to_bytes(2, "little") for instruction in instructions)
             content[at : at + len(code)] = code
     return bytes(content)

@@ -16,7 +16,10 @@ from hiltest.boards import default_firmware
 from hiltest.record.exit_codes import WORDS, ExitCode
 from hiltest.record.reader import read_record
 
+from . import in_process
+
 COMMANDS = Path(commands.__file__).parent
+
 pytestmark = pytest.mark.slow
 
 
@@ -31,7 +34,7 @@ def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("command", [["--help"], ["run", "--help"]])
 def test_help_lists_every_exit_code(tmp_path: Path, command: list[str]) -> None:
-    result = hiltest(*command, folder=tmp_path)
+    result = in_process.hiltest(*command, folder=tmp_path)
     assert result.returncode == 0
     told = result.stdout.split("Exit codes:")[1].strip().splitlines()
     codes = [int(line.split()[0]) for line in told if line.split()[0].isdigit()]
@@ -41,7 +44,7 @@ def test_help_lists_every_exit_code(tmp_path: Path, command: list[str]) -> None:
 
 @pytest.mark.parametrize(("command", "codes"), [("serve", [0, 4, 20]), ("profile", [0, 2, 4, 20])])
 def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, command: str, codes: list[int]) -> None:
-    told = hiltest(command, "--help", folder=tmp_path).stdout.split("Exit codes:")[1].strip().splitlines()
+    told = in_process.hiltest(command, "--help", folder=tmp_path).stdout.split("Exit codes:")[1].strip().splitlines()
     assert [int(line.split()[0]) for line in told if line.split()[0].isdigit()] == codes
     assert "every test passed" not in "".join(told)
 
@@ -52,12 +55,12 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
      "study", "worst"],
 )
 def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> None:
-    told = hiltest(*command.split(), "--help", folder=tmp_path).stdout
+    told = in_process.hiltest(*command.split(), "--help", folder=tmp_path).stdout
     assert [line for line in told.splitlines() if len(line) > 80] == []
 
 
 def test_help_shows_every_command_in_a_group_with_a_whole_sentence(tmp_path: Path) -> None:
-    told = hiltest("--help", folder=tmp_path).stdout.split("Exit codes:")[0]
+    told = in_process.hiltest("--help", folder=tmp_path).stdout.split("Exit codes:")[0]
     lines = dict(re.findall(r"^  ([a-z][a-z-]*)  +(.+)$", told, re.M))
     assert lines.keys() == {path.stem.replace("_", "-") for path in COMMANDS.glob("[!_]*.py")} - {"options"}
     assert [line for line in lines.values() if not line.endswith(".") or line.endswith("...")] == []
@@ -65,7 +68,7 @@ def test_help_shows_every_command_in_a_group_with_a_whole_sentence(tmp_path: Pat
 
 
 def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:
-    told = " ".join(hiltest("timing", "measure", "--help", folder=tmp_path).stdout.split())
+    told = " ".join(in_process.hiltest("timing", "measure", "--help", folder=tmp_path).stdout.split())
     assert "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]" in told
 
 

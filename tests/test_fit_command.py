@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,16 +13,14 @@ import pytest
 from hiltest.procedures.golden_points import golden_points
 
 from .calibration.hand_turned import hand_turned
+from .in_process import hiltest
 from .instances import instance
 
 pytestmark = pytest.mark.slow
 
 
 def fit(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", "fit", *arguments], cwd=folder, capture_output=True, text=True, check=False,
-        timeout=120, env=dict(os.environ),  # readline, which pytest imports, puts COLUMNS into that of the process
-    )  # fmt: skip
+    return hiltest("fit", *arguments, folder=folder)
 
 
 def _write(path: Path, points_ut: np.ndarray, header: str = "mx_uT,my_uT,mz_uT") -> None:

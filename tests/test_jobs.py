@@ -55,10 +55,10 @@ class Cluster:
 
     def has(self, count: int) -> None:
         """See to it that there are so many workers."""
-        self.workers = [each for each in self.workers if each.poll() is None]
-        for each in self.workers[count:]:
-            each.kill()
-            each.wait(ENOUGH_S)
+        self.workers = [worker for worker in self.workers if worker.poll() is None]
+        for worker in self.workers[count:]:
+            worker.kill()
+            worker.wait(ENOUGH_S)
         for _ in range(count - len(self.workers)):
             self.workers.append(self._started("worker", self.address, "--no-nanny", "--nthreads", "1",
                                               "--no-dashboard", "--host", "127.0.0.1"))  # fmt: skip
@@ -85,9 +85,9 @@ class Cluster:
 
     def end(self) -> None:
         """End all of them."""
-        for each in (*self.workers, self.scheduler):
-            each.kill()
-            each.wait(ENOUGH_S)
+        for worker in (*self.workers, self.scheduler):
+            worker.kill()
+            worker.wait(ENOUGH_S)
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
@@ -121,7 +121,7 @@ def content(folder: Path) -> dict[str, Any]:
 
 def blocks_kept(folder: Path) -> list[int]:
     lines = [json.loads(line) for line in (folder / BLOCKS_FILE).read_text(encoding="utf-8").splitlines()]
-    return [each["number"] for each in lines if each["kind"] == "block"]
+    return [line["number"] for line in lines if line["kind"] == "block"]
 
 
 @pytest.mark.parametrize(
@@ -214,7 +214,7 @@ class TestCluster:
 
         cluster.has(2)
         run_study(PLAN, tmp_path, jobs=cluster.address, progress=progress)
-        wait_until(lambda: sum(each.poll() is None for each in cluster.workers) == 1)
+        wait_until(lambda: sum(worker.poll() is None for worker in cluster.workers) == 1)
         assert sorted(at_the_end) == list(range(BLOCKS))
         assert content(tmp_path) == whole
 

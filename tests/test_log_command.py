@@ -18,16 +18,11 @@ from tests.calibration.synthetic_rates import flicker, white
 
 from hiltest.logs.rate_log import read_rate_log
 
+from .in_process import hiltest
+
 pytestmark = pytest.mark.slow
 
 LIMIT_S = 120
-
-
-def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, timeout=LIMIT_S,
-        check=False,
-    )  # fmt: skip
 
 
 def test_a_log_has_every_sample_of_the_gyroscope_and_says_so(tmp_path: Path) -> None:

@@ -31,10 +31,10 @@ def recording(path: Path, *, sensors: str = "mag") -> Path:
     """Write a table of a field and of gravity along the board's axes, each pose held for a quarter of a second."""
     columns = {"m": ("mx_uT,my_uT,mz_uT", FIELD.ned_ut, HARD_IRON_UT), "a": ("ax_g,ay_g,az_g", (0, 0, 1), (0, 0, 0)),
                "g": ("gx_dps,gy_dps,gz_dps", (0, 0, 0), (0, 0, 0))}  # fmt: skip
-    lines = [",".join(["t_s", *(columns[each][0] for each in sensors)])]
+    lines = [",".join(["t_s", *(columns[sensor][0] for sensor in sensors)])]
     for n in range(len(POSES) * HELD + 1):
         turned = rotation_body_from_ned(POSES[min(n // HELD, len(POSES) - 1)])
-        vectors = [turned @ np.array(columns[each][1]) + columns[each][2] for each in sensors]
+        vectors = [turned @ np.array(columns[sensor][1]) + columns[sensor][2] for sensor in sensors]
         lines.append(",".join([f"{n / RATE_HZ}", *(f"{each:.6f}" for vector in vectors for each in vector)]))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path

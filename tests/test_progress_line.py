@@ -111,7 +111,7 @@ def test_pytests_own_lines_are_as_they_were_in_a_terminal(pytester: pytest.Pytes
         elif piece:
             assert drawn == ""  # pytest writes where nothing is drawn
             own += piece
-    assert any("a long work of many steps" in each for each in drawings)
+    assert any("a long work of many steps" in drawing for drawing in drawings)
     ends = [line for line in own.split("\r\n") if line.endswith("%]")]
     # pytest puts the percentage at the end of its 79 columns, unless a test's name is longer than that.
     assert [len(line) for line in ends if "xxx" not in line] == [79] * (2 if options else 1)

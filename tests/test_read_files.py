@@ -79,10 +79,10 @@ AT_ONCE_S = 10.0
 def options_that_read() -> Iterator[str]:
     """Yield the options and arguments of all commands that are files."""
     for name, command in every_command():
-        for each in command.params:
-            if (isinstance(each.type, click.Path) or each.metavar in FILES or each.name == "elf") \
-                    and each.metavar != "DIR":
-                yield f"{name} {max(each.opts, key=len)}"
+        for parameter in command.params:
+            if (isinstance(parameter.type, click.Path) or parameter.metavar in FILES or parameter.name == "elf") \
+                    and parameter.metavar != "DIR":
+                yield f"{name} {max(parameter.opts, key=len)}"
 
 
 def test_all_of_them_are_tested_here() -> None:

@@ -58,9 +58,8 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"wheel": wheel, "source": source}
 
 
-@pytest.mark.parametrize(
-    "version", [pytest.param(each, marks=[] if each == PYTHONS[0] else pytest.mark.ci) for each in PYTHONS]
-)
+@pytest.mark.ci  # tox installs the wheel for all other tests
+@pytest.mark.parametrize("version", PYTHONS)
 def test_wheel_and_source_install_and_run(version: str, distributions: dict[str, Path], tmp_path: Path) -> None:
     run(interpreter(version), "-m", "venv", tmp_path / "venv", cwd=tmp_path)
     here = tmp_path / "venv" / "bin"

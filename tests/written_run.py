@@ -128,7 +128,7 @@ def findings(board: BoardRecord) -> Callable[..., Findings]:
             ),
         )
         made.tests.extend(tests or [TestResult(HEADING_TEST, TestOutcome.PASSED, 1.25)])
-        made.measurements.update((each.name, each) for each in measurements)
+        made.measurements.update((measurement.name, measurement) for measurement in measurements)
         if tables:
             for make_table in (
                 poses_table, points_table, calibrations_table, sizes_table, budget_table, stages_table,

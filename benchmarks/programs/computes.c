@@ -1,9 +1,6 @@
 /* Computes without end, with integers, with loads and stores, or with floating-point numbers: WORK names which. */
 #include <stdint.h>
 
-#define WORD(address) (*(volatile uint32_t *)(address))
-#define HALFWORD(address) (*(volatile uint16_t *)(address))
-
 enum { WORDS = 64, POINTS = 16, TERMS = 3 };
 
 /* A generator of random numbers, and the length of Collatz's sequence behind each. */
@@ -59,9 +56,7 @@ uint32_t floating_point(uint32_t seed)
 int main(void)
 {
     uint32_t seed = 0;
-    HALFWORD(0x4005200Eu) = 0xC520; /* the watchdog is unlocked, and switched off */
-    HALFWORD(0x4005200Eu) = 0xD928;
-    HALFWORD(0x40052000u) = 0x01D2;
+    stop_watchdog();
     WORD(0xE000ED88u) = 0xFu << 20; /* the FPU may be used */
     for (;;)
         WORK(seed++);

@@ -87,8 +87,8 @@ def far_end() -> Iterator[Callable[[Callable[[int], bytes]], FarEnd]]:
         return ends[-1]
 
     yield begin
-    for each in ends:
-        each.end()
+    for end in ends:
+        end.end()
 
 
 @pytest.fixture

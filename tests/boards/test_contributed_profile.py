@@ -97,7 +97,7 @@ def test_what_is_missing_or_does_not_fit_is_named(
     assert objections(filled_in) == ()
     changed, times = re.subn(pattern, lambda _match: instead, filled_in, count=1, flags=re.M)
     assert times == 1
-    assert any(said in each for each in objections(changed)), objections(changed)
+    assert any(said in objection for objection in objections(changed)), objections(changed)
 
 
 def test_a_new_measurement_keeps_the_board_and_wants_a_new_signature(filled_in: str, tmp_path: Path) -> None:

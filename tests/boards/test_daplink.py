@@ -59,7 +59,7 @@ def test_a_board_without_its_serial_port_is_a_board_still(tree: UsbTree) -> None
 def test_boards_behind_one_another_keep_their_own_ports(tree: UsbTree) -> None:
     tree.plug_in(serial=K64F, tty="ttyACM1")
     tree.plug_in(serial=SECOND_K64F, tty="ttyACM0")
-    found = {each.serial_number: each.port for each in find_boards(tree.root)}
+    found = {board.serial_number: board.port for board in find_boards(tree.root)}
     assert found == {K64F: tree.root / "dev/ttyACM1", SECOND_K64F: tree.root / "dev/ttyACM0"}
 
 
@@ -73,7 +73,7 @@ def test_other_ports_say_why_they_are_not_taken(tree: UsbTree) -> None:
     tree.built_in("ttyS1", kind="0")
     found = plugged_in(tree.root)
     assert found.boards == ()
-    said = {each.port.name if each.port else None: each.not_taken for each in found.others}
+    said = {other.port.name if other.port else None: other.not_taken for other in found.others}
     assert said.keys() == {"ttyACM0", "ttyACM1", "ttyACM2", "ttyUSB0", "ttyS0", None}
     assert "9904" in said["ttyACM0"]
     assert "SEGGER" in said["ttyACM1"]

@@ -395,7 +395,7 @@ def test_wrong_packets_get_an_answer_and_harm_nobody(debugged: Debugged) -> None
             data = client.socket.recv(65536)
             assert data
             answers |= {part.partition(b"#")[0] for part in data.split(b"$")[1:]}
-        assert answers <= {b"", b"E01", b"OK", b"1", b"l"} | {each for each in answers if len(each) > 40}
+        assert answers <= {b"", b"E01", b"OK", b"1", b"l"} | {answer for answer in answers if len(answer) > 40}
         client.send(b"c")
         client.send(b"g")  # not while it runs
         assert client.receive() in (b"", b"E01", b"1")

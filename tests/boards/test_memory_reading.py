@@ -73,8 +73,8 @@ def test_any_other_board_is_read_through_its_server(
     solutions = [values.values[Quantity.HARD_IRON].tolist() for values in read]
     assert solutions == sorted(solutions)
     if at_return_of:
-        assert all(len(set(each)) == 1 for each in solutions)
-        assert len({each[0] for each in solutions}) == 5
+        assert all(len(set(solution)) == 1 for solution in solutions)
+        assert len({solution[0] for solution in solutions}) == 5
 
 
 def test_variables_of_another_build_than_the_boards_are_not_read(
@@ -159,7 +159,7 @@ def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(both_kind
     assert all(each.values.keys() == {Quantity.HEADING} for each in read)
     packets = [each for each in said if Quantity.QUATERNION in each.values]
     assert len(packets) >= 30
-    assert not any(Quantity.HEADING in each.values for each in packets)
+    assert not any(Quantity.HEADING in packet.values for packet in packets)
 
 
 @pytest.mark.parametrize(("memory", "reason"), [

@@ -109,7 +109,7 @@ def test_it_gives_back_the_profile_that_the_board_was_made_with(
 def clocks_of_every_place(board: Board) -> dict[str, int]:
     """Return the clocks of each sequence, which are the same wherever it lies."""
     first, *others = measure_sequences(board).values()
-    assert all(each == first for each in others)
+    assert all(other == first for other in others)
     return first
 
 
@@ -130,7 +130,7 @@ def by_rules(rig: Rig) -> dict[str, int]:
 
 
 def verdicts(measured: MeasuredProfile) -> dict[str, str]:
-    return {each.question.sequence: each.verdict for each in measured.judgements}
+    return {judgement.question.sequence: judgement.verdict for judgement in measured.judgements}
 
 
 BEHIND_CMP = "load_compare_and_three"
@@ -279,7 +279,7 @@ def test_each_candidate_is_shown_with_its_clocks_and_which_one_survives(by_rules
         "      53 none waits\n  >   68 one in three waits\n      76 one in two waits\n"
     ) in shown
     assert "      77 one in two waits\n    no candidate predicts it\n" in shown
-    assert all(f"\n{each.sequence}: " in shown for each in questions(values(load_profile(WITH_RULES))))
+    assert all(f"\n{question.sequence}: " in shown for question in questions(values(load_profile(WITH_RULES))))
 
 
 @pytest.fixture(scope="module")

@@ -80,7 +80,7 @@ def repeats_within_deg(field: Reals, gravity: Reals) -> float:
     """
     east = np.cross(gravity, field)
     axes = [np.cross(east, gravity), east, gravity]
-    world_from_body = np.stack([each / np.linalg.norm(each, axis=1, keepdims=True) for each in axes], axis=1)
+    world_from_body = np.stack([axis / np.linalg.norm(axis, axis=1, keepdims=True) for axis in axes], axis=1)
     mean = world_from_body.mean(axis=0)
     aim = np.linalg.eigh(mean.T @ mean)[1][:, -1]
     seen, middle = world_from_body @ aim, mean @ aim

@@ -235,7 +235,7 @@ def test_three_degrees_of_rotation_are_three_degrees_of_axis_error_for_the_ellip
 def test_poses_that_determine_no_ellipsoid_are_refused(
     directions: np.ndarray, status: AccelerometerStatus
 ) -> None:
-    assert fit_ellipsoid([pose_of(8192.0 * each) for each in directions]).status is status
+    assert fit_ellipsoid([pose_of(8192.0 * direction) for direction in directions]).status is status
 
 
 def test_a_pose_that_moved_is_named_by_its_number() -> None:

@@ -51,7 +51,7 @@ def test_each_threshold_allows_its_value_and_nothing_beyond(
 def test_the_worst_reason_decides_and_every_figure_is_told_once() -> None:
     verdict, reasons = rate(replace(_GOOD, condition=500.0, residual_percent=4.0))
     assert verdict is Acceptance.REFUSED
-    assert [(each.figure, each.verdict) for each in reasons] == [
+    assert [(reason.figure, reason.verdict) for reason in reasons] == [
         ("condition", Acceptance.REFUSED), ("residual_percent", Acceptance.POOR),
     ]  # fmt: skip
 
@@ -67,7 +67,7 @@ def test_a_long_ellipsoid_is_refused_only_where_the_points_show_part_of_it() -> 
     assert rate(replace(_GOOD, axis_ratio=2.5))[0] is Acceptance.GOOD
     verdict, reasons = rate(replace(_GOOD, axis_ratio=2.5, condition=60.1))
     assert verdict is Acceptance.REFUSED
-    assert [each.figure for each in reasons] == ["condition", "axis_ratio"]
+    assert [reason.figure for reason in reasons] == ["condition", "axis_ratio"]
 
 
 def test_an_unknown_unit_leaves_the_field_strength_unjudged() -> None:

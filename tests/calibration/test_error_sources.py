@@ -60,4 +60,4 @@ def test_on_a_level_board_nothing_is_made_of_axes_along_which_there_was_nothing_
 
 
 def test_readings_that_are_all_zero_have_sources_of_finite_size() -> None:
-    assert all(np.isfinite(each.size).all() for each in error_sources(FIELD, 0.0 * FIELD, down=GRAVITY))
+    assert all(np.isfinite(error_source.size).all() for error_source in error_sources(FIELD, 0.0 * FIELD, down=GRAVITY))

@@ -261,7 +261,7 @@ def test_fitzgibbons_ellipse_is_that_of_lsq_ellipse(name: str) -> None:
 def test_products_of_slopes_are_those_of_differences() -> None:
     points, step = _noisy(8, count=20) / 500.0, 1e-4
     slopes = [(monomials(points + each) - monomials(points - each)) / (2.0 * step) for each in step * np.eye(3)]
-    wanted = sum(mean_products(each) for each in slopes)
+    wanted = sum(mean_products(slope) for slope in slopes)
     # Central differences of a quadratic are exact but for rounding, 1e-16 over the step.
     assert np.allclose(slope_products(mean_products(monomials(points)), 3), wanted, atol=1e-10)
 

@@ -123,13 +123,13 @@ def shots(shared_data: Callable[[str], Path]) -> list[Shots]:  # noqa: F811
 def test_aligned_shots_repeat_as_they_should(shots: list[Shots]) -> None:
     """What a group of eight says that the calibration has not seen; the other sixteen shots made it."""
     found: dict[str, list[float]] = {name: [] for name in METHODS}
-    for each in shots:
+    for shot in shots:
         for aligned in ALIGNED:
-            kept = np.delete(np.arange(len(each.points)), aligned)
+            kept = np.delete(np.arange(len(shot.points)), aligned)
             for name, method in METHODS.items():
-                fit = method(each.points[kept], each.acceleration[kept])
-                field = fit.magnetometer.corrected(each.points[aligned])
-                found[name].append(repeats_within_deg(field, fit.accelerometer.gravity_g(each.acceleration[aligned])))
+                fit = method(shot.points[kept], shot.acceleration[kept])
+                field = fit.magnetometer.corrected(shot.points[aligned])
+                found[name].append(repeats_within_deg(field, fit.accelerometer.gravity_g(shot.acceleration[aligned])))
     norms, turned, joint, dpi = (float(np.median(values)) for values in found.values())
     # What a cave survey asks of an instrument.
     assert turned < 0.7
@@ -140,17 +140,17 @@ def test_aligned_shots_repeat_as_they_should(shots: list[Shots]) -> None:
 @pytest.mark.slow  # 13 fits of each method on 16 instruments
 def test_the_dip_held_out_orders_methods_as_aligned_shots_do(shots: list[Shots]) -> None:
     agreed: dict[tuple[str, str], int] = dict.fromkeys(combinations(METHODS, 2), 0)
-    for each in shots:
+    for shot in shots:
         wrong: dict[str, float] = {}
         for name, method in METHODS.items():
             groups = []
             for aligned in ALIGNED:
-                kept = np.delete(np.arange(len(each.points)), aligned)
-                fit = method(each.points[kept], each.acceleration[kept])
-                field = fit.magnetometer.corrected(each.points[aligned])
-                groups.append(repeats_within_deg(field, fit.accelerometer.gravity_g(each.acceleration[aligned])))
+                kept = np.delete(np.arange(len(shot.points)), aligned)
+                fit = method(shot.points[kept], shot.acceleration[kept])
+                field = fit.magnetometer.corrected(shot.points[aligned])
+                groups.append(repeats_within_deg(field, fit.accelerometer.gravity_g(shot.acceleration[aligned])))
             wrong[name] = float(np.hypot(*groups))
-        spread = {name: held_out_dip_deg(method, each.points, each.acceleration) or np.inf
+        spread = {name: held_out_dip_deg(method, shot.points, shot.acceleration) or np.inf
                   for name, method in METHODS.items()}  # fmt: skip
         for first, second in agreed:
             agreed[first, second] += (wrong[first] < wrong[second]) == (spread[first] < spread[second])

@@ -132,5 +132,5 @@ def test_entries_that_lead_in_a_circle_end(content: bytes, tag: str, attribute: 
 def test_a_struct_that_contains_itself_is_refused(content: bytes) -> None:
     structs = [entry.offset for entry, _ in entries(content) if entry.tag == "DW_TAG_structure_type"]
     damaged = pointed_at(content, "DW_TAG_member", "DW_AT_type",
-                         lambda member: max(each for each in structs if each < member.offset))  # fmt: skip
+                         lambda member: max(struct for struct in structs if struct < member.offset))  # fmt: skip
     assert "damaged" in outcomes(damaged)

@@ -32,7 +32,7 @@ def shown(variable_id: int) -> MagneticPacket7:
 
 
 def said(observations: list[Observation]) -> dict[Quantity, list[float]]:
-    return {key: values.tolist() for each in observations for key, values in each.values.items()}
+    return {key: values.tolist() for observation in observations for key, values in observation.values.items()}
 
 
 def test_angles_are_heading_pitch_and_roll() -> None:

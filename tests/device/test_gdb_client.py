@@ -153,9 +153,9 @@ def test_a_function_is_left_when_it_has_returned(client: GdbClient, image: Firmw
         assert halt_at_return(client, entry, 10.0)
         assert image.function_at(client.registers().pc) == image.symbols["main"]
         halts.append(client.read(calibration, 16))
-    solutions = [int.from_bytes(each[12:], "little") for each in halts]
+    solutions = [int.from_bytes(halt[12:], "little") for halt in halts]
     assert solutions == list(range(solutions[0], solutions[0] + 4))
-    assert len({each[:4] for each in halts}) == 4
+    assert len({halt[:4] for halt in halts}) == 4
 
 
 def test_a_function_that_calls_itself_is_left_where_the_first_call_returns(
@@ -298,7 +298,7 @@ def test_a_server_that_talks_nonsense_is_named_with_the_next_step(
 ) -> None:
     # One that closes the connection does so at once, and on a busy machine later.
     said = outcome(answer, answer_s=10 if "is gone" in says else 0.2)
-    assert any(each in said for each in says.split("|")), said
+    assert any(part in said for part in says.split("|")), said
 
 
 def test_a_server_that_says_no_end_of_words_is_left_in_time() -> None:

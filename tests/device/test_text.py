@@ -176,16 +176,16 @@ def test_lines_without_a_meaning_are_counted() -> None:
 
 
 def test_why_a_line_means_nothing_is_said() -> None:
-    remarks = [each.remark for each in opened(LINES).readings(b"\n.\nhdg=x\nmag=1 2 3e9\nb\n")]
+    remarks = [reading.remark for reading in opened(LINES).readings(b"\n.\nhdg=x\nmag=1 2 3e9\nb\n")]
     assert remarks[1:] == [
         "heading: 'x' is no number", "magnetometer: 3e+09 uT is beyond 100000; look at its unit and scale",
         "no pattern matches",
     ]  # fmt: skip
-    assert [each.remark for each in opened(JSON).readings(b".\n{\n{}\n")][1:] == [
+    assert [reading.remark for reading in opened(JSON).readings(b".\n{\n{}\n")][1:] == [
         "no JSON", "nothing at att.yaw, mag, a.0, a.1, a.2, w, ok"
     ]  # fmt: skip
     rows = opened(COLUMNS).readings(b".\n1,2\ncal,yaw,gx,gy,gz\n1,2\n")
-    assert [each.remark for each in rows][1:] == [
+    assert [row.remark for row in rows][1:] == [
         "no line with the names cal, gx, gy, gz, yaw came yet", "names of the columns", "2 columns, not 5"
     ]  # fmt: skip
 
@@ -223,7 +223,7 @@ SAMPLES = {
 
 
 def plain(observations: Sequence[Observation]) -> list[tuple[dict[str, list[float]], str]]:
-    return [(values(each), each.error) for each in observations]
+    return [(values(observation), observation.error) for observation in observations]
 
 
 def fed(interface: TextInterface, pieces: Sequence[bytes]) -> list[tuple[dict[str, list[float]], str]]:

@@ -192,7 +192,7 @@ REFUSED = {
 def test_a_path_that_leads_nowhere_is_refused_with_the_next_step(plain: FirmwareImage, path: str) -> None:
     with pytest.raises(ConfigError) as refused:
         Variables(plain).place(path)
-    assert any(each in str(refused.value) for each in REFUSED[path].split("|"))
+    assert any(part in str(refused.value) for part in REFUSED[path].split("|"))
 
 
 def test_statics_of_one_name_are_refused_with_their_places_unless_the_file_is_named(
@@ -217,7 +217,7 @@ def test_statics_of_one_name_are_refused_with_their_places_unless_the_file_is_na
     with pytest.raises(ConfigError, match=r"step is in a\.c \(0x\w+\), b\.c \(0x\w+\); say which"):
         function_address(image, "step")
     assert {function_address(image, "a.c:step"), function_address(image, "b.c:step")} == {
-        each.address for each in image.functions if each.name == "step"
+        function.address for function in image.functions if function.name == "step"
     }
     with pytest.raises(ConfigError, match="no function stap; nearest: step"):
         function_address(image, "stap")
@@ -263,7 +263,7 @@ def test_what_lies_nowhere_in_memory_is_refused_with_the_reason(
                     GONE, "-O2", "-fdata-sections", "-ffunction-sections", "-Wl,--gc-sections")  # fmt: skip
     with pytest.raises(ConfigError) as refused:
         Variables(load_image(elf)).place(path)
-    assert any(each in str(refused.value) for each in reason.split("|"))
+    assert any(part in str(refused.value) for part in reason.split("|"))
 
 
 def test_a_struct_that_one_file_only_declares_is_read_where_another_defines_it(

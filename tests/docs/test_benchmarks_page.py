@@ -26,7 +26,7 @@ def run(command: str, folder: Path, **more: str) -> str:
     """Run one of the page's commands, with `more` in the environment, and return what it prints."""
     program, *arguments = shlex.split(command)
     if program == "cp":
-        shutil.copy(*(folder / each for each in arguments))
+        shutil.copy(*(folder / argument for argument in arguments))
         return ""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")} | more
     done = subprocess.run(

@@ -16,14 +16,14 @@ PAGE = (Path(__file__).parents[2] / "docs" / "bisect.md").read_text(encoding="ut
 
 
 def test_every_option_and_exit_code_is_on_the_page() -> None:
-    for each in bisect.params:
-        if isinstance(each, click.Option):
-            assert f"{max(each.opts, key=len)}" in PAGE
+    for parameter in bisect.params:
+        if isinstance(parameter, click.Option):
+            assert f"{max(parameter.opts, key=len)}" in PAGE
     told = re.findall(r"^  (\d+) ", bisect.epilog or "", re.M)
     assert told == re.findall(r"^\| (\d+) \|", PAGE, re.M)
 
 
 def test_every_name_in_json_is_on_the_page() -> None:
     assert f"`{SCHEMA}`" in PAGE
-    for each in (*fields(FirstWorse), *fields(JudgedCommit)):
-        assert f"`{each.name}`" in PAGE, each.name
+    for field in (*fields(FirstWorse), *fields(JudgedCommit)):
+        assert f"`{field.name}`" in PAGE, field.name

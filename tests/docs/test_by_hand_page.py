@@ -42,11 +42,11 @@ def test_the_uncertainty_that_the_page_works_out_is_the_shipped_rigs() -> None:
     shown = tomllib.loads(table)
     assert shown["mounting"]["uncertainty_deg"] == RIG.mounting.uncertainty_deg if RIG.mounting else False
     assert shown["turntable"] == {"kind": RIG.turntable.kind, "uncertainty_deg": RIG.turntable.uncertainty_deg}
-    whole, centred = (RIG.guard_band_deg(f"heading.direct.{what}") for what in ("max", "max_centred"))
+    whole, centred = (RIG.guard_band_deg(f"heading.direct.{statistic}") for statistic in ("max", "max_centred"))
     assert f"U = {whole:.2f} degrees here, and {centred:g} for a centred error" in PAGE
-    affected = PAGE[PAGE.index("Affected is"):PAGE.index("A simulated table")]
-    for what in re.findall(r"`(?:heading\.\*)?\.(\w+)`", affected):
-        assert RIG.guard_band_deg(f"heading.direct.{what}")
+    affected = PAGE[PAGE.index("The uncertainty affects"):PAGE.index("A simulated table")]
+    for statistic in re.findall(r"`(?:heading\.\*)?\.(\w+)`", affected):
+        assert RIG.guard_band_deg(f"heading.direct.{statistic}")
 
 
 def test_the_verdict_reads_as_the_page_has_it(findings) -> None:  # type: ignore[no-untyped-def]

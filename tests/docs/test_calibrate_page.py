@@ -52,7 +52,7 @@ def test_every_measurement_of_the_table_is_made_and_judged(folder: Path) -> None
     run = read_record(folder / "hil-out" / "run.json").run
     for row in rows:
         first, *others = re.findall(r"`(\S+?)`", row)
-        for name in (first, *(first.rpartition(".")[0] + each for each in others)):
+        for name in (first, *(first.rpartition(".")[0] + other for other in others)):
             measured = run.measurement(name)
             assert measured is not None, name
             assert measured.limit is not None, name
@@ -66,4 +66,4 @@ def test_formulas_and_units_are_those_of_the_file() -> None:
         formula, listed = rows[name].split(" | ")
         assert formula.strip("`") in str(part.__annotations__["formula"])
         told = dict(re.findall(r"`(\w+)` (\S+?)(?:, |$)", listed))
-        assert told == {each: getattr(units, each) for each in units.__slots__}
+        assert told == {slot: getattr(units, slot) for slot in units.__slots__}

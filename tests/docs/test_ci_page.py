@@ -170,7 +170,7 @@ def commands() -> Iterator[str]:
 
 
 def test_only_installations_are_replaced() -> None:
-    assert [each for each in commands() if "install" in each] == [INSTALL_COMPILER, INSTALL]
+    assert [command for command in commands() if "install" in command] == [INSTALL_COMPILER, INSTALL]
     build = [sys.executable, "-B", str(FIRMWARE / "build.py")]
     refused = subprocess.run(build, env={"PATH": ""}, capture_output=True, text=True, check=False, timeout=60)
     packages = refused.stderr.strip().partition("apt install ")[2]
@@ -295,7 +295,7 @@ def test_the_workflow_needs_no_token_and_runs_nothing_that_a_stranger_names() ->
     assert WORKFLOW["permissions"] == {"contents": "read"}
     assert "permissions" not in JOB
     assert not re.search(r"secrets\.|github\.token|github-token|GITHUB_TOKEN", WORKFLOW_TEXT + json.dumps(ACTION))
-    assert not [each for each in commands() if "${{" in each], "an input is no part of a script"
+    assert not [command for command in commands() if "${{" in command], "an input is no part of a script"
     (checkout,) = [step for step in JOB["steps"] if step.get("uses", "").startswith("actions/checkout@")]
     assert checkout["with"]["persist-credentials"] is False
     assert JOB["timeout-minutes"] <= 30

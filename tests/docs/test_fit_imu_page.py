@@ -106,7 +106,7 @@ def test_the_verdicts_of_the_page_are_those_that_are_given() -> None:
         (row,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.M)
         told = [float(cell) for cell in row.split("|") if cell.strip() not in ("", "any")]
         bounds = [each for each in accelerometer.BOUNDS if each.figure == figure]
-        limits = [each.limit for each in sorted(bounds, key=lambda each: severity.index(each.verdict))]
+        limits = [each.limit for each in sorted(bounds, key=lambda bound: severity.index(bound.verdict))]
         assert told[: len(limits)] == limits != [], label
     turns, poor, fair = (each.limit for each in gyroscope.BOUNDS)
     assert (turns, f"up to {fair:g} % of a turn, poor beyond {poor:g} %" in " ".join(PAGE.split())) == (4, True)

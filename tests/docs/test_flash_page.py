@@ -21,9 +21,9 @@ FLASHED, FAILED, HELD = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
 
 
 def test_every_option_and_exit_code_is_on_the_page() -> None:
-    for each in flash.params:
-        if isinstance(each, click.Option):
-            assert max(each.opts, key=len) in PAGE
+    for parameter in flash.params:
+        if isinstance(parameter, click.Option):
+            assert max(parameter.opts, key=len) in PAGE
     assert re.findall(r"^  (\d+) ", flash.epilog or "", re.M) == re.findall(r"^\| (\d+) \|", PAGE, re.M)
 
 

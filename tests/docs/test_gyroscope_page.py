@@ -38,12 +38,12 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
     assert "deg/rth" in done.stdout
     assert "<svg" in (tmp_path / "rest.html").read_text(encoding="utf-8")
     columns = json.loads(_run(for_programs, tmp_path).stdout)["columns"]
-    for each in columns:
+    for column in columns:
         # One-sided; 20 s with averages from 0.05 s on leave 4 %.
-        density, walk = each["noise_density"], each["angle_random_walk"]
+        density, walk = column["noise_density"], column["angle_random_walk"]
         assert (density["value"], density["unit"]) == (pytest.approx(25.0, rel=0.15), "mdps/rtHz")
         assert (walk["value"], walk["unit"]) == (pytest.approx(60.0 * 0.025 / 2**0.5, rel=0.15), "deg/rth")
-        assert each["bias_instability"]["value"] is None  # the virtual part has none
+        assert column["bias_instability"]["value"] is None  # the virtual part has none
 
 
 def test_the_table_has_every_measurement() -> None:

@@ -26,5 +26,5 @@ def test_the_rigs_table_is_read_beside_that_of_nxps_fusion(tmp_path: Path) -> No
 def test_the_table_has_every_key() -> None:
     named = set(re.findall(r"`([\w.]+)`", "".join(re.findall(r"^\| (.*?) \|", PAGE, re.M))))
     sensors = {"magnetometer", "accelerometer", "gyroscope"}
-    of_a_sensor = {f"magnetometer.{each.name}" for each in fields(PlayedSensor)}
-    assert named >= {each.name for each in fields(PlaybackFile)} - sensors | of_a_sensor
+    of_a_sensor = {f"magnetometer.{field.name}" for field in fields(PlayedSensor)}
+    assert named >= {field.name for field in fields(PlaybackFile)} - sensors | of_a_sensor

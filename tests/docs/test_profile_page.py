@@ -54,5 +54,5 @@ def test_the_suite_passes_and_a_tighter_limit_is_red(tmp_path: Path) -> None:
 
 def test_every_option_and_every_stall_is_named() -> None:
     options = {name for parameter in profile.params for name in parameter.opts if name.startswith("--")}
-    assert [each for each in options if each not in PAGE] == []
+    assert [option for option in options if option not in PAGE] == []
     assert [each for each in Stall if f"| {_NAMES[each]} |" not in PAGE] == []

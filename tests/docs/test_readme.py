@@ -46,7 +46,7 @@ def test_every_option_of_the_plugin_is_named() -> None:
 def test_every_command_is_understood(command: str, tmp_path: Path) -> None:
     _, *arguments = shlex.split(command)
     if arguments[0] == "run":
-        for elf in (each for each in arguments if each.endswith(".elf")):
+        for elf in (argument for argument in arguments if argument.endswith(".elf")):
             (tmp_path / elf).parent.mkdir(exist_ok=True)
             shutil.copy(ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf", tmp_path / elf)
         arguments += ([] if "--" in arguments else ["--"]) + ["--collect-only", "-q"]
@@ -64,7 +64,7 @@ def test_every_command_is_understood(command: str, tmp_path: Path) -> None:
     # A gate that no test runs for is no pass, and is told from an option or a file that is wrong, which is 4.
     gates = [f"{each[2:]} is {base}" for each, base in pairwise(arguments) if each in ("--baseline", "--against")]
     assert done.returncode == (22 if gates else 0), done.stdout + done.stderr
-    assert all(f"{each}, and no test ran" in done.stdout.rstrip().splitlines()[-1] for each in gates)
+    assert all(f"{gate}, and no test ran" in done.stdout.rstrip().splitlines()[-1] for gate in gates)
 
 
 def test_every_file_that_is_linked_is_there() -> None:

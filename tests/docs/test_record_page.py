@@ -55,7 +55,7 @@ def test_names_and_options_are_the_program_s() -> None:
     assert f"`{SCHEMA}`" in PAGE
     assert f"`{journal.JOURNAL_FILE}`" in PAGE
     options = {name for parameter in report.params for name in parameter.opts if name.startswith("--")}
-    assert [each for each in options if each not in PAGE] == []
+    assert [option for option in options if option not in PAGE] == []
 
 
 def test_the_schema_is_where_the_page_says() -> None:

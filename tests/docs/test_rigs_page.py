@@ -37,7 +37,7 @@ def test_the_faults_shown_are_read_and_every_key_of_theirs_is_named(tmp_path: Pa
     rig.write_text(RIGS["virtual-k64f"].read_text(encoding="utf-8") + shown, encoding="utf-8")
     assert str(load_rig(rig).faults) == "0.0002 of bytes lost, a stall after 20 s for 1.5 s; both ways, seed 1"
     section = PAGE.partition("## Faults")[2].partition("\n## ")[0]
-    assert {each.name for each in fields(Faults)} - set(re.findall(r"`faults\.([a-z_]+)`", section)) <= {"seed"}
+    assert {field.name for field in fields(Faults)} - set(re.findall(r"`faults\.([a-z_]+)`", section)) <= {"seed"}
 
 
 def test_the_tables_shown_are_those_of_the_harsh_rig() -> None:

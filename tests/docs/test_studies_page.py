@@ -29,7 +29,7 @@ def record(name: str) -> Run:
 
 def rows(run: Run) -> dict[str, list[Cell]]:
     """Return all numbers of a record by what they are of, and what it says of printed figures."""
-    found: dict[str, list[Cell]] = {each.name: [each.value] for each in run.measurements}
+    found: dict[str, list[Cell]] = {measurement.name: [measurement.value] for measurement in run.measurements}
     for table in run.tables:
         shown = (4,) if table.name.endswith(".printed") else range(len(table.columns))
         found |= {f"{table.name}, row {number}": [row[0], *(row[column] for column in shown)]

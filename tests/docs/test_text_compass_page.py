@@ -86,4 +86,4 @@ def test_the_tables_name_every_quantity_unit_and_key() -> None:
     for unit, words in re.findall(r"^\| `.*? \| (\w+|%) \| (.+) \|$", PAGE[PAGE.index("| quantity |") :], re.M):
         assert all(conversion(word, unit) for word in re.findall(r"[^\s,()]+", words)), words
     keys = set(re.findall(r"^\| `([a-z_]+)", PAGE[PAGE.index("| key |") : PAGE.index("| quantity |")], re.M))
-    assert keys | {"separator"} == {each.name for each in fields(TextDevice)}
+    assert keys | {"separator"} == {field.name for field in fields(TextDevice)}

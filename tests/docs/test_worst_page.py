@@ -54,4 +54,4 @@ def test_the_limit_on_the_page_is_the_default_rig_s() -> None:
 
 def test_every_option_is_named() -> None:
     options = {name for parameter in worst.params for name in parameter.opts if name.startswith("--")}
-    assert [each for each in options if each not in PAGE] == []
+    assert [option for option in options if option not in PAGE] == []

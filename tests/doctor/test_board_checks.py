@@ -32,8 +32,8 @@ def board(rig: Rig) -> Iterator[Board]:
 
 def test_the_default_board_is_all_right(board: Board, rig: Rig) -> None:
     checks = [look(board, rig) for look in BOARD_CHECKS.values()]
-    assert [each.found for each in checks if each.health is not Health.OK] == []
-    assert [each.name for each in checks] == [*BOARD_CHECKS]
+    assert [check.found for check in checks if check.health is not Health.OK] == []
+    assert [check.name for check in checks] == [*BOARD_CHECKS]
 
 
 def test_a_board_without_its_shield_names_what_is_missing_where(rig: Rig, rig_without_shield: Rig) -> None:

@@ -131,9 +131,9 @@ class Synchronised:
         frames = [each for each in self._decoder.feed(data) if isinstance(each, Frame) and each.type == Sync.code]
         return b"".join(
             encode_frame(Frame(
-                each.type | REPLY_BIT, each.sequence,
-                b"\0" + each.payload + self._version.to_bytes(2, "little"),
-            )) for each in frames
+                frame.type | REPLY_BIT, frame.sequence,
+                b"\0" + frame.payload + self._version.to_bytes(2, "little"),
+            )) for frame in frames
         )  # fmt: skip
 
 
@@ -194,7 +194,7 @@ def test_a_sensor_that_fails_is_named_by_its_own_check_and_the_others_are_made(
     rig: Rig, by_name: ByName, fault: SensorFault, name: str, words: str
 ) -> None:
     checks = by_name(examine(replace(rig, faults=Faults(sensor=fault)), today=TODAY))
-    of_noise = {each for each in checks if each.endswith("noise")}
+    of_noise = {check for check in checks if check.endswith("noise")}
     assert {each for each in of_noise if checks[each].health is Health.FAILED} == {name}
     assert {checks[each].health for each in of_noise - {name}} == {Health.OK}
     assert words in checks[name].found

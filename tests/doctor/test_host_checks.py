@@ -48,7 +48,7 @@ def test_a_bench_as_it_should_be_is_all_right(tree: UsbTree) -> None:
     rules.parent.mkdir(parents=True)
     rules.write_bytes((shipped() / "udev" / RULES).read_bytes())
     checks = [look(plugged(tree)) for look in HOST_CHECKS.values()]
-    assert [(each.name, each.health) for each in checks] == [(name, Health.OK) for name in HOST_CHECKS]
+    assert [(check.name, check.health) for check in checks] == [(name, Health.OK) for name in HOST_CHECKS]
     assert K64F in checks[0].found
     assert "0257" in checks[1].found
 

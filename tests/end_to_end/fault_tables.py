@@ -112,7 +112,7 @@ def begin_s(faults: Faults | None) -> float:
 def row(tried: Tried, ended: Ended, faults: Faults | None, clean: Ended) -> str:
     """Return a row of the page's tables."""
     key = "; ".join(tried.faults.splitlines())
-    made = f"`{key}`" if key else f"`{COMMAND}`: {' '.join(f'{each:04x}' for each in tried.instructions)}"
+    made = f"`{key}`" if key else f"`{COMMAND}`: {' '.join(f'{instruction:04x}' for instruction in tried.instructions)}"
     if ended.code == 0:
         again = f"recovers: {ended.retried} request{'s' * (ended.retried != 1)} sent again"
         how = again if ended.retried else "goes on"

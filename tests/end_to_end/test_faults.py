@@ -70,7 +70,7 @@ def test_the_page_shows_each_fault_and_no_other(heads: str) -> None:
 def test_whichever_command_hangs_its_name_is_said_within_the_deadline(tmp_path: Path) -> None:
     elf, rig = tmp_path / "hangs.elf", load_rig(shipped() / "rigs" / "virtual-k64f.toml")
     functions = load_image(default_firmware()).symbols
-    handlers = {each for each in functions if each.startswith("command_")} - {"command_find"}
+    handlers = {function for function in functions if function.startswith("command_")} - {"command_find"}
     named = set()
 
     def hangs(request: Request[Any]) -> None:

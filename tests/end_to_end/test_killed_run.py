@@ -107,12 +107,12 @@ class Killed:
             assert finishing == []
             return None
         assert done.stdout.splitlines()[-1] == run.verdict.sentence
-        tests = [each.id for each in run.tests]
+        tests = [test.id for test in run.tests]
         assert tests in (finished, finishing)
-        measured = {each.name: each.value for each in run.measurements if not each.volatile}
+        measured = {measurement.name: measurement.value for measurement in run.measurements if not measurement.volatile}
         if run.verdict.outcome == "cut short":
             # What the end of the session measures, behind its last test, may be there already.
-            session = {each.name for each in run.measurements if not each.test}
+            session = {measurement.name for measurement in run.measurements if not measurement.test}
             assert session <= {"board.virtual_seconds", "board.wall_seconds"}
             assert {name: value for name, value in measured.items() if name not in session} == expected(tests)
             assert not run.verdict.complete
@@ -156,14 +156,14 @@ def test_a_run_of_many_tests_that_is_killed_leaves_each_that_had_finished(number
         assert killed.run(kill_after=dice.randrange(1, TESTS), later_s=dice.uniform(0.0, 0.01))
 
     def expected(tests: list[str]) -> Mapping[str, object]:
-        numbers = [int(each.partition("[")[2].rstrip("]")) for each in tests]
-        return {f"many.{each:03d}": each * 1.5 for each in numbers}
+        numbers = [int(test.partition("[")[2].rstrip("]")) for test in tests]
+        return {f"many.{number:03d}": number * 1.5 for number in numbers}
 
     run = killed.check(expected)
     if number % 10 < 8:
         assert run is not None
         assert run.verdict.outcome == "cut short"
-        assert [each.name for each in run.tables] == [f"rows.{each:03d}" for each in range(len(run.tests))]
+        assert [table.name for table in run.tables] == [f"rows.{each:03d}" for each in range(len(run.tests))]
 
 
 @pytest.mark.parametrize("number", range(max(2, KILLS // 10)))
@@ -216,7 +216,7 @@ def test_a_run_that_goes_on_keeps_its_folder_and_can_be_looked_at(tmp_path: Path
     assert f"ERROR: the folder {tmp_path / 'out'} is in use by process {running.pid} on " in second.stderr
     assert "name another folder with --out" in second.stderr
     run = read_record(tmp_path / "out").run
-    assert [each.name for each in run.measurements] == ["first", "second"]
+    assert [measurement.name for measurement in run.measurements] == ["first", "second"]
     assert run.verdict.outcome == "pass"
     for page in ("report.html", "report.md"):
         assert "STILL RUNNING" not in (tmp_path / "out" / page).read_text(encoding="utf-8")
@@ -235,9 +235,9 @@ def test_two_runs_that_begin_in_one_folder_at_once_do_not_mix(tmp_path: Path) ->
     # One was first, unless it was through before the other had begun.
     assert sorted(codes) in ([0, 4], [0, 0])
     run = read_record(tmp_path / "out").run
-    assert len({each.id.partition("::")[0] for each in run.tests}) == 1
+    assert len({test.id.partition("::")[0] for test in run.tests}) == 1
     assert (len(run.tests), len(run.measurements)) == (TESTS, TESTS)
     for name, code, text in zip(names, codes, errors, strict=True):
         if code:
             assert "is in use by" in text
-            assert name not in {each.id.partition("::")[0] for each in run.tests}
+            assert name not in {test.id.partition("::")[0] for test in run.tests}

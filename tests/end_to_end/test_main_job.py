@@ -66,7 +66,7 @@ def test_a_passing_run_is_read_on_one_screen(good_run) -> None:
     lines = good_run.output.rstrip().splitlines()
     # A slow machine says every half minute how far it is, and pytest's dots go on below.
     slow = re.compile(r".* \d+ of \d+(, \d+ s left)?|\.+")
-    assert len([each for each in lines if not slow.fullmatch(each)]) <= 25
+    assert len([line for line in lines if not slow.fullmatch(line)]) <= 25
     assert max(map(len, lines)) <= 80
     close = summarise(read_record(good_run.folder).run).close
     assert [each.name for each in close] == ["cycles.direct-fast.total"]

@@ -194,7 +194,7 @@ def test_what_makes_builds_incomparable_is_named(
     new = copy_of_the_firmware.build(edit, bench / "new.elf")
     run = run_in(bench, "--firmware", str(new), "--baseline", str(cost_before), *COST)
     assert run.code == 22, run.output
-    assert [each for each in words if each not in run.sentence] == []
+    assert [word for word in words if word not in run.sentence] == []
 
 
 @pytest.mark.parametrize(

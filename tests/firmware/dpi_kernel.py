@@ -77,7 +77,7 @@ class HostDpi:
 
     def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
         rows = [np.ascontiguousarray(each, dtype="<i2") for each in (magnetometer, accelerometer)]
-        task = struct.pack("PP", *(each.ctypes.data for each in rows)) + _range(rows[0])
+        task = struct.pack("PP", *(row.ctypes.data for row in rows)) + _range(rows[0])
         return self._run("dpi_from_pairs", task, _known(gain, offset, dip_deg))
 
     def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None, readings=16):  # type: ignore[no-untyped-def]

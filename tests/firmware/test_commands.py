@@ -312,7 +312,7 @@ def test_a_limit_on_iterations_ends_the_solver_with_the_fit_that_it_has_by_then(
     assert sweeps[: enough + 1] == [*range(1, enough + 1), enough]
     assert cycles[: enough + 1] == sorted(set(cycles[: enough + 1]))
     # Cyclic rotations converge quadratically; in parts of the matrix.
-    left = [math.dist(each, soft_irons[enough]) * 500 for each in soft_irons]
+    left = [math.dist(soft_iron, soft_irons[enough]) * 500 for soft_iron in soft_irons]
     assert left[0] > 0.1
     assert left[enough - 1] < 1e-5
     # Beyond what it needs, and with no limit at all, it is the same run.

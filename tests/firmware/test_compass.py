@@ -195,9 +195,9 @@ def test_every_state_is_three_packets_of_release_7(sent: Sent) -> None:
 
 def test_the_packets_point_to_where_the_lines_do(sent: Sent) -> None:
     angles = sent.last_of(AnglesPacket)
-    heading_deg = circular_mean_deg(each.compass_deg for each in angles)
+    heading_deg = circular_mean_deg(angle.compass_deg for angle in angles)
     assert heading_error_deg(heading_deg, sent.pose.heading_deg + MOUNTING_DEG) == pytest.approx(0.0, abs=2.0)
-    assert np.mean([each.roll_deg for each in angles]) == pytest.approx(sent.pose.roll_deg, abs=0.5)
+    assert np.mean([angle.roll_deg for angle in angles]) == pytest.approx(sent.pose.roll_deg, abs=0.5)
     for main, each in zip(sent.last_of(MainPacket), angles, strict=False):
         rotation = np.roll(from_pose(Pose(each.compass_deg, each.pitch_deg, each.roll_deg)), 1)  # the scalar first
         # Angles are cut off at 0.1 degree, which turns a quaternion by 0.0009 at most: a cosine of 1 - 4e-7.

@@ -79,23 +79,41 @@ def shipped(request: pytest.FixtureRequest) -> Path:
     return elf
 
 
+def files_of(folder: Path) -> set[Path]:
+    return {path for path in folder.rglob("*") if path.is_file() and path.suffix != ".pyc"}
+
+
+def run_build(sources: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, sources / "build.py", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)  # it takes seconds
+
+
 @pytest.fixture(scope="module")
 def rebuilt(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> Path:
-    """Build folder of the same sources at another place; the compass is in a folder there."""
+    """Build folder of a copy of the sources; beside it are those of the compass and, in `elf`, what was built."""
     for tool in ("arm-none-eabi-gcc", "cmake"):
         require_tool(tool)
-    folder = tmp_path_factory.mktemp("somewhere else")
-    source = folder / "copied firmware"
-    shutil.copytree(FIRMWARE, source, ignore=shutil.ignore_patterns("__pycache__"))
-    build = load_script("build")
-    build.compile_firmware(folder / "build", build.source_hash(source), source=source)
-    build.compile_compass(folder / "build of compass", build.source_hash(source, compass=True), source=source)
+    folder = tmp_path_factory.mktemp("build of a copy")
+    sources = copy_sources(tmp_path_factory.mktemp("somewhere else"))
+    before = files_of(sources.parent)
+    done = run_build(sources, "--build", folder / "build", "--out", folder / "elf")
+    assert done.returncode == 0, done.stderr
+    assert files_of(sources.parent) == before, "it touches its neighbours"
+    shutil.move(folder / "build" / "compass", folder / "compass")  # its stack is not the firmware's
     return folder / "build"
 
 
 def build_folder(rebuilt: Path, shipped: Path) -> Path:
     """Where an ELF was built."""
-    return rebuilt if shipped == SHIPPED else rebuilt.with_name("build of compass")
+    return rebuilt if shipped == SHIPPED else rebuilt.with_name("compass")
+
+
+def copy_sources(folder: Path) -> Path:
+    """Copy the sources into a folder of the user's, who has a folder ``build/firmware`` there."""
+    shutil.copytree(FIRMWARE, folder / "firmware_stub", ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "build" / "firmware").mkdir(parents=True)
+    (folder / "build" / "firmware" / "thesis.txt").write_text("the only copy")
+    return folder / "firmware_stub"
 
 
 def test_the_manifest_is_of_these_sources(shipped: Path) -> None:
@@ -145,29 +163,24 @@ def test_a_rebuild_elsewhere_gives_the_same_bytes(rebuilt: Path, shipped: Path) 
 
 @pytest.fixture
 def copied(tmp_path: Path) -> Path:
-    """A copy of the sources in a folder of the user's, who has a folder ``build/firmware`` there."""
-    shutil.copytree(FIRMWARE, tmp_path / "firmware_stub", ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "build" / "firmware").mkdir(parents=True)
-    (tmp_path / "build" / "firmware" / "thesis.txt").write_text("the only copy")
-    return tmp_path / "firmware_stub"
+    return copy_sources(tmp_path)
 
 
-def run_build(sources: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, sources / "build.py", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)  # it takes seconds
-
-
-def test_a_copy_is_built_without_touching_its_neighbours(copied: Path, require_tool: Callable[[str], str]) -> None:
-    for tool in ("arm-none-eabi-gcc", "cmake"):
-        require_tool(tool)
-    files = {path for path in copied.parent.rglob("*") if path.is_file() and path.suffix != ".pyc"}
-    out = copied.parent / "elf"
-    done = run_build(copied, "--out", out)
-    assert done.returncode == 0, done.stderr
+def test_a_copy_puts_elfs_and_manifests_where_it_is_told(rebuilt: Path) -> None:
+    out = rebuilt.with_name("elf")
+    assert files_of(out) == {out / path.name for pair in MANIFESTS.items() for path in pair}
     assert all(loadable(out / elf.name) == loadable(elf) for elf in MANIFESTS)
-    after = {path for path in copied.parent.rglob("*") if path.is_file() and path.suffix != ".pyc"}
-    assert after - files == {out / path.name for each in MANIFESTS.items() for path in each}
-    assert files <= after
+
+
+def test_a_copy_that_is_told_no_build_folder_builds_in_one_that_is_removed(monkeypatch: pytest.MonkeyPatch) -> None:
+    script, folders = load_script("build"), list[Path]()
+    monkeypatch.setattr(script, "install", lambda build, _out: folders.append(build) if build.is_dir() else None)
+    monkeypatch.setattr(script, "require", lambda *_tools: None)
+    monkeypatch.setattr(script, "IN_REPOSITORY", False)
+    monkeypatch.setattr(sys, "argv", ["build.py", "--out", "elf"])
+    script.main()
+    (folder,) = folders
+    assert not folder.exists()
 
 
 def test_a_copy_asks_where_its_elf_goes(copied: Path) -> None:
@@ -207,7 +220,7 @@ def test_the_stack_check_is_never_below_what_the_code_itself_can_take(rebuilt: P
     frames, calls = check.read_call_graph(build_folder(rebuilt, shipped))
     image = load_image(shipped)
     bounds, below, judged = StackBounds(image), {}, 0
-    for name in {*frames, *(each for targets in calls.values() for each in targets)} & image.symbols.keys():
+    for name in {*frames, *(target for targets in calls.values() for target in targets)} & image.symbols.keys():
         with contextlib.suppress(NoBound):
             bound, summed = bounds.bound(image.symbols[name].address), check.deepest(name, frames, calls)
             below.update({name: (summed, bound)} if summed < bound else {})

@@ -26,10 +26,10 @@ def solver_of_this_machine(library: ctypes.CDLL) -> Solve:
     def solve(turns: list[GyroscopeTurn]) -> TurnsFit:
         packed = b"".join(
             TURN.pack(
-                *each.turned_deg, *map(int, each.total), each.n, round(1e6 * each.duration_s), *each.bias_before,
-                *each.bias_after, each.share,
+                *turn.turned_deg, *map(int, turn.total), turn.n, round(1e6 * turn.duration_s), *turn.bias_before,
+                *turn.bias_after, turn.share,
             )
-            for each in turns
+            for turn in turns
         )  # fmt: skip
         kept = ctypes.create_string_buffer(packed, len(packed))
         fit = ctypes.create_string_buffer(FIT.size)
@@ -85,8 +85,8 @@ def tolerance(turns: list[GyroscopeTurn]) -> float:
     A solution by normal equations loses the condition of the second moments; the closed-form inverse loses no more.
     Twenty roundings of 2^-24 a step, and sums that nearly cancel the bias lose its size beside what is left.
     """
-    turned = np.array([each.turned_deg for each in turns])
-    biases = [(each.total, each.n * each.bias) for each in turns]
+    turned = np.array([turn.turned_deg for turn in turns])
+    biases = [(turn.total, turn.n * turn.bias) for turn in turns]
     cancelled = max(float(np.abs(bias).max() / np.abs(total - bias).max()) for total, bias in biases)
     return 20.0 * 2.0**-24 * (np.linalg.cond(turned.T @ turned) + cancelled)
 
@@ -104,14 +104,14 @@ def test_random_turns_give_the_reference_s_matrix(solve: Solve) -> None:
             seen += 1
             size = np.abs(expected.matrix).max()
             assert np.abs(found.matrix - expected.matrix).max() <= tolerance(turns) * size
-            turned = max(float(np.linalg.norm(each.turned_deg)) for each in turns)
+            turned = max(float(np.linalg.norm(turn.turned_deg)) for turn in turns)
             assert found.residual_deg == pytest.approx(expected.residual_deg, abs=tolerance(turns) * turned)
     assert seen > 200
 
 
 def near_a_limit(turns: list[GyroscopeTurn]) -> bool:
     """Whether float32 may fall on the other side of the bound on determinants: within 5 %."""
-    turned = np.array([each.turned_deg for each in turns])
+    turned = np.array([turn.turned_deg for turn in turns])
     moments = turned.T @ turned
     ratio = abs(np.linalg.det(moments)) / float(np.linalg.norm(moments, axis=1).max()) ** 3
     return bool(abs(ratio / 1e-3 - 1.0) < 0.05)
@@ -180,7 +180,7 @@ def test_the_reference_and_the_board_disagree_when_one_is_wrong(solve: Solve) ->
     turns = random_turns(np.random.default_rng(14), 5)
     found, size = solve(turns).matrix, np.abs(fit_turns(turns).matrix).max()
     nothing = np.zeros(3)
-    without_bias = [replace(each, bias_before=nothing, bias_after=nothing) for each in turns]
-    one_more = [replace(each, n=each.n + 1) for each in turns]
+    without_bias = [replace(turn, bias_before=nothing, bias_after=nothing) for turn in turns]
+    one_more = [replace(turn, n=turn.n + 1) for turn in turns]
     for wrong in (fit_turns(turns).matrix.T, fit_turns(without_bias).matrix, fit_turns(one_more).matrix):
         assert np.abs(found - wrong).max() > tolerance(turns) * size

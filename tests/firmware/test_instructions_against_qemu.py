@@ -82,8 +82,22 @@ def cloud_source(name: str) -> str:
     )
 
 
+FLAGS = [flag for flag in MANIFEST["flags"].split() if not flag.startswith(("-W", "-fstack", "-fcallgraph"))]
+FLAGS += [f"-I{STUB}", f"-I{STUB / 'calibration'}"]
+
+
+@pytest.fixture(scope="module")
+def firmware(require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Object files of the firmware's calibration and orientation, with the firmware's flags."""
+    folder = tmp_path_factory.mktemp("firmware")
+    sources = sorted([*(STUB / "calibration").glob("*.[cS]"), *(STUB / "orientation").glob("*.c")])
+    compiler = require_tool("arm-none-eabi-gcc")
+    subprocess.run([compiler, *FLAGS, "-c", *map(str, sources)], cwd=folder, check=True, timeout=60)
+    return [str(path) for path in sorted(folder.glob("*.o"))]
+
+
 @pytest.fixture
-def build_kernel(tmp_path: Path, require_tool: Callable[[str], str]) -> Callable[[str], Path]:
+def build_kernel(tmp_path: Path, firmware: list[str], require_tool: Callable[[str], str]) -> Callable[[str], Path]:
     """Return a function that links one kernel of the firmware, with the firmware's flags, into RAM."""
     compiler = require_tool("arm-none-eabi-gcc")
 
@@ -91,13 +105,11 @@ def build_kernel(tmp_path: Path, require_tool: Callable[[str], str]) -> Callable
         cloud = tmp_path / "cloud.c"
         cloud.write_text(cloud_source(KERNELS[kernel][1]))
         elf = tmp_path / f"{kernel}.elf"
-        flags = [flag for flag in MANIFEST["flags"].split() if not flag.startswith(("-W", "-fstack", "-fcallgraph"))]
         names = ("one_kernel", "stream_kernels", "pair_kernels", "integer_kernels")
-        programs = [PROGRAMS / f"{name}.c" for name in names]
-        firmware = [*(STUB / "calibration").glob("*.[cS]"), *(STUB / "orientation").glob("*.c")]
+        programs = [str(PROGRAMS / f"{name}.c") for name in names]
         subprocess.run(
-            [compiler, *flags, f"-DKERNEL={kernel}", f"-I{STUB}", f"-I{STUB / 'calibration'}", "-nostartfiles",
-             f"-Wl,-T,{PROGRAMS / 'ram.ld'}", *map(str, [*sorted(firmware), *programs, cloud]), "-lm", "-o", str(elf)],
+            [compiler, *FLAGS, f"-DKERNEL={kernel}", "-nostartfiles", f"-Wl,-T,{PROGRAMS / 'ram.ld'}", *firmware,
+             *programs, str(cloud), "-lm", "-o", str(elf)],
             check=True, timeout=60,
         )  # fmt: skip
         return elf

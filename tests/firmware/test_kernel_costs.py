@@ -86,14 +86,14 @@ def profiled(calibrator: str, n: int, *, iterations: int = 0) -> CallProfile:
 
 
 def own_cycles(profile: CallProfile) -> dict[str, int]:
-    return {each.name: each.self_cycles for each in profile.functions}
+    return {function.name: function.self_cycles for function in profile.functions}
 
 
 def executed(profile: CallProfile) -> Counter[str]:
     """How often each kind of instruction ran; however many bytes it has."""
     counted: Counter[str] = Counter()
-    for each in profile.addresses:
-        counted[each.text.split()[0].removesuffix(".w")] += each.executions
+    for address in profile.addresses:
+        counted[address.text.split()[0].removesuffix(".w")] += address.executions
     return counted
 
 

@@ -212,7 +212,7 @@ def _frame(image: FirmwareImage, function: str) -> int:
     symbol = image.symbols[function]
     start = symbol.address & ~1
     (code,) = (
-        each.data[start - each.run_address :][: symbol.size]
-        for each in image.segments if each.run_address <= start < each.run_address + len(each.data)
+        segment.data[start - segment.run_address :][: symbol.size]
+        for segment in image.segments if segment.run_address <= start < segment.run_address + len(segment.data)
     )  # fmt: skip
     return max(-each.number for each in decode(start, code) if each.result == STACK_POINTER and each.is_sum)

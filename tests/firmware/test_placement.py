@@ -43,10 +43,10 @@ class Watched(VirtualK64F):
             profile = profile_call(self, function, *arguments)
         finally:
             self._watching = True
-        for each in profile.addresses:
-            if each.text.startswith("v"):
-                self.executed[each.function] += each.executions
-                self.straddling[each.function] += each.executions * (each.address % 4 == 2)
+        for address in profile.addresses:
+            if address.text.startswith("v"):
+                self.executed[address.function] += address.executions
+                self.straddling[address.function] += address.executions * (address.address % 4 == 2)
         return profile
 
 

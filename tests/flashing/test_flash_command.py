@@ -138,7 +138,7 @@ def test_firmware_with_its_own_language_is_not_asked(machine: UsbTree, capsys: p
         assert run("flash", str(LINES)) == 0
     assert "it speaks its own language, so nothing can ask it for its build" in capsys.readouterr().out
     segments = load_image(LINES).segments
-    assert len(drive.flash) == sum(len(each.data) for each in segments)
+    assert len(drive.flash) == sum(len(segment.data) for segment in segments)
 
 
 def test_a_board_that_stays_silent_ends_with_20(

@@ -47,8 +47,8 @@ def refused(path: Path, content: bytes) -> str:
 def test_an_elf_is_written_where_its_segments_are_loaded() -> None:
     flashed = memory_of(load_flash_image(default_firmware()).intel_hex())
     segments = load_image(default_firmware()).segments
-    assert len(flashed) == sum(len(each.data) for each in segments)
-    assert all(flashed[each.address + at] == byte for each in segments for at, byte in enumerate(each.data))
+    assert len(flashed) == sum(len(segment.data) for segment in segments)
+    assert all(flashed[segment.address + at] == byte for segment in segments for at, byte in enumerate(segment.data))
 
 
 def test_hex_and_binary_are_taken_as_well(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_intel_hex_has_every_byte_in_its_place(content: dict[int, bytes]) -> Non
     chunks = tuple(sorted(content.items()))
     text = FlashImage(load_image(default_firmware()), chunks).intel_hex()
     read = FirmwareImage(as_elf("any.hex", text, None))  # hiltest's own reader, and the one that stands for DAPLink's
-    assert tuple((each.address, each.data) for each in read.segments) == chunks
+    assert tuple((segment.address, segment.data) for segment in read.segments) == chunks
     assert memory_of(text) == {base + at: byte for base, data in chunks for at, byte in enumerate(data)}
 
 

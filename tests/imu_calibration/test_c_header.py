@@ -52,9 +52,9 @@ def test_c_has_the_numbers_of_the_file(
         made.magnetometer.soft_iron, made.magnetometer.hard_iron, made.magnetometer.hard_iron_ut,
         made.accelerometer.gain, made.accelerometer.offset, made.gyroscope.matrix, made.gyroscope.bias,
     ]
-    wanted = np.concatenate([np.ravel(each) for each in parts]).astype(np.float32)
+    wanted = np.concatenate([np.ravel(part) for part in parts]).astype(np.float32)
     # Nine digits are every digit of a float32.
-    assert [np.float32(each) for each in done.stdout.split()] == wanted.tolist()
+    assert [np.float32(part) for part in done.stdout.split()] == wanted.tolist()
 
 
 def test_units_and_frame_stand_beside_the_numbers(made: ImuCalibration) -> None:

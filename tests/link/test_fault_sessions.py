@@ -190,8 +190,8 @@ def hold_session(bench: VirtualBench, seed: int, totals: Counter[str]) -> None:
             one_request(session, model, dice, identity)
     except (DeviceTimeoutError, LinkLostError, SyncError) as error:  # what docs/reliability.md says may be raised
         ended = type(error).__name__
-    totals.update({"sessions": 1, ended: 1, "requests": sum(each.number == 1 for each in session.attempts)})
-    totals.update({"sent again": sum(each.number > 1 for each in session.attempts), **port.happened})
+    totals.update({"sessions": 1, ended: 1, "requests": sum(attempt.number == 1 for attempt in session.attempts)})
+    totals.update({"sent again": sum(attempt.number > 1 for attempt in session.attempts), **port.happened})
     check_kept(session, port)
     assert (session.attempts[-1].outcome is RequestOutcome.ANSWERED) == (ended == "finished")
     # Whatever was acknowledged is on the board, once, and what was not is there as a whole or not at all.

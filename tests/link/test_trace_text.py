@@ -19,7 +19,7 @@ from hiltest.link.transcript import Direction, LatestTranscript, Transcript
 
 def kinds_under(kind: type) -> set[type]:
     below = {kind} if "code" in vars(kind) else set()
-    return below.union(*(kinds_under(each) for each in kind.__subclasses__()))
+    return below.union(*(kinds_under(subclass) for subclass in kind.__subclasses__()))
 
 
 @pytest.mark.parametrize("request_", REQUESTS, ids=lambda request: type(request).__name__)

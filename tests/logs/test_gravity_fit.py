@@ -61,7 +61,7 @@ def checked(cloud: Samples) -> tuple[AgainstGravity, list[CalibratorFit]]:
 
 
 def against(fit: SampleFit) -> dict[str, CalibratorFit]:
-    return {each.name: each for each in fit.calibrators if each.gravity is not None}
+    return {calibrator.name: calibrator for calibrator in fit.calibrators if calibrator.gravity is not None}
 
 
 def calibration(each: CalibratorFit) -> MagnetometerFit:
@@ -77,10 +77,10 @@ def test_a_still_log_is_calibrated_against_gravity_and_that_is_the_best() -> Non
     assert fit.gravity.norms_held_out_dip_deg is not None
     assert fit.best.gravity is not None
     spreads = {name: each.gravity and each.gravity.held_out_dip_deg for name, each in against(fit).items()}
-    assert fit.best.gravity.held_out_dip_deg == min(each for each in spreads.values() if each is not None)
+    assert fit.best.gravity.held_out_dip_deg == min(spread for spread in spreads.values() if spread is not None)
     assert fit.best.gravity.held_out_dip_deg < fit.gravity.norms_held_out_dip_deg
     # The rotation is 2 degrees: directions of norms alone are off by 1.6.
-    (direct,) = (each for each in fit.calibrators if each.name == "direct")
+    (direct,) = (calibrator for calibrator in fit.calibrators if calibrator.name == "direct")
     assert direction_error_deg(calibration(direct)) > 1.5
     assert direction_error_deg(calibration(fit.best)) < 0.3
     assert fit.best.verdict is Acceptance.GOOD
@@ -89,14 +89,14 @@ def test_a_still_log_is_calibrated_against_gravity_and_that_is_the_best() -> Non
 def test_one_calibrator_that_is_asked_for_is_all_there_is() -> None:
     fit = fit_on_host(still(), "direct")
     assert fit.gravity is None
-    assert [each.name for each in fit.calibrators] == ["direct"]
+    assert [calibrator.name for calibrator in fit.calibrators] == ["direct"]
 
 
 def test_a_log_without_an_accelerometer_is_fitted_as_before() -> None:
     cloud = still()
     with_it, without = fit_on_host(cloud), fit_on_host(replace(cloud, acceleration=None))
     assert without.gravity is None
-    assert without.calibrators == tuple(each for each in with_it.calibrators if each.gravity is None)
+    assert without.calibrators == tuple(calibrator for calibrator in with_it.calibrators if calibrator.gravity is None)
 
 
 @pytest.mark.parametrize("moved_g", [0.05, 0.3])
@@ -273,7 +273,7 @@ def test_exports_have_both_sensors_in_the_accelerometer_s_axes(
     assert cloud.acceleration is not None
     text = "\n".join(" ".join(map(str, row)) for row in np.hstack([cloud.points, cloud.acceleration]).tolist())
     done = subprocess.run(["./program"], input=text, cwd=tmp_path, capture_output=True, text=True, check=True)
-    out = np.reshape([float(each) for each in done.stdout.split()], (-1, 6))
+    out = np.reshape([float(part) for part in done.stdout.split()], (-1, 6))
     content = json.loads((tmp_path / "calibration.json").read_text(encoding="utf-8"))
     field = (cloud.points - content["hard_iron"]) @ np.array(content["soft_iron"]).T
     accelerometer = content["accelerometer"]

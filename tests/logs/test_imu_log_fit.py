@@ -222,7 +222,7 @@ def test_a_log_that_never_rests_has_no_rest() -> None:
         assert fit.accelerometer.refused == "no rest of a second was found"
         assert (fit.verdict, fit.accelerometer.verdict) == (Acceptance.REFUSED, Acceptance.REFUSED)
         assert fit.gyroscope is None
-    in_counts = log_of(*(1000.0 * each for each in tumbled().readings()), COUNTS)
+    in_counts = log_of(*(1000.0 * reading for reading in tumbled().readings()), COUNTS)
     assert found_intervals(in_counts).rests == ()
 
 
@@ -245,7 +245,7 @@ def test_readings_in_motion_are_fitted_by_their_norm_whatever_jerks_and_dropouts
     assert np.abs(found.fit.offset / scale - SYMMETRIC.bias).max() < 0.003
     assert found.direction_error_deg is not None
     assert 0.01 < found.direction_error_deg < 0.25
-    assert (found.verdict, [each.figure for each in found.reasons]) == (Acceptance.FAIR, ["spread_after_percent"])
+    assert (found.verdict, [reason.figure for reason in found.reasons]) == (Acceptance.FAIR, ["spread_after_percent"])
 
 
 def test_a_log_of_shocks_is_poor_and_one_from_one_side_is_refused() -> None:
@@ -254,7 +254,7 @@ def test_a_log_of_shocks_is_poor_and_one_from_one_side_is_refused() -> None:
     shaken = log_of(acceleration + random.normal(0.0, 0.1, acceleration.shape), None)
     found = fit_imu_log(shaken, found_intervals(shaken)).accelerometer
     assert found.verdict is Acceptance.POOR
-    assert "spread_after_percent" in [each.figure for each in found.reasons]
+    assert "spread_after_percent" in [reason.figure for reason in found.reasons]
     half = log_of(acceleration[acceleration[:, 2] > 0.8], None)
     found = fit_imu_log(half, found_intervals(half), "moving").accelerometer
     assert (found.verdict, found.fit) == (Acceptance.REFUSED, None)
@@ -273,7 +273,7 @@ def test_faces_that_a_hand_laid_askew_are_measured_and_spoil_no_offset() -> None
     # 1.5 mg over 300 samples are 0.09 mg, and what part and faces are askew by leaves 0.1; least squares leave 6.
     assert np.abs(found.fit.offset - ACCELEROMETER.bias).max() < 0.0005
     assert found.faces_askew_deg == pytest.approx(1.0, abs=0.6)  # from six angles
-    assert (found.verdict, [each.figure for each in found.reasons]) == (Acceptance.FAIR, ["direction_error_deg"])
+    assert (found.verdict, [reason.figure for reason in found.reasons]) == (Acceptance.FAIR, ["direction_error_deg"])
 
 
 def test_an_ellipsoid_from_six_faces_says_what_it_needs() -> None:
@@ -294,14 +294,14 @@ def test_what_the_page_tells_to_do_is_good_and_three_turns_are_fair() -> None:
     fit = fitted(recording)
     assert (fit.accelerometer.verdict, fit.verdict) == (Acceptance.GOOD, Acceptance.FAIR)
     assert fit.gyroscope is not None
-    assert [(each.figure, each.value) for each in fit.gyroscope.reasons] == [("turns", 3.0)]
+    assert [(reason.figure, reason.value) for reason in fit.gyroscope.reasons] == [("turns", 3.0)]
 
 
 def test_turns_that_contradict_each_other_are_poor() -> None:
     fit = fitted(six_faces_and_turns().turn(350.0).rest())
     assert fit.gyroscope is not None
     assert fit.gyroscope.verdict is Acceptance.POOR
-    assert [each.figure for each in fit.gyroscope.reasons] == ["left_percent"]
+    assert [reason.figure for reason in fit.gyroscope.reasons] == ["left_percent"]
 
 
 @pytest.mark.parametrize(("count", "verdict"), [(9, Acceptance.POOR), (14, Acceptance.FAIR), (24, Acceptance.GOOD)])

@@ -19,7 +19,7 @@ def _samples(points: np.ndarray) -> Samples:
 
 @pytest.mark.parametrize("calibrator", ["direct", "corrected"])
 def test_parts_of_a_log_differ_as_predicted(calibrator: str) -> None:
-    found = [each for seed in range(12) for each in agreements(_samples(hand_turned(seed, 1600)), calibrator)]
+    found = [agreement for seed in range(12) for agreement in agreements(_samples(hand_turned(seed, 1600)), calibrator)]
     assert {each.cut for each in found} == {"halves", "tenths"}
     assert len(found) >= 20  # of 24: some halves show too little of the sphere
     within = sum(0.5 <= each.ratio <= 2.0 for each in found)

@@ -194,15 +194,15 @@ def test_annotations_come_from_a_list_or_from_a_column(tmp_path: Path, log: Path
     listed = tmp_path / "list.json"
     listed.write_text(json.dumps({"x_p": {"start": 10, "end": 20}, "x_rot": {"start": 30, "end": 40}}))
     intervals = listed_intervals(read_imu_log(log), listed)
-    assert [(each.name, each.start, each.end) for each in intervals.rests] == [("x_p", 10, 20)]
-    assert [(each.name, each.start, each.end) for each in intervals.motions] == [("x_rot", 30, 40)]
+    assert [(rest.name, rest.start, rest.end) for rest in intervals.rests] == [("x_p", 10, 20)]
+    assert [(motion.name, motion.start, motion.end) for motion in intervals.motions] == [("x_rot", 30, 40)]
     rows = [f"{name},1,2,3" for name in ("up", "up", "left", "turn 1", "up")]
     labelled = read_imu_log(
         text(tmp_path / "labels.csv", "part,ax,ay,az", *rows), columns=LogColumns(labels="part"), rate_hz=100.0
     )
     intervals = labelled_intervals(labelled)
-    assert [(each.start, each.end) for each in intervals.rests] == [(0, 2), (2, 3), (4, 5)]
-    assert [(each.start, each.end) for each in intervals.motions] == [(3, 4)]
+    assert [(rest.start, rest.end) for rest in intervals.rests] == [(0, 2), (2, 3), (4, 5)]
+    assert [(motion.start, motion.end) for motion in intervals.motions] == [(3, 4)]
 
 
 @pytest.mark.parametrize(

@@ -291,7 +291,7 @@ def _what_is_read(path: Path) -> list[object] | str:
         read = read_samples(path)
     except ConfigError as error:
         return str(error)
-    values = (getattr(read, each.name) for each in fields(read))
+    values = (getattr(read, field.name) for field in fields(read))
     return [(each.shape, each.tobytes()) if isinstance(each, np.ndarray) else each for each in values]
 
 

@@ -66,8 +66,8 @@ def test_the_board_s_verdict_is_that_of_the_whole_file_on_the_host(
     """Clouds whose figures are not at a threshold; one that is can fall on either side of it."""
     cloud = _drawn(seed, count, covered, noise_ut)
     chosen, whole = fit_on_board(virtual_board, cloud, any_shape=False), fit_on_host(cloud, any_shape=False)
-    assert {each.n_used for each in chosen.calibrators} == {min(count, virtual_board.identity.max_points)}
-    assert {each.n_used for each in whole.calibrators} == {count}
+    assert {calibrator.n_used for calibrator in chosen.calibrators} == {min(count, virtual_board.identity.max_points)}
+    assert {calibrator.n_used for calibrator in whole.calibrators} == {count}
     assert _verdicts(chosen) == _verdicts(whole) == dict.fromkeys(["direct", "iterative"], verdict)
 
 
@@ -77,14 +77,14 @@ def test_golden_clouds_get_the_same_verdict_and_reasons_on_both(virtual_board: B
     cloud = _cloud(points, Unit.COUNTS)
     on_board, on_host = fit_on_board(virtual_board, cloud), fit_on_host(cloud)
     for reference in on_host.calibrators:
-        (fitted,) = (each for each in on_board.calibrators if each.name == reference.name)
-        assert [each.figure for each in fitted.reasons] == [each.figure for each in reference.reasons]
+        (fitted,) = (calibrator for calibrator in on_board.calibrators if calibrator.name == reference.name)
+        assert [reason.figure for reason in fitted.reasons] == [reason.figure for reason in reference.reasons]
         assert fitted.verdict is reference.verdict
 
 
 def test_board_and_host_find_the_same_calibration(virtual_board: Board) -> None:
     cloud = _cloud(golden_points(300) / 10.0)
-    on_host = {each.name: each for each in fit_on_host(cloud).calibrators}
+    on_host = {calibrator.name: calibrator for calibrator in fit_on_host(cloud).calibrators}
     for fitted in fit_on_board(virtual_board, cloud).calibrators:
         if fitted.name in on_host:
             reference = on_host[fitted.name]
@@ -112,7 +112,7 @@ def test_a_tenth_of_the_sphere_is_refused_though_it_gives_an_ellipsoid(seed: int
     fit = fit_on_host(_drawn(seed, 200, 0.1, 0.1), "iterative")
     (iterative,) = fit.calibrators
     assert iterative.verdict is Acceptance.REFUSED
-    assert ("condition", Acceptance.REFUSED) in [(each.figure, each.verdict) for each in iterative.reasons]
+    assert ("condition", Acceptance.REFUSED) in [(reason.figure, reason.verdict) for reason in iterative.reasons]
 
 
 def test_a_sensor_at_rest_is_refused_whatever_the_unit() -> None:
@@ -147,7 +147,7 @@ def test_a_strength_that_is_the_earth_s_in_another_unit_is_asked_about(
     fit = fit_on_host(cloud, "direct")
     questions = [note for note in fit.notes if "the earth's" in note]
     assert fit.unit == unit
-    assert [asked in each for each in questions] == [True] if asked else questions == []
+    assert [asked in question for question in questions] == [True] if asked else questions == []
 
 
 def test_the_unit_is_not_asked_about_where_the_samples_do_not_determine_the_strength() -> None:
@@ -167,25 +167,25 @@ def test_too_few_points_are_refused_with_that_reason(virtual_board: Board, count
     cloud = _cloud(golden_points(100)[:count] / 10.0)
     for fit in (fit_on_board(virtual_board, cloud), fit_on_host(cloud)):
         assert set(_verdicts(fit).values()) == {Acceptance.REFUSED}
-        for each in fit.calibrators:
-            if each.name in _verdicts(fit):
-                assert (each.status, each.hard_iron) == ("too few points", None)
+        for calibrator in fit.calibrators:
+            if calibrator.name in _verdicts(fit):
+                assert (calibrator.status, calibrator.hard_iron) == ("too few points", None)
 
 
 def test_the_best_has_the_best_verdict_and_then_the_smallest_direction_error() -> None:
     fit = fit_on_host(_drawn(2, 1000, 1.0, 1.0))
-    assert fit.best.direction_error_deg == min(each.direction_error_deg or 90.0 for each in fit.calibrators)
-    assert fit.best.residual_percent != min(each.residual_percent or 100.0 for each in fit.calibrators)
+    assert fit.best.direction_error_deg == min(calibrator.direction_error_deg or 90.0 for calibrator in fit.calibrators)
+    assert fit.best.residual_percent != min(calibrator.residual_percent or 100.0 for calibrator in fit.calibrators)
 
 
 def test_all_are_those_of_the_board_and_the_references_of_the_others(virtual_board: Board) -> None:
     cloud, firmware = _drawn(1, 200, 1.0, 0.4), virtual_board.identity.calibrators
     fits = fit_on_board(virtual_board, cloud, ALL).calibrators
-    assert [each.name for each in fits[: len(firmware)]] == list(firmware)
-    assert {each.name for each in fits} == REFERENCES.keys() | set(firmware)
-    assert [each.cycles is None for each in fits] == [each.name not in firmware for each in fits]
-    assert {each.name for each in fit_on_host(cloud, ALL).calibrators} == REFERENCES.keys() - FASTER
-    assert {each.name for each in fit_on_host(cloud).calibrators} == FIRMWARE - FASTER - FOR_COMPARISON
+    assert [fit.name for fit in fits[: len(firmware)]] == list(firmware)
+    assert {fit.name for fit in fits} == REFERENCES.keys() | set(firmware)
+    assert [fit.cycles is None for fit in fits] == [fit.name not in firmware for fit in fits]
+    assert {calibrator.name for calibrator in fit_on_host(cloud, ALL).calibrators} == REFERENCES.keys() - FASTER
+    assert {calibrator.name for calibrator in fit_on_host(cloud).calibrators} == FIRMWARE - FASTER - FOR_COMPARISON
 
 
 def test_many_calibrators_have_a_row_each_within_80_columns() -> None:
@@ -193,9 +193,9 @@ def test_many_calibrators_have_a_row_each_within_80_columns() -> None:
     fit = fit_on_host(_drawn(1, 200, 1.0, 0.4), ALL)
     print_fit(fit, console)
     table = console.export_text().splitlines()
-    for each in fit.calibrators:
-        (row,) = (line.split() for line in table if line.split()[:1] == [each.name])
-        assert row[1:4] == [str(each.verdict), each.status, f"{each.radius:.4g}"]
+    for calibrator in fit.calibrators:
+        (row,) = (line.split() for line in table if line.split()[:1] == [calibrator.name])
+        assert row[1:4] == [str(calibrator.verdict), calibrator.status, f"{calibrator.radius:.4g}"]
     assert max(map(len, table[1 : 4 + len(fit.calibrators)])) <= 80
 
 
@@ -223,9 +223,9 @@ def test_a_board_gets_points_from_all_over_the_sphere_and_agrees_with_the_host(v
     rest = turn[-1] + np.random.default_rng(1).normal(0.0, 0.3, (10_800, 3))
     fit = fit_on_board(virtual_board, _cloud(np.vstack([turn, rest])))
     most = virtual_board.identity.max_points
-    assert {each.n_used for each in fit.calibrators} == {most}
+    assert {calibrator.n_used for calibrator in fit.calibrators} == {most}
     assert f"The board got {most} of {fit.n_left} points" in " ".join(fit.notes)
-    found = {each.name: each.host_difference_deg for each in fit.calibrators}
+    found = {calibrator.name: calibrator.host_difference_deg for calibrator in fit.calibrators}
     # Noise of 0.4 deg in a reading, of 512 of them over nine unknowns; the host's own is as large.
     assert {name: value for name, value in found.items() if value is not None and value > 0.3} == {}
     assert found["direct"] is not None
@@ -282,20 +282,20 @@ def test_a_turn_on_a_table_is_calibrated_to_the_noise(virtual_board: Board) -> N
         assert best.direction_error_deg < 0.2
         assert best.turn is not None
         assert (best.turn.axis, best.cycles) == ("z", None)
-        assert {each.verdict for each in fit.calibrators if each is not best} == {Acceptance.REFUSED}
-        assert [each.figure for each in best.reasons] == ["shape"]
+        assert {calibrator.verdict for calibrator in fit.calibrators if calibrator is not best} == {Acceptance.REFUSED}
+        assert [reason.figure for reason in best.reasons] == ["shape"]
 
 
 def test_what_every_calibrator_can_fit_is_fitted_by_no_shape() -> None:
-    assert {each.shape for each in fit_on_host(_drawn(1, 400, 0.5, 0.4)).calibrators} == {None}
+    assert {calibrator.shape for calibrator in fit_on_host(_drawn(1, 400, 0.5, 0.4)).calibrators} == {None}
 
 
 def test_a_shape_that_would_be_off_as_far_under_strong_iron_is_refused() -> None:
     fit = fit_on_host(_drawn(1, 400, 0.05, 0.4))
     assert fit.best.verdict is Acceptance.REFUSED
-    assert {each.shape for each in fit.calibrators} == {None}
+    assert {calibrator.shape for calibrator in fit.calibrators} == {None}
     ridge = fit_by_shape(_drawn(1, 400, 0.05, 0.4), Shape.RIDGE).best
-    assert ("strong_iron_deg", Acceptance.REFUSED) in [(each.figure, each.verdict) for each in ridge.reasons]
+    assert ("strong_iron_deg", Acceptance.REFUSED) in [(reason.figure, reason.verdict) for reason in ridge.reasons]
 
 
 def test_a_patch_of_which_a_quarter_lies_elsewhere_is_refused() -> None:
@@ -304,7 +304,7 @@ def test_a_patch_of_which_a_quarter_lies_elsewhere_is_refused() -> None:
     spoilt = cap.points.copy()
     spoilt[::4] += 20.0 * sphere_directions(100)
     (ridge,) = fit_by_shape(_cloud(spoilt), Shape.RIDGE).calibrators
-    assert ("left_out_percent", Acceptance.REFUSED) in [(each.figure, each.verdict) for each in ridge.reasons]
+    assert ("left_out_percent", Acceptance.REFUSED) in [(reason.figure, reason.verdict) for reason in ridge.reasons]
     assert fit_on_host(_cloud(spoilt)).best.verdict is Acceptance.REFUSED
 
 

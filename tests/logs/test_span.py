@@ -30,7 +30,7 @@ def _log(*, timed: bool) -> Samples:
 def test_a_change_is_poor_and_located_in_time() -> None:
     fit = fit_on_host(_log(timed=True))
     assert fit.best.verdict is Acceptance.POOR
-    assert [each.figure for each in fit.best.reasons if each.verdict is Acceptance.POOR] == ["change_percent"]
+    assert [reason.figure for reason in fit.best.reasons if reason.verdict is Acceptance.POOR] == ["change_percent"]
     assert fit.change is not None
     assert (fit.change.at, fit.change.at_unit) == (pytest.approx(42.0, abs=1.5), "s")  # two blocks of 0.75 s
     assert "The field changed at 4" in " ".join(fit.notes)

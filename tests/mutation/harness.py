@@ -46,7 +46,7 @@ def main() -> int:
             print(f"[{number:2}/{len(chosen)}] {word} {file}: {edit['new']!r}", flush=True)
     share = 1.0 - len(survivors) / max(len(chosen), 1)
     print(f"{len(chosen)} mistakes: {share:.1%} found by the quick tests (at least {FOUND_AT_LEAST:.0%})")
-    print("\n".join(f"survived: {each}" for each in survivors))
+    print("\n".join(f"survived: {survivor}" for survivor in survivors))
     return 0 if share >= FOUND_AT_LEAST else 1
 
 

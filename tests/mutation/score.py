@@ -57,7 +57,7 @@ def run_mutation(copy: FirmwareCopy, mutation: Mutation, folder: Path) -> Found:
         [*command, "--out", "out"], cwd=folder, capture_output=True, text=True, check=False, timeout=WALL_LIMIT_S
     )
     run = read_record(folder / "out").run
-    red = [each.id for each in run.tests if each.outcome not in ("passed", "skipped")]
+    red = [test.id for test in run.tests if test.outcome not in ("passed", "skipped")]
     shutil.rmtree(folder)
     return Found(done.returncode, run.verdict.sentence, red[0].rpartition("/")[2] if red else "")
 
@@ -101,7 +101,7 @@ class Score:
             f"{len(self._found)} mistakes: {self.red:.1%} found (at least {RED_AT_LEAST:.0%}), "
             f"{self.first:.1%} of those by what was expected first (at least {FIRST_AT_LEAST:.0%})"
         )
-        return "\n".join([head, *(f"survived: {each}" for each in survivors)])
+        return "\n".join([head, *(f"survived: {survivor}" for survivor in survivors)])
 
 
 def said_first(mutation: Mutation, found: Found) -> bool:

@@ -320,7 +320,7 @@ def test_sixty_seconds_of_noisy_sensors(either: FilterMaker):
         for each in (loose, tight):
             each.update(g, m)
         attitudes = (triad(g, m), loose.attitude, tight.attitude, alone.attitude)
-        errors.append([angle_between_deg(each, truth) for each in attitudes])
+        errors.append([angle_between_deg(attitude, truth) for attitude in attitudes])
     measured, loosely, tightly, gyroscope = np.sqrt(np.mean(np.square(errors), axis=0)).tolist()
     print(f"{measured:.2f} alone, fused {loosely:.2f} and {tightly:.2f}, gyroscope {gyroscope:.2f} deg rms")
     assert measured == pytest.approx(4.07, rel=0.05)

@@ -20,6 +20,8 @@ import pytest
 
 from hiltest.boards import default_firmware
 
+from ..in_process import hiltest
+
 LAMP = """
 import os
 import pytest
@@ -203,7 +205,7 @@ def test_a_tolerance_that_is_edited_with_the_change_hides_nothing(
     pytester.makepyfile(test_lamp=LAMP)
     assert pytester.runpytest_inprocess("--hil-out=base").ret == 0
     if saved:
-        assert pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "base", "base.json").ret == 0
+        assert hiltest("baseline", "save", "base", "base.json").returncode == 0
     tolerance = '[tolerances]\n"lamp.current" = { absolute = 5.0, unit = "mA" }\n'
     (pytester.path / "lamp.toml").write_text(rig + tolerance, encoding="utf-8")
     monkeypatch.setenv("LAMP_CURRENT", "3")
@@ -212,11 +214,11 @@ def test_a_tolerance_that_is_edited_with_the_change_hides_nothing(
     assert code == 21
     assert "lamp.current 2 -> 3 mA (+1, +50 %; limit at most 9; its tolerance was exact in the base)" in sentence
     if saved:  # the tolerance is changed as a number is: by name and with a reason
-        accepted = pytester.run(
-            sys.executable, "-m", "hiltest", "baseline", "update", "base.json", "hil-out", "--accept", "lamp.current",
+        accepted = hiltest(
+            "baseline", "update", "base.json", "hil-out", "--accept", "lamp.current",
             "--because", "another lamp",
         )  # fmt: skip
-        accepted.stdout.fnmatch_lines(["lamp.current: 2 -> 3; tolerance exact -> 5 mA"])
+        assert "lamp.current: 2 -> 3; tolerance exact -> 5 mA" in accepted.stdout.splitlines()
         monkeypatch.setenv("LAMP_CURRENT", "4")
         assert judged(pytester, base=base)[0] == 0
 
@@ -255,10 +257,10 @@ def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
     pytester.makepyfile(test_lamp=LAMP + "\n@pytest.mark.plain\ndef test_plain():\n    pass\n")
     pytester.makeini("[pytest]\nmarkers =\n    plain: of no bench\n")
     assert pytester.runpytest_inprocess("--hil-out=base", *options).ret == 0
-    saved = pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "base", "base.json")
-    assert saved.ret == (4 if chosen else 0)
+    saved = hiltest("baseline", "save", "base", "base.json")
+    assert saved.returncode == (4 if chosen else 0)
     if chosen:
-        assert "only chosen tests ran" in saved.stderr.str()
+        assert "only chosen tests ran" in saved.stderr
     code, sentence = judged(pytester)
     assert code == (22 if chosen else 0)
     assert ("base/run.json: only chosen tests ran before" in sentence) is chosen
@@ -291,7 +293,7 @@ def test_a_test_that_passed_and_measured_nothing_is_missed(
     named = "base/run.json"
     if saved:
         named = "base.json"
-        assert pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", base, named).ret == 0
+        assert hiltest("baseline", "save", base, named).returncode == 0
     pytester.makeconftest(conftest)
     pytester.makepyfile(test_lamp=LAMP + suite)
     code, sentence = judged(pytester, base=named)
@@ -301,7 +303,7 @@ def test_a_test_that_passed_and_measured_nothing_is_missed(
     )
     assert f"): test missing: test_lamp.py::test_first passed before and {word} now; let it run, {advice}; " in sentence
     if saved:
-        assert pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "hil-out", named).ret == 0
+        assert hiltest("baseline", "save", "hil-out", named).returncode == 0
         assert judged(pytester, base=named)[0] == 0
 
 
@@ -366,7 +368,7 @@ def test_a_session_that_ends_itself_with_0_is_no_pass(pytester: pytest.Pytester)
 def test_two_workers_are_judged_as_one_process_is(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("xdist")
     monkeypatch.setenv("LAMP_CURRENT", "3")
-    assert pytester.runpytest_subprocess("--hil-baseline=base", "-n2", "--dist=loadgroup").ret == 21
+    assert pytester.runpytest_inprocess("--hil-baseline=base", "-n2", "--dist=loadgroup").ret == 21
     assert [each["outcome"] for each in record(pytester)["tests"]] == ["passed"] * 3
 
 
@@ -461,7 +463,7 @@ def test_a_run_that_needs_no_board_is_judged_as_any_other(
     saved: bool,
 ) -> None:
     if saved:
-        assert pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "base", "base.json").ret == 0
+        assert hiltest("baseline", "save", "base", "base.json").returncode == 0
     for name, value in given.items():
         monkeypatch.setenv(name, value)
     base = "base.json" if saved else "base/run.json"
@@ -494,8 +496,8 @@ def test_the_sentence_is_word_for_word_the_same_wherever_the_page_says(
     assert sentence in unescape(page).replace("\N{NO-BREAK SPACE}", " ")
     assert sentence in re.sub(r"\\(.)", r"\1", markdown)
     assert sentence in annotation.replace("%25", "%")
-    compared = pytester.run(sys.executable, "-m", "hiltest", "compare", "base", "hil-out")
-    assert sentence in compared.outlines
+    compared = hiltest("compare", "base", "hil-out")
+    assert sentence in compared.stdout.splitlines()
 
 
 @pytest.mark.usefixtures("base")

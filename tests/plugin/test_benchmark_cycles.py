@@ -259,12 +259,12 @@ def test_exit_code_and_verdict_are_the_same_without_pytest_benchmark(
 
 def test_workers_show_nothing_and_pass_all_the_same(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(fit(100) + fit(200).replace("test_fit", "test_other"))
-    result = pytester.runpytest_subprocess("-n", "2", timeout=60)
+    result = pytester.runpytest_inprocess("-n", "2")
     assert result.ret == 0
     result.assert_outcomes(passed=2)
     assert "cycles of" not in result.stdout.str()
     pytester.makepyfile(WRONG)
-    assert pytester.runpytest_subprocess("-n", "2", timeout=60).ret == 1
+    assert pytester.runpytest_inprocess("-n", "2").ret == 1
 
 
 @pytest.mark.parametrize(
@@ -319,10 +319,10 @@ def test_benchmarks_alone_are_held_to_no_limit_of_the_rig_and_beside_others_they
     workers = ("-n", "2", "--dist", "loadgroup")
     pytester.makepyfile(test_it=kernel)
     assert pytester.runpytest_inprocess("--hil-rig=mine.toml").ret == 0
-    assert pytester.runpytest_subprocess("--hil-rig=mine.toml", *workers, timeout=60).ret == 0
+    assert pytester.runpytest_inprocess("--hil-rig=mine.toml", *workers).ret == 0
     pytester.makepyfile(test_it=kernel + "def test_other(board):\n    pass\n")
     assert pytester.runpytest_inprocess("--hil-rig=mine.toml").ret == 22, "the limit was not judged"
-    assert pytester.runpytest_subprocess("--hil-rig=mine.toml", *workers, timeout=60).ret == 22
+    assert pytester.runpytest_inprocess("--hil-rig=mine.toml", *workers).ret == 22
 
 
 @pytest.mark.parametrize("workers", [(), ("-n", "2", "--dist", "loadgroup")], ids=["alone", "in a worker"])
@@ -330,7 +330,7 @@ def test_benchmarks_alone_leave_the_last_verdict_where_it_is(
     pytester: pytest.Pytester, workers: tuple[str, ...]
 ) -> None:
     pytester.makepyfile(test_it="def test_size(measure):\n    measure('table.bytes', 100, 'B')\n")
-    run = pytester.runpytest_subprocess
+    run = pytester.runpytest_inprocess
     assert run().ret == 0
     out = pytester.path / "hil-out"
     verdict = {each.name: each.read_bytes() for each in out.iterdir()}

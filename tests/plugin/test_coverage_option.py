@@ -26,7 +26,7 @@ def test_a_run_writes_its_coverage_and_says_how_much_it_is(pytester: pytest.Pyte
     pytester.makepyfile(BOARD)
     target = pytester.path / "target.info"
     (pytester.path / "lcov.info").symlink_to(target)
-    result = pytester.runpytest_subprocess("--hil-coverage=lcov.info", *options)
+    result = pytester.runpytest_inprocess("--hil-coverage=lcov.info", *options)
     assert result.ret == 0
     found = read(target)
     assert (pytester.path / "lcov.info").is_symlink()

@@ -48,14 +48,14 @@ def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Boa
     assert direct.per_iteration is None
     assert direct.no_per_iteration == "it took no iterations, and two show what one costs"
     assert corrected.no_per_iteration == iterative.no_per_iteration == ""
-    assert [bool(each.no_sweeps) for each in costs.values()] == [True, True, False]
+    assert [bool(cost.no_sweeps) for cost in costs.values()] == [True, True, False]
     assert corrected.per_iteration is not None
     # Below 50 points it makes no step, and the line is not drawn through what it costs there.
     assert corrected.per_point == pytest.approx(direct.per_point, rel=0.001)
     assert corrected.fixed == pytest.approx(direct.fixed + 2 * corrected.per_iteration, rel=0.05)
     # Two steps are all that it has beyond `direct`: the first does not call less than the second.
     assert corrected.total - direct.total == pytest.approx(2 * corrected.per_iteration, rel=0.1)
-    assert [each.is_mostly_iterations for each in costs.values()] == [False, False, True]
+    assert [cost.is_mostly_iterations for cost in costs.values()] == [False, False, True]
     # A sweep more or less on another cloud is not what a point costs: the line is drawn at one sweep, and is one then.
     assert iterative.per_point == pytest.approx(direct.per_point, rel=0.01)
     assert iterative.per_iteration is not None

@@ -82,11 +82,11 @@ def test_points_of_a_disturbed_field_are_fitted_as_hard_iron_and_the_good_ones_a
         assert found.residual_percent < 1.2  # 0.4 uT of 48.5: it says nothing of what shifted it
         assert (board.session.request(Points(0, 80)).magnetometer == tumble.points[:80]).all()
         stages = found.begun_disturbed["iterative-stream"]
-        assert [each.disturbed for each in stages] == [*[True] * (len(stages) - 6), *[False] * 6]
+        assert [stage.disturbed for stage in stages] == [*[True] * (len(stages) - 6), *[False] * 6]
 
 
 def field(*strengths: float) -> np.ndarray:
-    return np.array([[each, 0.0, 0.0] for each in strengths])
+    return np.array([[strength, 0.0, 0.0] for strength in strengths])
 
 
 def test_a_run_is_summed_up_by_what_disturbs_it() -> None:

@@ -194,7 +194,7 @@ def test_a_damaged_journal_begins_anew(
     runs("", "q")
     path = runs.folder / JOURNAL_FILE
     entries = [damage(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
-    path.write_text("".join(f"{json.dumps(each)}\n" for each in entries), encoding="utf-8")
+    path.write_text("".join(f"{json.dumps(entry)}\n" for entry in entries), encoding="utf-8")
     said, _ = runs(ends=PASSED)
     assert re.fullmatch(r"begins anew: the journal of the run of \S+Z, which was cut short, is damaged", said)
     assert runs.poses == [1, 2, 3]

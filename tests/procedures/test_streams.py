@@ -80,7 +80,7 @@ def test_the_total_of_a_stream_has_the_band_of_all_its_steps_together(
 
 def rows_of(band: CycleRange) -> tuple[int, int]:
     """The ends without what no row explains, which is rounded up in each count."""
-    doubt = next(each for each in band.rows if each.row == DOUBT)
+    doubt = next(row for row in band.rows if row.row == DOUBT)
     half = (doubt.high - doubt.low) // 2
     return band.low + half, band.high - half
 
@@ -90,7 +90,7 @@ def test_steps_that_were_not_the_last_that_were_timed_have_no_band(virtual_board
     virtual_board.session.request(StreamReset("direct-stream"))
     reply = virtual_board.session.request(StreamFeed("direct-stream", 0, 5))
     assert reply.costs is not None
-    cycles, overhead = [each.cycles for each in reply.costs], reply.costs[0].overhead_cycles
+    cycles, overhead = [cost.cycles for cost in reply.costs], reply.costs[0].overhead_cycles
     for wrong, known in ((cycles, True), ([*cycles[:-1], 1], False), ([7] * 200, False)):
         steps = virtual_board.timed_steps()
         assert steps is not None

@@ -45,8 +45,8 @@ def begin(tmp_path: Path, board: BoardRecord) -> Iterator[Begin]:
         return recorder
 
     yield begun
-    for each in journals:
-        each.release()
+    for journal in journals:
+        journal.release()
 
 
 @pytest.fixture
@@ -309,6 +309,6 @@ def test_a_full_disk_leaves_no_part_of_a_line(cut_short: Path, monkeypatch: pyte
 def test_a_name_that_is_no_utf8_is_kept_as_far_as_it_is(begin: Begin) -> None:
     recorder = begin()
     recorder.finished(TestResult("test_\udcff.py::test_b", TestOutcome.FAILED, 1.0, "\udcff: no"))
-    assert [each.id for each in read_record(recorder.folder).run.tests] == ["a", "test_?.py::test_b"]
+    assert [test.id for test in read_record(recorder.folder).run.tests] == ["a", "test_?.py::test_b"]
     recorder.finish(PASSED)
-    assert [each.id for each in read_record(recorder.folder / RUN_FILE).run.tests] == ["a", "test_?.py::test_b"]
+    assert [test.id for test in read_record(recorder.folder / RUN_FILE).run.tests] == ["a", "test_?.py::test_b"]

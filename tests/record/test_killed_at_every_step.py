@@ -33,7 +33,7 @@ def witnessed(folder: Path, what: str) -> list[str]:
 
 
 def values(run: Run) -> dict[str, object]:
-    return {each.name: each.value for each in run.measurements}
+    return {measurement.name: measurement.value for measurement in run.measurements}
 
 
 def stored(folder: Path) -> Run | None:
@@ -54,11 +54,11 @@ def test_every_finished_test_is_read_and_nothing_else(died: list[Path]) -> None:
             assert not begun, folder
             outcomes.append("before")
             continue
-        tests = [each.id for each in run.tests]
+        tests = [test.id for test in run.tests]
         # A test is finished for the record before the process can say so itself.
         assert tests in (finished, begun), folder
-        assert values(run) == {f"{each}.value": NEW for each in tests}, folder
-        assert [each.name for each in run.tables] == [f"{each}.rows" for each in tests], folder
+        assert values(run) == {f"{test}.value": NEW for test in tests}, folder
+        assert [table.name for table in run.tables] == [f"{test}.rows" for test in tests], folder
         assert run.verdict.complete == (run.verdict.outcome == "pass")
         outcomes.append(run.verdict.outcome)
     # Every stage was met, in this order, and none again after the next.

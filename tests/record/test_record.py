@@ -43,8 +43,8 @@ def test_a_run_survives_writing_and_reading(findings: Make, good: list[Measureme
 
 def test_measurements_and_tables_are_sorted_by_name(findings: Make, good: list[Measurement]) -> None:
     run = findings(*reversed(good)).finish(PASSED, "")
-    assert [each.name for each in run.measurements] == sorted(each.name for each in good)
-    assert [each.name for each in run.tables] == sorted(each.name for each in run.tables)
+    assert [measurement.name for measurement in run.measurements] == sorted(each.name for each in good)
+    assert [table.name for table in run.tables] == sorted(table.name for table in run.tables)
 
 
 def test_two_runs_are_byte_identical_outside_the_volatile_places(findings: Make, good: list[Measurement]) -> None:

@@ -61,7 +61,7 @@ def test_a_record_from_before_there_were_bands_is_read(
     for each in content["measurements"]:
         del each["band"]
     (tmp_path / "run.json").write_text(json.dumps(content), encoding="utf-8")
-    assert all(each.band is None for each in read_record(tmp_path / "run.json").run.measurements)
+    assert all(measurement.band is None for measurement in read_record(tmp_path / "run.json").run.measurements)
 
 
 def test_a_measurement_comes_back_from_another_process_with_it() -> None:

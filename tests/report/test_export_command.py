@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ import pytest
 from hiltest.measurement import Limit, check
 from hiltest.record.run_json import write_run
 
+from ..in_process import hiltest
 from ..trend.runs import finished_run
 
 pytestmark = pytest.mark.slow
@@ -20,8 +20,7 @@ TOTAL = check("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_50
 
 
 def export(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "hiltest", "export", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    return hiltest("export", *arguments, folder=folder)
 
 
 @pytest.fixture
@@ -47,9 +46,9 @@ def test_bencher_has_both_senses_in_one_file(folder: Path, run: str) -> None:
 def test_the_action_has_one_sense_a_file_and_the_others_are_counted(folder: Path) -> None:
     smaller = export(folder, "run", "--format", "github-action-benchmark")
     larger = export(folder, "run", "--format", "github-action-benchmark", "--better", "larger", "--out", "l.json")
-    assert [each["name"] for each in json.loads(smaller.stdout)] == ["cycles.direct.total (m)"]
+    assert [load["name"] for load in json.loads(smaller.stdout)] == ["cycles.direct.total (m)"]
     assert smaller.stderr == "1 others are better when larger: --better larger\n"
-    assert [each["name"] for each in json.loads((folder / "l.json").read_text())] == ["tumble.points"]
+    assert [load["name"] for load in json.loads((folder / "l.json").read_text())] == ["tumble.points"]
     assert larger.stdout == ""
     assert larger.stderr.endswith("l.json: 1 numbers\n")
 

@@ -16,7 +16,7 @@ MODEL = "cortex-m4-trm/2@sram"
 
 
 def one(*measurements: Measurement) -> Mapping[int | None, Mapping[str, Measurement]]:
-    return {1: {each.name: each for each in measurements}}
+    return {1: {measurement.name: measurement for measurement in measurements}}
 
 
 TOTAL = check("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_500), cycle_model=MODEL)
@@ -75,8 +75,8 @@ def test_bencher_gets_every_number_with_a_sense_in_a_measure_of_its_sense() -> N
 
 def test_the_action_gets_one_sense_a_file() -> None:
     numbers = exported(ALL)
-    smaller = json.loads(github_action_benchmark_json([each for each in numbers if not each.larger_is_better]))
-    larger = json.loads(github_action_benchmark_json([each for each in numbers if each.larger_is_better]))
+    smaller = json.loads(github_action_benchmark_json([number for number in numbers if not number.larger_is_better]))
+    larger = json.loads(github_action_benchmark_json([number for number in numbers if number.larger_is_better]))
     check_action(smaller)
     check_action(larger)
     assert smaller == [

@@ -79,7 +79,7 @@ def test_cycles_with_and_without_the_waits_of_memories_are_two_columns_that_say_
     waited = check("cycles.direct.from_flash", 12_345, unit="cycle", cycle_model="m@flash")
     run = finished(findings(*good, waited))
     table = accuracy_and_cost(run)
-    assert [each for each in table.headings if "cycles" in each] == [
+    assert [heading for heading in table.headings if "cycles" in heading] == [
         "cycles without memory waits (ranked)", "cycles as it runs from flash"
     ]
     direct, iterative = ([cell.text for cell in row.cells] for row in table.rows[:2])

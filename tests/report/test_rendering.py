@@ -85,8 +85,8 @@ def test_the_page_shows_the_verdict_before_anything_else(run: Run) -> None:
 
 def test_the_page_holds_every_measurement_with_value_and_limit(run: Run) -> None:
     text = Page(html_report(run)).text
-    for each in run.measurements:
-        assert each.name in text
+    for measurement in run.measurements:
+        assert measurement.name in text
     assert "heading.direct.max 0.97 deg at most 1.8 pass" in text
     assert "cycles.direct.total 12 400 cycle" in text
     assert "cortex-m4-trm/2@sram" in text

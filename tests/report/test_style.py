@@ -29,7 +29,7 @@ def contrast(first: str, second: str) -> float:
 def luminance(colour: str) -> float:
     """Return the relative luminance as WCAG defines it."""
     channels = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
-    linear = [each / 12.92 if each <= 0.04045 else ((each + 0.055) / 1.055) ** 2.4 for each in channels]
+    linear = [channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4 for channel in channels]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 

@@ -25,7 +25,7 @@ def opened(folder: Path, old: str = "", new: str = "") -> StreamInterface:
 
 
 def test_it_offers_what_the_sample_compass_prints(tmp_path: Path) -> None:
-    assert {each.key for each in opened(tmp_path).offers} == {
+    assert {offer.key for offer in opened(tmp_path).offers} == {
         "heading", "pitch", "roll", "calibrated", "magnetometer", "magnetometer_calibrated", "accelerometer",
         "hard_iron", "inverse_soft_iron", "field_strength", "fit_error",
     }  # fmt: skip

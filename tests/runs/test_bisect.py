@@ -199,7 +199,7 @@ def test_two_commits_that_build_the_same_elf_are_run_once(found: Done) -> None:
     for each in (content["good"], content["bad"], *content["steps"]):
         if each["record"]:
             records.setdefault((int(each["subject"].split()[1]) // 2, each["found"]), set()).add(each["record"])
-    assert all(len(each) == 1 for each in records.values())
+    assert all(len(record) == 1 for record in records.values())
     assert len({record for each in records.values() for record in each}) == len(records)
 
 

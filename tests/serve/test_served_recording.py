@@ -74,7 +74,7 @@ def test_other_bytes_end_it_with_both_and_their_place(serve: Serve, recording: t
 def test_lines_come_as_late_as_they_were_printed_and_a_command_must_be_the_recorded_one(serve: Serve) -> None:
     """The by-hand recording of a compass that prints ten lines a second, and is never told anything."""
     path = Path(__file__).parents[2] / "fixtures" / "recordings" / "text-by-hand.jsonl.gz"
-    said = [each for each in Transcript.read(path).entries if each.direction is Direction.TO_HOST and each.data]
+    said = [entry for entry in Transcript.read(path).entries if entry.direction is Direction.TO_HOST and entry.data]
     recorded, took_s = b"".join(each.data for each in said), said[-1].time_s - said[0].time_s
     served = serve("--replay", str(path))
     port = open_port(served.board)

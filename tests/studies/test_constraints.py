@@ -60,7 +60,7 @@ def test_the_border_is_found_where_the_determinant_is_positive_at_both_ends() ->
 def test_each_surface_has_clouds_that_the_line_betters_and_none_that_it_does_not() -> None:
     blocks = [[measure(PLAN, Block(surface, 0, 1))] for surface in range(len(SURFACES))]
     found = conclude(PLAN, blocks)
-    values = {each.name: each.value for each in found.measurements}
+    values = {measurement.name: measurement.value for measurement in found.measurements}
     assert values["study.constraints.clouds"] == len(SURFACES)
     assert values["study.constraints.fits"] == values["study.constraints.bettered"] == len(SURFACES) * len(METHODS)
     assert found.printed[0].reproduced

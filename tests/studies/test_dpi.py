@@ -30,7 +30,7 @@ def test_an_instance_is_the_same_in_any_block() -> None:
 
 def test_gravity_takes_off_all_but_the_accelerometer_s_own_rotation() -> None:
     found = conclude(PLAN, [[measure(PLAN, Block(0, 0, PLAN.instances))]])
-    values = {each.name: each.value or 0.0 for each in found.measurements}
+    values = {measurement.name: measurement.value or 0.0 for measurement in found.measurements}
     heading = [values[f"study.dpi.{method}.heading"] for method in METHODS]
     # Axes that are turned by up to 8 degrees turn the heading by as much; half a degree of the accelerometer by that.
     assert heading[0] > 20.0 > heading[1] > 4.0 > 1.0 > heading[2]

@@ -60,7 +60,7 @@ def test_each_calibrator_has_a_row_of_each_condition_with_intervals() -> None:
 
 
 def test_measurements_are_those_of_the_condition_that_is_judged() -> None:
-    values = {each.name: each.value for each in concluded(li=2.0).measurements}
+    values = {measurement.name: measurement.value for measurement in concluded(li=2.0).measurements}
     assert values["study.estimators.li.median"] == pytest.approx(2.0)
     assert values["study.estimators.li.p95"] == pytest.approx(2.18)
     assert "study.estimators.sphere.median" not in values

@@ -68,5 +68,5 @@ def test_what_the_papers_say_is_judged_by_sums_about_zero(factor: float, said: l
 
 
 def test_measurements_are_of_ten_times_the_field() -> None:
-    values = {each.name: each.value for each in concluded(direct_about_zero=2.0).measurements}
+    values = {measurement.name: measurement.value for measurement in concluded(direct_about_zero=2.0).measurements}
     assert values[f"study.float32.{ABOUT_ZERO}.apart"] == 0.0

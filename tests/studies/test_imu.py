@@ -68,8 +68,8 @@ def test_six_faces_suffice_for_least_squares_and_for_nothing_else(measured: list
     assert (uncalibrated.mean(axis=0) > 3.0 * lstsq.mean(axis=0)).all()
     assert not merayo.any()
     assert not frosio.any()
-    for each in of_attitudes:
-        assert (np.linalg.norm(each, axis=-1) > np.linalg.norm(lstsq, axis=-1)).all()
+    for of_attitude in of_attitudes:
+        assert (np.linalg.norm(of_attitude, axis=-1) > np.linalg.norm(lstsq, axis=-1)).all()
 
 
 def concluded(*, norm: float = 0.044, same: int = 1, frosio: float = 0.0) -> Conclusion:
@@ -93,7 +93,7 @@ def test_a_figure_is_reproduced_within_the_range_of_most_instances() -> None:
 def test_the_claims_follow_from_the_instances(same: int, frosio: float, said: list[bool]) -> None:
     found = concluded(same=same, frosio=frosio)
     assert [each.reproduced for each in found.printed[-2:]] == said
-    values = {each.name: each.value for each in found.measurements}
+    values = {measurement.name: measurement.value for measurement in found.measurements}
     assert values["study.imu.li_differs"] == 40 * ACCELEROMETER * (1 - same)
     assert values["study.imu.frosio.without_fit"] == (0.0 if frosio else 100.0)
     assert found.table.rows[len(METHODS) * JUDGED + FROSIO][5] == (0.0 if frosio else 100.0)

@@ -185,8 +185,8 @@ class TestEveryStudy:
         said = capsys.readouterr().out
         record = read_record(tmp_path)
         assert not list(Draft202012Validator(run_schema()).iter_errors(record.content))
-        kinds = [identify(each.name).kind for each in record.run.measurements]
-        assert {each.name for each in kinds if each} == {each for each in KINDS if each.startswith(f"study.{name}.")}
+        kinds = [identify(measurement.name).kind for measurement in record.run.measurements]
+        assert {kind.name for kind in kinds if kind} == {each for each in KINDS if each.startswith(f"study.{name}.")}
         assert None not in kinds
         page = (tmp_path / "study.html").read_text(encoding="utf-8").replace("\N{NO-BREAK SPACE}", " ")
         assert page.count("<svg") > 0

@@ -28,5 +28,5 @@ def finished_run(
         rig=RigRecord("virtual-k64f", "virtual-k64f.toml", "cd" * 32, "1.7 ± 0.2 deg", "ef" * 32),
     )  # fmt: skip
     found.tests.append(TestResult("t.py::t", TestOutcome.PASSED, 1.0))
-    found.measurements.update((each.name, each) for each in measurements)
+    found.measurements.update((measurement.name, measurement) for measurement in measurements)
     return found.finish(decide(found, pytest_exit=0), f"2026-01-{day:02d}T23:00:00Z")

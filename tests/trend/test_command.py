@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 
 from hiltest.measurement import Limit, check
 
+from ..in_process import hiltest
 from .entries import cycles, degrees
 
 pytestmark = pytest.mark.slow
@@ -20,8 +20,7 @@ WriteRun = Callable[..., Path]
 
 
 def trend(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "hiltest", "trend", ".", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    return hiltest("trend", ".", *arguments, folder=folder)
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ WriteRun = Callable[..., Path]
 
 def read(folder: Path) -> tuple[list[str], dict[str, str]]:
     entries, skipped = read_folder(folder)
-    return sorted(each.file for each in entries), {each.file: each.reason for each in skipped}
+    return sorted(entry.file for entry in entries), {each.file: each.reason for each in skipped}
 
 
 def test_runs_are_found_however_deep_and_whatever_they_are_called(tmp_path: Path, write: WriteRun) -> None:
@@ -51,7 +51,7 @@ def test_a_baseline_is_an_entry_of_the_time_it_was_saved(tmp_path: Path, write: 
     (tmp_path / "base.json").write_text(to_json(baseline_of(read_evidence(run), "2026-01-05T00:00:00Z")))
     entries, skipped = read_folder(tmp_path)
     assert skipped == []
-    assert [(each.file, each.when_utc) for each in entries] == [
+    assert [(entry.file, entry.when_utc) for entry in entries] == [
         ("base.json", "2026-01-05T00:00:00Z"), ("a/run.json", "2026-01-01T00:00:00Z"),
     ]  # fmt: skip
     assert entries[0].evidence.measurements[1]["cycles.direct.total"].value == 11_061
@@ -65,7 +65,7 @@ def test_what_a_baseline_has_accepted_is_of_the_build_that_it_is_of(tmp_path: Pa
     (tmp_path / "base.json").write_text(to_json(mixed))
     write("c", 3, cycles(11_261), heading, build="c")
     trend = trend_of(read_folder(tmp_path)[0])
-    assert [each.file for each in trend.entries] == ["a/run.json", "b/run.json", "base.json", "c/run.json"]
+    assert [entry.file for entry in trend.entries] == ["a/run.json", "b/run.json", "base.json", "c/run.json"]
     at_the_baseline, after_it = (
         {point.difference.name: between(trend, point) for point in trend.change_points
          if number in (point.before, point.after)}
@@ -131,7 +131,7 @@ def test_the_older_firmware_of_a_run_is_no_run_of_its_own(tmp_path: Path, write:
     write(f"out/{older}", 1, cycles(11_061), build="older")
     write(f"out/{older}".replace("against", "."), 2, cycles(11_161), build="newer")
     entries, skipped = read_folder(tmp_path)
-    assert ([each.evidence.side.build_id for each in entries], skipped) == (["newer"], [])
+    assert ([entry.evidence.side.build_id for entry in entries], skipped) == (["newer"], [])
     # A folder that only has the name is one like others.
     (tmp_path / "out" / "against").rename(tmp_path / "against")
     assert [each.evidence.side.build_id for each in read_folder(tmp_path)[0]] == ["older", "newer"]

@@ -83,8 +83,8 @@ def test_one_is_accepted_by_name_and_all_others_stay(baseline: Baseline) -> None
     kept = [row for row in after.measurements if row.name != "cycles.direct.total"]
     assert kept == [row for row in baseline.measurements if row.name != "cycles.direct.total"]
     comparison = compare(evidence_from(after, "", ""), run(11_161, 1.5))
-    others = [each for each in comparison.differences if each.change is not Change.UNCHANGED]
-    assert [(each.name, each.change) for each in others] == [("heading.direct.max", Change.WORSE)]
+    others = [difference for difference in comparison.differences if difference.change is not Change.UNCHANGED]
+    assert [(other.name, other.change) for other in others] == [("heading.direct.max", Change.WORSE)]
 
 
 def test_a_pattern_moves_all_that_it_matches_and_history_goes_on(baseline: Baseline) -> None:

@@ -15,6 +15,8 @@ from typing import Any
 
 import pytest
 
+from .. import in_process
+
 pytestmark = pytest.mark.slow
 
 Changed = Callable[..., Path]
@@ -22,11 +24,7 @@ Changed = Callable[..., Path]
 
 def hiltest(*arguments: object, columns: int | None = None) -> subprocess.CompletedProcess[str]:
     """Run the command; `columns` is the width of its terminal."""
-    environment = {**os.environ, "TERM": "dumb", "COLUMNS": str(columns or 200)}
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", *map(str, arguments)], capture_output=True, text=True, check=False,
-        timeout=120, env=environment,
-    )  # fmt: skip
+    return in_process.hiltest(*arguments, environment={"TERM": "dumb", "COLUMNS": str(columns or 200)})
 
 
 def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
@@ -62,7 +60,7 @@ def test_what_is_gone_is_accepted_by_the_commands_that_it_says(changed: Changed,
     assert done.returncode == 22
     line = next(each for each in done.stdout.splitlines() if "measurement gone" in each)
     for command in re.findall(r"`hiltest ([^`]*)`", line):
-        words = [{"FILE": str(file), "TEXT": "no more"}.get(each, each) for each in shlex.split(command)]
+        words = [{"FILE": str(file), "TEXT": "no more"}.get(part, part) for part in shlex.split(command)]
         assert hiltest(*words).returncode == 0, command
     assert hiltest("compare", file, new).returncode == 0
 

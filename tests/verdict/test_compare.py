@@ -101,16 +101,16 @@ def value(side: Evidence, seed: int | None, name: str) -> float | None:
 def test_a_run_compared_with_itself_has_only_unchanged(pair: tuple[Evidence, Evidence]) -> None:
     run, _ = pair
     comparison = compare(run, run)
-    assert {each.change for each in comparison.differences} <= {Change.UNCHANGED}
+    assert {difference.change for difference in comparison.differences} <= {Change.UNCHANGED}
     assert not comparison.regression
-    assert comparison.evaluated == any(each.seeds for each in comparison.differences)
+    assert comparison.evaluated == any(difference.seeds for difference in comparison.differences)
 
 
 @given(pairs_of_runs())
 def test_swapping_the_sides_swaps_better_and_worse_and_new_and_gone(pair: tuple[Evidence, Evidence]) -> None:
     base, new = pair
-    there = {each.name: each for each in compare(base, new).differences}
-    back = {each.name: each for each in compare(new, base).differences}
+    there = {difference.name: difference for difference in compare(base, new).differences}
+    back = {difference.name: difference for difference in compare(new, base).differences}
     assert there.keys() == back.keys()
     for name, each in there.items():
         lost, found = missing(base, new, name), missing(new, base, name)
@@ -132,7 +132,7 @@ def test_what_the_base_has_and_the_new_run_has_not_always_keeps_the_gate_from_be
     base, new = pair
     comparison = compare(base, new)
     gone = [name for name in NAMES if missing(base, new, name)]
-    assert comparison.evaluated == (not gone and any(each.seeds for each in comparison.differences))
+    assert comparison.evaluated == (not gone and any(difference.seeds for difference in comparison.differences))
     assert {each.name for each in comparison.of(Change.GONE)} == set(gone)
     assert not (gone and comparison.regression)
 
@@ -298,7 +298,7 @@ def test_seeds_are_paired_and_the_others_left_out() -> None:
 def test_what_is_no_number_never_makes_a_pass(nothing: float | None) -> None:
     name = "heading.direct.max"
     comparison = compare(over_seeds(name, 0.9), over_seeds(name, nothing))
-    assert [each.change for each in comparison.differences] == [Change.GONE]
+    assert [difference.change for difference in comparison.differences] == [Change.GONE]
     assert not comparison.evaluated
     comparison = compare(over_seeds(name, 0.9, 0.8), over_seeds(name, 0.9, nothing))
     assert not comparison.evaluated
@@ -434,7 +434,7 @@ def test_a_reason_on_one_seed_hides_nothing_of_the_others() -> None:
 def test_two_sides_without_a_number_in_common_are_not_compared() -> None:
     time = measurement("board.virtual_seconds", 3.0)
     new = evidence([measurement("heading.direct.max", 0.9), time])
-    assert [each.name for each in compare(new, new).differences] == ["heading.direct.max"]
+    assert [difference.name for difference in compare(new, new).differences] == ["heading.direct.max"]
     for base in (evidence([]), evidence([time]), evidence([measurement("heading.direct.max", None), time])):
         comparison = compare(base, new)
         assert not comparison.evaluated
@@ -593,7 +593,7 @@ def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_th
         "heading.direct.rms", "cycles.corrected.total", "cycles.direct.total",
     ]
     assert re.search(r"8 worse: heading\.iterative\.max .*, heading\.direct\.max .* and 6 more", comparison.sentence)
-    assert [each.name for each in comparison.differences] == sorted(moved)
+    assert [difference.name for difference in comparison.differences] == sorted(moved)
 
 
 @pytest.mark.parametrize("chosen", [False, True])
@@ -607,8 +607,8 @@ def test_what_a_run_did_not_come_to_is_not_taken_and_no_wall_of_what_is_gone(cho
     assert [each.name for each in comparison.of(Change.GONE)] == ["lamp.1"]  # it came to that one
     assert len(comparison.of(Change.NOT_TAKEN)) == 7
     assert (len(comparison.obstacles), comparison_code(comparison)) == (2, 22)
-    assert any(("only chosen tests ran, and 7 measurements of" if chosen else "interrupted") in each
-               for each in comparison.obstacles)
+    assert any(("only chosen tests ran, and 7 measurements of" if chosen else "interrupted") in obstacle
+               for obstacle in comparison.obstacles)
     both = compare(replace(base, chosen=True), replace(new, chosen=True, faults=()))
     assert len(both.of(Change.GONE)) == 8  # of the same choice all of it is missed
 
@@ -619,12 +619,12 @@ def test_what_tests_that_failed_did_not_measure_is_not_gone_and_is_not_to_be_acc
     new = replace(evidence([measurement("lamp.0", 1.0), unmet]), failed=("t.py::t (the firmware contradicts itself)",))
     comparison = compare(base, new)
     assert (comparison.of(Change.GONE), len(comparison.of(Change.NOT_TAKEN))) == ((), 8)
-    assert [each for each in comparison.obstacles if "accept" in each] == []
+    assert [obstacle for obstacle in comparison.obstacles if "accept" in obstacle] == []
     assert (comparison.failed, comparison_code(comparison)) == (new.failed, 1)
 
 
 @pytest.mark.parametrize("limit", [None, Limit(max=1.2)])
 def test_what_neither_side_has_a_number_for_is_not_counted_unless_it_has_a_limit(limit: Limit | None) -> None:
     lines = [measurement("cycles.direct.total", 11061), *cell_of("cycles.direct.sweeps", None, limit)]
-    names = [each.name for each in compare(evidence(lines), evidence(lines)).differences]
+    names = [difference.name for difference in compare(evidence(lines), evidence(lines)).differences]
     assert names == (["cycles.direct.sweeps"] if limit else []) + ["cycles.direct.total"]

@@ -46,7 +46,7 @@ def _made(values: np.ndarray) -> list[list[Measurement]]:
 
 
 def seen(comparison: Comparison, name: str) -> float:
-    (found,) = (each.seen for each in comparison.differences if each.name == name)
+    (found,) = (difference.seen for difference in comparison.differences if difference.name == name)
     assert found is not None
     return found
 
@@ -209,7 +209,7 @@ def test_on_a_bench_the_rms_decides_and_the_largest_error_informs() -> None:
         made = [measurement("heading.direct.rms", rms, **more), measurement("heading.direct.max", largest, **more)]
         return evidence(made, conditions=ON_A_BENCH)
 
-    found = {each.name: each for each in compare(run(0.4, 0.9), run(0.4, 9.9)).differences}
+    found = {difference.name: difference for difference in compare(run(0.4, 0.9), run(0.4, 9.9)).differences}
     assert found["heading.direct.max"].change is Change.CHANGED
     assert found["heading.direct.max"].note == "on a real board heading.direct.rms decides"
     comparison = compare(run(0.4, 0.9), run(2.4, 9.9))

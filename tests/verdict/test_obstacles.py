@@ -73,15 +73,15 @@ def test_a_difference_that_makes_numbers_incomparable_is_named(
     changed: Changed, fields: dict[str, Any], reason: str
 ) -> None:
     comparison = compared(changed("base"), changed("new", fields))
-    assert any(reason in each for each in comparison.obstacles), comparison.obstacles
-    assert all("\n" not in each for each in comparison.obstacles)
+    assert any(reason in obstacle for obstacle in comparison.obstacles), comparison.obstacles
+    assert all("\n" not in obstacle for obstacle in comparison.obstacles)
     assert comparison.sentence.startswith("Cannot say whether it may be merged (against ")
     assert not comparison.regression
 
 
 def test_a_missing_sensor_is_one_and_so_is_another_one(changed: Changed, real_record: dict[str, Any]) -> None:
     sensors = real_record["board"]["sensors"]
-    absent = [{**each, "present": each["name"] != "MAG3110"} for each in sensors]
+    absent = [{**sensor, "present": sensor["name"] != "MAG3110"} for sensor in sensors]
     (reason,) = compared(changed("base"), changed("new", {"board.sensors": absent})).obstacles
     assert reason.startswith("other sensors: MAG3110 before and not now; put them back")
     more = [*sensors, {**sensors[0], "name": "LIS3MDL"}]
@@ -213,7 +213,7 @@ def test_a_campaign_is_one_side(changed: Changed, tmp_path: Path) -> None:
     assert comparison.obstacles == (
         f"{tmp_path / 'base'}: the campaign was cut short: it has no seeds.json; run all of it again",
     )
-    (found,) = (each for each in comparison.differences if each.name == "cycles.direct.total")
+    (found,) = (difference for difference in comparison.differences if difference.name == "cycles.direct.total")
     assert (found.change, found.seeds, found.new) == ("better", 8, 9_995.5)
     assert comparison.base.seeds == tuple(range(1, 9))
 
@@ -289,7 +289,7 @@ def test_a_number_that_is_no_number_is_refused(changed: Changed, tmp_path: Path)
 def test_where_no_board_answered_that_alone_is_the_reason(changed: Changed) -> None:
     lost = changed("new", {"board": None, "seed": None, "verdict.complete": False, "measurements": []})
     reasons = compared(changed("base"), lost).obstacles
-    assert [each.partition(": ")[2].partition(" (")[0] for each in reasons] == [
+    assert [reason.partition(": ")[2].partition(" (")[0] for reason in reasons] == [
         "the run is not complete", "no board answered; run it again",
     ]
     without = compared(changed("base"), changed("without", {"board": None, "measurements": []})).obstacles

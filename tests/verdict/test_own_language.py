@@ -34,7 +34,7 @@ def contradictions(**said: str) -> dict[str, Table]:
 
 def cause(of: str = "firmware", said: dict[str, str] | None = None, **values: float) -> tuple[Cause, str]:
     measurements = measured(**values)
-    names = [each.name.split(".")[1] for each in measurements if each.name.endswith(".max")]
+    names = [measurement.name.split(".")[1] for measurement in measurements if measurement.name.endswith(".max")]
     found = diagnose_run(names, measurements, contradictions(**(said or {})), is_broken=False)
     return (found[of].cause, found[of].words) if of in found else (Cause.NONE, "")
 

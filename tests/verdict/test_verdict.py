@@ -35,9 +35,9 @@ def test_a_good_run_says_accuracy_cost_and_pass_in_one_sentence(findings: Make, 
 
 def test_what_is_neither_judged_nor_costed_is_left_to_the_report(findings: Make, good: list[Measurement]) -> None:
     stream = check("heading.direct-stream.max", 0.5, unit="deg")
-    assert [each.name for each in summarise(findings(*good, stream)).calibrators] == ["direct", "iterative"]
+    assert [calibrator.name for calibrator in summarise(findings(*good, stream)).calibrators] == ["direct", "iterative"]
     judged = check("heading.direct-stream.max", 0.5, unit="deg", limit=Limit(max=1.8))
-    names = [each.name for each in summarise(findings(*good, judged)).calibrators]
+    names = [calibrator.name for calibrator in summarise(findings(*good, judged)).calibrators]
     assert names == ["direct", "iterative", "direct-stream"]
 
 
@@ -60,7 +60,7 @@ def test_the_rig_says_which_calibrator_costs_are_multiples_of(findings: Make, go
     assert [(each.name, each.ratio) for each in summary.calibrators] == [("direct", "0.06"), ("iterative", "1.00")]
     assert decide(made, pytest_exit=0).sentence.startswith("PASS. iterative: worst heading 0.95 deg")
     made.rig = replace(made.rig, cost_reference="")
-    assert {each.ratio for each in summarise(made).calibrators} == {""}
+    assert {calibrator.ratio for calibrator in summarise(made).calibrators} == {""}
     assert "x the cycles" not in decide(made, pytest_exit=0).sentence
 
 
@@ -98,7 +98,7 @@ def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
     both = [*heading("direct", 0.97, limit=1.8, cycles=12_000), *heading("iterative", 0.95, limit=1.8, cycles=cycles)]
     made = findings(*(replace(each, cycle_model=f"m@{placement}" if each.cycle_model else "") for each in both))
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
-    assert [each.name for each in accuracy_and_cost(run).rows] == order
+    assert [row.name for row in accuracy_and_cost(run).rows] == order
     refused = "within 10 % of the cycles of direct: code in flash ranks neither"
     assert (refused in cost_line(run)) is not ranked
     assert ("0.91 x the cycles of direct" in cost_line(run)) is ranked
@@ -138,7 +138,7 @@ def test_one_failure_of_each_calibrator_stands_before_the_rest_of_any(findings: 
     norm = check("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
     bad = [*heading("corrected", 6.1, limit=1.8, cycles=14_000), *heading("direct", 6.1, limit=1.8, cycles=12_400)]
     found = summarise(findings(*bad, norm, tests=(_test("failed"),)))
-    assert [each.measurement.name for each in found.failures] == [
+    assert [failure.measurement.name for failure in found.failures] == [
         "heading.direct.max", "accelerometer.norm_rms", "heading.corrected.max", "heading.corrected.max_centred",
         "heading.direct.max_centred",
     ]

@@ -120,7 +120,7 @@ def test_over_eight_seeds_the_interval_is_shown() -> None:
 def test_what_is_new_or_gone_shows_its_one_number() -> None:
     base = evidence([measurement("compass.lag", 8.0, unit="ms")])
     new = evidence([measurement("compass.drift", 0.5, unit="deg", limit=Limit(max=1.0))])
-    gone, made = sorted(compare(base, new).differences, key=lambda each: each.change)
+    gone, made = sorted(compare(base, new).differences, key=lambda difference: difference.change)
     assert (numbers(gone), numbers(made)) == ("8 ms", "0.5 deg (limit at most 1)")
 
 

@@ -15,10 +15,23 @@ PROGRAMS = HERE / "programs"
 SHIPPED = Path(__file__).parents[2] / "src/hiltest/firmware/hiltest-frdm-k64f.elf"
 FLAGS = [
     "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-O1", "-g", "-nostdlib",
-    "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
+    "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{PROGRAMS / 'flash.ld'}", "-include", str(PROGRAMS / "prelude.h"),
 ]  # fmt: skip
 
 Build = Callable[..., Path]
+
+
+def word(board: VirtualK64F, name: str) -> int:
+    """Read a variable of the program that a board runs."""
+    return board.processor.memory.read_words(board.image.symbols[name].address, 1)[0]
+
+
+def follow(board: VirtualK64F, course: dict[float, dict[str, int]]) -> None:
+    """Run a board to one time after the other; at each, variables of its program must have these values."""
+    for until_s, values in course.items():
+        board.run_until(until_s)
+        assert {name: word(board, name) for name in values} == values, f"at {until_s} s"
+
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], Path]:

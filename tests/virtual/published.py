@@ -154,16 +154,16 @@ def rows(figures: Sequence[Published] = FIGURES) -> Iterator[str]:
     yield "| function | published | version 1 | error | version 2 | error | range | published figure | source |"
     yield "| --- | --: | --: | --: | --: | --: | --: | --- | --- |"
     by_version: dict[str, list[tuple[Published, Count]]] = {ONE: [], TWO: []}
-    for each in figures:
-        first, second = (count(each, profile) for profile in by_version)
-        by_version[ONE].append((each, first))
-        by_version[TWO].append((each, second))
+    for figure in figures:
+        first, second = (count(figure, profile) for profile in by_version)
+        by_version[ONE].append((figure, first))
+        by_version[TWO].append((figure, second))
         cells = (
-            f"{each.elf}: `{each.function}`", _number(each.cycles) + (" (rounded)" if each.rounded else ""),
+            f"{figure.elf}: `{figure.function}`", _number(figure.cycles) + (" (rounded)" if figure.rounded else ""),
             *(cell for counted in (first, second)
-              for cell in (_number(counted.cycles), f"{100 * counted.error(each):+.2f} %")),
-            f"{_number(second.low)} to {_number(second.high)}", "inside" if second.holds(each) else "outside",
-            _SHORT[each.source] + ("; tables in flash" if each.tables_in_flash else ""),
+              for cell in (_number(counted.cycles), f"{100 * counted.error(figure):+.2f} %")),
+            f"{_number(second.low)} to {_number(second.high)}", "inside" if second.holds(figure) else "outside",
+            _SHORT[figure.source] + ("; tables in flash" if figure.tables_in_flash else ""),
         )  # fmt: skip
         yield f"| {' | '.join(cells)} |"
     yield ""

@@ -5,22 +5,14 @@ from __future__ import annotations
 import random
 
 HEAD = """
-    .syntax unified
-    .cpu cortex-m4
-    .thumb
-    .text
-    .global SysTick_Handler
-    .thumb_func
-SysTick_Handler:
+    function SysTick_Handler
     ldr r0, =ticks
     ldr r1, [r0]
     adds r1, #1
     str r1, [r0]
     bx lr
     .ltorg
-    .global main
-    .thumb_func
-main:
+    function main
     ldr r0, =0xE000EDFC
     mov r1, #1 << 24
     str r1, [r0]

@@ -7,8 +7,7 @@ import pytest
 from hiltest.errors import BoardFault
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, word
 from .test_faults import HEAD
 
 # As the macros of older Kinetis SDKs do it.

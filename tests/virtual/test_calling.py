@@ -141,7 +141,7 @@ def test_buffers_find_room_where_the_heap_gets_all_that_is_left(tmp_path: Path, 
     (tmp_path / "program.c").write_text("int main(void) { return 0; }\nint second(const int *v) { return v[1]; }\n")
     elf = build(tmp_path / "program.c", f"-Wl,-T,{tmp_path / 'heap.ld'}")
     board = VirtualK64F(elf)
-    assert max(each.run_address + each.run_size for each in board.image.segments) == 0x2002F000
+    assert max(segment.run_address + segment.run_size for segment in board.image.segments) == 0x2002F000
     assert board.call("second", np.array([3, 7], np.int32)).value == 7
     with pytest.raises(ConfigError, match=r"the arguments need \d+ bytes more RAM than the image leaves free"):
         board.call("second", bytes(0x10008))

@@ -15,7 +15,7 @@ from hiltest.virtual.peripherals.mcg import ClockGenerator, ClockMode
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.schedule import Schedule
 
-from .conftest import Build
+from .conftest import Build, word
 
 C1, C2, C5, C6, S = 0, 1, 4, 5, 6
 # C1 (CLKS, IREFS), C2 (LP) and C6 (PLLS) of each mode.
@@ -138,8 +138,6 @@ def test_an_event_of_a_clock_comes_at_its_tick_whatever_the_core_does_meanwhile(
 
 
 PROGRAM = r"""
-#define BYTE(address) (*(volatile unsigned char *)(address))
-#define WORD(address) (*(volatile unsigned *)(address))
 volatile unsigned ticks;
 static void to_pee(unsigned dividers) {
     WORD(0x40048044) = dividers;
@@ -152,11 +150,6 @@ void SysTick_Handler(void) { ticks++; }
 static void tick_every(unsigned cycles) { WORD(0xE000E014) = cycles - 1; WORD(0xE000E018) = 0; WORD(0xE000E010) = 7; }
 int main(void) { (void)to_pee; (void)tick_every; %s for (;;) { __asm__("wfi"); } }
 """
-
-
-def word(board: VirtualK64F, name: str) -> int:
-    """Read a variable of the program."""
-    return int.from_bytes(board.processor.memory.read(board.image.symbols[name].address, 4), "little")
 
 
 @pytest.mark.parametrize(("dividers", "core_hz", "bus_hz"), [(0x01140000, 120e6, 60e6), (0x11390000, 60e6, 60e6)])

@@ -11,13 +11,11 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.rig.file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, follow, word
 
 RIG = Path(__file__).parents[2] / "hil/rigs/virtual-k64f.toml"
 BUS_HZ = 640 * 32_768  # out of reset
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define ADC(offset) WORD(0x4003B000 + (offset))
 enum { SC1A, CFG1 = 8, CFG2 = 12, RA = 16, CV1 = 24, CV2 = 28, SC2 = 32, SC3 = 36, PG = 44 };
 volatile unsigned fired, value, began, took, status;
@@ -51,15 +49,13 @@ def test_a_voltage_becomes_a_number_of_so_many_bits(build_c: Build, config: int,
     board = board_of(build_c, f"ADC(CFG1) = {config}; value = convert(12);")
     board.adc_volts[0, 12] = volts
     board.adc_volts[1, 12] = 2.0  # of the other converter
-    board.run_until(0.001)
-    assert word(board, "value") == expected
+    follow(board, {0.001: {"value": expected}})
 
 
 def test_a_differential_number_has_a_sign(build_c: Build) -> None:
     board = board_of(build_c, "ADC(CFG1) = 4; value = convert(0x20);")
     board.adc_volts[0, 0] = -1.65
-    board.run_until(0.001)
-    assert word(board, "value") == 0xF800
+    follow(board, {0.001: {"value": 0xF800}})
 
 
 @pytest.mark.parametrize(

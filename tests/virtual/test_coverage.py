@@ -18,8 +18,7 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
 
-from .conftest import PROGRAMS, Build
-from .test_exceptions import word
+from .conftest import PROGRAMS, Build, follow
 
 LONG_ENOUGH_S = 0.01
 
@@ -86,15 +85,7 @@ def test_lines_and_branches_are_counted_as_gcov_counts_them(
 # Lines by what follows the second @: how often they are executed, of `main` and of three turns of its loop; in brackets
 # how often a branch goes on and jumps, or an IT block skips and executes.
 SKIPS = """
-        .syntax unified
-        .cpu cortex-m4
-        .fpu fpv4-sp-d16
-        .thumb
-        .text
-        .global main
-        .thumb_func
-        .type main, %function
-main:
+        function main
         push {r4, lr}           @@ 1
         movs r4, #3             @@ 1
 turn:
@@ -125,7 +116,7 @@ out:
         it eq                   @@ 1 [0, 1]
         popeq {r4, pc}          @@ 1
         movs r0, #7             @@ 0
-        .size main, . - main
+        ends main
 """
 
 
@@ -141,7 +132,7 @@ def test_what_an_it_block_skips_is_not_executed(build: Build, profile: str) -> N
     assert {line: list(ways) for (line, _), ways in file.branches.items()} == {
         line: json.loads(each[each.index("[") :]) for line, each in expected.items() if "[" in each
     }
-    assert file.functions == {"main": (11, 1)}
+    assert file.functions == {"main": (3, 1)}
     unwatched = VirtualK64F(elf, profile=profile)
     unwatched.may_rest = True
     unwatched.run_until(LONG_ENOUGH_S)
@@ -200,8 +191,7 @@ int main(void)
 
 def test_code_that_is_written_anew_runs_and_is_counted_on(build_c: Build) -> None:
     board, watch = watched(build_c(OVERLAYS))
-    board.run_until(LONG_ENOUGH_S)
-    assert word(board, "sum") == 0x111  # it has returned 0, 1 and 2
+    follow(board, {LONG_ENOUGH_S: {"sum": 0x111}})  # it has returned 0, 1 and 2
     code, buffer = watch.code(), board.image.symbols["buffer"].address
     assert [code.executed[buffer], code.executed[buffer + 2], code.jumped[buffer + 2]] == [3, 3, 3]
     assert watch.code() == code
@@ -220,7 +210,7 @@ def test_what_ran_before_a_reset_counts_too(build: Build) -> None:
     board.run_until(LONG_ENOUGH_S)
     board.reset()
     board.run_until(2 * LONG_ENOUGH_S)
-    assert covered(board, watch, "program.S").functions == {"main": (11, 2)}
+    assert covered(board, watch, "program.S").functions == {"main": (3, 2)}
 
 
 def test_an_image_without_lines_is_refused(build_c: Build) -> None:

@@ -9,11 +9,10 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.crc import CheckValue
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, word
 
 DATA, GPOLY, CTRL = 0, 4, 8
-(MODULE,) = (each for each in mk64f12().peripherals if each.name == "CRC")
+(MODULE,) = (peripheral for peripheral in mk64f12().peripherals if peripheral.name == "CRC")
 
 
 def mirrored(value: int, bits: int) -> int:
@@ -60,9 +59,6 @@ def test_the_check_value_is_the_reference_whatever_the_width_of_the_writes(
 
 
 SOURCE = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define HALF(address) (*(volatile unsigned short *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 static const char text[] = "123456789";
 unsigned before, crc32, ccitt, kermit, by_words;
 static void begin(unsigned control, unsigned polynomial, unsigned seed) {

@@ -61,10 +61,8 @@ def test_the_same_call_costs_the_same_cycles_every_time(shipped_board: VirtualK6
 def random_program(seed: int, length: int) -> str:
     """Write a function of random straight-line code, IT blocks, short branches and loops."""
     choose = random.Random(seed)
-    lines = [".syntax unified", ".thumb", ".cpu cortex-m4", ".fpu fpv4-sp-d16", ".text"]
-    lines += [".thumb_func", ".global main", ".type main, %function", "main:", "bx lr"]
     # The function straddles pages of 1 KiB and 4 KiB: instructions lie in two of them.
-    lines += [".balign 4096", ".space 3800", ".thumb_func", ".global work", ".type work, %function", "work:"]
+    lines = ["function main", "bx lr", ".balign 4096", ".space 3800", "function work"]
     lines += ["push {r4-r7, lr}", "ldr r7, =scratch", "movs r6, #3", "top:"]
     forms = [
         lambda: f"adds r{r(5)}, r{r(5)}, r{r(5)}",
@@ -101,7 +99,7 @@ def random_program(seed: int, length: int) -> str:
             lines += [f"b{choose.choice(['eq', 'ne', 'lt', 'hi'])}{choose.choice(['', '.w'])} l{label}"]
             lines += [choose.choice(forms)() for _ in range(r(3))]
             lines.append(f"l{label}:")
-    lines += ["subs r6, #1", "bne.w top", "pop {r4-r7, pc}", ".size work, . - work", ".ltorg"]
+    lines += ["subs r6, #1", "bne.w top", "pop {r4-r7, pc}", "ends work", ".ltorg"]
     lines += [".data", ".balign 8", "scratch: .space 128, 17"]
     return "\n".join(lines) + "\n"
 

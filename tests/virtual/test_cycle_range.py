@@ -51,22 +51,22 @@ def band_of(result: CallResult, profile: TimingProfile) -> CycleRange:
 
 
 def ends(band: CycleRange) -> dict[tuple[str, str], int]:
-    return {(each.row, end): getattr(each, end) for each in band.rows for end in ("low", "high")}
+    return {(row.row, end): getattr(row, end) for row in band.rows for end in ("low", "high")}
 
 
 def all_at(band: CycleRange, *, dear: bool, profile: TimingProfile = PROFILE) -> dict[str, int]:
     """Put every row where its own effect makes the count greater, or less."""
     values: dict[str, int] = {}
     of = {move.row: move for move in moves(profile)}
-    for each in band.rows:
-        if each.row != DOUBT:
-            values |= of[each.row].high if (each.high > each.low) is dear else of[each.row].low
+    for row in band.rows:
+        if row.row != DOUBT:
+            values |= of[row.row].high if (row.high > row.low) is dear else of[row.row].low
     return values
 
 
 def without_doubt(band: CycleRange) -> tuple[int, int]:
     """Return the ends that the rows make, without what no row explains."""
-    doubt = sum((each.high - each.low) // 2 for each in band.rows if each.row == DOUBT)
+    doubt = sum((row.high - row.low) // 2 for row in band.rows if row.row == DOUBT)
     return band.low + doubt, band.high - doubt
 
 
@@ -182,20 +182,12 @@ SLEEP = """
 def program(code: str) -> str:
     """Return a program whose function `work` does this and returns."""
     return f"""
-        .syntax unified
-        .cpu cortex-m4
-        .thumb
-        .global main
-        .thumb_func
-    main:
+        function main
         bx lr
-        .global work
-        .thumb_func
-        .type work, %function
-    work:
+        function work
         {code}
         bx lr
-        .size work, . - work
+        ends work
         .ltorg
     """
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.core.library import lib
 
-from .conftest import Build
+from .conftest import Build, follow, word
 from .oracle import ran
-from .test_exceptions import word
 from .test_peripherals import Part
 
 DMA, DESCRIPTORS, MULTIPLEXER = 0x40008000, 0x40009000, 0x40021000
@@ -25,9 +24,6 @@ START, INTMAJOR, INTHALF, DREQ, ESG, MAJORELINK, ACTIVE, DONE = (1 << bit for bi
 RAM = 0x20004000
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define HALF(address) (*(volatile unsigned short *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 #define PTR(pointer) ((unsigned)(pointer))
 struct descriptor {
     unsigned saddr; short soff; unsigned short attr; unsigned nbytes; int slast; unsigned daddr; short doff;
@@ -35,7 +31,7 @@ struct descriptor {
 };
 #define TCD(channel) ((volatile struct descriptor *)(0x40009000 + 32 * (channel)))
 static void begin(void) {
-    HALF(0x4005200E) = 0xC520; HALF(0x4005200E) = 0xD928; HALF(0x40052000) = 0x01D2;
+    stop_watchdog();
     WORD(0x40048040) |= 1u << 1;
     WORD(0x4004803C) |= 1u << 1;
 }
@@ -460,8 +456,7 @@ int main(void) {
 def test_an_i2c_master_is_served_in_both_directions(build_c: Build) -> None:
     part = Part(0x1E)
     board = VirtualK64F(build_c(I2C), i2c0=[part])
-    board.run_until(0.01)
-    assert word(board, "done") == 1
+    follow(board, {0.01: {"done": 1}})
     assert [value for what, value, _ in part.seen if what == "byte"] == [0x2A, 1, 2, 3]
     assert board.processor.memory.read(board.image.symbols["in"].address, 5) == bytes([0xA5] * 5)
 

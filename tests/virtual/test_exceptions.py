@@ -8,11 +8,7 @@ import numpy as np
 
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import PROGRAMS, Build
-
-
-def word(board: VirtualK64F, name: str) -> int:
-    return board.processor.memory.read_words(board.image.symbols[name].address, 1)[0]
+from .conftest import PROGRAMS, Build, word
 
 
 def test_a_computation_survives_interrupts_that_use_the_fpu(build: Build) -> None:

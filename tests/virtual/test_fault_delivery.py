@@ -13,10 +13,7 @@ from .test_faults import HEAD
 
 # A handler that notes what it finds and ends the program in a way that a test can see.
 HANDLER = """
-    .global {name}
-    .thumb_func
-    .type {name}, %function
-{name}:
+    function {name}
     ldr r12, =record
     mrs r0, ipsr
     str r0, [r12], #4
@@ -37,7 +34,7 @@ HANDLER = """
     str r1, [r12], #4
     .endr
     {last}
-    .size {name}, . - {name}
+    ends {name}
     .ltorg
 """
 DATA = """
@@ -75,7 +72,7 @@ prepare:
 finished:
     wfi
     b finished
-    .size main, . - main
+    ends main
     .ltorg
 """
     return HEAD.replace("culprit:", "") + main + HANDLER.format(name=name, last=last, CFSR=CFSR) + DATA
@@ -279,13 +276,10 @@ culprit: svc 0"""
 
 def test_a_return_that_fits_no_exception_is_an_invalid_return(build: Build) -> None:
     handler = """
-    .global SVC_Handler
-    .thumb_func
-    .type SVC_Handler, %function
-SVC_Handler:
+    function SVC_Handler
     ldr r0, =0xFFFFFFF1
     bx r0
-    .size SVC_Handler, . - SVC_Handler
+    ends SVC_Handler
 """
     board = VirtualK64F(build(program("culprit: svc 0").replace("    .data", handler + "    .ltorg\n    .data")))
     fault = run_to_the_handlers_loop(board)

@@ -17,19 +17,11 @@ from hiltest.virtual.program.elf import FirmwareImage
 from .conftest import SHIPPED, Build
 
 HEAD = """
-    .syntax unified
-    .cpu cortex-m4
-    .fpu fpv4-sp-d16
-    .thumb
-    .text
-    .global main
-    .thumb_func
-    .type main, %function
-main:
+    function main
     nop
 culprit:
 """
-TAIL = "\n    bx lr\n    .size main, . - main\n    .ltorg\n    .data\nwords: .word 0x20000006\n"
+TAIL = "\n    bx lr\n    ends main\n    .ltorg\n    .data\nwords: .word 0x20000006\n"
 
 # A loop to itself that a tick every 1000 cycles interrupts; r7 counts them.
 WAITS_FOR_TICKS = """
@@ -42,13 +34,10 @@ WAITS_FOR_TICKS = """
     str r1, [r0]
 wait:
     b wait
-    .global SysTick_Handler
-    .thumb_func
-    .type SysTick_Handler, %function
-SysTick_Handler:
+    function SysTick_Handler
     adds r7, #1
     bx lr
-    .size SysTick_Handler, . - SysTick_Handler
+    ends SysTick_Handler
 """
 
 CASES = [
@@ -70,6 +59,55 @@ def test_a_fault_names_its_cause_and_place(build: Build, what: str, code: str, c
     assert fault.function == "main"
     assert fault.location.startswith("program.S:")
     assert set(fault.registers) >= {"r0", "sp", "lr", "pc"}
+
+
+GATES_OPEN = """
+    ldr r0, =0x40048028
+    ldr r1, =0xFFFFFFFF
+    movs r2, #7
+1:  str r1, [r0], #4
+    subs r2, #1
+    bne 1b
+"""
+
+HOSTILE = {
+    "a stack nowhere": ("ldr r0, =0x10000000\n mov sp, r0\n udf #1", "lockup.*after: undefined instruction"),
+    "a stack that leaves SRAM": (
+        "1: push {r0-r7}\n b 1b", "lockup.*after: stack overflow: write to unmapped address 0x1ffeff"
+    ),
+    "a jump to the last halfword of SRAM": (
+        "ldr r1, =0x2002FFFE\n ldr r2, =0xBF00\n strh r2, [r1]\n adds r1, #1\n bx r1",
+        "jump to unmapped address 0x20030000",
+    ),
+    "half an instruction at the end of SRAM": (
+        "ldr r1, =0x2002FFFE\n ldr r2, =0xF3AF\n strh r2, [r1]\n adds r1, #1\n bx r1",
+        "jump to unmapped address 0x20030000",
+    ),
+    "a loop in the last halfword of SRAM": (
+        "ldr r1, =0x2002FFFE\n ldr r2, =0xE7FE\n strh r2, [r1]\n adds r1, #1\n bx r1",
+        "hang: a loop to itself that no interrupt can end at 0x2002fffe",
+    ),
+    "a jump to where called functions return to": ("ldr r0, =0x1FFEF001\n bx r0", "address 0x1ffef000 at .*main"),
+    "no memory at VTOR": ("ldr r0, =0xE000ED08\n ldr r1, =0x10000000\n str r1, [r0]\n svc 0", "no memory at VTOR"),
+    "vectors of zero": ("ldr r0, =0xE000ED08\n ldr r1, =0x20010000\n str r1, [r0]\n svc 0", "vector 0x00000000"),
+    "EXC_RETURN without an exception": ("ldr r0, =0xFFFFFFF9\n bx r0", "0xfffffff9 where no exception is active"),
+    "an unaligned LDREX": ("ldr r0, =0x20000002\n ldrex r1, [r0]", "unaligned exclusive access at .* in main"),
+    "a coprocessor": ("mrc p15, 0, r0, c0, c0, 0", r"coprocessor that is not there \(NOCP\) at .* in main"),
+    "a word across the end of the peripherals": (
+        f"{GATES_OPEN}\n ldr r0, =0x40052FFE\n ldr r1, [r0]",
+        "read of 0x40052ffe, where the chip has no peripheral at .* in main",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_whatever_firmware_does_ends_in_a_fault_that_says_what_happened(build: Build, what: str) -> None:
+    code, ending = HOSTILE[what]
+    board = VirtualK64F(build(HEAD + code + TAIL))
+    board.may_rest = False
+    with pytest.raises(BoardFault, match=ending):
+        board.run_until(0.01)
+    board.position()  # whoever waits for the board says where it is
 
 
 def test_waiting_in_a_loop_for_interrupts_passes_time_and_is_no_hang(build: Build) -> None:
@@ -96,7 +134,7 @@ def test_a_program_that_ends_in_a_loop_rests_and_the_board_goes_on(build: Build)
 
 
 def test_in_a_handler_a_loop_is_no_rest(build: Build) -> None:
-    loops = ".global HardFault_Handler\n.thumb_func\nHardFault_Handler: b ."
+    loops = "function HardFault_Handler\n b ."
     board = VirtualK64F(build(HEAD + "udf #1" + TAIL.replace(".ltorg", f".ltorg\n{loops}")))
     with pytest.raises(BoardFault, match=r"hang at 0x.*: a loop to itself .*after: undefined instruction"):
         board.run_until(0.01)
@@ -148,8 +186,7 @@ def test_a_damaged_header_is_refused_or_harmless(build: Build) -> None:
     [(["-mcpu=cortex-m7", "-mfpu=fpv5-d16"], "floating-point unit"), (["-mcpu=cortex-m33"], "another core")],
 )
 def test_an_image_for_a_neighbouring_core_is_refused(build: Build, flags: list[str], what: str) -> None:
-    head = HEAD.replace("    .cpu cortex-m4\n", "").replace("    .fpu fpv4-sp-d16\n", "")
-    elf = build(head + TAIL, *flags, with_start=False)
+    elf = build(HEAD + TAIL, *flags, with_start=False)
     with pytest.raises(ConfigError, match=what):
         VirtualK64F(elf)
 

@@ -10,20 +10,13 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
+from .conftest import Build, follow, word
 from .oracle import ran
-from .test_exceptions import word
 
 DONE, COLLISION, ACCESS, PROTECTION, FAILED = 0x80, 0x40, 0x20, 0x10, 0x01
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define HALF(address) (*(volatile unsigned short *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 volatile unsigned took, caught, first, second;
 volatile unsigned char status;
-static void no_watchdog(void) {
-    HALF(0x4005200E) = 0xC520; HALF(0x4005200E) = 0xD928; HALF(0x40052000) = 0x01D2;
-}
 __attribute__((noinline)) static void command(unsigned one, unsigned two, unsigned three) {
     BYTE(0x40020000) = 0x70;
     WORD(0x40020004) = one; WORD(0x40020008) = two; WORD(0x4002000C) = three;
@@ -40,7 +33,7 @@ static const unsigned table[][3] = { %s };
 #define COUNT (sizeof table / sizeof table[0])
 volatile unsigned results[COUNT][3];
 int main(void) {
-    no_watchdog();
+    stop_watchdog();
     %s
     for (unsigned i = 0; i < COUNT; i++) {
         command(table[i][0], table[i][1], table[i][2]);
@@ -127,7 +120,7 @@ def test_what_cannot_be_done_is_an_access_error(build_c: Build, command: Command
 def test_after_an_error_nothing_is_launched_until_it_is_cleared(build_c: Build) -> None:
     source = """
     int main(void) {
-        no_watchdog();
+        stop_watchdog();
         command(0x07090004u, 0, 0);
         WORD(0x40020004) = 0x07090000u; BYTE(0x40020000) = 0x80; status = BYTE(0x40020000);
         command(0x07090000u, 0x12u, 0);
@@ -179,7 +172,7 @@ def test_code_in_ram_erases_all_of_the_flash_and_no_record(build_c: Build) -> No
         for (;;) { __asm__("wfi"); }
     }
     int main(void) {
-        no_watchdog();
+        stop_watchdog();
         command(0x43000000u, 1, 2);
         static void (*volatile in_ram)(void) = erase;
         in_ram();
@@ -187,8 +180,7 @@ def test_code_in_ram_erases_all_of_the_flash_and_no_record(build_c: Build) -> No
     }
     """
     board = VirtualK64F(build_c(HEAD + source))
-    board.run_until(1.0)
-    assert word(board, "first") == DONE
+    follow(board, {1.0: {"first": DONE}})
     assert board.processor.memory.read(0, 1 << 20) == b"\xff" * (1 << 20)
     assert board._chip.flash.once[:8] == struct.pack("<II", 1, 2)
 
@@ -225,15 +217,14 @@ def test_a_command_takes_its_time_and_interrupts_at_its_end(build_c: Build) -> N
     source = """
     void Interrupt18_Handler(void) { took = WORD(0xE0001004) - first; BYTE(0x40020001) = 0; caught++; }
     int main(void) {
-        no_watchdog();
+        stop_watchdog();
         WORD(0xE000EDFC) |= 1u << 24; WORD(0xE0001000) = 1; WORD(0xE000E100) = 1u << 18;
         WORD(0x40020004) = 0x09090000u; BYTE(0x40020000) = 0x80; first = WORD(0xE0001004); BYTE(0x40020001) = 0x80;
         while (!caught) { __asm__("wfi"); }
         return 0;
     }"""
     board = VirtualK64F(build_c(HEAD + source))
-    board.run_until(0.1)
-    assert word(board, "caught") == 1
+    follow(board, {0.1: {"caught": 1}})
     # 15 ms at 20.97 MHz; a few cycles to read the counter and to enter the handler.
     assert word(board, "took") == pytest.approx(0.015 * 640 * 32768, abs=40)
 
@@ -243,7 +234,7 @@ REWRITING = """
 static const unsigned short returns[2][4] = { {0x2011, 0xBF00, 0x4770, 0}, {0x2022, 0x4900, 0x4770, 0} };
 volatile unsigned got[4];
 int main(void) {
-    no_watchdog();
+    stop_watchdog();
     for (unsigned i = 0; i < 4; i++) {
         const unsigned *code = (const unsigned *)returns[i % 2];
         command(0x09090000u, 0, 0);
@@ -263,7 +254,7 @@ def test_code_that_is_programmed_is_what_runs_and_what_is_counted(build_c: Build
 COUNTING = """
 int main(void) {
     unsigned number = 0;
-    no_watchdog();
+    stop_watchdog();
     while (WORD(0x90000 + 8 * number) != ~0u) { number++; }
     command(0x07090000u + 8 * number, number, 0);
     first = number + 1;
@@ -275,11 +266,9 @@ int main(void) {
 
 def test_flash_keeps_what_was_programmed_across_resets(build_c: Build) -> None:
     board = VirtualK64F(build_c(HEAD + COUNTING % 3))
-    board.run_until(0.01)
-    assert word(board, "first") == 4
+    follow(board, {0.01: {"first": 4}})
     board.boot()  # power-on of a board that has been loaded anew
-    board.run_until(0.0201)
-    assert word(board, "first") == 4
+    follow(board, {0.0201: {"first": 4}})
 
 
 def test_a_file_keeps_the_flash_from_run_to_run_but_for_what_the_image_loads(build_c: Build, tmp_path: Path) -> None:
@@ -295,8 +284,7 @@ def test_a_file_keeps_the_flash_from_run_to_run_but_for_what_the_image_loads(bui
     content[:8] = bytes(8)  # in the image's own sector: another image, or damage
     kept.write_bytes(content)
     board = VirtualK64F(elf, flash_file=kept)
-    board.run_until(0.01)
-    assert word(board, "first") == 4
+    follow(board, {0.01: {"first": 4}})
 
 
 def test_a_file_keeps_the_records_too(build_c: Build, tmp_path: Path) -> None:

@@ -11,13 +11,11 @@ from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import NEVER
 
 from .both_ways import outcome
-from .conftest import Build
+from .conftest import Build, follow, word
 from .stepped_timer import SteppedTimer, TimerAlone
-from .test_exceptions import word
 
 BUS_HZ = 640 * 32_768  # out of reset
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define FTM(offset) WORD(0x40038000 + (offset))
 enum {
     SC, CNT = 4, MOD = 8, C0SC = 12, C0V = 16, C1SC = 20, C1V = 24, CNTIN = 0x4C, STATUS = 0x50, MODE = 0x54,
@@ -31,8 +29,7 @@ void Interrupt42_Handler(void) {
 }
 void Interrupt61_Handler(void) { changes++; WORD(0x4004B0A0) = ~0u; } /* PORTC */
 static void begin(void) {
-    *(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;
-    *(volatile unsigned short *)0x40052000 = 0x1D2;
+    stop_watchdog();
     WORD(0x4004803C) |= 1u << 24; WORD(0x40048038) |= 0x1Fu << 9;
     WORD(0x4004B004) = 4u << 8; WORD(0x4004B008) = 4u << 8; /* PTC1 and PTC2: FTM0_CH0 and FTM0_CH1 */
     WORD(0xE000E104) = 1u << 10 | 1u << 29;
@@ -171,12 +168,7 @@ def test_a_compare_acts_on_its_pin(build_c: Build, edge: int, levels: list[bool]
 
 def test_a_channel_interrupts_at_its_value(build_c: Build) -> None:
     board = board_of(build_c, "FTM(MOD) = 9999; FTM(C1SC) = 0x50; FTM(C1V) = 5000; FTM(SC) = 8;")
-    board.run_until(4900 / BUS_HZ)
-    assert word(board, "fired") == 0
-    board.run_until(5500 / BUS_HZ)
-    assert (word(board, "fired"), word(board, "seen")) == (1, 2)
-    board.run_until(25_500 / BUS_HZ)
-    assert word(board, "fired") == 3
+    follow(board, {4900 / BUS_HZ: {"fired": 0}, 5500 / BUS_HZ: {"fired": 1, "seen": 2}, 25_500 / BUS_HZ: {"fired": 3}})
 
 
 @pytest.mark.parametrize(("edge", "captured"), [(4, [0, 2]), (8, [1, 3]), (12, [0, 1, 2, 3])])
@@ -223,8 +215,7 @@ def test_values_are_taken_over_at_the_end_of_a_round(build_c: Build, mode: int, 
     board = board_of(build_c, f"FTM(MODE) = {mode}; FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 8000;"
                               f"FTM(COMBINE) = 0x20; FTM(SC) = 8; {wait} {write} first = FTM(MOD); second = FTM(C0V);"
                               f"{release} third = FTM(MOD);")  # fmt: skip
-    board.run_until(3000 / BUS_HZ)
-    assert [word(board, name) for name in ("first", "second", "third")] == [9999, 8000, 9999]
+    follow(board, {3000 / BUS_HZ: {"first": 9999, "second": 8000, "third": 9999}})
     period_s, share = shares(board, "PTC1")
     expected = (5000 / BUS_HZ, 0.5) if changes else (10_000 / BUS_HZ, 0.8)
     assert (period_s * BUS_HZ, share) == pytest.approx((expected[0] * BUS_HZ, expected[1]), rel=0.01)
@@ -251,8 +242,7 @@ def test_a_flag_is_cleared_by_a_zero_after_it_was_read(build_c: Build) -> None:
     board = board_of(build_c, "FTM(MOD) = 999; FTM(SC) = 8; for (volatile int i = 0; i < 1000; i++) {}"
                               "FTM(SC) = 0; first = FTM(SC); FTM(SC) = 0x80; second = FTM(SC); FTM(SC) = 0;"
                               "third = FTM(SC);")  # fmt: skip
-    board.run_until(0.005)
-    assert [word(board, name) for name in ("first", "second", "third")] == [0x80, 0x80, 0]
+    follow(board, {0.005: {"first": 0x80, "second": 0x80, "third": 0}})
 
 
 def test_a_counter_that_is_stopped_keeps_its_count_and_a_write_restarts_it(build_c: Build) -> None:

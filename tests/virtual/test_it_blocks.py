@@ -82,23 +82,13 @@ COUNTED = {
 
 def program(work: str) -> str:
     return f"""
-        .syntax unified
-        .cpu cortex-m4
-        .fpu fpv4-sp-d16
-        .thumb
-        .text
-        .global main
-        .thumb_func
-    main:
+        function main
         bx lr
         .section .fast, "ax", %progbits
         .balign 16
-        .global work
-        .thumb_func
-        .type work, %function
-    work:
+        function work
         {work}
-        .size work, . - work
+        ends work
         .ltorg
     """
 

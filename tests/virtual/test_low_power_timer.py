@@ -9,12 +9,9 @@ import pytest
 from hiltest.virtual.board.k64f import VirtualK64F
 
 from .both_ways import outcome
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, follow, word
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 #define CSR WORD(0x40040000)
 #define PSR WORD(0x40040004)
 #define CMR WORD(0x40040008)
@@ -30,9 +27,7 @@ static void begin(void) {
 
 
 def program_of(build_c: Build, body: str) -> Path:
-    unlocked = "*(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;"
-    unlocked += "*(volatile unsigned short *)0x40052000 = 0x1D2;"
-    return build_c(f"{HEAD}int main(void) {{ {unlocked} begin(); {body} return 0; }}")
+    return build_c(f"{HEAD}int main(void) {{ stop_watchdog(); begin(); {body} return 0; }}")
 
 
 def board_of(build_c: Build, body: str) -> VirtualK64F:
@@ -56,15 +51,13 @@ def test_it_interrupts_once_a_round_of_the_clock_that_is_selected(build_c: Build
     rounds = 20
     board.run_until(rounds * 100 / hz)  # those of the timer begin a few instructions after power-on
     assert word(board, "fired") == rounds - 1
-    board.run_until((rounds + 0.5) * 100 / hz + 2e-5)
-    assert word(board, "fired") == rounds
+    follow(board, {(rounds + 0.5) * 100 / hz + 2e-5: {"fired": rounds}})
     assert board.unmodelled == ()
 
 
 def test_a_crystal_that_was_not_switched_on_does_not_count(build_c: Build) -> None:
     board = board_of(build_c, "WORD(0x40047000) |= 2u << 18; PSR = 6; CMR = 9; CSR = 0x41;")
-    board.run_until(0.1)
-    assert word(board, "fired") == 0
+    follow(board, {0.1: {"fired": 0}})
 
 
 def test_the_count_is_what_it_was_when_it_was_asked_for(build_c: Build) -> None:
@@ -79,19 +72,17 @@ def test_a_free_running_timer_goes_on_past_its_compare_value(build_c: Build) -> 
     wait = "while (!(CSR & 0x80)) {} CSR = 0x85; CNR = 0; count = CNR; while (!(CSR & 0x80)) {} flag = 1;"
     board = board_of(build_c, f"PSR = 3 | 5u << 3; CMR = 20; CSR = 5; {wait}")
     count_s = 64 / 50e6
-    board.run_until(30 * count_s)
-    assert (word(board, "count"), word(board, "flag")) == (21, 0)
-    board.run_until((65536 + 20) * count_s)
-    assert word(board, "flag") == 0
-    board.run_until((65536 + 21) * count_s + 2e-5)
-    assert word(board, "flag") == 1
+    follow(board, {
+        30 * count_s: {"count": 21, "flag": 0},
+        (65536 + 20) * count_s: {"flag": 0},
+        (65536 + 21) * count_s + 2e-5: {"flag": 1},
+    })
 
 
 def test_a_timer_that_is_switched_off_forgets(build_c: Build) -> None:
     board = board_of(build_c, "PSR = 5; CMR = 0; CSR = 1; while (!(CSR & 0x80)) {} CSR = 0; flag = CSR; CNR = 0;"
                               "count = CNR + 1;")  # fmt: skip
-    board.run_until(0.01)
-    assert (word(board, "flag"), word(board, "count")) == (0, 1)
+    follow(board, {0.01: {"flag": 0, "count": 1}})
 
 
 @pytest.mark.parametrize(("control", "fires_at"), [(0x63, [2, 5]), (0x6B, [3, 6])], ids=["rising", "falling"])
@@ -129,9 +120,8 @@ def test_a_compare_value_that_is_behind_the_count_is_met_in_the_next_round_of_al
     wait = "do { CNR = 0; } while (CNR < 1000);"
     board = board_of(build_c, f"PSR = 3 | 5u << 3; CMR = 60000; CSR = 0x41; {wait} CMR = 99;")
     count_s = 64 / 50e6
-    board.run_until(65_500 * count_s)
-    assert word(board, "fired") == 0
-    board.run_until((65_536 + 100 + 50) * count_s)
-    assert word(board, "fired") == 1
-    board.run_until((65_536 + 980) * count_s)
-    assert word(board, "fired") == 9
+    follow(board, {
+        65_500 * count_s: {"fired": 0},
+        (65_536 + 100 + 50) * count_s: {"fired": 1},
+        (65_536 + 980) * count_s: {"fired": 9},
+    })

@@ -14,43 +14,33 @@ from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Build
 
-# Code in SRAM_L and data in SRAM_U, as it was measured on the FRDM-K64F; the STM32F429 has no banks to be in.
+# Code in SRAM_L and data in SRAM_U, as test_memories has it; the STM32F429 has no banks to be in.
 FRAME = """
-    .syntax unified
-    .thumb
-    .cpu cortex-m4
-    .fpu fpv4-sp-d16
-    .text
-    .thumb_func
-    .global main
-main:
+    function main
     bx lr
 
     .section .fast, "ax", %progbits
     .macro kernel name
     .balign 16
-    .thumb_func
-    .global \\name
-    .type \\name, %function
-\\name:
+    function \\name
     push {{r4-r11, lr}}
     ldr r1, =data
     add r2, r1, #256
     nop
     .endm
-    .macro ends name
+    .macro back name
     nop
     pop {{r4-r11, pc}}
     .ltorg
-    .size \\name, . - \\name
+    ends \\name
     .endm
 
     kernel empty
-    ends empty
+    back empty
 
     kernel work
     {sequence}
-    ends work
+    back work
 
     .section .far, "aw", %progbits
     .balign 16
@@ -70,10 +60,6 @@ ON_STM32F429 = {
     "200 additions, each of the one before": (".rept 200\n vadd.f32 s0, s0, s1\n .endr\n vmov r0, s0", 401),
     "a division, a NOP, its result": ("vdiv.f32 s0, s1, s2\n nop\n vmov r0, s0", 16),
 }  # fmt: skip
-ON_FRDM_K64F = {
-    "100 loads and stores": (".rept 100\n ldr r0, [r1]\n str r0, [r2]\n .endr", 302),
-    "100 LDM and STM of eight words": (f".rept 100\n {LDM_STM}\n .endr", 1804),
-}
 
 
 def clocks(build: Build, sequence: str) -> int:
@@ -87,10 +73,3 @@ def clocks(build: Build, sequence: str) -> int:
 def test_a_sequence_takes_the_clocks_that_were_measured_on_an_stm32f429(build: Build, name: str) -> None:
     sequence, measured = ON_STM32F429[name]
     assert clocks(build, sequence) == measured
-
-
-@pytest.mark.parametrize("name", ON_FRDM_K64F)
-def test_pairs_take_the_clocks_that_were_measured_on_an_frdm_k64f(build: Build, name: str) -> None:
-    # Read off a timer of the bus clock, which is half the core's, with what reading it costs: to 1 %.
-    sequence, measured = ON_FRDM_K64F[name]
-    assert clocks(build, sequence) == pytest.approx(measured, rel=0.01)

@@ -16,8 +16,7 @@ from hiltest.virtual.processor.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.virtual.program.elf import load_image
 from hiltest.world import EarthField, MagneticDistortion, World
 
-from .conftest import PROGRAMS, SHIPPED, Build
-from .test_exceptions import word
+from .conftest import PROGRAMS, SHIPPED, Build, follow, word
 
 PDOR, PSOR, PCOR, PTOR, PDIR, PDDR = range(0, 0x18, 4)
 GPIO, ISFR, GPCLR, GPCHR = 1 << 8, 0xA0, 0x80, 0x84
@@ -86,8 +85,7 @@ def test_an_edge_interrupts_once_and_its_flag_is_cleared(build: Build) -> None:
 
 def test_pulls_give_open_pins_their_level(build: Build) -> None:
     board = VirtualK64F(build(PROGRAMS / "pins.c"))
-    board.run_until(0.001)
-    assert (word(board, "floating"), word(board, "pulled_up")) == (0, 1)
+    follow(board, {0.001: {"floating": 0, "pulled_up": 1}})
 
 
 def test_what_the_board_does_not_have_is_named_with_what_it_has(build: Build) -> None:

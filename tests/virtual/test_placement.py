@@ -9,21 +9,11 @@ from .conftest import Build
 
 TURNS = 100
 FRAME = """
-    .syntax unified
-    .thumb
-    .cpu cortex-m4
-    .fpu fpv4-sp-d16
-    .text
-    .thumb_func
-    .global main
-main:
+    function main
     bx lr
     .section .fast, "ax", %progbits
     .balign 16
-    .thumb_func
-    .global work
-    .type work, %function
-work:
+    function work
     movw r0, #100
     movs r1, #0
     {before}
@@ -32,7 +22,7 @@ again:
     subs r0, #1
     bne again
     bx lr
-    .size work, . - work
+    ends work
 """
 ADDITIONS = "\n".join(f"vadd.f32 s{register}, s30, s31" for register in range(12))
 

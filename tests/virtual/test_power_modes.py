@@ -10,12 +10,9 @@ from hiltest.errors import BoardFault
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.mcg import ClockMode
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, follow, word
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
 enum { STOP = 0, VLPS = 2, LLS = 3, VLLS = 4 };
 volatile unsigned woken, timer, unit, port, ticks, before, after, kept, status, source, isolated;
 void Interrupt58_Handler(void) { timer++; WORD(0x40040000) |= 0x80; }
@@ -26,8 +23,7 @@ void Interrupt21_Handler(void) {
 void Interrupt61_Handler(void) { port++; WORD(0x4004B0A0) = ~0u; }
 void SysTick_Handler(void) { ticks++; }
 static void begin(void) {
-    *(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;
-    *(volatile unsigned short *)0x40052000 = 0x1D2;
+    stop_watchdog();
     WORD(0x40048038) |= 1u | 0x1Fu << 9;
     BYTE(0x4007E000) = 0x2A;
     WORD(0x4004B018) = 0x100 | 10u << 16; /* PTC6: SW2 interrupts as it falls */
@@ -62,22 +58,18 @@ def test_the_low_power_timer_ends_a_stop_in_which_core_and_bus_stand_still(build
     pit = "WORD(0x4004803C) |= 1u << 23; WORD(0x40037000) = 0; WORD(0x40037100) = ~0u; WORD(0x40037108) = 1;"
     board = board_of(build_c, f"{systick} {pit} before = WORD(0x40037104); alarm(50); sleep({mode});"
                               f"after = WORD(0x40037104); WORD(0xE000E010) = 0; sleep({mode});")  # fmt: skip
-    board.run_until(0.0495)
-    assert word(board, "woken") == 0
+    follow(board, {0.0495: {"woken": 0}})
     assert board.position().startswith(f"asleep ({mode}) in sleep (program.c:")
-    board.run_until(0.06)
-    assert (word(board, "woken"), word(board, "timer"), word(board, "ticks")) == (1, 1, 0)
+    follow(board, {0.06: {"woken": 1, "timer": 1, "ticks": 0}})
     assert 0 < word(board, "before") - word(board, "after") < 1000  # of the bus clock, which has 2 million in 0.1 s
-    board.run_until(0.11)
-    assert word(board, "woken") == 2
+    follow(board, {0.11: {"woken": 2}})
     assert board.unmodelled == ()
 
 
 def test_in_wait_the_timers_go_on(build_c: Build) -> None:
     board = board_of(build_c, "WORD(0xE000E014) = 20971; WORD(0xE000E018) = 0; WORD(0xE000E010) = 7;"
                               "for (;;) { __asm__(\"wfi\"); }")  # fmt: skip
-    board.run_until(0.0505)
-    assert word(board, "ticks") == 50
+    follow(board, {0.0505: {"ticks": 50}})
     assert board.position().startswith("asleep in main")
 
 
@@ -89,10 +81,7 @@ def test_a_stop_costs_the_pll_its_lock_unless_it_is_kept(
     build_c: Build, mode: str, pllsten: int, goes_on_in: ClockMode
 ) -> None:
     board = board_of(build_c, f"to_pee(); alarm(5); sleep({mode}); for (;;) {{}}", pllsten=pllsten)
-    board.run_until(0.004)
-    assert word(board, "woken") == 0
-    board.run_until(0.008)
-    assert word(board, "woken") == 1
+    follow(board, {0.004: {"woken": 0}, 0.008: {"woken": 1}})
     assert board.clocks.core_hz == (120e6 if goes_on_in is ClockMode.PEE else 50e6)
     assert board.time_s == pytest.approx(0.008, abs=1e-6)
 
@@ -100,37 +89,31 @@ def test_a_stop_costs_the_pll_its_lock_unless_it_is_kept(
 @pytest.mark.parametrize("mode", ["STOP", "VLPS"])
 def test_a_pin_ends_a_stop(build_c: Build, mode: str) -> None:
     board = board_of(build_c, f"sleep({mode});")
-    board.run_until(0.5)
-    assert word(board, "woken") == 0
+    follow(board, {0.5: {"woken": 0}})
     board.press("SW2")
-    board.run_until(0.5001)
-    assert (word(board, "woken"), word(board, "port")) == (1, 1)
+    follow(board, {0.5001: {"woken": 1, "port": 1}})
 
 
 def test_lls_ends_by_what_its_unit_watches_and_by_nothing_else(build_c: Build) -> None:
     board = board_of(build_c, "BYTE(0x4007C002) = 2 << 4; alarm(20); sleep(LLS);")  # LLWU_P10 is PTC6, falling
-    board.run_until(0.1)
-    assert (word(board, "woken"), word(board, "timer")) == (0, 0)  # the timer is not enabled there
+    follow(board, {0.1: {"woken": 0, "timer": 0}})  # the timer is not enabled there
     assert board.position().startswith("asleep (LLS) in sleep (program.c:")
     board.press("SW2")
-    board.run_until(0.101)
-    assert (word(board, "woken"), word(board, "unit"), word(board, "source")) == (1, 1, 0x400)
+    follow(board, {0.101: {"woken": 1, "unit": 1, "source": 0x400}})
 
 
 def test_while_it_runs_the_unit_notes_nothing(build_c: Build) -> None:
     board = board_of(build_c, "BYTE(0x4007C002) = 2 << 4; for (;;) { source = BYTE(0x4007C006); }")
     board.run_until(0.001)
     board.press("SW2")
-    board.run_until(0.002)
-    assert (word(board, "port"), word(board, "unit"), word(board, "source")) == (1, 0, 0)
+    follow(board, {0.002: {"port": 1, "unit": 0, "source": 0}})
 
 
 @pytest.mark.parametrize(("keeps", "woken"), [(0x20, 1), (0x00, 0)])
 def test_the_oscillator_goes_on_in_a_stop_where_it_is_told_to(build_c: Build, keeps: int, woken: int) -> None:
     timer = "WORD(0x40040004) = 3 | 15u << 3; WORD(0x40040008) = 7; WORD(0x40040000) = 0x41;"  # 8 times 1.3 ms
     board = board_of(build_c, f"BYTE(0x40065000) = {0x80 | keeps}; {timer} sleep(STOP);")
-    board.run_until(0.1)
-    assert word(board, "woken") == woken
+    follow(board, {0.1: {"woken": woken}})
 
 
 def test_vlls_ends_in_a_handler_too(build_c: Build) -> None:
@@ -138,16 +121,12 @@ def test_vlls_ends_in_a_handler_too(build_c: Build) -> None:
     start = "begin(); status = BYTE(0x4007F000); if (status & 0x80) { __asm__(\"svc 0\"); }"
     program = f"#define PLLSTEN 0\n{HEAD}{handler} int main(void) {{ (void)to_pee; {start} return 0; }}"
     board = VirtualK64F(build_c(program))
-    board.run_until(0.021)
-    assert (word(board, "status"), word(board, "woken")) == (1, 0)
+    follow(board, {0.021: {"status": 1, "woken": 0}})
 
 
 def test_the_low_power_timer_ends_lls_where_its_unit_watches_it(build_c: Build) -> None:
     board = board_of(build_c, "BYTE(0x4007C004) = 1; alarm(20); sleep(LLS);")
-    board.run_until(0.019)
-    assert word(board, "woken") == 0
-    board.run_until(0.021)
-    assert (word(board, "woken"), word(board, "unit"), word(board, "source")) == (1, 1, 0x10000)
+    follow(board, {0.019: {"woken": 0}, 0.021: {"woken": 1, "unit": 1, "source": 0x10000}})
 
 
 @pytest.mark.parametrize(("vlls", "survives"), [(3, True), (1, False)])
@@ -156,10 +135,7 @@ def test_vlls_ends_in_a_reset_that_names_itself(build_c: Build, vlls: int, survi
     later = "kept = *(volatile unsigned *)0x20001000; isolated = BYTE(0x4007D002);"
     board = board_of(build_c, f"status = BYTE(0x4007F000); if (status & 0x80) {{ {first} sleep(VLLS); }} {later}"
                               "BYTE(0x4007D002) = 8; after = BYTE(0x4007D002);")  # fmt: skip
-    board.run_until(0.019)
-    assert word(board, "status") == 0x82
-    board.run_until(0.021)
-    assert (word(board, "status"), word(board, "woken"), word(board, "source")) == (1, 0, 0x10000)
+    follow(board, {0.019: {"status": 0x82}, 0.021: {"status": 1, "woken": 0, "source": 0x10000}})
     assert word(board, "kept") == (77 if survives else 0)
     assert (word(board, "isolated") & 8, word(board, "after") & 8) == (8, 0)
 
@@ -180,8 +156,7 @@ def test_a_board_that_nothing_can_wake_says_so(build_c: Build, set_up: str, mode
 def test_a_mode_is_entered_only_where_it_was_permitted(build_c: Build) -> None:
     board = board_of(build_c, "BYTE(0x4007E001) = 2 << 5; status = BYTE(0x4007E003); BYTE(0x4007E001) = 0;"
                               "after = BYTE(0x4007E003); BYTE(0x4007E000) = 0; before = BYTE(0x4007E000);")  # fmt: skip
-    board.run_until(0.001)
-    assert [word(board, name) for name in ("status", "after", "before")] == [4, 1, 0x2A]
+    follow(board, {0.001: {"status": 4, "after": 1, "before": 0x2A}})
     refused = VirtualK64F(build_c(f"#define PLLSTEN 0\n{HEAD}int main(void) {{ (void)alarm; (void)sleep; (void)to_pee;"
                                   "BYTE(0x4007E001) = 2 << 5 | VLLS; status = BYTE(0x4007E003);"
                                   "after = BYTE(0x4007E001); return 0; }"))  # fmt: skip
@@ -194,14 +169,10 @@ def test_in_a_stop_a_byte_is_not_heard(build_c: Build) -> None:
     board = board_of(build_c, f"{uart} alarm(20); sleep(STOP); before = BYTE(0x4006A004); for (;;) {{}}")
     board.run_until(0.005)
     board.uart0.host_write(b"a")
-    board.run_until(0.021)
-    assert word(board, "woken") == 1
+    follow(board, {0.021: {"woken": 1}})
     assert not word(board, "before") & 0x20  # RDRF
 
 
 def test_the_low_power_timer_goes_on_through_a_reset(build_c: Build) -> None:
     board = board_of(build_c, "if (BYTE(0x4007F000) & 0x80) { alarm(20); WORD(0xE000ED0C) = 0x05FA0004; }")
-    board.run_until(0.019)
-    assert word(board, "timer") == 0
-    board.run_until(0.021)
-    assert word(board, "timer") == 1
+    follow(board, {0.019: {"timer": 0}, 0.021: {"timer": 1}})

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import PROGRAMS, Build
-from .test_exceptions import word
+from .conftest import PROGRAMS, Build, word
 
 
 def order(board: VirtualK64F) -> bytes:

@@ -20,17 +20,9 @@ from hiltest.virtual.program.elf import FirmwareImage
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, random_program
 
-HEAD = """
-    .syntax unified
-    .thumb
-    .cpu cortex-m4
-    .fpu fpv4-sp-d16
-    .text
-"""
-
 
 def function(name: str, body: str) -> str:
-    return f".global {name}\n.type {name}, %function\n.thumb_func\n{name}:\n{body}\n.size {name}, . - {name}\n"
+    return f"function {name}\n{body}\nends {name}\n"
 
 
 def profiled(elf: Path, name: str, *arguments: object) -> CallProfile:
@@ -44,14 +36,14 @@ def assert_adds_up(profile: CallProfile, elf: Path, name: str, *arguments: objec
     sums = {
         "kinds": sum(profile.work.values()) + sum(profile.stalls.values()) + profile.asleep_cycles,
         "functions": sum(each.self_cycles for each in profile.functions),
-        "lines": sum(each.cycles for each in profile.lines) + profile.asleep_cycles,
-        "instructions": sum(each.cycles for each in profile.addresses) + profile.asleep_cycles,
-        "stacks": sum(each.cycles for each in profile.stacks),
+        "lines": sum(line.cycles for line in profile.lines) + profile.asleep_cycles,
+        "instructions": sum(address.cycles for address in profile.addresses) + profile.asleep_cycles,
+        "stacks": sum(stack.cycles for stack in profile.stacks),
     }
     if not profile.lines:
         del sums["lines"]
     assert set(sums.values()) == {counted.cycles}, sums
-    assert sum(each.executions for each in profile.addresses) == counted.instructions
+    assert sum(address.executions for address in profile.addresses) == counted.instructions
     assert sum(each.stall_cycles for each in profile.functions) == sum(profile.stalls.values())
     assert min(profile.stalls.values()) >= 0
     (root,) = [each for each in profile.functions if each.name == name]
@@ -86,7 +78,7 @@ def test_the_tables_of_random_code_add_up(build: Build, seed: int) -> None:
 
 
 def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build: Build) -> None:
-    elf = build(HEAD + function("main", "bx lr") + function("work", """
+    elf = build(function("main", "bx lr") + function("work", """
         ldr r1, =scratch    @ work 2
         ldr r2, [r1]        @ work 1, and 1 because r1 is just being loaded
         ldr r3, [r1, #4]    @ work 1: behind a load that it does not depend on
@@ -118,13 +110,13 @@ def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build
 
 def test_calls_and_tail_calls_are_told_apart_and_counted(build: Build) -> None:
     elf = build(
-        HEAD + function("main", "bx lr")
+        function("main", "bx lr")
         + function("outer", "push {r4, lr}\n bl f\n bl f\n pop {r4, pc}")  # 3 + 2 + 2 + 3 + 2 refill
         + function("f", "push {r3, lr}\n bl g\n pop.w {r3, lr}\n b h")  # 3 + 2 + 3 + 2, twice
         + function("g", "bx lr") + function("h", "bx lr")  # 3 each, twice
     )  # fmt: skip
     profile = profiled(elf, "outer")
-    assert {each.functions: each.cycles for each in profile.stacks} == {
+    assert {stack.functions: stack.cycles for stack in profile.stacks} == {
         ("outer",): 12, ("outer", "f"): 20, ("outer", "f", "g"): 6, ("outer", "f", "h"): 6,
     }
     assert {each.name: (each.calls, each.self_cycles, each.cycles) for each in profile.functions} == {
@@ -168,7 +160,7 @@ def test_a_deep_mutual_recursion_stays_small_and_exact(in_c: Callable[..., Path]
     elf = in_c(RECURSION)
     profile = profiled(elf, "even", 2000)
     assert {each.name: each.calls for each in profile.functions} == {"even": 1001, "odd": 1000}
-    assert max(len(each.functions) for each in profile.stacks) <= 102
+    assert max(len(stack.functions) for stack in profile.stacks) <= 102
     assert_adds_up(profile, elf, "even", 2000)
 
 
@@ -180,7 +172,7 @@ def test_inlined_code_is_shown_where_it_was_written(in_c: Callable[..., Path]) -
     )
     profile = profiled(elf, "sum", 10)
     assert [each.name for each in profile.functions] == ["sum"]
-    (inlined,) = [each for each in profile.lines if each.location == "square.h:2"]
+    (inlined,) = [line for line in profile.lines if line.location == "square.h:2"]
     assert inlined.instructions >= 10, "the multiplication of each round"
     assert_adds_up(profile, elf, "sum", 10)
 
@@ -196,7 +188,7 @@ def test_static_functions_of_one_name_are_told_apart(in_c: Callable[..., Path]) 
     )
     profile = profiled(elf, "main")
     steps = [each for each in profile.functions if each.name.startswith("step@0x")]
-    assert [each.calls for each in steps] == [1, 1]
+    assert [step.calls for step in steps] == [1, 1]
     assert len({each.name for each in profile.functions}) == len(profile.functions) == 5
 
 
@@ -210,7 +202,7 @@ def test_without_debug_information_functions_are_still_told_apart(in_c: Callable
 
 def test_sleep_is_shown_beside_the_work(build: Build) -> None:
     # SysTick is pending, so that WFI ends, and masked, so that it is not taken.
-    elf = build(HEAD + function("main", "bx lr") + function("nap", """
+    elf = build(function("main", "bx lr") + function("nap", """
         ldr r0, =0xE000E010
         movw r1, #9999
         str r1, [r0, #4]
@@ -256,5 +248,5 @@ def test_profiles_can_be_taken_one_after_the_other_on_one_board() -> None:
     board.call("crc32", bytes(500), 500)
     assert profile_call(board, "crc32", b"123456789", 9) == first
     assert first.value == 0xCBF43926
-    assert Counter(each.function for each in first.addresses) == {"crc32": len(first.addresses)}
+    assert Counter(address.function for address in first.addresses) == {"crc32": len(first.addresses)}
     assert struct.pack("<I", first.value)[0] == 0x26

@@ -8,12 +8,10 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.rig.file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
+from .conftest import Build, follow, word
 from .foreign import RIG
-from .test_exceptions import word
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define CR WORD(0x40029000)
 #define SR WORD(0x40029004)
 #define ER WORD(0x40029008)
@@ -77,5 +75,4 @@ def test_reading_too_early_is_an_underflow_that_interrupts_and_is_cleared(build_
 
 def test_no_word_comes_while_it_sleeps(build_c: Build) -> None:
     board = VirtualK64F(build_c(f"{HEAD} int main(void) {{ on(); CR = 0x11; take(); after = 1; return 0; }}"))
-    board.run_until(0.01)
-    assert word(board, "after") == 0
+    follow(board, {0.01: {"after": 0}})

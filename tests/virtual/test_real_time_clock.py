@@ -6,20 +6,14 @@ import pytest
 
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, follow, word
 
 HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
 #define RTC(offset) WORD(0x4003D000 + (offset))
 enum { TSR, TPR = 4, TAR = 8, TCR = 12, CR = 16, SR = 20, LR = 24, IER = 28 };
 volatile unsigned seconds, alarms, at, status, first, second;
 void Interrupt46_Handler(void) { alarms++; at = RTC(TSR); status = RTC(SR); RTC(TAR) = RTC(TAR) + 3; }
 void Interrupt47_Handler(void) { seconds++; }
-static void stop_watchdog(void) {
-    *(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;
-    *(volatile unsigned short *)0x40052000 = 0x1D2;
-}
 static void start(unsigned now) {
     WORD(0x4004803C) |= 1u << 29;
     RTC(CR) = 0x100; RTC(SR) = 0; RTC(TSR) = now; RTC(IER) = 0x14; RTC(SR) = 0x10;
@@ -36,21 +30,13 @@ def board_of(build_c: Build, body: str) -> VirtualK64F:
 
 def test_a_second_of_the_crystal_is_a_second(build_c: Build) -> None:
     board = board_of(build_c, f"start(100); {SLEEP}")
-    board.run_until(9.999)
-    assert word(board, "seconds") == 9
-    board.run_until(10.001)
-    assert word(board, "seconds") == 10
+    follow(board, {9.999: {"seconds": 9}, 10.001: {"seconds": 10}})
     assert board.unmodelled == ()
 
 
 def test_the_alarm_comes_as_its_second_ends(build_c: Build) -> None:
     board = board_of(build_c, f"start(100); RTC(TAR) = 101; {SLEEP}")
-    board.run_until(1.9)
-    assert word(board, "alarms") == 0
-    board.run_until(2.1)
-    assert (word(board, "alarms"), word(board, "at"), word(board, "status")) == (1, 102, 0x14)
-    board.run_until(5.1)
-    assert (word(board, "alarms"), word(board, "at")) == (2, 105)
+    follow(board, {1.9: {"alarms": 0}, 2.1: {"alarms": 1, "at": 102, "status": 0x14}, 5.1: {"alarms": 2, "at": 105}})
 
 
 @pytest.mark.parametrize(("correction", "second_s"), [(0x7F, 32641 / 32768), (0x80, 32896 / 32768), (0x01FF, 0)])
@@ -60,10 +46,7 @@ def test_the_length_of_a_second_is_corrected(build_c: Build, correction: int, se
     length = seconds * second_s
     if not second_s:  # by -1, every second time
         length = seconds + seconds / 2 / 32768
-    board.run_until(length - 0.01)
-    assert word(board, "seconds") == seconds - 1
-    board.run_until(length + 0.01)
-    assert word(board, "seconds") == seconds
+    follow(board, {length - 0.01: {"seconds": seconds - 1}, length + 0.01: {"seconds": seconds}})
 
 
 def test_time_reads_as_zero_until_it_is_set_and_again_when_it_overflows(build_c: Build) -> None:
@@ -84,16 +67,13 @@ def test_it_goes_on_through_a_reset_and_stops_at_power_on(build_c: Build) -> Non
     board = board_of(
         build_c, f"WORD(0x4004803C) |= 1u << 29; first = RTC(SR); {again} second = WORD(0x4003E01C); {SLEEP}"
     )
-    board.run_until(3.5)
-    assert (word(board, "first"), word(board, "second")) == (0x10, 77)
+    follow(board, {3.5: {"first": 0x10, "second": 77}})
     board.boot()
-    board.run_until(board.time_s + 1e-4)
-    assert word(board, "first") == 1
+    follow(board, {board.time_s + 1e-4: {"first": 1}})
 
 
 def test_a_lock_refuses_until_a_software_reset(build_c: Build) -> None:
     board = board_of(build_c, "WORD(0x4004803C) |= 1u << 29; RTC(LR) = 0xF7; RTC(TCR) = 5; first = RTC(TCR) + 1;"
                               "RTC(LR) = 0xFF; at = RTC(LR); RTC(CR) = 1; RTC(CR) = 0; RTC(TCR) = 5;"
                               "second = RTC(TCR);")  # fmt: skip
-    board.run_until(0.01)
-    assert (word(board, "first"), word(board, "at"), word(board, "second")) == (1, 0xF7, 5)
+    follow(board, {0.01: {"first": 1, "at": 0xF7, "second": 5}})

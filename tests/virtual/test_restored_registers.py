@@ -37,19 +37,13 @@ MODULES["NVIC"] = [(0xE000E000 + offset, 4) for offset in (*range(0x100, 0x120, 
 MODULES["DWT"] = [(0xE0001000, 4), (0xE0001004, 4)]
 ROUNDS, ACCESSES = 25, 8
 LOOK = """
-    .syntax unified
-    .text
-    .global main, look
-    .type look, %function
-    .thumb_func
-main:
-    .thumb_func
-look:
+    function main
+    function look
     ldr r0, =0x4004a000  // PORTB_PCR0
     ldr r0, [r0]
     bx lr
     .ltorg
-    .size look, . - look
+    ends look
 """
 BYTES = 1000  # more than come over a line meanwhile
 
@@ -124,7 +118,7 @@ def test_the_peripherals_of_a_board_do_not_go_to_another_one() -> None:
 
 def test_the_wire_of_a_sensor_rises_again(build: Callable[..., Path]) -> None:
     part = Mag3110(World(EarthField(48.5, 62.0)), MagneticDistortion(), seed=1)
-    board = VirtualK64F(build(LOOK.replace("look:", "look: b look\n"), with_start=True), i2c1=[part])
+    board = VirtualK64F(build(LOOK.replace("function look", "function look\n b look")), i2c1=[part])
     board.run_until(0.001)
     assert write(part, 0.001, 0x10, 0x01)  # active: the first sample comes behind a period of 12.5 ms
     board.lead_interrupts(1, part, int1="PTC5", int2=None)

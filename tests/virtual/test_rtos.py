@@ -11,8 +11,7 @@ import pytest
 
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import PROGRAMS, Build
-from .test_exceptions import word
+from .conftest import PROGRAMS, Build, word
 
 TICK_S = 0.001
 BuildTasks = Callable[..., Path]

@@ -49,7 +49,7 @@ LEVELS = ("-O0", "-O2", "-Os")
 
 
 def cycles_of(calls: Sequence[Call]) -> list[int]:
-    return [each.cycles for each in calls]
+    return [call.cycles for call in calls]
 
 
 def test_each_call_takes_what_the_function_takes_when_it_is_called_alone(build_c: Build) -> None:
@@ -71,11 +71,11 @@ def test_interrupts_are_counted_apart_and_each_call_takes_what_it_takes_alone(bu
     for function in FLOODED:
         first = (0.75,) if function == "floats" else ()
         alone = cycle([calm.call(function, *first, n).cycles for n in range(ARGUMENTS)])
-        calls = [each for each in watch.calls(function) if each.outermost]
+        calls = [call for call in watch.calls(function) if call.outermost]
         if function == "integers":  # it is called by another one too, in turn
             calls = calls[::2]
         assert len(calls) >= 30
-        assert [(each.cycles, each.interrupted > 0) for each in calls] == [(next(alone), True) for _ in calls]
+        assert [(call.cycles, call.interrupted > 0) for call in calls] == [(next(alone), True) for _ in calls]
 
 
 def test_a_reset_abandons_the_calls_that_are_under_way(build: Build) -> None:
@@ -112,10 +112,10 @@ def test_a_handler_is_watched_like_any_function_and_what_interrupts_it_is_apart(
     takes = set(cycles_of(watch.calls("Interrupt48_Handler")))
     # Its first floating-point instruction saves the state of the code that it interrupts, if that has any.
     assert takes == {min(takes), min(takes) + board.processor.profile.rows["fp_frame"].value}
-    nested = [each for each in watch.calls("SysTick_Handler") if each.interrupted]
+    nested = [call for call in watch.calls("SysTick_Handler") if call.interrupted]
     assert nested
     # Nothing is more urgent than the timer's own.
-    assert not any(each.interrupted for each in watch.calls("Interrupt48_Handler"))
+    assert not any(call.interrupted for call in watch.calls("Interrupt48_Handler"))
     under_way = watch.summary("SysTick_Handler").open
     assert len(watch.calls("handled")) - len(watch.calls("SysTick_Handler")) in (0, under_way)
 
@@ -128,7 +128,7 @@ def test_a_function_that_calls_itself_has_a_call_for_each_level_and_the_share_ha
     assert [inner.cycles < each.cycles for each in outer] == [True] * 3
     assert cycles_of(outer) == sorted(cycles_of(outer))
     assert [each.outermost for each in outer] == [False, False, True]
-    outermost = [each.cycles for each in watch.calls("levels") if each.outermost]
+    outermost = [call.cycles for call in watch.calls("levels") if call.outermost]
     assert watch.summary("levels").share == sum(outermost) / watch.cycles
 
 
@@ -149,7 +149,6 @@ def test_what_began_before_is_left_out(build_c: Build) -> None:
 def test_each_call_of_a_loop_that_waits_is_seen(build_c: Build) -> None:
     source = """
     #include <stdint.h>
-    #define WORD(address) (*(volatile uint32_t *)(address))
     volatile uint32_t ticks;
     void SysTick_Handler(void) { ticks++; }
     __attribute__((noinline)) uint32_t now(void) { return ticks; }

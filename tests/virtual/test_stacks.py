@@ -19,51 +19,36 @@ from .test_rtos import BuildTasks, build_tasks  # noqa: F401 (a fixture)
 FRAME = 32  # an exception's, without floating-point state
 # The stack is aligned to eight where it is lowest.
 DEEP = """
-    .syntax unified
-    .cpu cortex-m4
-    .thumb
-    .text
-    .global main
-    .thumb_func
-    .type main, %function
-main:
+    function main
     push {r4, lr}
     bl {function}
 1:  wfi
     b 1b
-    .size main, . - main
+    ends main
 
-    .thumb_func
-    .type plain, %function
-plain:
+    function plain
     push {r0-r6, lr}
     sub sp, #200
     add sp, #200
     pop {r0-r6, pc}
-    .size plain, . - plain
+    ends plain
 
-    .thumb_func
-    .type beyond, %function
-beyond:
+    function beyond
     push {r6, lr}
     mov r3, #1000
     sub sp, sp, r3
     bl plain
     add sp, sp, r3
     pop {r6, pc}
-    .size beyond, . - beyond
+    ends beyond
 
-    .thumb_func
-    .type calls, %function
-calls:
+    function calls
     push {r0-r6, lr}
     svc 0
     pop {r0-r6, pc}
-    .size calls, . - calls
+    ends calls
 
-    .thumb_func
-    .type alone, %function
-alone:
+    function alone
     ldr r0, =other + 400
     mov r4, sp
     mov sp, r0
@@ -72,16 +57,13 @@ alone:
     mov sp, r4
     push {r4, lr}
     pop {r4, pc}
-    .size alone, . - alone
+    ends alone
 
-    .global SVC_Handler
-    .thumb_func
-    .type SVC_Handler, %function
-SVC_Handler:
+    function SVC_Handler
     push {r4-r5}
     pop {r4-r5}
     bx lr
-    .size SVC_Handler, . - SVC_Handler
+    ends SVC_Handler
 
     .bss
     .balign 8
@@ -136,10 +118,10 @@ def test_a_call_takes_what_it_and_what_it_calls_put_on_the_stack(
     board = VirtualK64F(build(tmp_path / "deep.S"))
     watch = board.watch_calls([*used, "SVC_Handler"])
     board.run_until(0.001)
-    assert {name: {each.stack for each in watch.calls(name)} for name in used} == {
+    assert {name: {call.stack for call in watch.calls(name)} for name in used} == {
         name: {each} for name, each in used.items()
     }
-    assert {each.stack for each in watch.calls("SVC_Handler")} == ({8} if function == "calls" else set())
+    assert {call.stack for call in watch.calls("SVC_Handler")} == ({8} if function == "calls" else set())
 
 
 def test_a_reset_begins_at_the_top_again_and_forgets_nothing(build: Build, tmp_path: Path) -> None:

@@ -20,9 +20,8 @@ def test_a_session_with_serial_port_and_sensors_takes_the_cycles_of_the_model() 
 
     def converse(board: VirtualK64F) -> None:
         board.run_until(0.2)
-        for message in ("11 07 0000", "01 01 0400 efbeadde"):
-            board.uart0.host_write(framed(bytes.fromhex(message)))
-            board.run_until(board.time_s + 0.1)
+        board.uart0.host_write(framed(bytes.fromhex("01 01 0400 efbeadde")))
+        board.run_until(board.time_s + 0.02)
         answers.append(board.uart0.host_read(1000))
 
     acted(SHIPPED, converse, i2c1=[Part(0x0E), Part(0x1E)])

@@ -146,11 +146,11 @@ def test_a_call_in_a_task_does_not_count_what_other_tasks_do(
     watch = board.watch_calls(["series", "kernel_switch", "SysTick_Handler", "PendSV_Handler"])
     board.run_until(90 * TICK_S)
     calls = watch.calls("series")
-    switched = [each for each in calls if each.elsewhere]
+    switched = [call for call in calls if call.elsewhere]
     assert len(calls) > 40
     assert len(switched) > 5
     # The same work each time, in either task: what is left of a call is the same whoever ran in between.
-    assert len({each.cycles for each in calls}) == 1
+    assert len({call.cycles for call in calls}) == 1
     assert watch.summary("series").abandoned == 0
     assert max(each.elsewhere for each in switched) > calls[0].cycles
     assert watch.summary("PendSV_Handler").calls > 10
@@ -166,15 +166,15 @@ def test_every_function_of_a_kernel_of_others_can_be_watched_at_once(name: str) 
     program = program_named(name)
     plain, board = machine_for(program), machine_for(program)
     symbols = board.image.symbols.values()
-    functions = [each.name for each in symbols if each.is_function and each.size]
+    functions = [symbol.name for symbol in symbols if symbol.is_function and symbol.size]
     watch = board.watch_calls(functions)
     seconds = min(program.seconds, 0.5)
     said = [run_for(program, each, seconds).text for each in (board, plain)]
     assert said[0] == said[1]
     assert board.cycles == plain.cycles
-    summaries = [watch.summary(each) for each in functions]
-    assert sum(each.calls for each in summaries) > 100
-    assert {each.function: each.refusal for each in summaries if each.refusal} == {}
-    assert all(each.least > 0 for each in summaries if each.least is not None)
+    summaries = [watch.summary(function) for function in functions]
+    assert sum(summary.calls for summary in summaries) > 100
+    assert {summary.function: summary.refusal for summary in summaries if summary.refusal} == {}
+    assert all(summary.least > 0 for summary in summaries if summary.least is not None)
     # What a kernel starts from on a stack that it gives up then.
-    assert sum(each.abandoned for each in summaries) <= 2
+    assert sum(summary.abandoned for summary in summaries) <= 2

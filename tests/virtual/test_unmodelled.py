@@ -9,19 +9,13 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.unmodelled import UnmodelledWarning
 
-from .conftest import SHIPPED, Build
-from .test_exceptions import word
+from .conftest import SHIPPED, Build, follow, word
 
 PDB0_ON = "*(volatile unsigned *)0x4004803C |= 1u << 22;"
-HEAD = """
-#define WORD(address) (*(volatile unsigned *)(address))
-#define BYTE(address) (*(volatile unsigned char *)(address))
-unsigned before, after;
-"""
 
 
 def program(body: str) -> str:
-    return f"{HEAD}void timer_init(void) {{ {body} }}\nint main(void) {{ timer_init(); return 0; }}\n"
+    return f"unsigned before, after; void timer_init(void) {{ {body} }} int main(void) {{ timer_init(); return 0; }}"
 
 
 @pytest.mark.parametrize("strict", [False, True], ids=["lenient", "strict"])
@@ -48,8 +42,7 @@ def test_a_register_is_told_once_by_name_value_and_place(build_c: Build) -> None
 
 def test_registers_begin_with_their_values_after_reset(build_c: Build) -> None:
     board = VirtualK64F(build_c(program(f"{PDB0_ON} before = WORD(0x40036004);")))
-    board.run_until(0.001)
-    assert word(board, "before") == 0xFFFF  # PDB0_MOD
+    follow(board, {0.001: {"before": 0xFFFF}})  # PDB0_MOD
 
 
 def test_a_strict_board_faults_by_name(build_c: Build) -> None:

@@ -7,8 +7,7 @@ import pytest
 from hiltest.errors import BoardFault
 from hiltest.virtual.board.k64f import VirtualK64F
 
-from .conftest import Build
-from .test_exceptions import word
+from .conftest import Build, follow, word
 
 PROGRAM = """
 #include <stdint.h>
@@ -43,8 +42,7 @@ int main(void)
 def test_it_sleeps_from_interrupt_to_interrupt(build_c: Build, wait: str) -> None:
     elf = build_c(PROGRAM % f'tick_every(2097); for (;;) {{ __asm volatile("{wait}"); rounds++; }}')
     board = VirtualK64F(elf)
-    board.run_until(0.01)
-    assert word(board, "ticks") == 99  # every 100 us at 20.97 MHz; the first comes after some start-up code
+    follow(board, {0.01: {"ticks": 99}})  # every 100 us at 20.97 MHz; the first comes after some start-up code
     assert 99 <= word(board, "rounds") <= 2 * 99  # a handler's entry is an event, and so is its return
     assert board.processor.idle_cycles > 0.97 * board.cycles  # a tick takes 45 of its 2 097 cycles
 
@@ -64,5 +62,4 @@ MASKED = 'SCR = %du << 4; __asm volatile("cpsid i"); tick_every(12000); __asm vo
 
 def test_a_masked_interrupt_is_an_event_where_firmware_says_so(build_c: Build) -> None:
     board = VirtualK64F(build_c(PROGRAM % (MASKED % 1)))
-    board.run_until(0.001)
-    assert (word(board, "ticks"), word(board, "rounds")) == (0, 1)
+    follow(board, {0.001: {"ticks": 0, "rounds": 1}})

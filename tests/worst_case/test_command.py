@@ -97,7 +97,7 @@ def test_the_input_with_the_most_set_bits_is_found_exactly(elf: Path, seed: str)
 def test_the_order_that_a_sort_takes_longest_for_is_found(elf: Path) -> None:
     assert worst(elf, "sort", "int16:7:-9..9", "7", "--calls", "900") == 0
     case = load_worst_case(Path("worst.json"))
-    numbers = [int(each) for each in case.arguments[0].removeprefix("int16:").split(",")]
+    numbers = [int(part) for part in case.arguments[0].removeprefix("int16:").split(",")]
     assert len(numbers) == 7
     assert all(left > right for left, right in pairwise(numbers))
     assert case.cycles == cycles_of(elf, "sort", np.arange(7, 0, -1, dtype=np.int16), 7)

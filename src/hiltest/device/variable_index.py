@@ -278,7 +278,7 @@ def nearest_names(name: str, names: list[str]) -> str:
     """Return the most similar names, or some if none is similar, as the end of a sentence."""
     lower = {full_name.lower(): full_name for full_name in names}
     scoped = [full_name for full_name in names if full_name.endswith(f"::{name}")]
-    close = scoped[:3] or [lower[get_close_match] for get_close_match in get_close_matches(name.lower(), lower, n=3)]
+    close = scoped[:3] or [lower[match] for match in get_close_matches(name.lower(), lower, n=3)]
     if close:
         return f"nearest: {', '.join(close)}"
     if not names:

@@ -67,7 +67,7 @@ class Target:
 
     def mounted_at(self) -> Path | None:
         """Return the present mount point of the drive."""
-        volumes = (find_board.volume for find_board in find_boards() if find_board.serial_number == self.serial_number)
+        volumes = (board.volume for board in find_boards() if board.serial_number == self.serial_number)
         return next((volume.path for volume in volumes if volume), None)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
@@ -54,6 +55,8 @@ def place_of(device: str) -> str | None:
     This is the serial number of a USB device, because its device name may change while the board is flashed; otherwise
     the device that links lead to; for a URL, host and port.
     """
+    if device.lower().startswith("hwgrep:"):
+        device = _closed_port(device).port
     if "://" in device:
         url = urlsplit(device)
         return None if url.scheme in _INSIDE else url.netloc.rpartition("@")[2].lower() or device
@@ -88,15 +91,10 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
     # pyserial's RFC 2217 client refuses to open with a write timeout; its output goes to TCP's buffer.
     over_rfc2217 = url.lower().startswith(("rfc2217:", "labgrid:"))
     write_timeout_s = None if over_rfc2217 else WRITE_TIMEOUT_S
-    try:
-        port = serial.serial_for_url(
-            url, do_not_open=True, baudrate=baud, timeout=READ_SLICE_S, write_timeout=write_timeout_s
-        )
-    except ValueError as error:
-        raise ConfigError(f"port {url!r}: {error}. Give a device, or a URL that pyserial knows.") from error
+    port = _closed_port(url, baudrate=baud, timeout=READ_SLICE_S, write_timeout=write_timeout_s)
     if os.name == "posix" and isinstance(port, serial.Serial):
         port.exclusive = True
-    place = place_of(port.port)  # for hwgrep:// and similar URLs, the device that they resolve to
+    place = place_of(port.port)
     lock = None if place is None else BoardLock(place, rig=rig, name=url)
     try:
         port.open()
@@ -110,6 +108,16 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
         _release_when_closed(port, lock)
     opened: SerialPort = port
     return opened
+
+
+def _closed_port(url: str, **settings: Any) -> Any:
+    """Return the port of a device or a URL without opening it; ``hwgrep://`` is resolved here."""
+    try:
+        return serial.serial_for_url(url, do_not_open=True, **settings)
+    except (ValueError, re.error) as error:
+        raise ConfigError(f"port {url!r}: {error}. Give a device, or a URL that pyserial knows.") from error
+    except serial.SerialException as error:
+        raise PortNotFoundError(url, list_ports()) from error
 
 
 def _release_when_closed(port: Any, lock: BoardLock) -> None:

@@ -61,9 +61,9 @@ def member_of(interface: type, name: str) -> Member:
 
 def interface_in(hint: Any) -> type | None:
     """Return the interface that an answer implements, if its type is one and so receives further questions."""
-    for get_argument in (hint, *get_args(hint)):
-        if isinstance(get_argument, type) and getattr(get_argument, "_is_protocol", False):
-            return get_argument
+    for argument in (hint, *get_args(hint)):
+        if isinstance(argument, type) and getattr(argument, "_is_protocol", False):
+            return argument
     return None
 
 

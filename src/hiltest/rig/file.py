@@ -258,7 +258,7 @@ def _known_keys(model: Any, place: tuple[str, ...]) -> list[str]:
         arguments = get_args(model)
         model = arguments[1] if arguments and not is_dataclass(model) else get_type_hints(model)[name]
         if isinstance(model, UnionType):
-            model = next(get_argument for get_argument in get_args(model) if is_dataclass(get_argument))
+            model = next(argument for argument in get_args(model) if is_dataclass(argument))
     return [field.name for field in fields(model) if field.name not in _MADE_HERE] if is_dataclass(model) else []
 
 

@@ -55,7 +55,7 @@ class MagneticBuffer:
         if cell not in self.cells:
             self.cells[cell] = entry
             if is_full:
-                del self.cells[min(self.cells, key=lambda each: self.cells[each][1])]
+                del self.cells[min(self.cells, key=lambda cell: self.cells[cell][1])]
         elif is_full or _distance(self.cells[cell][0], entry[0]) < MESH_COUNTS:
             self.cells[cell] = entry
         elif all(_distance(other, entry[0]) >= MESH_COUNTS for other, _ in self.cells.values()):

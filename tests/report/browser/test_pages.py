@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Open = Callable[..., "AbstractContextManager[Visit]"]
 WIDTHS = pytest.mark.parametrize("width", [390, 1400])
+ON_A_DESK = pytest.mark.parametrize("width", [pytest.param(390, marks=pytest.mark.ci), 1400])
 
 # What reaches beyond the right edge, unless it is in a box of its own that scrolls, or is there for the ear alone.
 _TOO_WIDE = """() => [...document.querySelectorAll('body *')]
@@ -60,7 +61,7 @@ PAINTED = 8
 def faults(visit: Visit, path: Path) -> list[str]:
     """Return what a reader would meet: complaints, requests, and what has to be scrolled to sideways."""
     asked = [address for address in visit.requests if address != path.as_uri()]
-    found = [f"complaint: {each}" for each in visit.complaints] + [f"request: {each}" for each in asked]
+    found = [f"complaint: {complaint}" for complaint in visit.complaints] + [f"request: {each}" for each in asked]
     if visit.page.evaluate("document.documentElement.scrollWidth > innerWidth"):
         found.append("the page scrolls sideways")
     return found + [f"too wide: {each}" for each in visit.page.evaluate(_TOO_WIDE)]
@@ -82,7 +83,7 @@ def test_nothing_complains_nothing_is_asked_for_and_nothing_is_too_wide(
         assert faults(here, page_file) == []
 
 
-@WIDTHS
+@ON_A_DESK
 def test_every_plot_has_a_size_and_is_painted(canvas: Page, visit: Open, page_file: Path, width: int) -> None:
     with visit(page_file, width=width) as here:
         plots = here.page.locator("svg[role=img]").all()
@@ -95,7 +96,9 @@ def test_every_plot_has_a_size_and_is_painted(canvas: Page, visit: Open, page_fi
             assert colours_in(canvas, plot.screenshot()) >= PAINTED, plot.inner_html()[:200]
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1400, "light"), (1400, "dark")])
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(390, "light"), (1400, "dark"), pytest.param(1400, "light", marks=pytest.mark.ci)]
+)
 def test_axe_finds_nothing(
     visit: Open, page_file: Path, width: int, scheme: str, require_module: Callable[[str], None]
 ) -> None:
@@ -169,7 +172,7 @@ def test_markup_in_names_does_nothing_and_is_read(hostile: Run, visit: Open, tmp
         # Were something in it a script after all, or asked for a picture, the page's own policy would refuse.
         asked = "new Promise(tell => {const i = new Image(); i.onerror = i.onload = () => tell(i.naturalWidth);"
         assert here.page.evaluate(asked + "i.src = 'data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA='})") == 0
-        assert any("Content Security Policy" in each for each in here.complaints)
+        assert any("Content Security Policy" in complaint for complaint in here.complaints)
         assert here.page.locator("body").inner_text().count("<script>document.title='taken'</script>\"'⟨U+202E⟩") >= 5
         assert here.page.locator("a", has_text="wire trace").evaluate("each => each.protocol") == "file:"
 

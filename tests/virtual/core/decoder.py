@@ -10,13 +10,7 @@ from typing import Any
 
 from .inner_library import inner_library
 
-ENCODINGS = """
-struct encoding {
-    const char *name; uint32_t mask, value; uint16_t operation; void *extract; uint8_t profile, size;
-};
-int encoding_count(void);
-struct encoding encoding_at(int index);
-"""
+GROUPS = (("narrow_groups", 2), ("data_groups", 4), ("access_groups", 4), ("float_groups", 4))  # bytes of each
 WIDE = 0xE800  # halfwords from here on are the first of two
 IT_ALWAYS = 0xE8  # ITSTATE of a block of one instruction with condition "always"
 SP = 13
@@ -43,43 +37,43 @@ class Encoding:
         return (bits & 0xFFFF, source.getrandbits(16)) if self.size == 2 else (bits >> 16, bits & 0xFFFF)
 
 
-@cache
-def _decoder() -> tuple[Any, Any]:
+def _encodings(groups: str, size: int) -> Iterator[Encoding]:
     ffi, library = inner_library()
-    ffi.cdef(ENCODINGS, override=True)
-    return ffi, library
+    group = ffi.addressof(library, groups)
+    while group.count:
+        for row in ffi.unpack(group.rows, group.count):
+            yield Encoding(ffi.string(row.name).decode(), row.mask, row.value, size)
+        group += 1
 
 
 @cache
 def encodings() -> list[Encoding]:
-    ffi, library = _decoder()
-    rows = [library.encoding_at(index) for index in range(library.encoding_count())]
-    return [Encoding(ffi.string(row.name).decode(), row.mask, row.value, row.size) for row in rows]
+    return [encoding for groups, size in GROUPS for encoding in _encodings(groups, size)]
 
 
 def decode(address: int, first: int, second: int = 0, it_state: int = 0, *, baseline: bool = False) -> Any:
     """Return the `struct instruction` of an instruction."""
-    ffi, library = _decoder()
+    ffi, library = inner_library()
     decoded = ffi.new("struct instruction *")
     library.decode_instruction(address, first, second, it_state, baseline, decoded)
     return decoded
 
 
 def operation_name(decoded: Any) -> str:
-    ffi, library = _decoder()
-    name: bytes = ffi.string(library.operation_name(decoded.operation))
-    return name.decode()
+    ffi, _ = inner_library()
+    name: str = ffi.typeof("enum operation").elements[decoded.operation]
+    return name.removeprefix("OP_")
 
 
 def fields(decoded: Any) -> dict[str, int]:
     """Return all fields of a `struct instruction`."""
-    ffi, _ = _decoder()
+    ffi, _ = inner_library()
     return {name: getattr(decoded, name) for name, _ in ffi.typeof(decoded).item.fields}
 
 
 @cache
 def _rows() -> list[str]:
-    _, library = _decoder()
+    _, library = inner_library()
     names = [name for name in dir(library) if name.startswith("ROW_")]
     numbered = {getattr(library, name): name.removeprefix("ROW_") for name in names}
     return [numbered[number] for number in range(library.INSTRUCTION_ROWS)]

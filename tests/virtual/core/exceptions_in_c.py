@@ -26,7 +26,8 @@ def exception_library() -> tuple[Any, Any]:
     """Return `inner_library`, with what state.h declares."""
     ffi, library = inner_library()
     text = "".join((SOURCES / name).read_text() for name in ("events.h", "state.h"))
-    declarations = re.sub(r"^(#|static const ).*$", "", text, flags=re.MULTILINE)
+    declarations = re.sub(r"static inline [^{]*\{[^}]*\}", "", text)
+    declarations = re.sub(r"^(#|static const ).*$", "", declarations, flags=re.MULTILINE)
     ffi.cdef(declarations, override=True)
     return ffi, library
 
@@ -56,7 +57,7 @@ class Machine:
         self.flash = self._memory(0, FLASH_BYTES, writable=False)
         self.ram = self._memory(RAM, RAM_BYTES, writable=True)
         for row, value in prices.items():
-            assert self._library.machine_set_price(self.pointer, row.encode(), value)
+            assert self._library.machine_set_price(self.pointer, 0, row.encode(), value)
         core = self.core
         core.interrupts = INTERRUPTS
         core.priority_mask = 0xC0 if baseline else 0xF0

@@ -66,17 +66,37 @@ static void write_halfword(uint8_t *bytes, uint32_t value)
     bytes[1] = (uint8_t)(value >> 8);
 }
 
+/* The rows of the decoder's tables, and where those of four bytes begin. */
+enum { ROWS = 1024 };
+static const struct encoding *rows[ROWS];
+static uint32_t row_count, first_wide;
+
+static void gather_rows(void)
+{
+    const struct encoding_group *const tables[] = {narrow_groups, data_groups, access_groups, float_groups};
+    for (int table = 0; table < 4; table++) {
+        for (const struct encoding_group *group = tables[table]; group->count; group++)
+            for (int row = 0; row < group->count && row_count < ROWS; row++)
+                rows[row_count++] = &group->rows[row];
+        if (table == 0)
+            first_wide = row_count;
+    }
+}
+
 static void fill(uint8_t *bytes, uint32_t size)
 {
     for (uint32_t at = 0; at + 4 <= size;) {
-        const struct encoding encoding = encoding_at((int)random_below((uint32_t)encoding_count()));
-        uint32_t bits = (random_word() & ~encoding.mask) | encoding.value;
+        const uint32_t row = random_below(row_count);
+        const struct encoding *encoding = rows[row];
+        uint32_t bits = (random_word() & ~encoding->mask) | encoding->value;
         if (random_below(16) == 0)
             bits = random_value();
-        if (encoding.size == 4)
+        if (row >= first_wide) {
             write_halfword(&bytes[at], bits >> 16);
-        write_halfword(&bytes[at + (encoding.size == 4 ? 2 : 0)], bits);
-        at += encoding.size;
+            at += 2;
+        }
+        write_halfword(&bytes[at], bits);
+        at += 2;
     }
 }
 
@@ -87,9 +107,9 @@ static struct machine *new_machine(void)
         || !machine_add_memory(machine, RAM, RAM_BYTES, true))
         exit(2);
     machine_connect(machine, (struct machine_bus){machine, read_device, write_device});
-    static const char *const rows[] = {"data", "load", "store", "branch", "refill_direct", "fp", "exception_entry"};
-    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
-        machine_set_price(machine, rows[i], (int32_t)random_below(4));
+    static const char *const prices[] = {"data", "load", "store", "branch", "refill_direct", "fp", "exception_entry"};
+    for (size_t i = 0; i < sizeof prices / sizeof prices[0]; i++)
+        machine_set_price(machine, 0, prices[i], (int32_t)random_below(4));
     return machine;
 }
 
@@ -177,6 +197,7 @@ int main(int argc, char **argv)
     chance = strtoull(argv[1], NULL, 0);
     long long count = strtoll(argv[2], NULL, 0), reasons[REASONS] = {0}, instructions = 0;
     struct machine *machine = NULL;
+    gather_rows();
     uint64_t hash = UINT64_C(0xCBF29CE484222325);
     for (long long i = 0; i < count; i++) {
         if (i % PROGRAMS_A_MACHINE == 0) {

@@ -15,7 +15,7 @@ import cffi
 import pytest
 
 SOURCES = Path(__file__).parents[3] / "src" / "hiltest" / "virtual" / "core"
-_HEADERS = ("instruction.h", "prices.h", "float.h", "waits.h")
+_HEADERS = ("instruction.h", "prices.h", "float.h", "waits.h", "decode.h")
 _COMPILER = os.environ.get("CC", "cc")
 
 

@@ -43,7 +43,7 @@ COSTS = (
 )  # fmt: skip
 
 # Instances of each encoding and random pairs of halfwords; all of them outside an IT block and inside.
-QUICK = (100, 30_000)
+QUICK = (25, 8_000)
 THOROUGH = pytest.param(1000, 500_000, marks=pytest.mark.ci)
 COUNTS = ("of_each", "pairs")
 
@@ -292,7 +292,7 @@ UNICORN_EXECUTES_LESS: tuple[Reason, ...] = (
 )
 
 
-@pytest.mark.parametrize(COUNTS, [(20, 10_000), pytest.param(200, 100_000, marks=pytest.mark.ci)])
+@pytest.mark.parametrize(COUNTS, [(8, 3_000), pytest.param(200, 100_000, marks=pytest.mark.ci)])
 def test_an_instruction_is_defined_if_unicorn_executes_it_but_for_named_differences(of_each: int, pairs: int) -> None:
     emulator = Unicorn()
     differences = []
@@ -340,21 +340,34 @@ def test_every_encoding_has_a_name_and_a_value_within_its_mask() -> None:
         assert encoding.size == (4 if encoding.value >> 16 else 2), encoding.name
 
 
-def test_every_operation_has_a_name() -> None:
-    decoded = decode(ADDRESS, 0)
-    decoded.operation = 0
-    names = []
-    while True:
-        name = operation_name(decoded)
-        if not name:
-            break
-        names.append(name)
-        decoded.operation += 1
-    assert len(names) == len(set(names)) > 200
-    assert {"UNDEFINED", "ADD_RS", "LDR_W", "SADD16", "VSTM"} <= set(names)
-
-
 def test_second_halfword_of_a_short_instruction_is_not_looked_at() -> None:
     for first, second in random_instructions(2000, seed=4):
         if first < WIDE:
             assert fields(decode(ADDRESS, first, second)) == fields(decode(ADDRESS, first, second ^ 0xFFFF))
+
+
+# Neither capstone's text nor Unicorn tells these from instructions that must not have the PC as an operand.
+WITH_PC = {
+    "44f9": "ADD_I", "449f": "ADD_PC", "46f9": "MOV_I", "46cf": "MOV_PC", "4905": "LDR_L", "a1ff": "MOV_I",
+    "bd02": "LDM",
+    "f60f79ff": "MOV_I", "f6af79ff": "MOV_I", "f852fb04": "LDR_W", "f8dff004": "LDR_L", "f89f1005": "LDRB_L",
+    "f8bf1006": "LDRH_L", "f99f1006": "LDRSB_L", "f9bf1006": "LDRSH_L", "f91ff008": "NOP", "e9df1202": "LDRD",
+    "e9138002": "LDM", "e8dff001": "TBB", "e8dff011": "TBH", "eef1fa10": "VMRS", "eddf0a02": "VLDR",
+}  # fmt: skip
+
+
+def test_an_instruction_that_may_have_the_pc_as_an_operand_is_defined() -> None:
+    decoded = {code: decode(ADDRESS, int(code[:4], 16), int(code[4:] or "0", 16)) for code in WITH_PC}
+    assert {code: operation_name(instruction) for code, instruction in decoded.items()} == WITH_PC
+
+
+@pytest.mark.parametrize(
+    ("first", "it_state", "operation", "condition"),
+    [(0xBE01, 0x08, "BKPT", 14), (0xBF08, 0x08, "IT", 14), (0xD000, 0x08, "UNDEFINED", 0), (0x0000, 0xF8, "MOV_R", 14)],
+    ids=["breakpoint", "IT", "branch with a condition", "condition 15"],
+)
+def test_what_an_it_block_gives_its_condition_to_is_no_breakpoint_no_it_and_no_branch_with_a_condition(
+    first: int, it_state: int, operation: str, condition: int
+) -> None:
+    decoded = decode(ADDRESS, first, 0, it_state)
+    assert (operation_name(decoded), decoded.condition) == (operation, condition)

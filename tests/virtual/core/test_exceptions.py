@@ -77,11 +77,12 @@ def test_whatever_may_make_an_exception_deliverable_has_the_core_look(machine: M
 
 def test_entries_and_returns_empty_the_pipeline_and_clear_the_monitor_and_are_events(machine: Machine) -> None:
     def dirty() -> None:
-        machine.pointer.pipeline.fpu_busy = 9
-        machine.pointer.exclusive, machine.core.event = True, False
+        machine.pointer.history.pipeline.fpu_busy = 9
+        machine.pointer.history.exclusive, machine.core.event = True, False
 
     def is_clean() -> bool:
-        return not machine.pointer.pipeline.fpu_busy and not machine.pointer.exclusive and machine.core.event
+        history = machine.pointer.history
+        return not history.pipeline.fpu_busy and not history.exclusive and machine.core.event
 
     dirty()
     machine.enter(SYSTICK)
@@ -108,7 +109,7 @@ def test_a_return_to_thread_mode_sleeps_where_firmware_has_set_sleeponexit(machi
 def test_state_whose_frame_is_gone_is_dropped(machine: Machine, place: int) -> None:
     flash, ram = bytes(machine.flash), bytes(machine.ram)
     machine.core.lazy_frame = place
-    machine.call("floating_point_runs")
+    machine.call("machine_save_floats")
     assert machine.core.lazy_frame == 0
     assert (bytes(machine.flash), bytes(machine.ram)) == (flash, ram)
 

@@ -212,7 +212,7 @@ class Pair:
     def use_floats(self) -> None:
         """Execute a floating-point instruction."""
         self.model.floating_point_runs()
-        self.machine.call("floating_point_runs")
+        self.machine.call("machine_save_floats")
         self.model.registers.control |= FPCA
         self.core.control |= FPCA
         self._set_floats()

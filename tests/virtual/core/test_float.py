@@ -22,7 +22,7 @@ FLAGS, FZ, DN, AHP = 0xF << 28, 1 << 24, 1 << 25, 1 << 26
 NEAREST, UPWARD, DOWNWARD, TOWARDS_ZERO = ROUNDINGS = [mode << 22 for mode in range(4)]
 MODES = [rounding | fz | dn | ahp for rounding in ROUNDINGS for fz in (0, FZ) for dn in (0, DN) for ahp in (0, AHP)]
 
-ROWS = 20_000  # of each operation, in random modes
+ROWS = 8_000  # of each operation, in random modes
 ROWS_OF_MODE = 100_000  # of each operation and mode, in CI
 
 

@@ -11,9 +11,9 @@ import pytest
 
 from .inner_library import SOURCES
 
-# A thousand programs take about two seconds; CI runs for a minute.
+# Unoptimised, what takes longest is compiling: a thousand programs take four seconds; CI runs for a minute.
 PROGRAMS = int(os.environ.get("HILTEST_FUZZED_PROGRAMS", "1000"))
-_FLAGS = ("-std=c11", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+_FLAGS = ("-std=c11", "-g", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_random_programs_stay_within_the_machine(fuzzer: Path) -> None:
     assert instructions > 50 * programs  # a hundred, as most programs fault often
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_program_does_the_same_on_arm64(
     fuzzer: Path, require_tool: Callable[[str], str], tmp_path: Path
 ) -> None:
@@ -58,4 +58,4 @@ def test_a_program_does_the_same_on_arm64(
 
 @pytest.mark.ci
 def test_more_random_programs_stay_within_the_machine(fuzzer: Path) -> None:
-    run(fuzzer, 2, 25 * PROGRAMS)
+    run(fuzzer, 2, 12 * PROGRAMS)

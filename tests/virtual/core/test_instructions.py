@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from unicorn import arm_const as arm
 from unicorn import unicorn_py3
 
-from .decoder import Encoding, encodings
+from .decoder import Encoding, encodings, operation_name
 from .inner_library import inner_library
 
 Words = NDArray[np.uint32]
@@ -294,7 +294,7 @@ def operation(bits: int, size: int) -> tuple[str, Any]:
     decoded = ffi.new("struct instruction *")
     first, second = (bits, 0) if size == 2 else (bits >> 16, bits & 0xFFFF)
     calls.decode_instruction(CODE, first, second, 0, False, decoded)
-    return ffi.string(calls.operation_name(decoded.operation)).decode(), decoded
+    return operation_name(decoded), decoded
 
 
 def explanation(name: str, decoded: Any, it_state: int, fpscr: int, outcomes: tuple[str, str]) -> str:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import random
 import resource
-import timeit
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -218,22 +216,3 @@ def test_snapshots_share_the_pages_that_are_alike() -> None:
     assert resident_bytes() - before < 400 * 4 * PAGE
     program.machine.restore(taken[100])
     assert program.read(RAM + PAGE, 1) == bytes([97])
-
-
-def fastest(action: Callable[[], object], times: int = 20) -> float:
-    """Return the shortest time of several [s]."""
-    return min(timeit.repeat(action, number=1, repeat=times))
-
-
-def test_a_snapshot_costs_little_if_little_was_written() -> None:
-    program = Program()
-    program.write(FLASH, bytes(range(256)) * (FLASH_BYTES // 256))
-    first = fastest(lambda: Program().machine.snapshot(), times=5)
-    snapshot = program.machine.snapshot()
-
-    def write_and_take() -> None:
-        program.write(RAM, b"\x01")
-        program.machine.snapshot()
-
-    assert fastest(write_and_take) < first / 10
-    assert fastest(lambda: program.machine.restore(snapshot)) < first / 10

@@ -2,8 +2,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define WORD(address) (*(volatile uint32_t *)(address))
-#define BYTE(address) (*(volatile uint8_t *)(address))
 #define MCG(offset) BYTE(0x40064000u + (offset))
 #define UART(offset) BYTE(0x4006A000u + (offset))
 #define I2C(offset) BYTE(0x40066000u + (offset))

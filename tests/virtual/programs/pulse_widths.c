@@ -2,7 +2,6 @@
  * each overflow interrupts. */
 #include <stdint.h>
 
-#define WORD(address) (*(volatile uint32_t *)(address))
 #define FTM0(offset) WORD(0x40038000u + (offset))
 enum { SC = 0x0, MOD = 0x8, C0SC = 0xC, C0V = 0x10, C1SC = 0x14, C1V = 0x18, TOF = 0x80, TOIE = 0x40, BUS_CLOCK = 0x8 };
 enum { HIGH_PULSES = 0x28, ROUND = 874 }; /* of the 20.97 MHz that the bus has out of reset */
@@ -17,9 +16,7 @@ void Interrupt42_Handler(void)
 
 int main(void)
 {
-    *(volatile uint16_t *)0x4005200Eu = 0xC520; /* the watchdog stays off */
-    *(volatile uint16_t *)0x4005200Eu = 0xD928;
-    *(volatile uint16_t *)0x40052000u = 0x1D2;
+    stop_watchdog();
     WORD(0x4004803Cu) |= 1u << 24;              /* FTM0 */
     WORD(0x40048038u) |= 1u << 11;              /* PORTC */
     WORD(0x4004B004u) = 4u << 8;                /* PTC1 and PTC2: FTM0_CH0 and FTM0_CH1 */

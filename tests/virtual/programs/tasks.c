@@ -1,7 +1,6 @@
 /* A kernel with two tasks, switched at every tick and when one yields. An interrupt uses the FPU as the tasks do. */
 #include <stdint.h>
 
-#define WORD(address) (*(volatile uint32_t *)(address))
 #define SYSTEM_PRIORITY(exception) (*(volatile uint8_t *)(0xE000ED14u + (exception)))
 #define ICSR WORD(0xE000ED04u)
 #ifdef WITHOUT_FLOATING_POINT_CONTEXT

@@ -1,8 +1,6 @@
 /* Loops that wait, and loops that only look as if they did. -DLOOP names the one that runs, over and over. */
 #include <stdint.h>
 
-#define WORD(address) (*(volatile uint32_t *)(address))
-#define BYTE(address) (*(volatile uint8_t *)(address))
 #define S1 BYTE(0x4006A004u)
 #define D BYTE(0x4006A007u)
 #define SFIFO BYTE(0x4006A012u)

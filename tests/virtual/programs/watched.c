@@ -4,7 +4,6 @@
  */
 #include <stdint.h>
 
-#define WORD(address) (*(volatile uint32_t *)(address))
 #define APART __attribute__((noinline, noclone))
 
 volatile uint32_t ticks, timeouts, rounds;

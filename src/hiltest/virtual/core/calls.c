@@ -175,10 +175,7 @@ void calls_destroy(struct machine *machine)
 
 /* -- time, and what is done --------------------------------------------------------------------------------------- */
 
-static int64_t now(const struct machine *machine)
-{
-    return machine->core.cycles - machine->calls->paused_cycles;
-}
+static int64_t now(const struct machine *machine) { return machine->core.cycles - machine->calls->paused_cycles; }
 
 static struct thread *current_thread(const struct machine *machine)
 {
@@ -202,10 +199,8 @@ static struct machine_call *new_call(struct calls *calls)
 
 static uint32_t word_at(struct machine *machine, const struct machine_function *function)
 {
-    uint8_t bytes[4] = {0};
-    if (function->look_size > sizeof bytes || !machine_read(machine, function->looks_at, function->look_size, bytes))
-        return 0;
-    return bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+    uint32_t word = 0, size = function->look_size;
+    return size <= sizeof word && machine_read(machine, function->looks_at, size, (uint8_t *)&word) ? word : 0;
 }
 
 /* A call has returned at a cycle; `place` is the instruction that did it. */
@@ -261,8 +256,8 @@ static void lower(uint32_t *lowest, uint32_t address)
 /* Give how low the stack pointer has been to the innermost call. */
 static void take_lowest(const struct machine *machine, struct thread *thread)
 {
-    if (thread->open_count && machine->stacks.lowest)
-        lower(&thread->open[thread->open_count - 1].lowest, machine->stacks.lowest);
+    if (thread->open_count && machine->history.stacks.lowest)
+        lower(&thread->open[thread->open_count - 1].lowest, machine->history.stacks.lowest);
 }
 
 /* Give the lowest addresses of calls from a number on to those around them. */
@@ -329,14 +324,11 @@ static struct instruction instruction_at(struct machine *machine, uint32_t addre
 
 static struct arrival arrival_of(const struct machine *machine)
 {
-    bool has_jumped = machine->jumped_at == machine->core.instructions;
-    return (struct arrival){has_jumped, machine->jumped_from};
+    bool has_jumped = machine->history.jumped_at == machine->core.instructions;
+    return (struct arrival){has_jumped, machine->history.jumped_from};
 }
 
-static bool writes_link(const struct instruction *instruction)
-{
-    return instruction->core_writes >> LINK & 1;
-}
+static bool writes_link(const struct instruction *instruction) { return instruction->core_writes >> LINK & 1; }
 
 static bool is_by_call(struct machine *machine, const struct arrival *arrival)
 {
@@ -473,7 +465,7 @@ static void leave_thread(struct machine *machine, struct thread *thread)
     take_lowest(machine, thread);
     thread->left_at = now(machine);
     thread->arrival = arrival_of(machine);
-    thread->pipeline = machine->pipeline;
+    thread->pipeline = machine->history.pipeline;
 }
 
 /* How much longer the code at the PC takes because a pipeline was emptied. */
@@ -496,8 +488,8 @@ static int64_t emptied_pipeline_cycles(struct machine *machine, const struct pip
 static void resume_thread(struct machine *machine, struct thread *thread)
 {
     thread->is_suspended = false;
-    machine->jumped_from = thread->arrival.from;
-    machine->jumped_at = thread->arrival.has_jumped ? machine->core.instructions : -1;
+    machine->history.jumped_from = thread->arrival.from;
+    machine->history.jumped_at = thread->arrival.has_jumped ? machine->core.instructions : -1;
     stacks_seek_lowest(machine, machine->calls->open_count > 0);
 }
 

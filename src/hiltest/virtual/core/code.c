@@ -143,11 +143,11 @@ uint16_t code_next_state(struct machine *machine)
     const struct code *code = machine->code;
     const uint16_t standing = machine->standing;
     if (standing < code->state_count
-        && memcmp(code_state(machine, standing), &machine->pipeline, sizeof machine->pipeline) == 0)
+        && memcmp(code_state(machine, standing), &machine->history.pipeline, sizeof machine->history.pipeline) == 0)
         return standing;
     struct pipeline pipelines[MOST_TABLES];
     for (uint32_t table = 0; table < code->table_count; table++)
-        pipelines[table] = machine->pipeline;
+        pipelines[table] = machine->history.pipeline;
     return code_state_number(machine, pipelines);
 }
 
@@ -206,10 +206,7 @@ static uint16_t first_operation(const struct machine *machine, const struct node
     return reads_pc && !instruction->uses_fpu ? OP_READS_PC : instruction->operation;
 }
 
-uint32_t code_count(const struct machine *machine)
-{
-    return machine->code->count;
-}
+uint32_t code_count(const struct machine *machine) { return machine->code->count; }
 
 struct node *code_node(struct machine *machine, uint32_t number)
 {

@@ -6,7 +6,7 @@
 #ifndef HILTEST_DECODE_H
 #define HILTEST_DECODE_H
 
-#include "instruction.h"
+#include "integer.h"
 
 /* An instruction before its fields are extracted. */
 struct code_word {
@@ -15,20 +15,35 @@ struct code_word {
     bool in_it_block;
 };
 
-/* Write the fields of an encoding. The row's operation, size and condition have been written before; `extract_fields`
- * may change them, since one row may stand for several forms of an operation. */
-typedef void extract_fields(const struct code_word *word, struct instruction *decoded);
+/* A field that holds the number of a register. */
+enum register_kind {
+    REGISTER_ABSENT,
+    REGISTER_LOW,    /* three bits: r0 to r7 */
+    REGISTER_NOT_PC, /* four bits, and UNPREDICTABLE with the PC. Nobody has published what the silicon does; to take the
+                        instruction as undefined shows the mistake at once. */
+    REGISTER_ANY,    /* four bits */
+    REGISTER_SINGLE, /* an s register: four bits, and a lowest bit that stands alone */
+    REGISTER_FIXED,  /* `low` itself */
+};
+struct register_field {
+    uint8_t low, kind; /* place of the lowest bit; enum register_kind */
+};
 
-/* Whether ARMv6-M has the encoding too. */
-enum profile { ARMV7M, ARMV6M };
+/* A number of `width` bits from `low` on, shifted left by `shift`. */
+struct number_field {
+    uint8_t low, width, shift;
+};
 
 struct encoding {
-    const char *name;    /* the manual's, with the number of the encoding */
+    const char *name;     /* the manual's, with the number of the encoding */
     uint32_t mask, value; /* it is this encoding if bits & mask == value; of two bytes, in the lower half */
     uint16_t operation;
-    extract_fields *extract;
-    uint8_t profile;     /* enum profile */
-    uint8_t size;        /* written by `encoding_at` alone: the tables leave it 0 */
+    struct register_field d, n, m, a;
+    struct number_field immediate, amount;
+    /* Write the other fields, if there are any: all above are written. It may change the operation, since one row may
+     * stand for several forms of one. */
+    void (*extract)(const struct code_word *word, struct instruction *decoded);
+    bool is_baseline;     /* ARMv6-M has this encoding of four bytes too; of two bytes it has all but CBZ, CBNZ and IT */
 };
 
 struct encoding_group {
@@ -37,14 +52,18 @@ struct encoding_group {
     int count;
 };
 
-#define GROUP(MASK, VALUE, ROWS) { MASK, VALUE, ROWS, (int)(sizeof(ROWS) / sizeof((ROWS)[0])) }
+/* For rows of the tables. */
+#define GROUP(MASK, VALUE, ROWS) {MASK, VALUE, ROWS, (int)(sizeof(ROWS) / sizeof((ROWS)[0]))}
+#define LOW(FIELD, BIT) .FIELD = {BIT, REGISTER_LOW}
+#define NOT_PC(FIELD, BIT) .FIELD = {BIT, REGISTER_NOT_PC}
+#define ANY(FIELD, BIT) .FIELD = {BIT, REGISTER_ANY}
+#define SINGLE(FIELD, BIT) .FIELD = {BIT, REGISTER_SINGLE}
+#define FIXED(FIELD, NUMBER) .FIELD = {NUMBER, REGISTER_FIXED}
+#define NUMBER(BIT, WIDTH, SHIFT) .immediate = {BIT, WIDTH, SHIFT}
+#define AMOUNT(BIT, WIDTH) .amount = {BIT, WIDTH, 0}
 
 /* Groups end with one that has no rows; each file offers its own. */
 extern const struct encoding_group narrow_groups[], data_groups[], access_groups[], float_groups[];
-
-/* For tests: all encodings in order. */
-int encoding_count(void);
-struct encoding encoding_at(int index);
 
 /* Write what the cycle model needs to know, from the fields that are written already (decode_costs.c). */
 void describe_costs(struct instruction *decoded);
@@ -65,6 +84,13 @@ static inline uint8_t register_at(const struct code_word *word, unsigned low)
     return (uint8_t)bits(word->bits, low + 3, low);
 }
 
+/* The lone bit of a single-precision register is bit 22, 7 or 5, by the place of the others: 12, 16 or 0. */
+static inline uint8_t single_at(const struct code_word *word, unsigned low)
+{
+    unsigned lone = low == 12 ? 22 : low == 16 ? 7 : 5;
+    return (uint8_t)(register_at(word, low) << 1 | bits(word->bits, lone, lone));
+}
+
 static inline bool is_set(uint32_t word, unsigned bit) { return word >> bit & 1; }
 
 /* The PC as an operand: the instruction's address plus 4 (A5.1.2). */
@@ -72,12 +98,6 @@ static inline uint32_t pc_operand(const struct code_word *word) { return word->a
 
 /* The PC as the base of a literal (Align(PC, 4)). */
 static inline uint32_t literal_base(const struct code_word *word) { return pc_operand(word) & ~3u; }
-
-static inline int32_t sign_extend(uint32_t value, unsigned width)
-{
-    uint32_t sign = 1u << (width - 1);
-    return (int32_t)(((value & (sign | (sign - 1))) ^ sign) - sign);
-}
 
 static inline uint8_t count_bits(uint32_t mask)
 {
@@ -88,20 +108,19 @@ static inline uint8_t count_bits(uint32_t mask)
 
 static inline void undefine(struct instruction *decoded) { decoded->operation = OP_UNDEFINED; }
 
-/* A 32-bit instruction whose operand must not be the PC is UNPREDICTABLE with it. Nobody has published what the silicon
- * does; to take it as undefined shows the mistake at once. */
-static inline void refuse_pc(struct instruction *decoded, uint8_t number)
+/* Whether a data-processing operation has the form that sets the flags. */
+static inline bool has_flag_form(const struct instruction *decoded)
 {
-    if (number == PC) undefine(decoded);
+    return (decoded->operation - OP_AND_I) % 2 == FORM_SETS_FLAGS;
 }
 
 /* Shift of a register by a number (DecodeImmShift, A7.4). */
 void set_shift(struct instruction *decoded, uint32_t type, uint32_t amount);
 
-/* Multiple transfer of the registers of a mask, see OP_LDM. */
-void set_register_list(struct instruction *decoded, uint8_t base, uint32_t mask, uint8_t mode);
+/* Multiple transfer of the registers of the mask `immediate`, see OP_LDM. */
+void transfer_list(struct instruction *decoded, uint8_t mode);
 
-/* Fields of nothing: every field stays as it was initialized. */
-extract_fields no_fields;
+/* Hints have no fields, but a row of their own in the cycle model. */
+void hint(const struct code_word *word, struct instruction *decoded);
 
 #endif

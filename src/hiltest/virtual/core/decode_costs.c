@@ -93,14 +93,9 @@ static void describe_transfer(struct instruction *i)
 }
 
 /* FSTMX and FLDMX, whose base moves by a word more than they transfer, are no VPUSH and VPOP. */
-static bool is_vpush(const struct instruction *i)
+static bool is_on_stack(const struct instruction *i, uint8_t mode)
 {
-    return i->n == SP && i->mode == (MODE_WRITES_BACK | MODE_BEFORE) && i->immediate == 4u * i->words;
-}
-
-static bool is_vpop(const struct instruction *i)
-{
-    return i->n == SP && i->mode == MODE_WRITES_BACK && i->immediate == 4u * i->words;
+    return i->n == SP && i->mode == mode && i->immediate == 4u * i->words;
 }
 
 /* The s registers. The cycle model has always let VPUSH and VPOP wait for the registers of their lists, but no other
@@ -127,10 +122,10 @@ static void describe_singles(struct instruction *i)
     case OP_VMRS: case OP_VMSR: break;
     case OP_VLDR: case OP_VLDM:
         i->fp_writes = single_mask(i->d, i->words);
-        i->fp_reads = is_vpop(i) ? i->fp_writes : 0;
+        i->fp_reads = is_on_stack(i, MODE_WRITES_BACK) ? i->fp_writes : 0;
         break;
     case OP_VSTR: i->fp_reads = single_mask(i->d, i->words); break;
-    case OP_VSTM: i->fp_reads = is_vpush(i) ? single_mask(i->d, i->words) : 0; break;
+    case OP_VSTM: i->fp_reads = is_on_stack(i, MODE_WRITES_BACK | MODE_BEFORE) ? single_mask(i->d, i->words) : 0; break;
     default: i->fp_reads = m; i->fp_writes = d; /* VABS, VMOV, VSQRT, conversions */
     }
 }

@@ -3,17 +3,18 @@
 #include <stdlib.h>
 #include <string.h>
 
-bool add_device(struct machine *machine, struct device *device, size_t size)
+struct device *add_device(struct machine *machine, const struct device *device, size_t size)
 {
-    if (machine->device_count == DEVICES) {
-        free(device);
-        return false;
-    }
-    device->is_clocked = true;
-    device->size = size;
-    machine->devices[machine->device_count++] = device;
-    device->reset(machine, device);
-    return true;
+    struct device *copy = machine->device_count < DEVICES ? malloc(size) : NULL;
+    if (!copy)
+        return NULL;
+    memcpy(copy, device, size);
+    copy->is_clocked = true;
+    copy->size = size;
+    machine->devices[machine->device_count++] = copy;
+    if (copy->reset)
+        copy->reset(machine, copy);
+    return copy;
 }
 
 void forget_devices(struct machine *machine)
@@ -58,28 +59,26 @@ uint32_t part_of_word(uint32_t word, uint32_t offset, uint32_t size)
     return word >> 8 * (offset & 3) & UINT32_MAX >> 8 * (4 - size);
 }
 
-uint32_t read_by_bytes(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size,
-    uint8_t (*read)(struct machine *machine, struct device *device, uint32_t offset))
+uint32_t read_by_words(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
+{
+    return part_of_word(device->read_word(machine, device, offset & ~3u), offset, size);
+}
+
+uint32_t read_by_bytes(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
 {
     uint32_t value = 0;
     for (uint32_t i = 0; i < size; i++)
-        value |= (uint32_t)read(machine, device, offset + i) << 8 * i;
+        value |= (uint32_t)device->read_byte(machine, device, offset + i) << 8 * i;
     return value;
 }
 
-void write_by_bytes(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value,
-    void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint8_t value))
+void write_by_bytes(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
 {
     for (uint32_t i = 0; i < size; i++)
-        write(machine, device, offset + i, (uint8_t)(value >> 8 * i));
+        device->write_byte(machine, device, offset + i, (uint8_t)(value >> 8 * i));
 }
 
-void tell_host(struct machine *machine)
-{
-    machine->told_host = true;
-}
+void tell_host(struct machine *machine) { machine->told_host = true; }
 
 void machine_set_clocked(struct machine *machine, uint32_t base, bool is_clocked)
 {
@@ -91,7 +90,7 @@ void machine_set_clocked(struct machine *machine, uint32_t base, bool is_clocked
 void machine_reset_device(struct machine *machine, uint32_t base)
 {
     struct device *device = device_of(machine, base);
-    if (device)
+    if (device && device->reset)
         device->reset(machine, device);
 }
 

@@ -3,7 +3,6 @@
  * Minor loops are carried out one after the other and not interrupted. What one moves reaches memory and peripherals at
  * the end of the time that it takes, in pieces if it is long.
  */
-#include <stdlib.h>
 #include <string.h>
 
 #include "devices.h"
@@ -131,10 +130,7 @@ static int64_t minor_bytes(const struct dma *dma, const struct descriptor *descr
 }
 
 /* Minor loops that CITER or BITER says. */
-static int32_t loops_of(uint16_t iterations)
-{
-    return iterations & (iterations & ITER_ELINK ? 0x1FF : ITER_ELINK - 1);
-}
+static int32_t loops_of(uint16_t iterations) { return iterations & (iterations & ITER_ELINK ? 0x1FF : ITER_ELINK - 1); }
 
 /* Bits of ES: what forbids to move anything. */
 static uint32_t error_of(const struct dma *dma, const struct descriptor *descriptor)
@@ -339,7 +335,7 @@ static void end_minor_loop(struct machine *machine, struct dma *dma)
 
 static void go_on(struct machine *machine, struct event *event)
 {
-    struct dma *dma = event->owner;
+    struct dma *dma = OWNER(event, struct dma, event);
     struct descriptor *registers = &dma->descriptors[dma->channel];
     const int64_t cycle = machine->calendar.time;
     uint32_t error = dma->refusal;
@@ -401,7 +397,7 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
     struct dma *dma = (struct dma *)device;
     uint32_t value = 0;
     if (offset - DCHPRI < CHANNELS)
-        return read_by_bytes(machine, device, offset, size, read_priority);
+        return read_by_bytes(machine, device, offset, size);
     if (offset < DESCRIPTORS)
         return part_of_word(read_word(machine, dma, offset & ~3u), offset, size);
     if (offset - DESCRIPTORS + size <= sizeof dma->descriptors)
@@ -482,7 +478,7 @@ static void write_register(
     struct dma *dma = (struct dma *)device;
     const uint32_t shift = 8 * (offset & 3);
     if (is_command(offset) || offset - DCHPRI < CHANNELS)
-        write_by_bytes(machine, device, offset, size, value, write_byte);
+        write_by_bytes(machine, device, offset, size, value);
     else if (offset < DESCRIPTORS)
         write_word(dma, offset & ~3u, value << shift, UINT32_MAX >> 8 * (4 - size) << shift);
     else
@@ -525,8 +521,7 @@ static void hold_channels(struct machine *machine, struct dma *dma)
     hear_timers(machine, dma->connections.timers, held);
 }
 
-static void write_source(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
+static void write_source(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
 {
     struct dma *dma = ((struct multiplexer *)device)->dma;
     if (offset + size > CHANNELS)
@@ -565,23 +560,16 @@ void machine_set_request(struct machine *machine, int32_t source, bool level)
 
 bool machine_add_dma(struct machine *machine, struct machine_dma connections)
 {
-    struct dma *dma = calloc(1, sizeof *dma);
-    struct multiplexer *multiplexer = calloc(1, sizeof *multiplexer);
-    if (!dma || !multiplexer) {
-        free(dma);
-        free(multiplexer);
-        return false;
-    }
-    dma->device = (struct device){
-        .base = connections.base, .bytes = REGISTER_BYTES, .read = read_register, .write = write_register,
-        .reset = reset};
-    dma->event = (struct event){.fire = go_on, .owner = dma};
-    dma->connections = connections;
-    multiplexer->device = (struct device){
-        .base = connections.multiplexer, .bytes = PAGE_BYTES, .read = read_source, .write = write_source,
-        .reset = reset_multiplexer};
-    multiplexer->dma = dma;
-    machine->dma = &dma->device;
-    return add_device(machine, &dma->device, sizeof *dma)
-        && add_device(machine, &multiplexer->device, sizeof *multiplexer);
+    const struct dma dma = {
+        .device = {
+            .base = connections.base, .bytes = REGISTER_BYTES, .read = read_register, .read_byte = read_priority,
+            .write = write_register, .write_byte = write_byte, .reset = reset},
+        .event.fire = go_on, .connections = connections};
+    machine->dma = add_device(machine, &dma.device, sizeof dma);
+    const struct multiplexer multiplexer = {
+        .device = {
+            .base = connections.multiplexer, .bytes = PAGE_BYTES, .read = read_source, .write = write_source,
+            .reset = reset_multiplexer},
+        .dma = (struct dma *)machine->dma};
+    return machine->dma && add_device(machine, &multiplexer.device, sizeof multiplexer);
 }

@@ -29,10 +29,7 @@ struct dwt {
     int32_t polls;  /* so many like it came before */
 };
 
-static bool is_counting(const struct dwt *dwt)
-{
-    return dwt->is_traced && dwt->is_enabled && !dwt->is_absent;
-}
+static bool is_counting(const struct dwt *dwt) { return dwt->is_traced && dwt->is_enabled && !dwt->is_absent; }
 
 /* Count up to now. */
 static void advance(const struct machine *machine, struct dwt *dwt)
@@ -83,21 +80,11 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
     if (offset != CYCCNT)
         return 0;
     advance(machine, dwt);
-    keep_reading(machine, dwt);
-    if (size == 4 && is_counting(dwt) && is_polled(&machine->core, dwt))
-        count_answer(machine, 1);
+    if (!is_polled(&machine->core, dwt))
+        keep_reading(machine, dwt);
+    else if (dwt->polls == POLLS)
+        add_reading(dwt->readings); /* which ends a succession: what runs between polled readings is not kept */
     return part_of_word(dwt->count, 0, size);
-}
-
-/* Nothing is successive across readings that were answered without the counter. */
-static void repeat(struct machine *machine, struct device *device, uint32_t offset, uint32_t place, int64_t repeats)
-{
-    struct dwt *dwt = (struct dwt *)device;
-    for (int64_t i = 0; offset == CYCCNT && i < repeats && i < READINGS; i++)
-        add_reading(dwt->readings);
-    dwt->place = place;
-    dwt->read_at = machine->core.cycles;
-    dwt->polls = POLLS;
 }
 
 static void write_register(
@@ -139,18 +126,15 @@ static void destroy(struct device *device)
 
 bool machine_add_dwt(struct machine *machine)
 {
-    struct dwt *dwt = calloc(1, sizeof *dwt);
-    struct readings *readings = calloc(1, sizeof *readings);
-    if (!dwt || !readings) {
-        free(dwt);
-        free(readings);
-        return false;
-    }
-    dwt->device = (struct device){
-        .base = DWT_BASE, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .repeat = repeat,
-        .reset = reset, .destroy = destroy};
-    dwt->readings = readings;
-    return add_device(machine, &dwt->device, sizeof *dwt);
+    const struct dwt dwt = {
+        .device = {
+            .base = DWT_BASE, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset,
+            .destroy = destroy},
+        .readings = calloc(1, sizeof *dwt.readings)};
+    if (dwt.readings && add_device(machine, &dwt.device, sizeof dwt))
+        return true;
+    free(dwt.readings);
+    return false;
 }
 
 void machine_set_counter(struct machine *machine, bool is_present)

@@ -81,12 +81,12 @@ void plan_event_at_tick(struct machine *machine, struct event *event, int32_t cl
     event->tick = tick;
 }
 
-int64_t next_event_cycle(const struct machine *machine)
+int64_t machine_next_event(const struct machine *machine)
 {
     return machine->calendar.count ? machine->calendar.events[0]->cycle : NEVER;
 }
 
-void fire_due_events(struct machine *machine)
+void machine_fire_events(struct machine *machine)
 {
     struct calendar *calendar = &machine->calendar;
     while (calendar->count && calendar->events[0]->cycle <= machine->core.cycles) {
@@ -136,14 +136,4 @@ void machine_set_clock(
 void tick_clock(struct machine *machine, int32_t clock)
 {
     machine_set_clock(machine, clock, machine->core.cycles, ticks_now(machine, clock) + 1, 0, 0, 1);
-}
-
-void machine_fire_events(struct machine *machine)
-{
-    fire_due_events(machine);
-}
-
-int64_t machine_next_event(struct machine *machine)
-{
-    return next_event_cycle(machine);
 }

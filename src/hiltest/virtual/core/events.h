@@ -16,14 +16,18 @@ struct clock {
     int64_t since, ticks, remainder, numerator, denominator;
 };
 
+static inline int64_t earlier(int64_t a, int64_t b) { return a < b ? a : b; }
+
 int64_t clock_ticks(const struct clock *clock, int64_t cycle);
 /* First cycle at which so many ticks have passed; NEVER while the clock stands still. */
 int64_t clock_cycle(const struct clock *clock, int64_t tick);
 
-/* An entry of the calendar, which its peripheral owns. All of it is zero at first, but for `fire`. */
+/* The structure whose member FIELD is an event. */
+#define OWNER(EVENT, TYPE, FIELD) ((TYPE *)(void *)((char *)(EVENT) - offsetof(TYPE, FIELD)))
+
+/* An entry of the calendar, which lies in the structure of its peripheral. All of it is zero at first, but for `fire`. */
 struct event {
     void (*fire)(struct machine *machine, struct event *event);
-    void *owner;
     int64_t cycle;
     int64_t tick;     /* of `clock`, unless that is NO_CLOCK: the cycle follows the clock's rate */
     int32_t clock;
@@ -43,10 +47,6 @@ struct calendar {
 void plan_event(struct machine *machine, struct event *event, int64_t cycle);
 void plan_event_at_tick(struct machine *machine, struct event *event, int32_t clock, int64_t tick);
 void cancel_event(struct machine *machine, struct event *event);
-/* Cycle of the next event, or NEVER. */
-int64_t next_event_cycle(const struct machine *machine);
-/* Fire every event that is due at core.cycles. */
-void fire_due_events(struct machine *machine);
 /* Ticks of a clock now. */
 int64_t ticks_now(const struct machine *machine, int32_t clock);
 /* Have a clock tick that stands still otherwise: it counts pulses. */

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "float.h"
-#include "nvic.h"
 #include "registers.h"
 #include "stacks.h"
 
@@ -18,10 +17,6 @@ enum {
 
 #define EXC_RETURN 0xFFFFFFE1u /* the bits that are always set (B1.5.8) */
 enum { RETURN_PROCESS_STACK = 1 << 2, RETURN_THREAD = 1 << 3, RETURN_BASIC_FRAME = 1 << 4 };
-
-/* FPCCR (B3.2.21). */
-#define FPCCR_ASPEN (1u << 31)
-#define FPCCR_LSPEN (1u << 30)
 
 /* -- faults ------------------------------------------------------------------------------------------------------- */
 
@@ -86,28 +81,16 @@ static void record(struct machine *machine, const struct machine_fault *fault, b
 
 static bool read_words(struct machine *machine, uint32_t address, uint32_t *words, uint32_t count)
 {
-    uint8_t bytes[FLOATING_BYTES];
-    if (!machine_read(machine, address, 4 * count, bytes))
-        return false;
-    for (uint32_t i = 0; i < count; i++) {
-        const uint8_t *byte = bytes + 4 * i;
-        words[i] = byte[0] | (uint32_t)byte[1] << 8 | (uint32_t)byte[2] << 16 | (uint32_t)byte[3] << 24;
-    }
-    return true;
+    return machine_read(machine, address, 4 * count, (uint8_t *)words);
 }
 
 static void write_words(struct machine *machine, uint32_t address, const uint32_t *words, uint32_t count)
 {
-    uint8_t bytes[FLOATING_BYTES];
-    for (uint32_t i = 0; i < count; i++)
-        for (uint32_t byte = 0; byte < 4; byte++)
-            bytes[4 * i + byte] = (uint8_t)(words[i] >> 8 * byte);
-    uint8_t *page = machine->writable[address >> PAGE_BITS];
-    uint32_t offset = address % PAGE_BYTES;
-    if (page != NULL && offset + 4 * count <= PAGE_BYTES)
-        memcpy(page + offset, bytes, 4 * count);
+    uint8_t *place = writable_bytes(machine, address, 4 * count);
+    if (place)
+        memcpy(place, words, 4 * count);
     else
-        machine_write(machine, address, 4 * count, bytes); /* the page holds code, or the frame crosses its end */
+        machine_write(machine, address, 4 * count, (const uint8_t *)words); /* the page holds code, or it ends there */
 }
 
 /* -- floating-point state ----------------------------------------------------------------------------------------- */
@@ -133,7 +116,7 @@ static void restore_floating_point(struct machine *machine, uint32_t address)
     machine->core.fpscr = words[S_REGISTERS] & FPSCR_WRITABLE;
 }
 
-void floating_point_runs(struct machine *machine)
+void machine_save_floats(struct machine *machine)
 {
     if (machine->core.lazy_frame == 0)
         return;
@@ -150,8 +133,8 @@ static void start_anew(struct machine *machine)
 {
     machine_flush_pipeline(machine);
     forget_answers(machine);
-    machine->jumped_at = -1;
-    machine->exclusive = false;
+    machine->history.jumped_at = -1;
+    machine->history.exclusive = false;
     machine->core.event = true;
 }
 

@@ -5,18 +5,15 @@
 
 #include "float.h"
 #include "integer.h"
+#include "registers.h"
 #include "stacks.h"
-#include "system.h"
-#include "transfers.h"
 
 #ifndef WAITS
 #define WAITS false
 #define EXECUTE execute
 #endif
 
-enum { LINK = 14, PC = 15, FPU_ACTIVE = 4 };
-static const uint32_t STACKS_FLOATS = 1u << 31; /* FPCCR.ASPEN */
-static const uint32_t ROUNDING_BITS = 0x07C00000;
+enum { LINK = 14, PC = 15 };
 
 /* -- conditions and flags ---------------------------------------------------------------------------------------- */
 
@@ -43,10 +40,7 @@ bool machine_skips(struct machine *machine)
 }
 #endif
 
-static inline void set_nz(struct core *core, uint32_t result)
-{
-    core->negative = core->zero = result;
-}
+static inline void set_nz(struct core *core, uint32_t result) { core->negative = core->zero = result; }
 
 /* AddWithCarry (DDI 0403E, A2.2.1). */
 static inline uint32_t add_setting_flags(struct core *core, uint32_t a, uint32_t b, uint32_t carry)
@@ -65,18 +59,6 @@ static inline uint32_t add_setting_flags(struct core *core, uint32_t a, uint32_t
 #define PUBLISH() \
     (core->cycles = cycles, core->instructions = instructions, core->r[PC] = node->address, \
      core->it_state = node->it_state, machine->running = node)
-
-static inline const uint8_t *plain_bytes(struct machine *machine, uint32_t address, uint32_t size)
-{
-    const uint8_t *page = machine->readable[address >> PAGE_BITS];
-    return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
-}
-
-static inline uint8_t *writable_bytes(struct machine *machine, uint32_t address, uint32_t size)
-{
-    uint8_t *page = machine->writable[address >> PAGE_BITS];
-    return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
-}
 
 /* CCR.UNALIGN_TRP: halfwords and words at other addresses than multiples of their size fault. */
 static bool is_trapped(struct machine *machine, const struct node *node, uint32_t address, uint32_t size)
@@ -153,16 +135,16 @@ static inline void follow_stack(struct machine *machine, const struct node *node
 static void prepare_floating_point(struct machine *machine)
 {
     struct core *core = &machine->core;
-    floating_point_runs(machine);
-    if (core->floating_control & STACKS_FLOATS && !(core->control & FPU_ACTIVE)) {
-        core->control |= FPU_ACTIVE;
-        core->fpscr = (core->fpscr & ~ROUNDING_BITS) | (core->floating_default & ROUNDING_BITS);
+    machine_save_floats(machine);
+    if (core->floating_control & FPCCR_ASPEN && !(core->control & CONTROL_FPCA)) {
+        core->control |= CONTROL_FPCA;
+        core->fpscr = (core->fpscr & ~FPDSCR_BITS) | (core->floating_default & FPDSCR_BITS);
     }
 }
 
 static bool floating_point_is_ready(const struct core *core)
 {
-    return !core->lazy_frame && (core->control & FPU_ACTIVE || !(core->floating_control & STACKS_FLOATS));
+    return !core->lazy_frame && (core->control & CONTROL_FPCA || !(core->floating_control & FPCCR_ASPEN));
 }
 
 static inline uint32_t negated(uint32_t value) { return value ^ 0x80000000u; }
@@ -407,10 +389,7 @@ static int64_t nearest(const struct machine *machine, int64_t horizon)
 {
     if (machine->looks)
         return INT64_MIN;
-    int64_t event = next_event_cycle(machine);
-    if (event < horizon)
-        horizon = event;
-    return machine->core.deadline < horizon ? machine->core.deadline : horizon;
+    return earlier(horizon, earlier(machine->core.deadline, machine_next_event(machine)));
 }
 
 /* Return the node that execution goes on with, or NULL if `machine_run` has to make room or find a fault first. */
@@ -440,7 +419,7 @@ static void stand_at(struct machine *machine, uint32_t address, uint8_t it_state
     machine->core.it_state = it_state;
     machine->running = NULL;
     machine->standing = state;
-    memcpy(&machine->pipeline, code_state(machine, state), sizeof machine->pipeline);
+    memcpy(&machine->history.pipeline, code_state(machine, state), sizeof machine->history.pipeline);
 }
 
 /* The six forms of a data-processing operation. VALUE computes from `a` (r[n]) and `b`; FLAGS does so and sets them,
@@ -683,7 +662,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         case OP_STREX: EXCLUSIVE(store_exclusive, 4, !r[i->d]); break;
         case OP_STREXB: EXCLUSIVE(store_exclusive, 1, !r[i->d]); break;
         case OP_STREXH: EXCLUSIVE(store_exclusive, 2, !r[i->d]); break;
-        case OP_CLREX: machine->exclusive = false; break;
+        case OP_CLREX: machine->history.exclusive = false; break;
 
         case OP_TBB: case OP_TBH: {
             uint32_t base = i->n == PC ? node->address + 4 : r[i->n], size = i->operation == OP_TBH ? 2 : 1;
@@ -812,8 +791,8 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
                 cycles += transfer_wait(machine, node, address, cycles);
             break;
         }
-        case OP_VLDM: FLOAT_IS_READY(); TRANSFER(load_float_registers(machine, i)); break;
-        case OP_VSTM: FLOAT_IS_READY(); TRANSFER(store_float_registers(machine, i)); break;
+        case OP_VLDM: FLOAT_IS_READY(); TRANSFER(load_floats(machine, i)); break;
+        case OP_VSTM: FLOAT_IS_READY(); TRANSFER(store_floats(machine, i)); break;
         default:
             if (i->uses_fpu) {
                 FLOAT_IS_READY();
@@ -836,7 +815,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             uint8_t it_state = i->operation == OP_IT ? (uint8_t)i->immediate : advance_it_state(from->it_state);
             node = follow_behind(machine, from, &from->next, it_state, from->left);
             if (!node) {
-                machine->previous = from->address;
+                machine->history.previous = from->address;
                 stand_at(machine, from->address + i->size, it_state, from->left);
                 goto over;
             }
@@ -855,7 +834,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             uint8_t it_state = advance_it_state(from->it_state);
             node = follow_behind(machine, from, &from->skipped, it_state, from->left_skipped);
             if (!node) {
-                machine->previous = from->address;
+                machine->history.previous = from->address;
                 stand_at(machine, from->address + i->size, it_state, from->left_skipped);
                 goto over;
             }
@@ -867,11 +846,11 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             follow_stack(machine, node, target);
         if (target >= 0xF0000000u && (core->exception || target >= 0xFF000000u)) {
             node->jumps++;
-            machine->exc_return = target;
+            machine->history.exc_return = target;
             outcome = LEFT;
             cycles += node->taken_cost;
             instructions++;
-            machine->previous = node->address;
+            machine->history.previous = node->address;
             stand_at(machine, node->address + i->size, 0, node->left_taken);
             goto over;
         }
@@ -904,8 +883,8 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         if (!taken) {
             node->jumps++;
             core->thumb = target & 1;
-            machine->previous = machine->jumped_from = node->address;
-            machine->jumped_at = instructions;
+            machine->history.previous = machine->history.jumped_from = node->address;
+            machine->history.jumped_at = instructions;
             stand_at(machine, target & ~1u, 0, node->left_taken);
             goto over;
         }
@@ -917,8 +896,8 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
     }
     jumped:
         from->jumps++;
-        machine->jumped_from = from->address;
-        machine->jumped_at = instructions;
+        machine->history.jumped_from = from->address;
+        machine->history.jumped_at = instructions;
         if (instructions >= core->instruction_limit)
             break;
     } while (cycles < horizon);

@@ -1,20 +1,9 @@
-/* Single-precision arithmetic of the FPU, see float.h.
- *
- * There are two implementations. The general one works with integers and knows every mode and every special value. The
- * fast one lets the host calculate in the case that takes most of the time of real firmware: FPSCR says to round to
- * nearest and not to flush to zero, and the result is neither special nor tiny. Then the host's result is the
- * Cortex-M4's, and no exception flag but IXC can change. IXC is cumulative: until the first inexact result has set it,
- * each result is compared with the exact one. Behind that, the functions in float.h have less to look at.
- */
+/* Single-precision arithmetic of the FPU with integers, for every mode and every special value, see float.h. */
 #include "float.h"
-
-#include <math.h>
 
 /* The definitions of float.h for callers that do not have them inline. */
 extern inline float to_float(uint32_t bits);
 extern inline uint32_t from_float(float number);
-extern inline bool is_ordinary(uint32_t result);
-extern inline bool is_halfway(double number);
 extern inline bool is_final(uint32_t result, uint32_t fpscr);
 extern inline uint32_t float_add(uint32_t a, uint32_t b, uint32_t *fpscr);
 extern inline uint32_t float_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
@@ -54,15 +43,9 @@ struct format {
 static const struct format single_format = {FRACTION_BITS, 1 - EXPONENT_BIAS, SPECIAL_EXPONENT};
 static const struct format half_format = {HALF_FRACTION_BITS, -14, HALF_SPECIAL_EXPONENT};
 
-static uint32_t rounding_mode(uint32_t fpscr)
-{
-    return (fpscr & FPSCR_ROUNDING) >> 22;
-}
+static uint32_t rounding_mode(uint32_t fpscr) { return (fpscr & FPSCR_ROUNDING) >> 22; }
 
-static uint32_t sign_of(bool negative)
-{
-    return negative ? sign_bit : 0;
-}
+static uint32_t sign_of(bool negative) { return negative ? sign_bit : 0; }
 
 static uint32_t invalid(uint32_t *fpscr)
 {
@@ -112,14 +95,10 @@ static bool rounds_up(struct split magnitude, bool negative, uint32_t mode)
 {
     const uint64_t half = (uint64_t)1 << 63;
     switch (mode) {
-    case NEAREST:
-        return magnitude.fraction > half || (magnitude.fraction == half && (magnitude.integer & 1) != 0);
-    case UPWARD:
-        return magnitude.fraction != 0 && !negative;
-    case DOWNWARD:
-        return magnitude.fraction != 0 && negative;
-    default:
-        return false;
+    case NEAREST: return magnitude.fraction > half || (magnitude.fraction == half && (magnitude.integer & 1) != 0);
+    case UPWARD: return magnitude.fraction != 0 && !negative;
+    case DOWNWARD: return magnitude.fraction != 0 && negative;
+    default: return false;
     }
 }
 
@@ -198,10 +177,7 @@ static struct value unpack(uint32_t bits, uint32_t *fpscr)
     return value;
 }
 
-static bool is_nan(struct value value)
-{
-    return value.kind == KIND_QUIET || value.kind == KIND_SIGNALING;
-}
+static bool is_nan(struct value value) { return value.kind == KIND_QUIET || value.kind == KIND_SIGNALING; }
 
 /* Return the result of an operation with a NaN among its operands: the first signaling one, else the first quiet one
  * (FPProcessNaNs, FPProcessNaNs3, FPProcessNaN). */
@@ -225,10 +201,7 @@ static uint32_t pack(struct value value, uint32_t *fpscr)
 }
 
 /* An exact zero as the sum of numbers with different signs. */
-static uint32_t zero_sum(uint32_t fpscr)
-{
-    return sign_of(rounding_mode(fpscr) == DOWNWARD);
-}
+static uint32_t zero_sum(uint32_t fpscr) { return sign_of(rounding_mode(fpscr) == DOWNWARD); }
 
 /* Add two numbers. Only if their exponents differ by at most 1 may many leading bits cancel out; then no bit is shifted
  * out, since mantissas have at most 48 bits. */
@@ -276,22 +249,18 @@ static struct value multiply_values(struct value a, struct value b)
     return product;
 }
 
-uint32_t general_add(uint32_t a, uint32_t b, uint32_t *fpscr)
-{
-    const struct value values[] = {unpack(a, fpscr), unpack(b, fpscr)};
-    if (is_nan(values[0]) || is_nan(values[1]))
-        return propagate_nan(values, 2, fpscr);
-    return add_values(values[0], values[1], fpscr);
-}
-
-uint32_t general_subtract(uint32_t a, uint32_t b, uint32_t *fpscr)
+static uint32_t add_or_subtract(uint32_t a, uint32_t b, bool subtracts, uint32_t *fpscr)
 {
     struct value values[] = {unpack(a, fpscr), unpack(b, fpscr)};
     if (is_nan(values[0]) || is_nan(values[1]))
         return propagate_nan(values, 2, fpscr); /* with the sign that it has */
-    values[1].negative = !values[1].negative;
+    values[1].negative = values[1].negative != subtracts;
     return add_values(values[0], values[1], fpscr);
 }
+
+uint32_t general_add(uint32_t a, uint32_t b, uint32_t *fpscr) { return add_or_subtract(a, b, false, fpscr); }
+
+uint32_t general_subtract(uint32_t a, uint32_t b, uint32_t *fpscr) { return add_or_subtract(a, b, true, fpscr); }
 
 uint32_t general_multiply(uint32_t a, uint32_t b, uint32_t *fpscr)
 {
@@ -344,6 +313,12 @@ uint32_t general_divide(uint32_t a, uint32_t b, uint32_t *fpscr)
     return sign_of(dividend.negative != divisor.negative) | (is_infinite ? infinity_bits : 0);
 }
 
+uint32_t float_divide(uint32_t a, uint32_t b, uint32_t *fpscr)
+{
+    const uint32_t quotient = from_float(to_float(a) / to_float(b));
+    return is_final(quotient, *fpscr) ? quotient : general_divide(a, b, fpscr);
+}
+
 /* Return the integer square root, rounded down; the lowest bit is set if there is a remainder. The radicand is at least
  * 2^62, so the root has 32 bits, of which rounding needs 26. */
 static uint64_t integer_root(uint64_t radicand)
@@ -374,6 +349,12 @@ uint32_t general_square_root(uint32_t a, uint32_t *fpscr)
     const int32_t odd = value.exponent & 1;
     return round_single(
         false, (value.exponent - odd) / 2, integer_root(value.mantissa << odd) << (TOP_BIT - 31), fpscr);
+}
+
+uint32_t float_square_root(uint32_t a, uint32_t *fpscr)
+{
+    const uint32_t root = from_float(sqrtf(to_float(a)));
+    return is_final(root, *fpscr) ? root : general_square_root(a, fpscr);
 }
 
 /* Whether a is less than b: two values of which none is a NaN and that are not equal. */
@@ -497,123 +478,4 @@ uint32_t float_from_half(uint32_t half, uint32_t *fpscr)
     const uint32_t mantissa = exponent == 0 ? fraction : fraction | 1u << HALF_FRACTION_BITS;
     const int32_t scale = (exponent == 0 ? 1 : (int32_t)exponent) - 15 - HALF_FRACTION_BITS;
     return round_single(sign != 0, TOP_BIT + scale, mantissa, fpscr);
-}
-
-/* The host's arithmetic ------------------------------------------------------------------------------------------- */
-
-/* Whether the host's result holds if it is ordinary: it rounds to nearest, in the operands' precision. */
-static bool may_use_host(uint32_t fpscr)
-{
-    return sizeof(float_t) == sizeof(float) && (fpscr & (FPSCR_ROUNDING | FPSCR_FZ)) == 0;
-}
-
-/* Whether an operand is zero or ordinary, so that the host takes it for what it is. */
-static bool is_plain(uint32_t bits)
-{
-    return is_ordinary(bits) || (bits & ~sign_bit) == 0;
-}
-
-static void note_inexact(bool is_inexact, uint32_t *fpscr)
-{
-    if (is_inexact)
-        *fpscr |= FPSCR_IXC;
-}
-
-/* Set IXC unless a + b is `result`. The second difference is what the addition lost (Knuth's TwoSum). */
-static void note_sum(double a, double b, uint32_t result, uint32_t *fpscr)
-{
-    const double sum = a + b, rest = sum - a, lost = (a - (sum - rest)) + (b - rest);
-    note_inexact(lost != 0 || sum != (double)to_float(result), fpscr);
-}
-
-/* Whether IXC is set, or gets its value now: the exact sum of two operands is compared with the result. */
-static bool knows_sum(uint32_t a, uint32_t b, uint32_t result, uint32_t *fpscr)
-{
-    if (*fpscr & FPSCR_IXC)
-        return true;
-    if (!is_plain(a) || !is_plain(b))
-        return false;
-    note_sum((double)to_float(a), (double)to_float(b), result, fpscr);
-    return true;
-}
-
-/* The same for a product, which is exact as a double. */
-static bool knows_product(uint32_t a, uint32_t b, uint32_t result, uint32_t *fpscr)
-{
-    if (*fpscr & FPSCR_IXC)
-        return true;
-    if (!is_plain(a) || !is_plain(b))
-        return false;
-    note_inexact((double)to_float(a) * (double)to_float(b) != (double)to_float(result), fpscr);
-    return true;
-}
-
-uint32_t careful_add(uint32_t a, uint32_t b, uint32_t *fpscr)
-{
-    if (may_use_host(*fpscr)) {
-        const uint32_t sum = from_float(to_float(a) + to_float(b));
-        if (is_ordinary(sum) && knows_sum(a, b, sum, fpscr))
-            return sum;
-    }
-    return general_add(a, b, fpscr);
-}
-
-uint32_t careful_subtract(uint32_t a, uint32_t b, uint32_t *fpscr)
-{
-    if (may_use_host(*fpscr)) {
-        const uint32_t difference = from_float(to_float(a) - to_float(b));
-        if (is_ordinary(difference) && knows_sum(a, b ^ sign_bit, difference, fpscr))
-            return difference;
-    }
-    return general_subtract(a, b, fpscr);
-}
-
-uint32_t careful_multiply(uint32_t a, uint32_t b, uint32_t *fpscr)
-{
-    if (may_use_host(*fpscr)) {
-        const uint32_t product = from_float(to_float(a) * to_float(b));
-        if (is_ordinary(product) && knows_product(a, b, product, fpscr))
-            return product;
-    }
-    return general_multiply(a, b, fpscr);
-}
-
-uint32_t float_divide(uint32_t a, uint32_t b, uint32_t *fpscr)
-{
-    if (may_use_host(*fpscr)) {
-        const uint32_t quotient = from_float(to_float(a) / to_float(b));
-        if (is_ordinary(quotient) && knows_product(quotient, b, a, fpscr))
-            return quotient;
-    }
-    return general_divide(a, b, fpscr);
-}
-
-uint32_t float_square_root(uint32_t a, uint32_t *fpscr)
-{
-    if (may_use_host(*fpscr) && is_ordinary(a) && (a & sign_bit) == 0) {
-        const uint32_t root = from_float(sqrtf(to_float(a)));
-        if (knows_product(root, root, a, fpscr))
-            return root;
-    }
-    return general_square_root(a, fpscr);
-}
-
-/* See `float_multiply_add`. */
-uint32_t careful_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr)
-{
-    if (may_use_host(*fpscr)) {
-        const double product = (double)to_float(a) * (double)to_float(b);
-        const double exact_sum = product + (double)to_float(addend);
-        const uint32_t sum = from_float((float)exact_sum);
-        const bool may_be_flushed = product == 0 && (a & ~sign_bit) != 0 && (b & ~sign_bit) != 0;
-        if (is_ordinary(sum) && !is_halfway(exact_sum) && !may_be_flushed) {
-            if (*fpscr & FPSCR_IXC)
-                return sum;
-            if (is_plain(addend) && is_plain(a) && is_plain(b)) {
-                note_sum(product, (double)to_float(addend), sum, fpscr);
-                return sum;
-            }
-        }
-    }
-    return general_multiply_add(addend, a, b, fpscr);
 }

@@ -1,5 +1,9 @@
 /* Single-precision arithmetic of the FPU, exact to the bit: NaNs, rounding modes, flush-to-zero, exception flags.
  *
+ * The general arithmetic works with integers. The host calculates in the case that takes most of the time of real
+ * firmware: FPSCR says to round to nearest and not to flush to zero, the result is neither special nor tiny, and a result
+ * before it was inexact, so that no exception flag can change: IXC is cumulative.
+ *
  * All values are IEEE 754 bit patterns. References are to the ARMv7-M Architecture Reference Manual, DDI 0403E, A2.5
  * and B1.4; the pseudocode's names are FPAdd, FPMul and so on.
  */
@@ -41,20 +45,13 @@ uint32_t float_from_fixed(
 uint32_t float_to_half(uint32_t a, uint32_t *fpscr);
 uint32_t float_from_half(uint32_t half, uint32_t *fpscr);
 
-/* The arithmetic without the host's, which the other functions use where it gives the same: slower, and declared for the
- * tests. */
+/* The general arithmetic, which the functions below use where the host's is not the same. */
 uint32_t general_add(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_multiply(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_divide(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_square_root(uint32_t a, uint32_t *fpscr);
 uint32_t general_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr);
-
-/* The arithmetic for every FPSCR and every result; the host calculates if it can. */
-uint32_t careful_add(uint32_t a, uint32_t b, uint32_t *fpscr);
-uint32_t careful_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
-uint32_t careful_multiply(uint32_t a, uint32_t b, uint32_t *fpscr);
-uint32_t careful_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr);
 
 inline float to_float(uint32_t bits)
 {
@@ -70,58 +67,47 @@ inline uint32_t from_float(float number)
     return bits;
 }
 
-/* Whether a result is a finite number from 2^-64 on. So far from the subnormal numbers a result is the same even if a
- * library that was compiled with -ffast-math has made the host flush them to zero. */
-inline bool is_ordinary(uint32_t result)
-{
-    const uint32_t smallest = (uint32_t)(127 - 64) << 23, infinity = 0x7F800000u;
-    return (result & 0x7FFFFFFFu) - smallest < infinity - smallest;
-}
-
-/* Whether a double lies halfway between two neighbouring floats. */
-inline bool is_halfway(double number)
-{
-    uint64_t bits;
-    memcpy(&bits, &number, sizeof bits);
-    return (bits & 0x1FFFFFFF) == 0x10000000;
-}
-
-/* Whether a result of the host is the FPU's and leaves FPSCR as it is: it is ordinary, rounded to nearest, and IXC is
- * set already. */
+/* Whether a result of the host is the FPU's and leaves FPSCR as it is: it is a finite number from 2^-64 on, rounded to
+ * nearest, and IXC is set already. So far from the subnormal numbers a result is the same even if a library that was
+ * compiled with -ffast-math has made the host flush them to zero. */
 inline bool is_final(uint32_t result, uint32_t fpscr)
 {
+    const uint32_t smallest = (uint32_t)(127 - 64) << 23, infinity = 0x7F800000u;
     return sizeof(float_t) == sizeof(float) && (fpscr & (FPSCR_ROUNDING | FPSCR_FZ | FPSCR_IXC)) == FPSCR_IXC
-        && is_ordinary(result);
+        && (result & 0x7FFFFFFFu) - smallest < infinity - smallest;
 }
 
 inline uint32_t float_add(uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     const uint32_t sum = from_float(to_float(a) + to_float(b));
-    return is_final(sum, *fpscr) ? sum : careful_add(a, b, fpscr);
+    return is_final(sum, *fpscr) ? sum : general_add(a, b, fpscr);
 }
 
 inline uint32_t float_subtract(uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     const uint32_t difference = from_float(to_float(a) - to_float(b));
-    return is_final(difference, *fpscr) ? difference : careful_subtract(a, b, fpscr);
+    return is_final(difference, *fpscr) ? difference : general_subtract(a, b, fpscr);
 }
 
 inline uint32_t float_multiply(uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     const uint32_t product = from_float(to_float(a) * to_float(b));
-    return is_final(product, *fpscr) ? product : careful_multiply(a, b, fpscr);
+    return is_final(product, *fpscr) ? product : general_multiply(a, b, fpscr);
 }
 
 /* addend + a * b, rounded once (FPMulAdd). The product of two floats is exact as a double; the sum is rounded to double
  * and then to float. The two roundings differ from a single one only if the double lies halfway between two floats. If
- * the product is zero, the host may have flushed a subnormal factor, see `is_ordinary`. */
+ * the product of two numbers is zero, the host may have flushed a subnormal factor, see `is_final`. */
 inline uint32_t float_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     const double product = (double)to_float(a) * (double)to_float(b), exact_sum = product + (double)to_float(addend);
     const uint32_t sum = from_float((float)exact_sum);
-    if (is_final(sum, *fpscr) && !is_halfway(exact_sum) && product != 0)
+    uint64_t bits;
+    memcpy(&bits, &exact_sum, sizeof bits);
+    const bool is_halfway = (bits & 0x1FFFFFFF) == 0x10000000;
+    if (is_final(sum, *fpscr) && !is_halfway && (product != 0 || a << 1 == 0 || b << 1 == 0))
         return sum;
-    return careful_multiply_add(addend, a, b, fpscr);
+    return general_multiply_add(addend, a, b, fpscr);
 }
 
 #endif

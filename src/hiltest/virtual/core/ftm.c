@@ -7,8 +7,6 @@
  * DMA requests, quadrature, faults, dead time, dual capture, hardware triggers, inversion and a common time base are not
  * modelled, and noted when firmware asks for them. Capture has no filter and no delay.
  */
-#include <stdlib.h>
-
 #include "devices.h"
 
 enum { SC = 0x00, CNT = 0x04, MOD = 0x08, FIRST_CHANNEL = 0x0C, CHANNEL_BYTES = 8, CNTIN = 0x4C, STATUS = 0x50 };
@@ -59,8 +57,6 @@ struct ftm {
 };
 
 static uint32_t word(const struct ftm *ftm, uint32_t offset) { return ftm->registers[offset / WORD_BYTES]; }
-
-static int64_t earlier(int64_t a, int64_t b) { return a < b ? a : b; }
 
 /* -- the counter -------------------------------------------------------------------------------------------------- */
 
@@ -274,10 +270,7 @@ static void match(struct channel *channel, enum kind kind, int64_t times)
 /* -- counting ----------------------------------------------------------------------------------------------------- */
 
 /* Overflows that will not set TOF before one does: NUMTOF. */
-static int64_t silent_overflows(const struct ftm *ftm)
-{
-    return rest(-ftm->overflows, (word(ftm, CONF) & 0x1F) + 1);
-}
+static int64_t silent_overflows(const struct ftm *ftm) { return rest(-ftm->overflows, (word(ftm, CONF) & 0x1F) + 1); }
 
 static void count_overflows(struct ftm *ftm, int64_t times)
 {
@@ -416,7 +409,7 @@ static void settle(struct machine *machine, struct ftm *ftm)
 
 static void pass_edge(struct machine *machine, struct event *event)
 {
-    struct ftm *ftm = event->owner;
+    struct ftm *ftm = OWNER(event, struct ftm, edge);
     advance(machine, ftm);
     settle(machine, ftm);
 }
@@ -480,12 +473,12 @@ static uint32_t read_word(struct ftm *ftm, uint32_t offset)
     }
 }
 
-static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
+static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset)
 {
     struct ftm *ftm = (struct ftm *)device;
     advance(machine, ftm);
     hold_level(machine, ftm);
-    return part_of_word(read_word(ftm, offset & ~3u), offset, size);
+    return read_word(ftm, offset);
 }
 
 static void write_control(struct machine *machine, struct ftm *ftm, uint32_t value)
@@ -602,16 +595,12 @@ static void write_register(
 
 bool machine_add_ftm(struct machine *machine, uint32_t base, struct machine_ftm connections)
 {
-    struct ftm *ftm = calloc(1, sizeof *ftm);
-    if (!ftm || (ftm->external = machine_add_clock(machine)) == NO_CLOCK) {
-        free(ftm);
-        return false;
-    }
-    ftm->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
-    ftm->edge = (struct event){.fire = pass_edge, .owner = ftm};
-    ftm->connections = connections;
-    return add_device(machine, &ftm->device, sizeof *ftm);
+    const struct ftm ftm = {
+        .device = {
+            .base = base, .bytes = PAGE_BYTES, .read = read_by_words, .read_word = read_register,
+            .write = write_register, .reset = reset},
+        .edge.fire = pass_edge, .connections = connections, .external = machine_add_clock(machine)};
+    return ftm.external != NO_CLOCK && add_device(machine, &ftm.device, sizeof ftm);
 }
 
 void machine_hear_channels(struct machine *machine, uint32_t base, uint32_t channels)

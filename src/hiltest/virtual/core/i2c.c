@@ -1,7 +1,5 @@
 /* I2C masters of Kinetis parts: START, bytes of nine clocks, STOP, and the interrupt after each byte (K64 reference
  * manual, chapter "Inter-Integrated Circuit"). The parts on the wires are outside. */
-#include <stdlib.h>
-
 #include "devices.h"
 
 enum { A1, F, C1, S, D, REGISTERS = 16 };
@@ -101,7 +99,7 @@ static void begin_byte(struct machine *machine, struct i2c *i2c, int32_t clocks)
 
 static void complete_byte(struct machine *machine, struct event *event)
 {
-    struct i2c *i2c = event->owner;
+    struct i2c *i2c = OWNER(event, struct i2c, completion);
     i2c->is_transferring = false;
     i2c->asks_dma = i2c->registers[C1] & C1_DMAEN;
     i2c->status |= S_TCF | S_IICIF;
@@ -218,27 +216,14 @@ static void write_byte(struct machine *machine, struct device *device, uint32_t 
     }
 }
 
-static uint32_t read_registers(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return read_by_bytes(machine, device, offset, size, read_byte);
-}
-
-static void write_registers(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
-{
-    write_by_bytes(machine, device, offset, size, value, write_byte);
-}
-
 bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections)
 {
-    struct i2c *i2c = calloc(1, sizeof *i2c);
-    if (!i2c)
-        return false;
-    i2c->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_registers, .write = write_registers, .reset = reset};
-    i2c->connections = connections;
-    i2c->completion = (struct event){.fire = complete_byte, .owner = i2c};
-    return add_device(machine, &i2c->device, sizeof *i2c);
+    const struct i2c i2c = {
+        .device = {
+            .base = base, .bytes = PAGE_BYTES, .read = read_by_bytes, .read_byte = read_byte, .write = write_by_bytes,
+            .write_byte = write_byte, .reset = reset},
+        .completion.fire = complete_byte, .connections = connections};
+    return add_device(machine, &i2c.device, sizeof i2c);
 }
 
 void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int64_t begin, int64_t end)

@@ -176,7 +176,4 @@ static inline uint8_t advance_it_state(uint8_t it_state)
     return it_state & 7 ? (uint8_t)((it_state & 0xE0) | (it_state << 1 & 0x1F)) : 0;
 }
 
-/* Name of an operation, such as "ADD_RS", for listings and tests. */
-const char *operation_name(uint16_t operation);
-
 #endif

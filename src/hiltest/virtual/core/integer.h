@@ -99,12 +99,9 @@ static inline uint32_t parallel_lane(int32_t sum, uint32_t bits, enum parallel_k
     case PARALLEL_U:
         *ge = adds ? (uint32_t)sum > mask : sum >= 0;
         return (uint32_t)sum & mask;
-    case PARALLEL_Q:
-        return saturate_signed(sum, bits, &ignored) & mask;
-    case PARALLEL_UQ:
-        return saturate_unsigned(sum, bits, &ignored) & mask;
-    default:
-        return shift_arithmetic((uint32_t)sum, 1) & mask;
+    case PARALLEL_Q: return saturate_signed(sum, bits, &ignored) & mask;
+    case PARALLEL_UQ: return saturate_unsigned(sum, bits, &ignored) & mask;
+    default: return shift_arithmetic((uint32_t)sum, 1) & mask;
     }
 }
 

@@ -7,7 +7,7 @@
  */
 #include <stddef.h>
 
-#include "devices.h"
+#include "state.h"
 
 static const uint32_t LARGE_PRIME = 0x9E3779B1;
 
@@ -32,15 +32,14 @@ bool machine_declare_page(struct machine *machine, uint32_t base, const uint8_t 
     return true;
 }
 
-/* What all bytes of an access have in common: the bits of enum device_byte. */
+/* What all bytes of an access have in common: the bits of enum device_byte; nothing if they are of two pages. */
 static uint8_t declared(const struct machine *machine, uint32_t address, uint32_t size)
 {
-    const uint8_t *page = declared_page(machine, address);
-    uint8_t common = page ? page[address % PAGE_BYTES] : 0;
-    for (uint32_t byte = 1; byte < size; byte++) {
-        page = declared_page(machine, address + byte);
-        common &= page ? page[(address + byte) % PAGE_BYTES] : 0;
-    }
+    const uint32_t offset = address % PAGE_BYTES;
+    const uint8_t *page = offset + size <= PAGE_BYTES ? declared_page(machine, address) : NULL;
+    uint8_t common = page ? page[offset] : 0;
+    for (uint32_t byte = 1; page && byte < size; byte++)
+        common &= page[offset + byte];
     return common;
 }
 
@@ -58,14 +57,13 @@ bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uin
         || entry->place != core->r[15] || core->cycles >= entry->until)
         return false;
     struct known_answers *known = &machine->known;
-    const int64_t until = entry->step ? core->cycles : entry->until;
-    if (until < known->soonest)
-        known->soonest = until;
+    if (entry->until < known->soonest)
+        known->soonest = entry->until;
     if (++entry->reads == entry->patience) {
         known->polled = entry;
         machine->looks = true;
     }
-    *value = entry->value + (uint32_t)(entry->step * (core->cycles - entry->cycle));
+    *value = entry->value;
     if (entry->is_told) {
         entry->repeats++;
         entry->repeated_at = core->device_loads;
@@ -95,11 +93,7 @@ void tell_repeats(struct machine *machine)
         const int64_t repeats = entry ? entry->repeats : 0;
         if (entry) {
             entry->repeats = 0;
-            struct device *device = device_at(machine, entry->address, entry->size);
-            if (device)
-                device->repeat(machine, device, entry->address - device->base, entry->place, repeats);
-            else
-                known->tell(known->context, entry->address, entry->place, repeats);
+            known->tell(known->context, entry->address, entry->place, repeats);
         }
         known->has_repeats = entry;
     }
@@ -118,27 +112,23 @@ void expect_answer(struct machine *machine, uint32_t address, uint32_t size)
     struct known_answers *known = &machine->known;
     known->declared = declared(machine, address, size);
     known->asked++;
-    known->step = 0;
     known->until = INT64_MAX;
     if (!(known->declared & DEVICE_KEEPS))
         forget_answers(machine);
 }
 
-void remember_answer(
-    struct machine *machine, const struct device *device, uint32_t address, uint32_t size, uint32_t value)
+void remember_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t value)
 {
     const struct core *core = &machine->core;
     struct known_answers *known = &machine->known;
-    const bool is_steady = known->declared & DEVICE_STEADY || known->step;
-    if (!is_steady || known->until <= core->cycles || core->executes_all)
+    if (!(known->declared & DEVICE_STEADY) || known->until <= core->cycles || core->executes_all)
         return;
     struct known_answer *entry = entry_of(machine, address);
     const bool is_another = entry->address != address || entry->place != core->r[15];
     *entry = (struct known_answer){
         .era = known->era, .address = address, .place = core->r[15], .size = size, .value = value,
-        .step = known->step, .cycle = core->cycles, .until = known->until,
-        .patience = is_another ? FIRST_PATIENCE : entry->patience,
-        .is_told = device ? device->repeat != NULL : known->tell && known->declared & DEVICE_TELLS};
+        .until = known->until, .patience = is_another ? FIRST_PATIENCE : entry->patience,
+        .is_told = known->tell && known->declared & DEVICE_TELLS};
 }
 
 void machine_tell_repeated(struct machine *machine, machine_repeated tell, void *context)
@@ -157,9 +147,4 @@ void hold_answer(struct machine *machine, int64_t until)
 {
     if (until < machine->known.until)
         machine->known.until = until;
-}
-
-void count_answer(struct machine *machine, int32_t step)
-{
-    machine->known.step = step;
 }

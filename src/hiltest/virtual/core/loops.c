@@ -10,7 +10,6 @@
 #include <string.h>
 
 #include "execute.h"
-#include "transfers.h"
 
 enum { MOST_STEPS = 256, MOST_WORDS = 64, WORD_BYTES = 4, MOST_PATIENCE = 1024, MOST_INSTRUCTIONS = 8 };
 
@@ -28,11 +27,8 @@ struct word {
 /* The turn, and the state before it. */
 struct turn {
     struct core core;
-    struct pipeline pipeline;
-    struct stacks stacks;
+    struct history history;
     struct memory_waits waits;
-    bool exclusive;
-    uint32_t exclusive_address;
     int64_t era, asked, repeats[KNOWN_ANSWERS];
     struct step steps[MOST_STEPS];
     uint32_t step_count;
@@ -108,12 +104,9 @@ static void begin_turn(struct machine *machine, struct turn *turn)
 {
     struct known_answers *known = &machine->known;
     turn->core = machine->core;
-    turn->pipeline = machine->pipeline;
-    turn->stacks = machine->stacks;
+    turn->history = machine->history;
     if (machine->waits)
         turn->waits = *machine->waits;
-    turn->exclusive = machine->exclusive;
-    turn->exclusive_address = machine->exclusive_address;
     turn->era = known->era;
     turn->asked = known->asked;
     for (int i = 0; i < KNOWN_ANSWERS; i++)
@@ -160,11 +153,12 @@ static int32_t execute_turn(struct machine *machine, struct turn *turn, int64_t 
 /* Whether a turn has changed nothing but counts. */
 static bool has_same_state(struct machine *machine, const struct turn *turn)
 {
-    const size_t first = offsetof(struct core, r), bytes = sizeof turn->core - first;
+    const size_t first = offsetof(struct core, r), bytes = offsetof(struct core, deadline) - first;
+    const struct history *now = &machine->history, *before = &turn->history;
     return memcmp((const char *)&machine->core + first, (const char *)&turn->core + first, bytes) == 0
-        && memcmp(&machine->pipeline, &turn->pipeline, sizeof turn->pipeline) == 0
-        && memcmp(&machine->stacks, &turn->stacks, sizeof turn->stacks) == 0
-        && machine->exclusive == turn->exclusive && machine->exclusive_address == turn->exclusive_address
+        && memcmp(&now->pipeline, &before->pipeline, sizeof now->pipeline) == 0
+        && memcmp(&now->stacks, &before->stacks, sizeof now->stacks) == 0
+        && now->exclusive == before->exclusive && now->exclusive_address == before->exclusive_address
         && (!machine->waits || memcmp(machine->waits, &turn->waits, sizeof turn->waits) == 0)
         && has_same_memory(machine, turn);
 }
@@ -191,8 +185,8 @@ static void count_turns(struct machine *machine, const struct turn *turn, int64_
     struct known_answers *known = &machine->known;
     const int64_t instructions = core->instructions - turn->core.instructions;
     const int64_t loads = core->device_loads - turn->core.device_loads;
-    if (machine->jumped_at > turn->core.instructions)
-        machine->jumped_at += turns * instructions;
+    if (machine->history.jumped_at > turn->core.instructions)
+        machine->history.jumped_at += turns * instructions;
     core->instructions += turns * instructions;
     core->passed += turns * instructions;
     core->cycles += turns * (core->cycles - turn->core.cycles);

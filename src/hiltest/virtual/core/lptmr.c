@@ -3,8 +3,6 @@
  * It goes on through every reset but power-on. As a counter of pulses it has no glitch filter: what PSR.PRESCALE says of
  * it changes nothing. Nothing happens at the end of a round that does not interrupt: the flag follows from the counts.
  */
-#include <stdlib.h>
-
 #include "devices.h"
 
 enum { CSR = 0x0, PSR = 0x4, CMR = 0x8, CNR = 0xC };
@@ -32,10 +30,7 @@ static int32_t source_of(const struct lptmr *lptmr)
     return lptmr->connections.clocks[lptmr->prescale & PSR_PCS];
 }
 
-static bool is_counting(const struct lptmr *lptmr)
-{
-    return lptmr->control & CSR_TEN && source_of(lptmr) != NO_CLOCK;
-}
+static bool is_counting(const struct lptmr *lptmr) { return lptmr->control & CSR_TEN && source_of(lptmr) != NO_CLOCK; }
 
 /* Binary logarithm of the ticks that make one count. */
 static uint32_t shift_of(const struct lptmr *lptmr)
@@ -88,19 +83,17 @@ static void drive(struct machine *machine, const struct lptmr *lptmr)
 
 static void leave_compare(struct machine *machine, struct event *event)
 {
-    struct lptmr *lptmr = event->owner;
+    struct lptmr *lptmr = OWNER(event, struct lptmr, compare);
     advance(machine, lptmr);
     drive(machine, lptmr);
 }
 
 /* Of a reset of the chip only the interrupt line notices anything. */
-static void reset(struct machine *machine, struct device *device)
-{
-    drive(machine, (struct lptmr *)device);
-}
+static void reset(struct machine *machine, struct device *device) { drive(machine, (struct lptmr *)device); }
 
-static uint32_t read_word(struct machine *machine, struct lptmr *lptmr, uint32_t offset)
+static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)
 {
+    struct lptmr *lptmr = (struct lptmr *)device;
     switch (offset) {
     case CSR:
         advance(machine, lptmr);
@@ -112,11 +105,6 @@ static uint32_t read_word(struct machine *machine, struct lptmr *lptmr, uint32_t
     case CNR: return (uint32_t)lptmr->latched;
     default: return 0;
     }
-}
-
-static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return part_of_word(read_word(machine, (struct lptmr *)device, offset & ~3u), offset, size);
 }
 
 static void write_register(
@@ -147,18 +135,13 @@ static void write_register(
 
 bool machine_add_lptmr(struct machine *machine, uint32_t base, struct machine_lptmr connections)
 {
-    struct lptmr *lptmr = calloc(1, sizeof *lptmr);
-    for (int32_t pin = 0; lptmr && pin < 2; pin++)
-        lptmr->inputs[pin] = machine_add_clock(machine);
-    if (!lptmr || lptmr->inputs[1] == NO_CLOCK) {
-        free(lptmr);
-        return false;
-    }
-    lptmr->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
-    lptmr->compare = (struct event){.fire = leave_compare, .owner = lptmr};
-    lptmr->connections = connections;
-    return add_device(machine, &lptmr->device, sizeof *lptmr);
+    const int32_t first = machine_add_clock(machine), second = machine_add_clock(machine);
+    const struct lptmr lptmr = {
+        .device = {
+            .base = base, .bytes = PAGE_BYTES, .read = read_by_words, .read_word = read_word, .write = write_register,
+            .reset = reset},
+        .compare.fire = leave_compare, .connections = connections, .inputs = {first, second}};
+    return second != NO_CLOCK && add_device(machine, &lptmr.device, sizeof lptmr);
 }
 
 void machine_lptmr_edge(struct machine *machine, uint32_t base, int32_t pin, bool high)

@@ -1,4 +1,5 @@
 /* A machine as a whole: it is made, reset, and run from one stop to the next. */
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -52,20 +53,16 @@ void machine_destroy(struct machine *machine)
     free(machine);
 }
 
-struct core *machine_core(struct machine *machine)
-{
-    return &machine->core;
-}
+struct core *machine_core(struct machine *machine) { return &machine->core; }
 
-void machine_connect(struct machine *machine, struct machine_bus bus)
-{
-    machine->bus = bus;
-}
+void machine_connect(struct machine *machine, struct machine_bus bus) { machine->bus = bus; }
 
-bool machine_set_price(struct machine *machine, const char *row, int32_t value)
+bool machine_set_price(struct machine *machine, int32_t table, const char *row, int32_t value)
 {
+    if (table && (table < 0 || table >= machine->table_count))
+        return false;
     machine->code_changed = machine->looks = true;
-    return set_price(&machine->prices, row, value);
+    return set_price(table ? &machine->tables[table - 1] : &machine->prices, row, value);
 }
 
 bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value)
@@ -114,14 +111,9 @@ void machine_set_fpu(struct machine *machine, bool enabled)
     }
 }
 
-void machine_save_floats(struct machine *machine)
-{
-    floating_point_runs(machine);
-}
-
 void machine_flush_pipeline(struct machine *machine)
 {
-    memset(&machine->pipeline, 0, sizeof machine->pipeline);
+    memset(&machine->history.pipeline, 0, sizeof machine->history.pipeline);
     if (machine->waits)
         waits_flush(machine->waits);
 }
@@ -130,31 +122,14 @@ void machine_flush_pipeline(struct machine *machine)
 void machine_reset(struct machine *machine)
 {
     struct core *core = &machine->core;
-    const struct core before = *core;
-    memset(core, 0, sizeof *core);
-    core->cycles = before.cycles;
-    core->instructions = before.instructions;
-    core->deadline = before.deadline;
-    core->idle_cycles = before.idle_cycles;
-    core->memory_cycles = before.memory_cycles;
-    core->passed = before.passed;
-    core->device_loads = before.device_loads;
-    core->instruction_limit = before.instruction_limit;
-    core->interrupts = before.interrupts;
-    core->priority_mask = before.priority_mask;
-    core->delivers_faults = before.delivers_faults;
-    core->stops_at = before.stops_at;
-    core->leaves_sleep = before.leaves_sleep;
-    core->may_loop = before.may_loop;
-    core->executes_all = before.executes_all;
-    core->tells_returns = before.tells_returns;
-    core->return_address = before.return_address;
-    memcpy(core->taken, before.taken, sizeof core->taken);
+    memset(core->r, 0, offsetof(struct core, taken) - offsetof(struct core, r));
+    core->passes_breakpoint = false;
+    core->watch_kinds = 0;
     core->r[14] = 0xFFFFFFFF;
     core->thumb = 1;
     core->zero = 1;
     core->floating_control = 3u << 30; /* FPCCR: ASPEN and LSPEN */
-    machine->exclusive = machine->stacks.has_context = false;
+    machine->history.exclusive = machine->history.stacks.has_context = false;
     calls_reset(machine);
     if (machine->waits)
         waits_reset(machine->waits);
@@ -174,7 +149,7 @@ static void note_fetch_fault(struct machine *machine)
     if (memory_at(machine, address, 2))
         address += 2; /* the memory ends within an instruction of four bytes */
     int32_t kind = is_never_executed(address) ? FAULT_EXECUTE_NEVER : FAULT_INSTRUCTION_BUS;
-    note_fault(machine, kind, CAUSE_FETCH_UNMAPPED, machine->previous, address, 0, 0);
+    note_fault(machine, kind, CAUSE_FETCH_UNMAPPED, machine->history.previous, address, 0, 0);
 }
 
 struct node *next_node(struct machine *machine)
@@ -183,7 +158,7 @@ struct node *next_node(struct machine *machine)
     uint32_t address = core->r[15];
     bool has_memory = memory_at(machine, address, 2);
     if (!core->thumb) {
-        uint32_t place = has_memory ? address : machine->previous;
+        uint32_t place = has_memory ? address : machine->history.previous;
         note_fault(machine, FAULT_INVALID_STATE, CAUSE_NO_THUMB_BIT, place, address, 0, 0);
         return NULL;
     }
@@ -241,7 +216,7 @@ int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon
     case BROKE:
         return STOP_BREAKPOINT;
     case LEFT:
-        if (!leave_exception(machine, machine->exc_return, machine->previous))
+        if (!leave_exception(machine, machine->history.exc_return, machine->history.previous))
             return STOP_FAULT;
         if (core->fault.kind)
             return STOP_FAULT;
@@ -255,7 +230,7 @@ int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon
 static bool sleep_on(struct machine *machine)
 {
     struct core *core = &machine->core;
-    int64_t event = next_event_cycle(machine), target = core->deadline < event ? core->deadline : event;
+    const int64_t target = earlier(core->deadline, machine_next_event(machine));
     if (core->sleeps_deeply || core->leaves_sleep || core->gated || target == NEVER
         || !machine_can_ever_wake(machine, machine_ceiling(machine, !core->waits_for_event)))
         return false;
@@ -273,10 +248,6 @@ static bool concerns_host(const struct machine *machine)
     return (stops_at == HOST_ANY && machine->has_fired) || (stops_at == HOST_BYTES && machine->told_host);
 }
 
-static int64_t smaller(int64_t a, int64_t b) { return a < b ? a : b; }
-
-static int64_t earliest(int64_t a, int64_t b, int64_t c) { return smaller(smaller(a, b), c); }
-
 static int32_t run(struct machine *machine)
 {
     struct core *core = &machine->core;
@@ -285,9 +256,9 @@ static int32_t run(struct machine *machine)
     look_at_stack(machine, true, core->r[15]); /* somebody may have set the stack pointer */
     machine->has_fired = machine->told_host = false;
     for (;;) {
-        if (next_event_cycle(machine) <= core->cycles)
+        if (machine_next_event(machine) <= core->cycles)
             look_at = core->cycles + (pace = FIRST_LOOK_CYCLES);
-        fire_due_events(machine);
+        machine_fire_events(machine);
         if (concerns_host(machine))
             return STOP_HOST;
         if (core->watch_kinds)
@@ -303,7 +274,8 @@ static int32_t run(struct machine *machine)
         }
         if (core->fault.kind)
             return STOP_FAULT;
-        if (core->cycles >= earliest(core->deadline, next_event_cycle(machine), slice_end))
+        const int64_t until = earlier(slice_end, earlier(core->deadline, machine_next_event(machine)));
+        if (core->cycles >= until)
             continue; /* it has passed on the way into an exception */
         if (core->instructions >= core->instruction_limit)
             return STOP_STEP;
@@ -312,13 +284,13 @@ static int32_t run(struct machine *machine)
         const int32_t least = patience ? FIRST_PATIENCE : LEAST_LOOKS;
         if (!patience && core->cycles >= look_at) {
             patience = patience_in_loop(machine);
-            pace = patience ? FIRST_LOOK_CYCLES : smaller(2 * pace, MOST_LOOK_CYCLES);
+            pace = patience ? FIRST_LOOK_CYCLES : earlier(2 * pace, MOST_LOOK_CYCLES);
             look_at = core->cycles + pace;
         }
         if (patience)
-            reason = pass_turns(machine, earliest(core->deadline, next_event_cycle(machine), slice_end), patience, least);
+            reason = pass_turns(machine, until, patience, least);
         else
-            reason = go_on(machine, core->instruction_limit == INT64_MAX ? smaller(slice_end, look_at) : INT64_MIN);
+            reason = go_on(machine, core->instruction_limit == INT64_MAX ? earlier(slice_end, look_at) : INT64_MIN);
         if (reason >= 0)
             return reason;
     }

@@ -78,14 +78,14 @@ enum stop_reason {
 struct core {
     int64_t cycles;        /* clock cycles since power-on; inside a callback: at the beginning of the instruction */
     int64_t instructions;  /* executed since power-on, skipped ones of IT blocks included */
-    int64_t deadline;      /* `machine_run` returns before the first instruction that begins at or after this cycle;
-                              a callback may lower it */
-    int64_t idle_cycles;   /* of them asleep */
+    int64_t idle_cycles;   /* of the cycles, those asleep */
     int64_t memory_cycles; /* cycles in which instructions waited for memories */
     int64_t passed;        /* of the instructions, those in turns of loops that were counted, not executed */
     int64_t device_loads;  /* loads that devices have answered since power-on, without the one that runs */
-    int64_t instruction_limit; /* see STOP_STEP */
+    int32_t interrupts;    /* external interrupts that the part has */
+    uint32_t priority_mask;/* implemented bits of a priority byte */
 
+    /* State, which a reset of the processor begins anew. */
     uint32_t r[16];        /* r13 is the stack pointer in use; r15 the address of the next instruction, bit 0 clear;
                               inside a callback of the one that runs */
     uint32_t other_stack;  /* the stack pointer that is not in use: MSP or PSP */
@@ -102,12 +102,10 @@ struct core {
     uint32_t s[32];        /* bit patterns */
 
     /* Exceptions. Bit n % 32 of word n / 32 is exception n, EXCEPTION_NONE to 255. */
-    uint32_t pending[8], enabled[8], lines[8], is_active[8], taken[8];
+    uint32_t pending[8], enabled[8], lines[8], is_active[8];
     uint8_t priority[256]; /* priority bytes; those of NMI and HardFault do not count */
     uint16_t active[256];  /* exceptions being handled, the one that runs last */
     int32_t active_count;
-    int32_t interrupts;    /* external interrupts that the part has */
-    uint32_t priority_mask;/* implemented bits of a priority byte */
     uint32_t priority_grouping; /* AIRCR.PRIGROUP */
     uint32_t vector_table; /* VTOR */
     uint32_t floating_control; /* FPCCR, ASPEN and LSPEN */
@@ -129,8 +127,14 @@ struct core {
     bool waits_for_event;  /* it sleeps in WFE rather than in WFI */
     bool gated;            /* it is in a sleep that no interrupt ends */
     bool sleeps_deeply;    /* SCR.SLEEPDEEP: sleep is left to whoever called machine_run; otherwise time passes in it */
+    struct machine_fault fault;
 
-    /* How `machine_run` behaves. */
+    uint32_t taken[8];     /* exceptions that were entered since power-on, as above */
+
+    /* How `machine_run` behaves: no part of a snapshot. */
+    int64_t deadline;      /* `machine_run` returns before the first instruction that begins at or after this cycle;
+                              a callback may lower it */
+    int64_t instruction_limit; /* see STOP_STEP */
     bool delivers_faults;  /* STOP_RETURNED is not for firmware: a jump there is a fault */
     int32_t stops_at;      /* enum host_event: which events of peripherals in C have machine_run return */
     bool leaves_sleep;     /* STOP_SLEEP in any sleep, as with `sleeps_deeply` */
@@ -142,7 +146,6 @@ struct core {
     uint32_t return_address;
     uint32_t watch_kinds;  /* enum watch_kind: those of the watchpoint that was met first since this was set to 0 */
     uint32_t watch_address;/* first byte of it that was accessed */
-    struct machine_fault fault;
 };
 
 /* Events that a host waits for: none, bytes that were sent to it, or any. */
@@ -220,8 +223,9 @@ bool machine_write(struct machine *machine, uint32_t address, uint32_t size, con
 /* Whether a range is writable memory, where a stack may be. */
 bool machine_holds_stack(struct machine *machine, uint32_t address, uint32_t size);
 
-/* Set a row of the timing profile [cycles]; false if the name is of no row. To be set before anything runs. */
-bool machine_set_price(struct machine *machine, const char *row, int32_t value);
+/* Set a row of the timing profile [cycles], in table 0, or in another one that machine_set_tables has made; false if the
+ * name is of no row. To be set before anything runs. */
+bool machine_set_price(struct machine *machine, int32_t table, const char *row, int32_t value);
 /* Have memories add cycles by a row of the profile's table [memory]. False if the name is of no row, the value is out
  * of its range, or there is no memory. To be set before anything runs. */
 bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value);
@@ -241,7 +245,7 @@ void machine_set_clock(
     struct machine *machine, int32_t clock, int64_t since, int64_t ticks, int64_t remainder, int64_t numerator,
     int64_t denominator);
 /* Cycle of the next event of a peripheral in C, INT64_MAX if none is planned; and fire those that are due. */
-int64_t machine_next_event(struct machine *machine);
+int64_t machine_next_event(const struct machine *machine);
 void machine_fire_events(struct machine *machine);
 
 /* Peripherals in C, by their first address: whether their clock gate is open, their state after a reset of the chip,
@@ -305,7 +309,7 @@ bool machine_add_system_control(struct machine *machine, struct machine_system_c
 bool machine_add_dwt(struct machine *machine);
 void machine_set_counter(struct machine *machine, bool is_present);
 /* A reading of CYCCNT, and what devices have answered to loads since the reading before, -1 if they were too many.
- * Without a snapshot, which is of before the instruction, the core has answered it, in a loop that polls the counter. */
+ * The snapshot is of before the instruction; it is NULL if a loop polls the counter. */
 enum { MOST_ANSWERS = 1000 };
 struct machine_reading {
     struct snapshot *snapshot;
@@ -391,7 +395,7 @@ void machine_set_request(struct machine *machine, int32_t source, bool level);
 
 /* Run until there is a reason to stop (enum stop_reason). Takes pending exceptions before an instruction. */
 int32_t machine_run(struct machine *machine);
-/* Save floating-point state that an exception has left to be saved. */
+/* Save floating-point state that an exception has left to be saved, if there is any, and count that. */
 void machine_save_floats(struct machine *machine);
 /* Empty the pipeline: nothing overlaps across what happens now. */
 void machine_flush_pipeline(struct machine *machine);
@@ -464,8 +468,8 @@ struct machine_path {
     uint64_t entries;    /* how often it was called, tail calls included */
     int64_t idle_cycles; /* asleep */
 };
-/* All executions of an instruction on a path, without waits for memories. Two of them may differ in `row`, if an IT
- * block skips it or code was rewritten. */
+/* Executions of an instruction on a path, without waits for memories. There is one for each state of the pipeline that
+ * it found, and for each row, if an IT block skips it or code was rewritten. */
 struct machine_cost {
     uint32_t path, address;
     int32_t row;
@@ -574,8 +578,6 @@ struct slice {
 /* Have `count` price tables, the machine's own as table 0; the others are equal to it at first. Only
  * `machine_count_again` counts by the others. False if they are too many, or there is no memory for them. */
 bool machine_set_tables(struct machine *machine, int32_t count);
-/* Set a row of table 1 or another one. False if the name is of no row. */
-bool machine_set_table_price(struct machine *machine, int32_t table, const char *row, int32_t value);
 /* Execute a slice again, and add its cycles by each table to `totals`. Devices answer what they answered, and nothing
  * interrupts. False, and nothing is added, if table 0 does not give the slice's cycles and instructions: an exception
  * came between, or the processor slept. The machine needs the memories of the one that executed it first. */

@@ -15,8 +15,6 @@ NEVER = 2**63 - 1
 #: Answers a load from an address, of so many bytes; raises `RefusedAccess` if it is a bus error.
 ReadRegister = Callable[[int, int], int]
 WriteRegister = Callable[[int, int, int], None]
-#: Takes note of an address, of the instruction that has read it again, and how often.
-TellRepeated = Callable[[int, int, int], None]
 
 
 class BankSwitches(NamedTuple):
@@ -105,7 +103,7 @@ class Machine:
         self._bus: list[Any] = []
         for name, row in profile.rows.items():
             # Rows that no instruction has, such as the doubt about all of them, are not the core's.
-            lib.machine_set_price(self.handle, name.encode(), row.value)
+            lib.machine_set_price(self.handle, 0, name.encode(), row.value)
         for name, row in profile.memory.items():
             if not lib.machine_set_memory_row(self.handle, name.encode(), row.value):
                 raise ConfigError(f"{profile.name}: memory.{name} of {row.value} is not supported")
@@ -177,8 +175,8 @@ class Machine:
         if not lib.machine_restore(self.handle, snapshot.handle):
             raise ConfigError("a snapshot of other memories or peripherals, or an instruction is under way")
 
-    def tell_repeated(self, tell: TellRepeated, abort: Callable[[BaseException], None]) -> None:
-        """Have told which loads of devices the core has answered; `abort` gets any exception."""
+    def tell_repeated(self, tell: Callable[[int, int, int], None], abort: Callable[[BaseException], None]) -> None:
+        """Have told which address an instruction has read again, and how often; `abort` gets any exception."""
         self._repeated = guarded_callback("void(void *, uint32_t, uint32_t, int64_t)", tell, abort)
         lib.machine_tell_repeated(self.handle, self._repeated, ffi.NULL)
 

@@ -11,11 +11,11 @@ enum {
 };
 static const uint32_t PRIVATE_PERIPHERALS = 0xE0000000, PRIVATE_BYTES = 0x100000;
 
+/* The host has the byte order of the part, as execute.c takes for granted too. */
 static uint32_t assemble(const uint8_t *bytes, uint32_t size)
 {
     uint32_t value = 0;
-    for (uint32_t i = 0; i < size; i++)
-        value |= (uint32_t)bytes[i] << 8 * i;
+    memcpy(&value, bytes, size);
     return value;
 }
 
@@ -160,10 +160,7 @@ void unmark_code(struct machine *machine)
 
 /* -- accesses of the core --------------------------------------------------------------------------------------- */
 
-static bool is_within(uint32_t address, uint32_t base, uint32_t size)
-{
-    return address - base < size;
-}
+static bool is_within(uint32_t address, uint32_t base, uint32_t size) { return address - base < size; }
 
 /* Whether the bus answers for an address; a machine without a bus has memories alone. */
 static bool is_device(const struct machine *machine, uint32_t address)
@@ -204,12 +201,12 @@ static bool read_device(struct machine *machine, uint32_t address, uint32_t size
     bool refused = false;
     struct device *device = device_at(machine, address, size);
     expect_answer(machine, address, size);
-    if (!device || device->repeat)
+    if (!device)
         tell_repeats(machine);
     *value = read_bus(machine, device, address, size, &refused);
     if (refused)
         return refuse(machine, CAUSE_READ_REFUSED, address, size);
-    remember_answer(machine, device, address, size, *value);
+    remember_answer(machine, address, size, *value);
     machine->answers[machine->core.device_loads++ % ANSWERS] = *value;
     return true;
 }
@@ -262,10 +259,9 @@ static bool load_elsewhere(struct machine *machine, uint32_t address, uint32_t s
 
 bool load(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value)
 {
-    const uint8_t *page = machine->readable[address >> PAGE_BITS];
-    uint32_t offset = address % PAGE_BYTES;
-    if (page && offset + size <= PAGE_BYTES) {
-        *value = assemble(page + offset, size);
+    const uint8_t *bytes = plain_bytes(machine, address, size);
+    if (bytes) {
+        *value = assemble(bytes, size);
         return true;
     }
     if (!recall_answer(machine, address, size, value) && !load_elsewhere(machine, address, size, value))
@@ -279,12 +275,8 @@ static bool store_elsewhere(struct machine *machine, uint32_t address, uint32_t 
     struct memory *memory = memory_at(machine, address, size);
     if (memory && !memory->writable)
         return refuse(machine, CAUSE_WRITE_FLASH, address, size);
-    if (memory) {
-        uint8_t bytes[4];
-        for (uint32_t i = 0; i < size; i++)
-            bytes[i] = (uint8_t)(value >> 8 * i);
-        return machine_write(machine, address, size, bytes);
-    }
+    if (memory)
+        return machine_write(machine, address, size, (const uint8_t *)&value);
     if (is_alias(machine, address)) {
         uint32_t bit = 0, before = 0, target = aliased(address, size, &bit);
         if (!load_elsewhere(machine, target, size, &before)
@@ -305,16 +297,14 @@ static bool store_elsewhere(struct machine *machine, uint32_t address, uint32_t 
 
 bool store(struct machine *machine, uint32_t address, uint32_t size, uint32_t value)
 {
-    uint8_t *page = machine->writable[address >> PAGE_BITS];
-    uint32_t offset = address % PAGE_BYTES;
-    if (!page || offset + size > PAGE_BYTES) {
+    uint8_t *bytes = writable_bytes(machine, address, size);
+    if (!bytes) {
         if (!store_elsewhere(machine, address, size, value))
             return false;
         look_at_access(machine, address, size, WATCH_WRITE);
         return true;
     }
-    for (uint32_t i = 0; i < size; i++)
-        page[offset + i] = (uint8_t)(value >> 8 * i);
+    memcpy(bytes, &value, size);
     return true;
 }
 

@@ -1,5 +1,5 @@
 /* Which exceptions are pending, enabled and active, and which of them may be taken (DDI 0403E, B1.5.4 and B3.4). */
-#include "nvic.h"
+#include "state.h"
 
 enum { PRIORITY_NMI = -2, PRIORITY_HARD_FAULT = -1 };
 /* In the first word of a set: the exceptions that no register of the NVIC disables, and the first interrupts. */
@@ -13,10 +13,7 @@ static bool holds(const uint32_t set[EXCEPTION_WORDS], int32_t exception)
     return (set[exception / 32] >> exception % 32 & 1) != 0;
 }
 
-static void include(uint32_t set[EXCEPTION_WORDS], int32_t exception)
-{
-    set[exception / 32] |= 1u << exception % 32;
-}
+static void include(uint32_t set[EXCEPTION_WORDS], int32_t exception) { set[exception / 32] |= 1u << exception % 32; }
 
 static void exclude(uint32_t set[EXCEPTION_WORDS], int32_t exception)
 {
@@ -156,6 +153,11 @@ int32_t machine_execution_priority(struct machine *machine, int32_t ceiling)
     return urgent;
 }
 
+static bool preempts(struct machine *machine, int32_t exception, int32_t ceiling)
+{
+    return machine_preemption_priority(machine, exception) < machine_execution_priority(machine, ceiling);
+}
+
 /* -- the one that comes first ------------------------------------------------------------------------------------- */
 
 /* Bits of a word of exceptions that are pending and enabled. */
@@ -183,18 +185,13 @@ static int32_t first_ready(const struct core *core)
 int32_t machine_most_urgent(struct machine *machine, int32_t ceiling)
 {
     int32_t first = first_ready(&machine->core);
-    if (first == EXCEPTION_NONE || machine_preemption_priority(machine, first) >= ceiling)
-        return EXCEPTION_NONE;
-    return first;
+    return first != EXCEPTION_NONE && machine_preemption_priority(machine, first) < ceiling ? first : EXCEPTION_NONE;
 }
 
 int32_t machine_next_exception(struct machine *machine, int32_t ceiling)
 {
     int32_t first = first_ready(&machine->core);
-    if (first == EXCEPTION_NONE)
-        return EXCEPTION_NONE;
-    bool preempts = machine_preemption_priority(machine, first) < machine_execution_priority(machine, ceiling);
-    return preempts ? first : EXCEPTION_NONE;
+    return first != EXCEPTION_NONE && preempts(machine, first, ceiling) ? first : EXCEPTION_NONE;
 }
 
 /* -- entries and returns ------------------------------------------------------------------------------------------ */
@@ -236,23 +233,14 @@ void end_exception(struct core *core)
         include(core->pending, exception);
 }
 
-static bool preempts(struct machine *machine, int32_t exception, int32_t ceiling)
-{
-    return machine_preemption_priority(machine, exception) < machine_execution_priority(machine, ceiling);
-}
-
 bool machine_can_ever_wake(struct machine *machine, int32_t ceiling)
 {
     const struct core *core = &machine->core;
     if (preempts(machine, EXCEPTION_SYSTICK, ceiling))
         return true;
     for (int32_t word = 0; word < EXCEPTION_WORDS; word++)
-        for (uint32_t bits = core->enabled[word] | core->pending[word]; bits; bits &= bits - 1) {
-            int32_t bit = 0;
-            while (!(bits >> bit & 1))
-                bit++;
-            if (preempts(machine, 32 * word + bit, ceiling))
+        for (uint32_t bits = core->enabled[word] | core->pending[word]; bits; bits &= bits - 1)
+            if (preempts(machine, 32 * word + lowest_bit(bits), ceiling))
                 return true;
-        }
     return false;
 }

@@ -3,8 +3,6 @@
  * Nothing happens at an expiry that nobody sees: how many have passed is counted when somebody looks, and the next one
  * is planned only if it interrupts or lets a DMA request through.
  */
-#include <stdlib.h>
-
 #include "devices.h"
 
 enum { MCR = 0x0, FIRST_CHANNEL = 0x100, CHANNEL_BYTES = 0x10, CHANNELS = 4 };
@@ -133,9 +131,7 @@ static void plan(struct machine *machine, struct pit *pit)
     int64_t clocks = NEVER;
     for (int32_t index = 0; index < CHANNELS; index++) {
         bool is_seen = pit->channels[index].control & TCTRL_TIE || pit->heard >> index & 1;
-        int64_t next = is_seen ? until_expiry(machine, pit, index) : NEVER;
-        if (next < clocks)
-            clocks = next;
+        clocks = is_seen ? earlier(clocks, until_expiry(machine, pit, index)) : clocks;
     }
     cancel_event(machine, &pit->expiry);
     int64_t tick = tick_after(machine, pit, clocks);
@@ -153,7 +149,7 @@ static void drive(struct machine *machine, const struct pit *pit)
 
 static void expire(struct machine *machine, struct event *event)
 {
-    struct pit *pit = event->owner;
+    struct pit *pit = OWNER(event, struct pit, expiry);
     advance(machine, pit, CHANNELS - 1);
     drive(machine, pit);
     plan(machine, pit);
@@ -250,14 +246,10 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
 
 bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit connections)
 {
-    struct pit *pit = calloc(1, sizeof *pit);
-    if (!pit)
-        return false;
-    pit->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
-    pit->expiry = (struct event){.fire = expire, .owner = pit};
-    pit->connections = connections;
-    return add_device(machine, &pit->device, sizeof *pit);
+    const struct pit pit = {
+        .device = {.base = base, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset},
+        .expiry.fire = expire, .connections = connections};
+    return add_device(machine, &pit.device, sizeof pit);
 }
 
 void hear_timers(struct machine *machine, uint32_t base, uint32_t channels)

@@ -1,5 +1,4 @@
 /* PORT and GPIO of Kinetis parts: configuration, output and level of pins, and interrupts of their edges and levels. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "devices.h"
@@ -181,38 +180,25 @@ static void write_gpio(struct machine *machine, struct device *device, uint32_t 
     settle(machine, port);
 }
 
-/* The ports return to their own state. */
-static void reset_gpio(struct machine *machine, struct device *device)
-{
-    (void)machine;
-    (void)device;
-}
-
 /* -- the host ----------------------------------------------------------------------------------------------------- */
 
 struct machine_pins *machine_add_port(struct machine *machine, uint32_t base, struct machine_port connections)
 {
-    struct port *port = calloc(1, sizeof *port);
-    if (!port)
-        return NULL;
-    port->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_port, .write = write_port, .reset = reset_port};
-    port->connections = connections;
+    struct port port = {
+        .device = {.base = base, .bytes = PAGE_BYTES, .read = read_port, .write = write_port, .reset = reset_port},
+        .connections = connections};
     for (uint32_t pin = 0; pin < PINS; pin++)
-        port->functions[pin] = connections.controls[pin] >> PCR_MUX_SHIFT & PCR_MUX;
-    return add_device(machine, &port->device, sizeof *port) ? &port->pins : NULL;
+        port.functions[pin] = connections.controls[pin] >> PCR_MUX_SHIFT & PCR_MUX;
+    struct device *device = add_device(machine, &port.device, sizeof port);
+    return device ? &((struct port *)device)->pins : NULL;
 }
 
 bool machine_add_gpio(struct machine *machine, uint32_t base, const uint32_t ports[PORTS])
 {
-    struct gpio *gpio = calloc(1, sizeof *gpio);
-    if (!gpio)
-        return false;
-    gpio->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_gpio, .write = write_gpio, .reset = reset_gpio};
+    struct gpio gpio = {.device = {.base = base, .bytes = PAGE_BYTES, .read = read_gpio, .write = write_gpio}};
     for (int32_t i = 0; i < PORTS; i++)
-        gpio->ports[i] = (struct port *)device_of(machine, ports[i]);
-    return add_device(machine, &gpio->device, sizeof *gpio);
+        gpio.ports[i] = (struct port *)device_of(machine, ports[i]);
+    return add_device(machine, &gpio.device, sizeof gpio);
 }
 
 void machine_settle_pins(struct machine *machine, uint32_t base)

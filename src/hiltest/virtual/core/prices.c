@@ -18,8 +18,9 @@ static const uint8_t FETCH_ROWS[] = {
 };
 enum { FETCH_ROW_COUNT = sizeof FETCH_ROWS / sizeof FETCH_ROWS[0] };
 
-/* What may make the fetch late. */
+/* What may make the fetch late, and the rows that say for how long. */
 enum late { LATE_NOTHING, LATE_SLOW, LATE_FLOATING_POINT, LATE_INTEGER };
+static const uint8_t LATE_ROWS[] = {0, ROW_fetch_late, ROW_fetch_late_fp, ROW_fetch_late_integer};
 enum { MISPLACED_ON_END = 3 }; /* the instruction that finds its second half not fetched, unless a row says another */
 
 /* States are compared as bytes: none of them may be padding, whose value nobody defines. */
@@ -82,18 +83,13 @@ static int32_t own_cycles(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
     switch (instruction->row) {
-    case ROW_multiple_base:
-        return prices->value[ROW_multiple_base] + instruction->words;
-    case ROW_fp_divide:
-        return 1; /* it is issued; the FPU is busy from here on */
-    case ROW_fp_accumulate:
-        return prices->value[ROW_fp_accumulate] - hidden_cycles(prices);
-    case ROW_load:
-        return load_cycles(prices, instruction, state);
+    case ROW_multiple_base: return prices->value[ROW_multiple_base] + instruction->words;
+    case ROW_fp_divide: return 1; /* it is issued; the FPU is busy from here on */
+    case ROW_fp_accumulate: return prices->value[ROW_fp_accumulate] - hidden_cycles(prices);
+    case ROW_load: return load_cycles(prices, instruction, state);
     case ROW_store: /* it fills the second cycle of a load */
         return prices->value[state->before == ROW_load ? ROW_store_behind_load : ROW_store];
-    default:
-        return prices->value[instruction->row];
+    default: return prices->value[instruction->row];
     }
 }
 
@@ -164,8 +160,7 @@ static int32_t price_by_every_profile(
 /* --- The rules of fetching and of addresses ----------------------------------------------------------------------- */
 
 /* IT behind an instruction of two bytes is folded onto it: it takes no time by itself (TRM, 3.3.1). */
-static bool is_folded(
-    const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
+static bool is_folded(const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
     return prices->has[ROW_it_folded] && state->narrow && instruction->row == ROW_it;
 }
@@ -179,16 +174,7 @@ static int32_t address_wait(
 
 static int32_t late_fetch(const struct prices *prices, uint8_t late)
 {
-    switch (late) {
-    case LATE_SLOW:
-        return prices->value[ROW_fetch_late];
-    case LATE_FLOATING_POINT:
-        return prices->value[ROW_fetch_late_fp];
-    case LATE_INTEGER:
-        return prices->value[ROW_fetch_late_integer];
-    default:
-        return 0;
-    }
+    return late == LATE_NOTHING ? 0 : prices->value[LATE_ROWS[late]];
 }
 
 /* Which one of misplaced instructions on end is fetched late. */

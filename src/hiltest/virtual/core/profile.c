@@ -41,7 +41,6 @@ struct profile {
     uint32_t frame_count, frame_room;
     struct machine_cost *costs;
     uint32_t cost_count, cost_room;
-    uint32_t *index; /* numbers of costs + 1 by a hash, or 0; twice as many as there is room for costs */
     int64_t idle_cycles; /* of the machine, as far as they belong to a path */
     bool is_short;   /* of memory */
 };
@@ -65,15 +64,17 @@ static void *with_room(
     return moved;
 }
 
-static void destroy(struct profile *profile)
+void profile_destroy(struct machine *machine)
 {
+    struct profile *profile = machine->profile;
+    machine->profile = NULL;
+    machine->profiles = false;
     if (!profile)
         return;
     free(profile->code);
     free(profile->paths);
     free(profile->frames);
     free(profile->costs);
-    free(profile->index);
     free(profile);
 }
 
@@ -218,50 +219,14 @@ bool profile_follows(struct machine *machine, const struct node *from, uint32_t 
 
 /* -- costs -------------------------------------------------------------------------------------------------------- */
 
-static uint32_t hash_of(const struct profile *profile, uint32_t path, uint32_t address, int32_t row)
+/* The sums of a node; NULL if there is no memory for them. */
+static struct machine_cost *new_cost(struct profile *profile, uint32_t path, uint32_t address, int32_t row)
 {
-    uint32_t hash = (path * 0x9E3779B1u ^ address) * 0x85EBCA6Bu ^ (uint32_t)row;
-    return (hash ^ hash >> 15) % (2 * profile->cost_room);
-}
-
-/* Make a larger index when the costs have got more room. */
-static bool rebuild_index(struct profile *profile)
-{
-    free(profile->index);
-    profile->index = calloc(2 * (size_t)profile->cost_room, sizeof *profile->index);
-    if (!profile->index) {
-        profile->is_short = true;
-        return false;
-    }
-    for (uint32_t i = 0; i < profile->cost_count; i++) {
-        const struct machine_cost *cost = &profile->costs[i];
-        uint32_t place = hash_of(profile, cost->path, cost->address, cost->row);
-        while (profile->index[place])
-            place = (place + 1) % (2 * profile->cost_room);
-        profile->index[place] = i + 1;
-    }
-    return true;
-}
-
-/* The sums of an instruction on a path; NULL if there is no memory for them. */
-static struct machine_cost *cost_at(struct profile *profile, uint32_t path, uint32_t address, int32_t row)
-{
+    profile->costs = with_room(
+        profile, profile->costs, &profile->cost_room, profile->cost_count, sizeof *profile->costs, MOST_COSTS);
     if (profile->is_short)
         return NULL;
-    if (profile->cost_count == profile->cost_room) {
-        profile->costs = with_room(
-            profile, profile->costs, &profile->cost_room, profile->cost_count, sizeof *profile->costs, MOST_COSTS);
-        if (profile->is_short || !rebuild_index(profile))
-            return NULL;
-    }
-    uint32_t place = hash_of(profile, path, address, row);
-    for (; profile->index[place]; place = (place + 1) % (2 * profile->cost_room)) {
-        struct machine_cost *cost = &profile->costs[profile->index[place] - 1];
-        if (cost->path == path && cost->address == address && cost->row == row)
-            return cost;
-    }
-    struct machine_cost *cost = &profile->costs[profile->cost_count];
-    profile->index[place] = ++profile->cost_count;
+    struct machine_cost *cost = &profile->costs[profile->cost_count++];
     *cost = (struct machine_cost){.path = path, .address = address, .row = row};
     return cost;
 }
@@ -307,7 +272,7 @@ void profile_add(struct machine *machine, const struct node *node)
     const struct instruction *instruction = &node->instruction;
     struct profile *profile = machine->profile;
     if (node->runs || node->jumps) {
-        struct machine_cost *cost = cost_at(profile, node->path, node->address, instruction->row);
+        struct machine_cost *cost = new_cost(profile, node->path, node->address, instruction->row);
         if (!cost)
             return;
         add_cost(machine, node, false, node->runs + node->jumps, cost);
@@ -316,7 +281,7 @@ void profile_add(struct machine *machine, const struct node *node)
     }
     if (node->skips) {
         int32_t row = machine->prices.has[ROW_it_skipped] ? ROW_it_skipped : instruction->row;
-        struct machine_cost *cost = cost_at(profile, node->path, node->address, row);
+        struct machine_cost *cost = new_cost(profile, node->path, node->address, row);
         if (cost)
             add_cost(machine, node, true, node->skips, cost);
     }
@@ -333,16 +298,16 @@ bool machine_begin_profile(
     struct profile *profile = calloc(1, sizeof *profile);
     if (!profile)
         return false;
+    machine->profile = profile;
     profile->code = malloc((count ? count : 1) * sizeof *profile->code);
     if (!profile->code || add_path(profile, NO_FUNCTION, 0) != 0 || add_path(profile, function, 0) != ROOT) {
-        destroy(profile);
+        profile_destroy(machine);
         return false;
     }
     memcpy(profile->code, code, count * sizeof *code);
     profile->code_count = count;
     profile->paths[ROOT].shown.entries = 1;
     profile->idle_cycles = machine->core.idle_cycles;
-    machine->profile = profile;
     machine->path = ROOT;
     machine->profiles = true;
     return true;
@@ -370,14 +335,4 @@ const struct machine_cost *machine_cost(struct machine *machine, uint32_t number
     return machine->profile && number < machine->profile->cost_count ? &machine->profile->costs[number] : NULL;
 }
 
-const char *machine_row_name(int32_t row)
-{
-    return row >= 0 && row < INSTRUCTION_ROWS ? ROW_NAMES[row] : "";
-}
-
-void profile_destroy(struct machine *machine)
-{
-    destroy(machine->profile);
-    machine->profile = NULL;
-    machine->profiles = false;
-}
+const char *machine_row_name(int32_t row) { return row >= 0 && row < INSTRUCTION_ROWS ? ROW_NAMES[row] : ""; }

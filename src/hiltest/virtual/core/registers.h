@@ -9,6 +9,11 @@ enum {
     XPSR_EXCEPTION = 0x1FF, XPSR_REALIGNED = 1 << 9, XPSR_THUMB = 1 << 24, /* B1.4.2; bit 9 is of frames only */
 };
 
+/* FPCCR (B3.2.21), and the modes of FPSCR that FPDSCR gives a new context: AHP, DN, FZ, RMode. */
+#define FPCCR_ASPEN (1u << 31)
+#define FPCCR_LSPEN (1u << 30)
+#define FPDSCR_BITS 0x07C00000u
+
 /* Handler mode always uses the main stack (B1.4.1). */
 static inline bool uses_process_stack(const struct core *core)
 {

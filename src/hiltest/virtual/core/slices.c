@@ -5,9 +5,7 @@
 
 bool machine_set_tables(struct machine *machine, int32_t count)
 {
-    if (count < 1 || count > MOST_TABLES)
-        return false;
-    struct prices *tables = calloc((size_t)count, sizeof *tables);
+    struct prices *tables = count > 0 ? calloc((size_t)count, sizeof *tables) : NULL;
     if (!tables || !code_set_tables(machine, (uint32_t)count)) {
         free(tables);
         return false;
@@ -18,14 +16,6 @@ bool machine_set_tables(struct machine *machine, int32_t count)
     machine->tables = tables;
     machine->table_count = count;
     return true;
-}
-
-bool machine_set_table_price(struct machine *machine, int32_t table, const char *row, int32_t value)
-{
-    if (table < 1 || table >= machine->table_count)
-        return false;
-    machine->code_changed = machine->looks = true;
-    return set_price(&machine->tables[table - 1], row, value);
 }
 
 bool machine_answers(struct machine *machine, int64_t first, int32_t count, uint32_t *answers)
@@ -45,11 +35,14 @@ struct recording {
     bool is_over;  /* one more was asked for */
 };
 
+/* Without a recording every answer is zero. */
 static uint32_t answer(void *context, uint32_t address, uint32_t size, bool *refused)
 {
     struct recording *recording = context;
     (void)address;
     (void)size;
+    if (!recording)
+        return 0;
     if (recording->given < recording->slice->answer_count)
         return recording->slice->answers[recording->given++];
     *refused = recording->is_over = true; /* a bus fault ends the run, and its instruction is not counted */
@@ -63,15 +56,6 @@ static void ignore(void *context, uint32_t address, uint32_t size, uint32_t valu
     (void)size;
     (void)value;
     (void)refused;
-}
-
-static uint32_t answer_zero(void *context, uint32_t address, uint32_t size, bool *refused)
-{
-    (void)context;
-    (void)address;
-    (void)size;
-    (void)refused;
-    return 0;
 }
 
 /* Have nothing interrupt a machine: what a device asks for is not part of a slice. */
@@ -148,5 +132,5 @@ bool machine_call_again(struct machine *machine, const struct snapshot *begin, i
     const uint32_t stack = core->r[13];
     core->deadline = core->cycles + most_cycles;
     set_return_address(machine, core->r[14] & ~1u);
-    return run_on(machine, (struct machine_bus){NULL, answer_zero, ignore}) == STOP_RETURNED && core->r[13] == stack;
+    return run_on(machine, (struct machine_bus){NULL, answer, ignore}) == STOP_RETURNED && core->r[13] == stack;
 }

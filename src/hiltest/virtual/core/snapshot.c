@@ -2,9 +2,9 @@
  *
  * Pages are shared by all snapshots in which they are alike. A page of a memory has a copy from the moment a snapshot is
  * taken until the page is written; the first store to it after a snapshot is looked at for that reason. So a snapshot
- * copies only pages that were written since the one before it. Groups of pages are shared in the same way, so that a
- * snapshot costs little more than the groups with such pages.
+ * copies only pages that were written since the one before it.
  */
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,20 +17,15 @@ struct snapshot_memory {
 
 struct snapshot {
     struct core core;
-    struct pipeline pipeline;
-    struct stacks stacks;
-    uint32_t stack_lowest, stack_used;
-    uint32_t previous, exc_return, jumped_from;
-    int64_t jumped_at;
-    bool exclusive;
-    uint32_t exclusive_address;
-    struct memory_waits *waits; /* NULL if memories add none */
+    struct history history;
+    bool has_waits; /* of memories */
+    struct memory_waits waits;
     struct device_states *devices; /* of `machine`, or NULL */
     const struct machine *machine;
     int memory_count;
     struct snapshot_memory memories[MEMORIES];
-    uint32_t group_count;
-    struct page_group *groups[]; /* of all memories, one after the other */
+    uint32_t page_count;
+    struct page *pages[]; /* of all memories, one after the other */
 };
 
 /* -- pages ------------------------------------------------------------------------------------------------------- */
@@ -41,40 +36,19 @@ static void release(struct page *page)
         free(page);
 }
 
-static void release_group(struct page_group *group)
-{
-    if (!group || --group->holders)
-        return;
-    for (uint32_t page = 0; page < group->count; page++)
-        release(group->pages[page]);
-    free(group);
-}
-
-static uint32_t pages_of(const struct memory *memory)
-{
-    return memory->size / PAGE_BYTES;
-}
-
-static uint32_t groups_of(const struct memory *memory)
-{
-    return (pages_of(memory) + GROUP_PAGES - 1) / GROUP_PAGES;
-}
+static uint32_t pages_of(const struct memory *memory) { return memory->size / PAGE_BYTES; }
 
 bool begin_copies(struct memory *memory)
 {
     memory->copies = calloc(pages_of(memory), sizeof *memory->copies);
-    memory->groups = calloc(groups_of(memory), sizeof *memory->groups);
-    return memory->copies && memory->groups;
+    return memory->copies;
 }
 
 void destroy_copies(struct memory *memory)
 {
     for (uint32_t page = 0; memory->copies && page < pages_of(memory); page++)
         release(memory->copies[page]);
-    for (uint32_t group = 0; memory->groups && group < groups_of(memory); group++)
-        release_group(memory->groups[group]);
     free(memory->copies);
-    free(memory->groups);
 }
 
 void drop_copies(struct machine *machine, struct memory *memory, uint32_t offset, uint32_t size)
@@ -86,8 +60,6 @@ void drop_copies(struct machine *machine, struct memory *memory, uint32_t offset
             continue;
         release(memory->copies[page]);
         memory->copies[page] = NULL;
-        release_group(memory->groups[page / GROUP_PAGES]);
-        memory->groups[page / GROUP_PAGES] = NULL;
         open_page(machine, memory, page * PAGE_BYTES);
     }
 }
@@ -105,29 +77,6 @@ static struct page *copy_of(struct machine *machine, struct memory *memory, uint
     memory->copies[page] = copy;
     machine->writable[memory->base / PAGE_BYTES + page] = NULL; /* the first store to it has to be looked at */
     return copy;
-}
-
-/* Return the copies of a group, which are made if they are not there. NULL if there is no room for them. */
-static struct page_group *group_of(struct machine *machine, struct memory *memory, uint32_t number)
-{
-    if (memory->groups[number])
-        return memory->groups[number];
-    struct page_group *group = malloc(sizeof *group);
-    if (!group)
-        return NULL;
-    group->holders = 1;
-    group->count = 0;
-    for (uint32_t page = number * GROUP_PAGES; page < pages_of(memory) && group->count < GROUP_PAGES; page++) {
-        struct page *copy = copy_of(machine, memory, page);
-        if (!copy) {
-            release_group(group);
-            return NULL;
-        }
-        copy->holders++;
-        group->pages[group->count++] = copy;
-    }
-    memory->groups[number] = group;
-    return group;
 }
 
 /* Whether two states of a page differ in bytes that were decoded as instructions. */
@@ -154,35 +103,14 @@ static void restore_page(struct machine *machine, struct memory *memory, uint32_
     open_page(machine, memory, page * PAGE_BYTES);
 }
 
-static void restore_group(struct machine *machine, struct memory *memory, uint32_t number, struct page_group *group)
-{
-    if (memory->groups[number] == group)
-        return;
-    for (uint32_t page = 0; page < group->count; page++)
-        restore_page(machine, memory, number * GROUP_PAGES + page, group->pages[page]);
-    release_group(memory->groups[number]);
-    memory->groups[number] = group;
-    group->holders++;
-}
-
 /* -- machines ---------------------------------------------------------------------------------------------------- */
 
-static uint32_t count_groups(const struct machine *machine)
+static uint32_t count_pages(const struct machine *machine)
 {
     uint32_t count = 0;
     for (int i = 0; i < machine->memory_count; i++)
-        count += groups_of(&machine->memories[i]);
+        count += pages_of(&machine->memories[i]);
     return count;
-}
-
-static bool copy_waits(const struct machine *machine, struct snapshot *snapshot)
-{
-    if (!machine->waits)
-        return true;
-    snapshot->waits = malloc(sizeof *snapshot->waits);
-    if (snapshot->waits)
-        *snapshot->waits = *machine->waits;
-    return snapshot->waits;
 }
 
 static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
@@ -190,12 +118,12 @@ static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
     for (int i = 0; i < machine->memory_count; i++) {
         struct memory *memory = &machine->memories[i];
         snapshot->memories[i] = (struct snapshot_memory){memory->base, memory->size, memory->writable};
-        for (uint32_t number = 0; number < groups_of(memory); number++) {
-            struct page_group *group = group_of(machine, memory, number);
-            if (!group)
+        for (uint32_t page = 0; page < pages_of(memory); page++) {
+            struct page *copy = copy_of(machine, memory, page);
+            if (!copy)
                 return false;
-            group->holders++;
-            snapshot->groups[snapshot->group_count++] = group;
+            copy->holders++;
+            snapshot->pages[snapshot->page_count++] = copy;
         }
     }
     snapshot->memory_count = machine->memory_count;
@@ -204,26 +132,20 @@ static bool copy_memories(struct machine *machine, struct snapshot *snapshot)
 
 struct snapshot *machine_snapshot(struct machine *machine, bool with_devices)
 {
-    struct snapshot *snapshot = malloc(sizeof *snapshot + count_groups(machine) * sizeof *snapshot->groups);
+    struct snapshot *snapshot = malloc(sizeof *snapshot + count_pages(machine) * sizeof *snapshot->pages);
     if (!snapshot)
         return NULL;
     snapshot->core = machine->core;
-    /* The instruction that runs has not been counted yet: the pipeline is the one before it, too. */
-    snapshot->pipeline = machine->running ? *code_state(machine, machine->running->state) : machine->pipeline;
-    snapshot->stacks = machine->stacks;
-    snapshot->stack_lowest = machine->stack_lowest;
-    snapshot->stack_used = machine->stack_used;
-    snapshot->previous = machine->previous;
-    snapshot->exc_return = machine->exc_return;
-    snapshot->jumped_from = machine->jumped_from;
-    snapshot->jumped_at = machine->jumped_at;
-    snapshot->exclusive = machine->exclusive;
-    snapshot->exclusive_address = machine->exclusive_address;
-    snapshot->group_count = 0;
-    snapshot->waits = NULL;
+    snapshot->history = machine->history;
+    if (machine->running) /* it has not been counted yet: the pipeline is the one before it, too */
+        snapshot->history.pipeline = *code_state(machine, machine->running->state);
+    snapshot->page_count = 0;
+    snapshot->has_waits = machine->waits;
+    if (machine->waits)
+        snapshot->waits = *machine->waits;
     snapshot->devices = with_devices ? copy_devices(machine) : NULL;
     snapshot->machine = machine;
-    if (!copy_waits(machine, snapshot) || !copy_memories(machine, snapshot) || (with_devices && !snapshot->devices)) {
+    if (!copy_memories(machine, snapshot) || (with_devices && !snapshot->devices)) {
         machine_forget_snapshot(snapshot);
         return NULL;
     }
@@ -234,34 +156,29 @@ void machine_forget_snapshot(struct snapshot *snapshot)
 {
     if (!snapshot)
         return;
-    for (uint32_t i = 0; i < snapshot->group_count; i++)
-        release_group(snapshot->groups[i]);
-    free(snapshot->waits);
+    for (uint32_t i = 0; i < snapshot->page_count; i++)
+        release(snapshot->pages[i]);
     free(snapshot->devices);
     free(snapshot);
 }
 
 bool machine_read_snapshot(const struct snapshot *snapshot, uint32_t address, uint32_t size, uint8_t *bytes)
 {
-    struct page_group *const *groups = snapshot->groups;
+    struct page *const *pages = snapshot->pages;
     for (int i = 0; i < snapshot->memory_count; i++) {
         const struct snapshot_memory *memory = &snapshot->memories[i];
         uint32_t offset = address - memory->base;
         if (address >= memory->base && (uint64_t)offset + size <= memory->size) {
             for (uint32_t byte = 0; byte < size; byte++, offset++)
-                bytes[byte] = groups[offset / GROUP_BYTES]->pages[offset / PAGE_BYTES % GROUP_PAGES]
-                    ->bytes[offset % PAGE_BYTES];
+                bytes[byte] = pages[offset / PAGE_BYTES]->bytes[offset % PAGE_BYTES];
             return true;
         }
-        groups += (memory->size + GROUP_BYTES - 1) / GROUP_BYTES;
+        pages += memory->size / PAGE_BYTES;
     }
     return false;
 }
 
-const struct core *machine_snapshot_core(const struct snapshot *snapshot)
-{
-    return &snapshot->core;
-}
+const struct core *machine_snapshot_core(const struct snapshot *snapshot) { return &snapshot->core; }
 
 static bool has_same_memories(const struct machine *machine, const struct snapshot *snapshot)
 {
@@ -278,30 +195,19 @@ static bool has_same_memories(const struct machine *machine, const struct snapsh
 
 static void restore_memories(struct machine *machine, const struct snapshot *snapshot)
 {
-    struct page_group *const *group = snapshot->groups;
+    struct page *const *copy = snapshot->pages;
     for (int i = 0; i < machine->memory_count; i++)
-        for (uint32_t number = 0; number < groups_of(&machine->memories[i]); number++)
-            restore_group(machine, &machine->memories[i], number, *group++);
+        for (uint32_t page = 0; page < pages_of(&machine->memories[i]); page++)
+            restore_page(machine, &machine->memories[i], page, *copy++);
 }
 
 /* Restore the core apart from how `machine_run` behaves. */
 static void restore_core(struct machine *machine, const struct core *state)
 {
     struct core *core = &machine->core;
-    const struct core before = *core;
-    *core = *state;
-    core->deadline = before.deadline;
-    core->instruction_limit = before.instruction_limit;
-    core->delivers_faults = before.delivers_faults;
-    core->may_loop = before.may_loop;
-    core->executes_all = before.executes_all;
-    core->stops_at = before.stops_at;
-    core->passes_breakpoint = before.passes_breakpoint;
-    core->return_address = before.return_address;
-    core->watch_kinds = before.watch_kinds;
-    core->watch_address = before.watch_address;
-    if (core->fpu_enabled != before.fpu_enabled)
+    if (core->fpu_enabled != state->fpu_enabled)
         machine->code_changed = true; /* nodes tell instructions that the FPU's permission stops */
+    memcpy(core, state, offsetof(struct core, deadline));
 }
 
 bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
@@ -312,18 +218,9 @@ bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
     forget_answers(machine);
     restore_memories(machine, snapshot);
     restore_core(machine, &snapshot->core);
-    machine->pipeline = snapshot->pipeline;
-    machine->stacks = snapshot->stacks;
-    machine->stack_lowest = snapshot->stack_lowest;
-    machine->stack_used = snapshot->stack_used;
-    machine->previous = snapshot->previous;
-    machine->exc_return = snapshot->exc_return;
-    machine->jumped_from = snapshot->jumped_from;
-    machine->jumped_at = snapshot->jumped_at;
-    machine->exclusive = snapshot->exclusive;
-    machine->exclusive_address = snapshot->exclusive_address;
+    machine->history = snapshot->history;
     if (machine->waits)
-        waits_restore(machine->waits, snapshot->waits);
+        waits_restore(machine->waits, snapshot->has_waits ? &snapshot->waits : NULL);
     machine->oldest_answer = snapshot->core.device_loads;
     if (snapshot->devices)
         restore_devices(machine, snapshot->devices);

@@ -63,15 +63,15 @@ static int32_t merge(struct stacks *stacks, int32_t number)
  * the stack pointer since they were looked at. */
 static void set_range(struct machine *machine)
 {
-    const struct machine_stack *stack = &machine->stacks.entries[machine->stacks.current];
-    uint32_t lowest = machine->stacks.lowest > stack->lowest ? machine->stacks.lowest : stack->lowest;
-    machine->stack_lowest = lowest;
-    machine->stack_used = stack->top - lowest;
+    const struct machine_stack *stack = &machine->history.stacks.entries[machine->history.stacks.current];
+    uint32_t lowest = machine->history.stacks.lowest > stack->lowest ? machine->history.stacks.lowest : stack->lowest;
+    machine->history.stack_lowest = lowest;
+    machine->history.stack_used = stack->top - lowest;
 }
 
 void stack_moves(struct machine *machine, bool jumps, uint32_t pc)
 {
-    struct stacks *stacks = &machine->stacks;
+    struct stacks *stacks = &machine->history.stacks;
     const uint32_t pointer = machine->core.r[13];
     if (stacks->count == 0 || !holds(&stacks->entries[stacks->current], pointer)) {
         /* From where it went down without a jump. */
@@ -90,18 +90,18 @@ void stack_moves(struct machine *machine, bool jumps, uint32_t pc)
 void stacks_seek_lowest(struct machine *machine, bool wanted)
 {
     if (wanted) {
-        machine->stacks.lowest = machine->core.r[13];
+        machine->history.stacks.lowest = machine->core.r[13];
         stack_moves(machine, true, machine->core.r[15]);
-    } else if (machine->stacks.lowest) {
-        machine->stacks.lowest = 0;
+    } else if (machine->history.stacks.lowest) {
+        machine->history.stacks.lowest = 0;
         set_range(machine);
     }
 }
 
 uint32_t stacks_used(const struct machine *machine, uint32_t above, uint32_t lowest)
 {
-    for (int32_t i = 0; i < machine->stacks.count; i++) {
-        const struct machine_stack *stack = &machine->stacks.entries[i];
+    for (int32_t i = 0; i < machine->history.stacks.count; i++) {
+        const struct machine_stack *stack = &machine->history.stacks.entries[i];
         if (stack->lowest <= lowest && above <= stack->top)
             return above - lowest;
     }
@@ -112,7 +112,7 @@ uint32_t stacks_used(const struct machine *machine, uint32_t above, uint32_t low
  * has another stack: the stack pointer never shows it. */
 void stacks_handler_begins(struct machine *machine)
 {
-    struct stacks *stacks = &machine->stacks;
+    struct stacks *stacks = &machine->history.stacks;
     const uint32_t below = machine->core.r[13] - CONTEXT_BYTES;
     stacks->has_context = below < stacks->entries[stacks->current].lowest
         && machine_read(machine, below, CONTEXT_BYTES, stacks->context);
@@ -121,7 +121,7 @@ void stacks_handler_begins(struct machine *machine)
 
 void stacks_handler_ends(struct machine *machine)
 {
-    struct stacks *stacks = &machine->stacks;
+    struct stacks *stacks = &machine->history.stacks;
     uint8_t context[CONTEXT_BYTES];
     if (!stacks->has_context)
         return;
@@ -140,6 +140,6 @@ void stacks_handler_ends(struct machine *machine)
 
 const struct machine_stack *machine_stacks(struct machine *machine, int32_t *count)
 {
-    *count = machine->stacks.count;
-    return machine->stacks.entries;
+    *count = machine->history.stacks.count;
+    return machine->history.stacks.entries;
 }

@@ -9,7 +9,7 @@
 void stack_moves(struct machine *machine, bool jumps, uint32_t pc);
 static inline void look_at_stack(struct machine *machine, bool jumps, uint32_t pc)
 {
-    if (machine->core.r[13] - machine->stack_lowest > machine->stack_used)
+    if (machine->core.r[13] - machine->history.stack_lowest > machine->history.stack_used)
         stack_moves(machine, jumps, pc);
 }
 /* From now on have `stacks.lowest` be the lowest address of the stack pointer, or nobody wants to know it. */

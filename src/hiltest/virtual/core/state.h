@@ -3,6 +3,7 @@
 #define HILTEST_STATE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "events.h"
@@ -22,14 +23,6 @@ struct page {
     uint8_t bytes[PAGE_BYTES];
 };
 
-/* Pages that lie side by side; those of most groups are the same in many snapshots. */
-enum { GROUP_PAGES = 16, GROUP_BYTES = GROUP_PAGES * PAGE_BYTES };
-struct page_group {
-    int64_t holders;
-    uint32_t count;
-    struct page *pages[GROUP_PAGES];
-};
-
 struct memory {
     uint32_t base, size;
     bool writable;
@@ -37,7 +30,6 @@ struct memory {
     uint8_t *has_code; /* for each halfword: whether it was decoded as part of an instruction */
     struct machine_executions *executions; /* for each halfword, see counts.c, or NULL */
     struct page **copies; /* for each page: the copy that equals its bytes, or NULL if there is none, see snapshot.c */
-    struct page_group **groups; /* for each group of pages: the copies, or NULL if one of them is missing */
 };
 
 struct watchpoint {
@@ -53,9 +45,7 @@ enum { KNOWN_ANSWERS = 32, FIRST_PATIENCE = 8, DEVICE_BYTES = 0x100000, DEVICE_P
 struct known_answer {
     int64_t era;         /* it is not known any more if this is not that of all */
     uint32_t address, size, place, value;
-    int32_t step;        /* by which the answer changes each cycle */
-    int64_t cycle;       /* of the load */
-    int64_t until;       /* cycle at which it changes otherwise */
+    int64_t until;       /* cycle at which it may change */
     int32_t reads;       /* that were answered by it */
     int32_t patience;    /* after so many, see whether they come from a loop that waits */
     bool is_told;        /* the device wants to know of repetitions */
@@ -74,8 +64,7 @@ struct known_answers {
     int64_t asked;       /* how often devices have been asked */
     int64_t soonest;     /* the first `until` of answers that were recalled, see loops.c */
     uint8_t declared;    /* of the load that a device is asked for */
-    int32_t step;        /* what the device has said about the answer */
-    int64_t until;
+    int64_t until;       /* cycle at which its answer may change, as the device has said */
 };
 
 struct code; /* decoded instructions, see code.h */
@@ -92,6 +81,19 @@ struct stacks {
     uint8_t context[CONTEXT_BYTES];
 };
 
+/* What the instructions before the next one have left, beside the core's registers. */
+struct history {
+    struct pipeline pipeline;
+    int64_t jumped_at;   /* core.instructions behind the jump that was taken last */
+    uint32_t jumped_from;/* its address */
+    uint32_t previous;   /* address of the instruction that led to where there is no code */
+    uint32_t exc_return; /* that was branched to */
+    uint32_t exclusive_address;
+    bool exclusive;      /* the local monitor: an LDREX has been executed */
+    uint32_t stack_lowest, stack_used; /* range in which the stack pointer may move unseen, see stacks.c */
+    struct stacks stacks;
+};
+
 /* loops.c: a loop in which the core has been when somebody looked. */
 enum { SHORT_LOOPS = 16, LEAST_LOOKS = 1 };
 struct short_loop {
@@ -105,6 +107,7 @@ enum { DEVICES = 32 };
 
 struct machine {
     struct core core;
+    struct history history;
     struct machine_bus bus;
     struct memory memories[MEMORIES];
     int memory_count;
@@ -113,7 +116,6 @@ struct machine {
     struct prices prices;
     struct prices *tables;    /* further price tables, see machine_set_tables */
     int32_t table_count;      /* with `prices`; 0 if they were never asked for */
-    struct pipeline pipeline; /* what the instruction before the next one has left */
     struct memory_waits *waits; /* what memories add to instructions; NULL if the profile has no rows of memories */
     struct code *code;
     bool baseline;
@@ -133,15 +135,7 @@ struct machine {
     uint64_t requests;   /* levels of their sources */
     bool has_fired;      /* an event has fired since machine_run was called */
     bool told_host;      /* one that the host may be waiting for */
-    uint32_t previous;   /* address of the instruction that led to where there is no code */
-    uint32_t exc_return; /* that was branched to */
-    uint32_t jumped_from;/* address of the jump that was taken last, and core.instructions behind it */
-    int64_t jumped_at;
-    uint32_t stack_lowest, stack_used; /* range in which the stack pointer may move unseen, see stacks.c */
-    struct stacks stacks;
     struct calls *calls; /* of watched functions; NULL while none is watched, see calls.c */
-    bool exclusive;      /* the local monitor: an LDREX has been executed */
-    uint32_t exclusive_address;
     uint16_t standing;           /* number of the pipeline states before the next instruction, if `pipeline` is one */
     const struct node *running;  /* the instruction that runs, while a device or whoever watches calls is asked */
     struct known_answers known;
@@ -150,6 +144,19 @@ struct machine {
     uint32_t answers[ANSWERS];   /* what devices have answered to loads: number n is at n % ANSWERS */
     int64_t oldest_answer;       /* number of the first that was kept */
 };
+
+/* The bytes of a range that loads may read, or stores may write, at once; NULL if there are none, or it crosses a page. */
+static inline const uint8_t *plain_bytes(const struct machine *machine, uint32_t address, uint32_t size)
+{
+    const uint8_t *page = machine->readable[address >> PAGE_BITS];
+    return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
+}
+
+static inline uint8_t *writable_bytes(const struct machine *machine, uint32_t address, uint32_t size)
+{
+    uint8_t *page = machine->writable[address >> PAGE_BITS];
+    return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
+}
 
 /* memory.c: accesses of the core. On a fault core.fault is set and they return false; nothing is written then. */
 bool load(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
@@ -168,12 +175,9 @@ void open_page(struct machine *machine, const struct memory *memory, uint32_t of
 bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
 /* A device is about to be asked; keep its answer. */
 void expect_answer(struct machine *machine, uint32_t address, uint32_t size);
-void remember_answer(
-    struct machine *machine, const struct device *device, uint32_t address, uint32_t size, uint32_t value);
-/* For a device that is being read: the answer holds up to a cycle; and it changes by `step` each cycle, although it is not
- * declared as steady. */
+void remember_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
+/* For a device that is being read: the answer holds up to a cycle. */
 void hold_answer(struct machine *machine, int64_t until);
-void count_answer(struct machine *machine, int32_t step);
 /* Devices may have changed: ask them again. */
 void forget_answers(struct machine *machine);
 /* Tell devices of repeated loads, before anything else that they get to know. */
@@ -222,9 +226,17 @@ void note_fault(
 bool take_exception(struct machine *machine);
 /* Return from the exception that runs by an EXC_RETURN; `place` is the branch. False: core.fault is set. */
 bool leave_exception(struct machine *machine, uint32_t exc_return, uint32_t place);
-/* Save lazily stacked floating-point state, if there is any, and count it: a floating-point instruction runs. */
-void floating_point_runs(struct machine *machine);
 /* Whether an exception would wake the core from WFI (PRIMASK does not hold it back) or, for_event, from WFE. */
 bool is_woken(struct machine *machine, bool for_event);
+
+/* nvic.c: what entries and returns do to the sets of exceptions. */
+/* Make an exception active; it is not pending any more. */
+void begin_exception(struct core *core, int32_t exception);
+/* End the exception that became active last. An interrupt whose line is still high becomes pending again. */
+void end_exception(struct core *core);
+/* The exception that became active last, or EXCEPTION_NONE. */
+int32_t last_active(const struct core *core);
+/* Number of active exceptions, within the bounds of the list. */
+int32_t active_exceptions(const struct core *core);
 
 #endif

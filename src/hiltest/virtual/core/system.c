@@ -1,4 +1,5 @@
-#include "system.h"
+#include "execute.h"
+#include "registers.h"
 
 /* Numbers of special registers (SYSm). */
 enum {
@@ -7,12 +8,8 @@ enum {
     WITH_IPSR = 1, WITH_EPSR = 2, WITHOUT_APSR = 4,
 };
 static const uint32_t APSR_BITS = 0xF80F0000u;
-enum { NOT_PRIVILEGED = 1, FPU_ACTIVE = 4 };
 
-static bool is_privileged(const struct core *core)
-{
-    return core->exception != 0 || !(core->control & NOT_PRIVILEGED);
-}
+static bool is_privileged(const struct core *core) { return core->exception != 0 || !(core->control & CONTROL_NPRIV); }
 
 uint32_t read_special(struct machine *machine, uint32_t number)
 {
@@ -26,18 +23,11 @@ uint32_t read_special(struct machine *machine, uint32_t number)
     if (!is_privileged(core))
         return 0;
     switch (number) {
-    case SYS_MSP:
-    case SYS_PSP:
-        return machine_stack_pointer(machine, number == SYS_PSP);
-    case SYS_PRIMASK:
-        return core->primask;
-    case SYS_BASEPRI:
-    case SYS_BASEPRI_MAX:
-        return core->basepri;
-    case SYS_FAULTMASK:
-        return core->faultmask;
-    default:
-        return 0;
+    case SYS_MSP: case SYS_PSP: return machine_stack_pointer(machine, number == SYS_PSP);
+    case SYS_PRIMASK: return core->primask;
+    case SYS_BASEPRI: case SYS_BASEPRI_MAX: return core->basepri;
+    case SYS_FAULTMASK: return core->faultmask;
+    default: return 0;
     }
 }
 
@@ -61,6 +51,13 @@ static void raise_base_priority(struct core *core, uint32_t value)
         core->basepri = value;
 }
 
+/* ARMv6-M has none; it cannot be set by NMI or by HardFault. */
+static void set_fault_mask(struct machine *machine, uint32_t value)
+{
+    if (!machine->baseline && (!value || machine_execution_priority(machine, PRIORITY_IDLE) > -1))
+        machine->core.faultmask = value;
+}
+
 void write_special(struct machine *machine, uint32_t number, uint32_t mask, uint32_t value)
 {
     struct core *core = &machine->core;
@@ -70,13 +67,8 @@ void write_special(struct machine *machine, uint32_t number, uint32_t mask, uint
         return;
     uint32_t priority = value & core->priority_mask;
     switch (number) {
-    case SYS_MSP:
-    case SYS_PSP:
-        machine_set_stack_pointer(machine, number == SYS_PSP, value & ~3u);
-        return;
-    case SYS_PRIMASK:
-        core->primask = value & 1;
-        break;
+    case SYS_MSP: case SYS_PSP: machine_set_stack_pointer(machine, number == SYS_PSP, value); return;
+    case SYS_PRIMASK: core->primask = value & 1; break;
     case SYS_BASEPRI:
         if (!machine->baseline)
             core->basepri = priority;
@@ -85,15 +77,9 @@ void write_special(struct machine *machine, uint32_t number, uint32_t mask, uint
         if (!machine->baseline)
             raise_base_priority(core, priority);
         break;
-    case SYS_FAULTMASK: /* it cannot be set by NMI or by HardFault */
-        if (!machine->baseline && (!(value & 1) || machine_execution_priority(machine, PRIORITY_IDLE) > -1))
-            core->faultmask = value & 1;
-        break;
-    case SYS_CONTROL:
-        machine_set_control(machine, value);
-        break;
-    default:
-        return;
+    case SYS_FAULTMASK: set_fault_mask(machine, value & 1); break;
+    case SYS_CONTROL: machine_set_control(machine, value); break;
+    default: return;
     }
     machine->looks = true;
 }
@@ -106,8 +92,7 @@ void change_masks(struct machine *machine, const struct instruction *instruction
     uint32_t value = instruction->immediate & 1;
     if (instruction->amount & 2)
         core->primask = value;
-    if (instruction->amount & 1 && !machine->baseline
-        && (!value || machine_execution_priority(machine, PRIORITY_IDLE) > -1))
-        core->faultmask = value;
+    if (instruction->amount & 1)
+        set_fault_mask(machine, value);
     machine->looks = true;
 }

@@ -1,9 +1,7 @@
 /* The System Control Space: registers of the NVIC and of the SCB (DDI 0403E, B3.2 and B3.4). SysTick has a file of its
  * own, and answers before this page is asked. */
-#include <stdlib.h>
-
 #include "devices.h"
-#include "nvic.h"
+#include "registers.h"
 
 enum { ICTR = 0x004, ISER = 0x100, ICER = 0x180, ISPR = 0x200, ICPR = 0x280, IABR = 0x300, IABR_END = 0x380 };
 enum { IPR = 0x400, CPUID = 0xD00, ICSR = 0xD04, VTOR = 0xD08, AIRCR = 0xD0C, SCR = 0xD10, CCR = 0xD14 };
@@ -16,7 +14,6 @@ enum { AIRCR_SYSRESETREQ = 4, AIRCR_KEY = 0x05FA, AIRCR_PRIGROUP_SHIFT = 8, STIR
 enum { SCR_SLEEPONEXIT = 2, SCR_SLEEPDEEP = 4, SCR_SEVONPEND = 16 };
 enum { CCR_NONBASETHRDENA = 1, CCR_UNALIGN_TRP = 8, CCR_DIV_0_TRP = 16, CCR_STKALIGN = 512 };
 enum { VTOR_RESERVED = 0x7F, FPCCR_LSPACT = 1, DEMCR_TRCENA = 1 << 24, CPACR_FPU = 0xF << 20 };
-enum { FPDSCR_BITS = 0x07C00000 }; /* AHP, DN, FZ, RMode */
 static const uint32_t SYSTEM_CONTROL = 0xE000E000, CPUID_VALUE = 0x410FC241; /* Cortex-M4 r0p1 */
 static const uint32_t AIRCR_READ_KEY = 0xFA050000;
 
@@ -110,13 +107,11 @@ static bool is_interrupt_priority(const struct core *core, uint32_t offset)
     return offset >= IPR && offset < IPR + (uint32_t)core->interrupts;
 }
 
-static bool is_system_priority(uint32_t offset)
-{
-    return offset >= SHPR && offset < SHPR_END;
-}
+static bool is_system_priority(uint32_t offset) { return offset >= SHPR && offset < SHPR_END; }
 
-static uint32_t read_word(struct machine *machine, const struct system_control *control, uint32_t offset)
+static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)
 {
+    const struct system_control *control = (const struct system_control *)device;
     const struct core *core = &machine->core;
     if (offset >= ISER && offset < IABR_END)
         return read_interrupts(core, offset);
@@ -140,11 +135,6 @@ static uint32_t read_word(struct machine *machine, const struct system_control *
     case FPDSCR: return core->floating_default;
     default: return control->stored[offset / 4];
     }
-}
-
-static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return part_of_word(read_word(machine, (struct system_control *)device, offset & ~3u), offset, size);
 }
 
 /* -- writes ------------------------------------------------------------------------------------------------------- */
@@ -210,9 +200,7 @@ static void write_stored(struct machine *machine, struct system_control *control
     struct core *core = &machine->core;
     control->stored[offset / 4] = value;
     switch (offset) {
-    case CPACR:
-        machine_set_fpu(machine, (value & CPACR_FPU) == CPACR_FPU);
-        break;
+    case CPACR: machine_set_fpu(machine, (value & CPACR_FPU) == CPACR_FPU); break;
     case SCR:
         core->sleeps_on_exit = value & SCR_SLEEPONEXIT;
         core->sleeps_deeply = value & SCR_SLEEPDEEP;
@@ -223,11 +211,8 @@ static void write_stored(struct machine *machine, struct system_control *control
         core->divide_traps = value & CCR_DIV_0_TRP;
         core->unaligned_traps = value & CCR_UNALIGN_TRP;
         break;
-    case DEMCR:
-        enable_trace(machine, value & DEMCR_TRCENA);
-        break;
-    default:
-        break;
+    case DEMCR: enable_trace(machine, value & DEMCR_TRCENA); break;
+    default: break;
     }
 }
 
@@ -255,7 +240,7 @@ static void write_part(
 {
     uint32_t word = offset & ~3u, shift = 8 * (offset & 3), mask = UINT32_MAX >> 8 * (4 - size) << shift;
     bool clears = word == CFSR || word == HFSR;
-    uint32_t rest = size == 4 || clears ? 0 : read_word(machine, control, word) & ~mask;
+    uint32_t rest = size == 4 || clears ? 0 : read_word(machine, &control->device, word) & ~mask;
     write_word(machine, control, word, rest | value << shift);
 }
 
@@ -290,11 +275,10 @@ static void reset(struct machine *machine, struct device *device)
 
 bool machine_add_system_control(struct machine *machine, struct machine_system_control connections)
 {
-    struct system_control *control = calloc(1, sizeof *control);
-    if (!control)
-        return false;
-    control->device = (struct device){
-        .base = SYSTEM_CONTROL, .bytes = PAGE_BYTES, .read = read_register, .write = write_register, .reset = reset};
-    control->connections = connections;
-    return add_device(machine, &control->device, sizeof *control);
+    const struct system_control control = {
+        .device = {
+            .base = SYSTEM_CONTROL, .bytes = PAGE_BYTES, .read = read_by_words, .read_word = read_word,
+            .write = write_register, .reset = reset},
+        .connections = connections};
+    return add_device(machine, &control.device, sizeof control);
 }

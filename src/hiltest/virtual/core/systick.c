@@ -1,6 +1,4 @@
 /* SysTick, the 24-bit system timer (DDI 0403E, B3.3). It counts the core clock, whatever CLKSOURCE is written. */
-#include <stdlib.h>
-
 #include "devices.h"
 
 enum { CSR = 0x0, RVR = 0x4, CVR = 0x8, REGISTER_BYTES = 0x10 };
@@ -41,7 +39,7 @@ static void start(struct machine *machine, struct systick *timer, uint32_t count
 
 static void expire(struct machine *machine, struct event *event)
 {
-    struct systick *timer = event->owner;
+    struct systick *timer = OWNER(event, struct systick, expiry);
     timer->flag = true;
     timer->held = 0;
     if (timer->control & CSR_TICKINT)
@@ -71,8 +69,9 @@ static void write_control(struct machine *machine, struct systick *timer, uint32
 }
 
 /* Answer a word register; a reading of CSR clears COUNTFLAG. */
-static uint32_t read_word(struct machine *machine, struct systick *timer, uint32_t offset)
+static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)
 {
+    struct systick *timer = (struct systick *)device;
     uint32_t control = timer->flag ? timer->control | CSR_COUNTFLAG : timer->control;
     switch (offset) {
     case CSR:
@@ -80,18 +79,10 @@ static uint32_t read_word(struct machine *machine, struct systick *timer, uint32
             machine_load_changed(machine);
         timer->flag = false;
         return control;
-    case RVR:
-        return timer->reload;
-    case CVR:
-        return count_of(machine, timer);
-    default:
-        return CALIB_VALUE;
+    case RVR: return timer->reload;
+    case CVR: return count_of(machine, timer);
+    default: return CALIB_VALUE;
     }
-}
-
-static uint32_t read_register(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return part_of_word(read_word(machine, (struct systick *)device, offset & ~3u), offset, size);
 }
 
 /* Any write to CVR clears the count. */
@@ -116,12 +107,10 @@ static void write_register(
 
 bool machine_add_systick(struct machine *machine, int32_t clock)
 {
-    struct systick *timer = calloc(1, sizeof *timer);
-    if (!timer)
-        return false;
-    timer->device = (struct device){
-        .base = SYSTICK_BASE, .bytes = REGISTER_BYTES, .read = read_register, .write = write_register, .reset = reset};
-    timer->expiry = (struct event){.fire = expire, .owner = timer};
-    timer->clock = clock;
-    return add_device(machine, &timer->device, sizeof *timer);
+    const struct systick timer = {
+        .device = {
+            .base = SYSTICK_BASE, .bytes = REGISTER_BYTES, .read = read_by_words, .read_word = read_word,
+            .write = write_register, .reset = reset},
+        .expiry.fire = expire, .clock = clock};
+    return add_device(machine, &timer.device, sizeof timer);
 }

@@ -1,4 +1,4 @@
-#include "transfers.h"
+#include "execute.h"
 
 #include <string.h>
 
@@ -14,27 +14,32 @@ static bool is_aligned(struct machine *machine, uint32_t address, uint32_t size,
     return false;
 }
 
-/* First address of a transfer, and the base behind so many bytes. */
-static uint32_t first_address(
-    const struct core *core, const struct instruction *instruction, uint32_t bytes, uint32_t *after)
+/* First address of a transfer; *after is its base behind it, if that is written back. */
+static uint32_t first_address(const struct core *core, const struct instruction *i, uint32_t *after)
 {
-    uint32_t base = core->r[instruction->n];
-    bool is_downward = instruction->mode & MODE_BEFORE;
-    *after = is_downward ? base - bytes : base + bytes;
-    return is_downward ? *after : base;
+    const uint32_t base = i->n == PROGRAM_COUNTER ? 0 : core->r[i->n];
+    uint32_t bytes = 4u * i->words;
+    switch (i->operation) {
+    case OP_VLDM: case OP_VSTM: bytes = i->immediate; /* fall through */
+    case OP_LDM: case OP_STM:
+        *after = i->mode & MODE_BEFORE ? base - bytes : base + bytes;
+        return i->mode & MODE_BEFORE ? *after : base;
+    default: /* with an offset, or literal */
+        *after = base + i->immediate;
+        return i->mode & MODE_POST ? base : *after;
+    }
 }
 
-/* The bytes of some words if they lie in one page of plain memory, else NULL. */
-static const uint8_t *words_at(const struct machine *machine, uint32_t address, uint32_t words)
+uint32_t transfer_address(const struct core *core, const struct instruction *instruction)
 {
-    const uint8_t *page = machine->readable[address >> PAGE_BITS];
-    return page && address % PAGE_BYTES + 4 * words <= PAGE_BYTES ? page + address % PAGE_BYTES : NULL;
+    uint32_t after;
+    return first_address(core, instruction, &after);
 }
 
-static uint8_t *writable_words_at(const struct machine *machine, uint32_t address, uint32_t words)
+static void write_back(struct core *core, const struct instruction *instruction, uint32_t after)
 {
-    uint8_t *page = machine->writable[address >> PAGE_BITS];
-    return page && address % PAGE_BYTES + 4 * words <= PAGE_BYTES ? page + address % PAGE_BYTES : NULL;
+    if (instruction->mode & MODE_WRITES_BACK)
+        core->r[instruction->n] = after;
 }
 
 /* Load or store a word of a transfer: from or to `bytes`, which are moved on, or elsewhere if there are none. */
@@ -59,11 +64,11 @@ static inline bool store_word(struct machine *machine, uint8_t **bytes, uint32_t
 bool load_multiple(struct machine *machine, const struct instruction *instruction, uint32_t *target)
 {
     struct core *core = &machine->core;
-    uint32_t after, address = first_address(core, instruction, 4u * instruction->words, &after), value;
+    uint32_t after, address = first_address(core, instruction, &after), value;
     uint32_t base_value = core->r[instruction->n];
     if (!is_aligned(machine, address, 4, instruction->n, CAUSE_MISALIGNED))
         return false;
-    const uint8_t *bytes = words_at(machine, address, instruction->words);
+    const uint8_t *bytes = plain_bytes(machine, address, 4u * instruction->words);
     uint32_t registers = instruction->immediate & 0xFFFF;
     for (uint32_t number = 0; registers >> number; number++) {
         if (!(registers >> number & 1))
@@ -86,10 +91,10 @@ bool load_multiple(struct machine *machine, const struct instruction *instructio
 bool store_multiple(struct machine *machine, const struct instruction *instruction)
 {
     struct core *core = &machine->core;
-    uint32_t after, address = first_address(core, instruction, 4u * instruction->words, &after);
+    uint32_t after, address = first_address(core, instruction, &after);
     if (!is_aligned(machine, address, 4, instruction->n, CAUSE_MISALIGNED))
         return false;
-    uint8_t *bytes = writable_words_at(machine, address, instruction->words);
+    uint8_t *bytes = writable_bytes(machine, address, 4u * instruction->words);
     uint32_t registers = instruction->immediate & 0x7FFF;
     for (uint32_t number = 0; registers >> number; number++) {
         if (!(registers >> number & 1))
@@ -98,44 +103,14 @@ bool store_multiple(struct machine *machine, const struct instruction *instructi
             return false;
         address += 4;
     }
-    if (instruction->mode & MODE_WRITES_BACK)
-        core->r[instruction->n] = after;
+    write_back(core, instruction, after);
     return true;
-}
-
-/* Address of an access with an immediate offset, which may be literal; *after is the base if it is written back. */
-static uint32_t offset_address(const struct core *core, const struct instruction *instruction, uint32_t *after)
-{
-    if (instruction->n == PROGRAM_COUNTER)
-        return *after = instruction->immediate;
-    uint32_t base = core->r[instruction->n];
-    *after = base + instruction->immediate;
-    return instruction->mode & MODE_POST ? base : *after;
-}
-
-uint32_t transfer_address(const struct core *core, const struct instruction *instruction)
-{
-    uint32_t after;
-    switch (instruction->operation) {
-    case OP_LDM: case OP_STM:
-        return first_address(core, instruction, 4u * instruction->words, &after);
-    case OP_VLDM: case OP_VSTM:
-        return first_address(core, instruction, instruction->immediate, &after);
-    default:
-        return offset_address(core, instruction, &after);
-    }
-}
-
-static void write_back(struct core *core, const struct instruction *instruction, uint32_t after)
-{
-    if (instruction->mode & MODE_WRITES_BACK && instruction->n != PROGRAM_COUNTER)
-        core->r[instruction->n] = after;
 }
 
 bool load_double(struct machine *machine, const struct instruction *instruction)
 {
     struct core *core = &machine->core;
-    uint32_t after, first, second, address = offset_address(core, instruction, &after);
+    uint32_t after, first, second, address = first_address(core, instruction, &after);
     if (!is_aligned(machine, address, 4, instruction->n, CAUSE_MISALIGNED) || !load(machine, address, 4, &first)
         || !load(machine, address + 4, 4, &second))
         return false;
@@ -148,7 +123,7 @@ bool load_double(struct machine *machine, const struct instruction *instruction)
 bool store_double(struct machine *machine, const struct instruction *instruction)
 {
     struct core *core = &machine->core;
-    uint32_t after, address = offset_address(core, instruction, &after);
+    uint32_t after, address = first_address(core, instruction, &after);
     if (!is_aligned(machine, address, 4, instruction->n, CAUSE_MISALIGNED)
         || !store(machine, address, 4, core->r[instruction->d])
         || !store(machine, address + 4, 4, core->r[instruction->a]))
@@ -164,8 +139,8 @@ bool load_exclusive(struct machine *machine, const struct instruction *instructi
     if (!is_aligned(machine, address, size, instruction->n, CAUSE_EXCLUSIVE)
         || !load(machine, address, size, &core->r[instruction->d]))
         return false;
-    machine->exclusive = true;
-    machine->exclusive_address = address;
+    machine->history.exclusive = true;
+    machine->history.exclusive_address = address;
     return true;
 }
 
@@ -175,8 +150,8 @@ bool store_exclusive(struct machine *machine, const struct instruction *instruct
     uint32_t address = core->r[instruction->n] + instruction->immediate;
     if (!is_aligned(machine, address, size, instruction->n, CAUSE_EXCLUSIVE))
         return false;
-    bool passes = machine->exclusive && machine->exclusive_address == address;
-    machine->exclusive = false;
+    bool passes = machine->history.exclusive && machine->history.exclusive_address == address;
+    machine->history.exclusive = false;
     if (passes && !store(machine, address, size, core->r[instruction->a]))
         return false;
     core->r[instruction->d] = !passes;
@@ -184,62 +159,30 @@ bool store_exclusive(struct machine *machine, const struct instruction *instruct
 }
 
 /* The decoder defines no transfer past s31. */
-static bool load_words(struct machine *machine, uint32_t address, uint32_t first, uint32_t words, uint32_t base)
-{
-    if (!is_aligned(machine, address, 4, base, CAUSE_MISALIGNED))
-        return false;
-    const uint8_t *bytes = words_at(machine, address, words);
-    if (bytes) {
-        memcpy(&machine->core.s[first], bytes, 4 * words);
-        return true;
-    }
-    for (uint32_t i = 0; i < words; i++)
-        if (!load(machine, address + 4 * i, 4, &machine->core.s[first + i]))
-            return false;
-    return true;
-}
-
-static bool store_words(struct machine *machine, uint32_t address, uint32_t first, uint32_t words, uint32_t base)
-{
-    if (!is_aligned(machine, address, 4, base, CAUSE_MISALIGNED))
-        return false;
-    uint8_t *bytes = writable_words_at(machine, address, words);
-    if (bytes) {
-        memcpy(bytes, &machine->core.s[first], 4 * words);
-        return true;
-    }
-    for (uint32_t i = 0; i < words; i++)
-        if (!store(machine, address + 4 * i, 4, machine->core.s[first + i]))
-            return false;
-    return true;
-}
-
 bool load_floats(struct machine *machine, const struct instruction *instruction)
 {
-    uint32_t after, address = offset_address(&machine->core, instruction, &after);
-    return load_words(machine, address, instruction->d, instruction->words, instruction->n);
-}
-
-bool store_floats(struct machine *machine, const struct instruction *instruction)
-{
-    uint32_t after, address = offset_address(&machine->core, instruction, &after);
-    return store_words(machine, address, instruction->d, instruction->words, instruction->n);
-}
-
-bool load_float_registers(struct machine *machine, const struct instruction *instruction)
-{
-    uint32_t after, address = first_address(&machine->core, instruction, instruction->immediate, &after);
-    if (!load_words(machine, address, instruction->d, instruction->words, instruction->n))
+    uint32_t after, address = first_address(&machine->core, instruction, &after), words = instruction->words;
+    uint32_t *values = &machine->core.s[instruction->d];
+    if (!is_aligned(machine, address, 4, instruction->n, CAUSE_MISALIGNED))
         return false;
+    const uint8_t *bytes = plain_bytes(machine, address, 4 * words);
+    for (uint32_t i = 0; i < words; i++)
+        if (!load_word(machine, &bytes, address + 4 * i, &values[i]))
+            return false;
     write_back(&machine->core, instruction, after);
     return true;
 }
 
-bool store_float_registers(struct machine *machine, const struct instruction *instruction)
+bool store_floats(struct machine *machine, const struct instruction *instruction)
 {
-    uint32_t after, address = first_address(&machine->core, instruction, instruction->immediate, &after);
-    if (!store_words(machine, address, instruction->d, instruction->words, instruction->n))
+    uint32_t after, address = first_address(&machine->core, instruction, &after), words = instruction->words;
+    const uint32_t *values = &machine->core.s[instruction->d];
+    if (!is_aligned(machine, address, 4, instruction->n, CAUSE_MISALIGNED))
         return false;
+    uint8_t *bytes = writable_bytes(machine, address, 4 * words);
+    for (uint32_t i = 0; i < words; i++)
+        if (!store_word(machine, &bytes, address + 4 * i, values[i]))
+            return false;
     write_back(&machine->core, instruction, after);
     return true;
 }

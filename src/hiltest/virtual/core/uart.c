@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "devices.h"
-#include "queue.h"
 
 enum { BDH = 0x0, BDL = 0x1, C2 = 0x3, S1 = 0x4, C3 = 0x6, D = 0x7, C4 = 0xA, C5 = 0xB };
 enum { PFIFO = 0x10, CFIFO, SFIFO, TWFIFO, TCFIFO, RWFIFO, RCFIFO, REGISTERS = 0x20 };
@@ -18,6 +17,13 @@ enum { SFIFO_FLAGS = SFIFO_RXOF | SFIFO_TXOF | SFIFO_RXUF };
 enum { BITS_A_BYTE = 10, DEPTH = 8 };
 static const double BAUD_TOLERANCE = 0.03; /* beyond this the last bits of a byte are sampled in their neighbours */
 static const double PICOSECONDS = 1e12;
+
+/* Bytes between the host and a UART: at most QUEUE_LIMIT of them. */
+enum { QUEUE_LIMIT = 1 << 24, SMALLEST_CAPACITY = 256 };
+struct queue {
+    uint8_t *bytes;
+    int32_t begin, count, capacity;
+};
 
 struct fifo {
     uint8_t bytes[DEPTH];
@@ -41,12 +47,55 @@ struct uart {
     struct fifo receive, transmit;
 };
 
+/* -- bytes of the host -------------------------------------------------------------------------------------------- */
+
+/* Make room for so many more bytes behind the last one. False if they are too many, or there is no memory. The memory is
+ * at least twice as large as needed: as many bytes are taken as moved before they are moved again. */
+static bool queue_reserve(struct queue *queue, int32_t count)
+{
+    if (count > QUEUE_LIMIT - queue->count)
+        return false;
+    if (queue->begin + queue->count + count <= queue->capacity)
+        return true;
+    if (queue->count)
+        memmove(queue->bytes, queue->bytes + queue->begin, (size_t)queue->count);
+    queue->begin = 0;
+    const int32_t least = 2 * (queue->count + count);
+    if (queue->capacity >= least)
+        return true;
+    const int32_t capacity = 2 * least > SMALLEST_CAPACITY ? 2 * least : SMALLEST_CAPACITY;
+    uint8_t *bytes = realloc(queue->bytes, (size_t)capacity);
+    if (!bytes)
+        return false;
+    queue->bytes = bytes;
+    queue->capacity = capacity;
+    return true;
+}
+
+/* Put a byte at the end. False if there is no room that was reserved. */
+static bool queue_put(struct queue *queue, uint8_t byte)
+{
+    if (queue->begin + queue->count == queue->capacity)
+        return false;
+    queue->bytes[queue->begin + queue->count++] = byte;
+    return true;
+}
+
+/* Take at most so many bytes from the beginning; returns how many. */
+static int32_t queue_take(struct queue *queue, uint8_t *bytes, int32_t count)
+{
+    const int32_t taken = count < queue->count ? count : queue->count;
+    if (taken <= 0)
+        return 0;
+    memcpy(bytes, queue->bytes + queue->begin, (size_t)taken);
+    queue->begin += taken;
+    queue->count -= taken;
+    return taken;
+}
+
 /* -- FIFOs -------------------------------------------------------------------------------------------------------- */
 
-static void fifo_put(struct fifo *fifo, uint8_t byte)
-{
-    fifo->bytes[fifo->count++] = byte;
-}
+static void fifo_put(struct fifo *fifo, uint8_t byte) { fifo->bytes[fifo->count++] = byte; }
 
 static uint8_t fifo_take(struct fifo *fifo)
 {
@@ -141,7 +190,7 @@ static void receive(struct machine *machine, struct uart *uart, uint8_t byte)
 
 static void arrive(struct machine *machine, struct event *event)
 {
-    struct uart *uart = event->owner;
+    struct uart *uart = OWNER(event, struct uart, arrival);
     int64_t next = event->tick + uart->line_byte_ps;
     uint8_t byte = 0;
     if (queue_take(&uart->incoming, &byte, 1) && listens(machine, uart))
@@ -152,7 +201,7 @@ static void arrive(struct machine *machine, struct event *event)
 
 static void be_idle(struct machine *machine, struct event *event)
 {
-    struct uart *uart = event->owner;
+    struct uart *uart = OWNER(event, struct uart, idle);
     if (uart->arrival.is_planned)
         return;
     uart->flags |= S1_IDLE;
@@ -170,7 +219,7 @@ static void shift(struct machine *machine, struct uart *uart, int64_t tick)
 
 static void end_byte(struct machine *machine, struct event *event)
 {
-    struct uart *uart = event->owner;
+    struct uart *uart = OWNER(event, struct uart, end);
     uint8_t byte = is_garbled(machine, uart) ? uart->shifting ^ 0xFF : uart->shifting;
     if (!queue_put(&uart->sent, byte))
         uart->has_lost = true;
@@ -218,23 +267,14 @@ static uint8_t read_register(struct machine *machine, struct device *device, uin
     case S1:
         uart->flags_seen = uart->flags;
         return status_of(uart);
-    case D:
-        return read_data(machine, uart);
+    case D: return read_data(machine, uart);
     case SFIFO:
         return (uint8_t)(uart->registers[SFIFO] | (uart->receive.count ? 0 : SFIFO_RXEMPT)
             | (uart->transmit.count ? 0 : SFIFO_TXEMPT));
-    case TCFIFO:
-        return (uint8_t)uart->transmit.count;
-    case RCFIFO:
-        return (uint8_t)uart->receive.count;
-    default:
-        return offset < REGISTERS ? uart->registers[offset] : 0;
+    case TCFIFO: return (uint8_t)uart->transmit.count;
+    case RCFIFO: return (uint8_t)uart->receive.count;
+    default: return offset < REGISTERS ? uart->registers[offset] : 0;
     }
-}
-
-static uint32_t read_registers(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
-{
-    return read_by_bytes(machine, device, offset, size, read_register);
 }
 
 /* Room for the byte at the host is reserved here, so that no event needs memory. */
@@ -256,9 +296,7 @@ static void write_register(struct machine *machine, struct device *device, uint3
 {
     struct uart *uart = (struct uart *)device;
     switch (offset) {
-    case D:
-        write_data(machine, uart, value);
-        break;
+    case D: write_data(machine, uart, value); break;
     case CFIFO:
         if (value & CFIFO_TXFLUSH)
             uart->transmit.count = 0;
@@ -266,14 +304,11 @@ static void write_register(struct machine *machine, struct device *device, uint3
             uart->receive.count = 0;
         uart->registers[CFIFO] = value & 0x07;
         break;
-    case SFIFO:
-        uart->registers[SFIFO] &= (uint8_t)(~value & SFIFO_FLAGS);
-        break;
+    case SFIFO: uart->registers[SFIFO] &= (uint8_t)(~value & SFIFO_FLAGS); break;
     case PFIFO:
         uart->registers[PFIFO] = (uint8_t)((value & PFIFO_ENABLED) | (uart->registers[PFIFO] & PFIFO_SIZES));
         break;
-    case S1: case TCFIFO: case RCFIFO:
-        break;
+    case S1: case TCFIFO: case RCFIFO: break;
     default:
         if (offset < REGISTERS)
             uart->registers[offset] = value;
@@ -281,19 +316,13 @@ static void write_register(struct machine *machine, struct device *device, uint3
     drive(machine, uart);
 }
 
-static void write_registers(
-    struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
-{
-    write_by_bytes(machine, device, offset, size, value, write_register);
-}
-
 /* -- the host ----------------------------------------------------------------------------------------------------- */
 
 static void destroy(struct device *device)
 {
     struct uart *uart = (struct uart *)device;
-    queue_destroy(&uart->incoming);
-    queue_destroy(&uart->sent);
+    free(uart->incoming.bytes);
+    free(uart->sent.bytes);
 }
 
 /* Bytes between host and board are the host's: none is under way afterwards. */
@@ -304,25 +333,19 @@ static void restore(struct device *device, const void *state)
     memcpy(uart, state, sizeof *uart);
     uart->incoming = incoming;
     uart->sent = sent;
-    queue_clear(&uart->incoming);
-    queue_clear(&uart->sent);
+    uart->incoming.count = uart->sent.count = 0;
 }
 
 bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uart connections)
 {
-    struct uart *uart = calloc(1, sizeof *uart);
-    if (!uart)
-        return false;
-    uart->device = (struct device){
-        .base = base, .bytes = PAGE_BYTES, .read = read_registers, .write = write_registers, .reset = reset,
-        .destroy = destroy, .restore = restore};
-    uart->connections = connections;
-    uart->expected_count = INT32_MAX;
-    uart->expected_byte = -1;
-    uart->arrival = (struct event){.fire = arrive, .owner = uart};
-    uart->idle = (struct event){.fire = be_idle, .owner = uart};
-    uart->end = (struct event){.fire = end_byte, .owner = uart};
-    return add_device(machine, &uart->device, sizeof *uart);
+    const struct uart uart = {
+        .device = {
+            .base = base, .bytes = PAGE_BYTES, .read = read_by_bytes, .read_byte = read_register,
+            .write = write_by_bytes, .write_byte = write_register, .reset = reset, .destroy = destroy,
+            .restore = restore},
+        .connections = connections, .expected_count = INT32_MAX, .expected_byte = -1,
+        .arrival.fire = arrive, .idle.fire = be_idle, .end.fire = end_byte};
+    return add_device(machine, &uart.device, sizeof uart);
 }
 
 static struct uart *uart_of(const struct machine *machine, uint32_t base)
@@ -337,10 +360,7 @@ void machine_set_line_baud(struct machine *machine, uint32_t base, double baud, 
     uart->line_byte_ps = byte_ps;
 }
 
-double machine_uart_baud(struct machine *machine, uint32_t base)
-{
-    return baud_of(machine, uart_of(machine, base));
-}
+double machine_uart_baud(struct machine *machine, uint32_t base) { return baud_of(machine, uart_of(machine, base)); }
 
 bool machine_uart_write(struct machine *machine, uint32_t base, const uint8_t *bytes, int32_t count)
 {
@@ -362,15 +382,9 @@ void machine_uart_expect(struct machine *machine, uint32_t base, int32_t count, 
     uart->expected_byte = byte;
 }
 
-int32_t machine_uart_arriving(struct machine *machine, uint32_t base)
-{
-    return uart_of(machine, base)->incoming.count;
-}
+int32_t machine_uart_arriving(struct machine *machine, uint32_t base) { return uart_of(machine, base)->incoming.count; }
 
-int32_t machine_uart_waiting(struct machine *machine, uint32_t base)
-{
-    return uart_of(machine, base)->sent.count;
-}
+int32_t machine_uart_waiting(struct machine *machine, uint32_t base) { return uart_of(machine, base)->sent.count; }
 
 int32_t machine_uart_read(struct machine *machine, uint32_t base, uint8_t *bytes, int32_t count)
 {

@@ -213,8 +213,7 @@ static bool is_flash(const struct memory_waits *waits, uint32_t address)
 }
 
 /* Access the words from `first` to `last`; an instruction or data may straddle two of them, and two lines. */
-static int32_t wait_for_words(
-    struct memory_waits *waits, uint32_t first, uint32_t last, int64_t cycle, bool is_fetched)
+static int32_t wait_for_words(struct memory_waits *waits, uint32_t first, uint32_t last, int64_t cycle, bool is_fetched)
 {
     const struct bank_switches *switches = &waits->switches[first * WORD_BYTES >= waits->half_flash_bytes];
     int32_t wait = 0;

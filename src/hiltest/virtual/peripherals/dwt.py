@@ -72,8 +72,7 @@ class CycleCounter(CoreDevice):
     def readings(self) -> deque[CounterReading | None]:
         """The last few times that the firmware read it, oldest first; `forget` begins anew.
 
-        None is a reading that the core has answered, in a loop that polls the counter: nothing is successive across it,
-        and it takes the place of others as any does.
+        None stands for those of a loop that polls the counter: nothing is successive across them.
         """
         taken = ffi.new("struct machine_reading *")
         while lib.machine_take_reading(self._handle, taken):

@@ -47,13 +47,13 @@ class PriceTables:
         if self._handle == ffi.NULL:
             raise MemoryError
         for row, cost in profile.rows.items():
-            lib.machine_set_price(self._handle, row.encode(), cost.value)
+            lib.machine_set_price(self._handle, 0, row.encode(), cost.value)
         self._count = 1 + len(moves)
         if not lib.machine_set_tables(self._handle, self._count):
             raise ConfigError(f"a profile with {len(moves)} moves of uncertain rows has too many of them")
         for table, values in enumerate(moves, start=1):
             for row, value in values.items():
-                lib.machine_set_table_price(self._handle, table, row.encode(), value)
+                lib.machine_set_price(self._handle, table, row.encode(), value)
 
     def count(self, slices: Iterable[Slice]) -> list[int] | None:
         """Return the cycles of all slices together by each table.
