@@ -105,7 +105,7 @@ def flood(url: str) -> int:
 
 
 def test_the_next_program_is_heard_after_a_flood_and_what_was_lost_is_counted(line: PseudoTerminal | TcpLine) -> None:
-    line.queue.kept = 10
+    line.queue.keep_limit = 10
     sent = flood(line.url)
     assert sent > 10_000
     with serial.serial_for_url(line.url, timeout=WALL_LIMIT_S) as client:  # before anybody looked at the line

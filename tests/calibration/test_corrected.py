@@ -54,7 +54,7 @@ def test_hermite_polynomials_of_noisy_values_have_the_powers_as_expectation(trut
     noisy = np.zeros((5, 3))
     noisy[:, 0] = truth + np.sqrt(variance) * nodes
     expected = sum(
-        weight * corrected._without_noise(corrected.power_sums(point[None]), variance)[degree, 0, 0]
+        weight * corrected._denoised_sums(corrected.power_sums(point[None]), variance)[degree, 0, 0]
         for point, weight in zip(noisy, weights / weights.sum(), strict=True)
     )
     assert expected == pytest.approx(truth**degree, abs=1e-13)
@@ -67,7 +67,7 @@ def test_the_newton_step_follows_the_slope_of_the_smallest_sum_of_squares() -> N
     h = 1e-6
 
     def smallest_squares(variance: float) -> float:
-        scatter = corrected._UNIT_TRACE @ corrected._without_noise(sums, variance)[corrected._PRODUCTS]
+        scatter = corrected._UNIT_TRACE @ corrected._denoised_sums(sums, variance)[corrected._PRODUCTS]
         rows = scatter @ corrected._UNIT_TRACE.T
         return float(rows[9, 9] - rows[9, :9] @ np.linalg.solve(rows[:9, :9], rows[:9, 9]))
 

@@ -278,7 +278,7 @@ def test_where_the_table_is_says_how_much_of_the_tumble_is_over(dip_deg: float, 
     # On the axis that has furthest to go, as a motor table takes its time.
     lengths = [np.abs(end - begin).max() for begin, end in pairwise(corners)]
     ends = np.cumsum(lengths) / sum(lengths)
-    way, random = grbl_turntable._Way(poses), np.random.default_rng(seed)
+    way, random = grbl_turntable._TumblePath(poses), np.random.default_rng(seed)
     part = 0.0
     while part < 1.0:
         leg = int(np.searchsorted(ends, part, side="right"))

@@ -36,7 +36,7 @@ def read_numbers(folder: Path, content: str) -> None:
     table = opened(folder, content)
     for row in table.rows():
         for place, name in enumerate(table.names(range(table.width))):
-            number_in(table.path, row, place, name, what="reading")
+            number_in(table.path, row, place, name, quantity="reading")
 
 
 @pytest.mark.parametrize(

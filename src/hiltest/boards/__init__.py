@@ -43,23 +43,23 @@ def open_board(
     Parameters
     ----------
     rig
-        Says which board.
+        Rig with a ``[board]`` table.
     firmware
         ELF, Intel HEX or raw binary for a virtual board.
     port
-        Serial port of a real board; wins over the rig's. Without either it is that of the one board that is plugged in.
+        Serial port of a real board, in place of the rig's. If neither is set, the only board that is plugged in.
     seed
         Seed of a simulated world; by default the rig's.
     transcript
-        Gets every byte, both ways.
+        Receives every byte, in both directions.
     base
         Address of a raw binary.
     watches_execution
-        Whether it is kept what the firmware executes, as only a virtual board can.
+        Whether to record the instructions that the firmware executes; only a virtual board can.
     tape
-        Records what is asked, or answers it from a recording.
+        Records all questions and answers, or answers from a recording.
     on_chip
-        Of the firmware of a board that has just been flashed.
+        Facts about the firmware that has just been flashed.
 
     Raises
     ------
@@ -89,16 +89,16 @@ def open_compass(
     transcript: Transcript | None = None, base: int | None = None, watches_execution: bool = False, tape: Tape = LIVE,
     on_chip: OnChip | None = None,
 ) -> CompassBoard:  # fmt: skip
-    """Open the board of a rig whose firmware speaks its own language, and wait until it speaks; as `open_board`.
+    """Open the board of a rig whose firmware has its own protocol, and wait for its first output; see `open_board`.
 
     Raises
     ------
     ConfigError
         When rig, firmware and port do not go together.
     BenchError
-        When the port cannot be opened, nothing comes, or the firmware faults.
+        When the port cannot be opened, the firmware stays silent, or it faults.
     VersionMismatchError
-        When what comes is not understood.
+        When the output cannot be interpreted.
     """
     is_replay = isinstance(tape, Player)
     board = ReplayCompass(tape, rig, transcript=transcript) if is_replay else opened_compass(
@@ -136,15 +136,15 @@ def _opened_board(
         except PortNotFoundError as error:
             is_virtual = rig.board.kind == "virtual"
             raise PortNotFoundError(error.requested, error.available, of_virtual_rig=is_virtual) from error
-        return _of_known_sensors(board, rig)
+        return _refuse_unknown_sensors(board, rig)
     if url is not None and url.rstrip("/") != "hil:":
         raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
     bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
-    return _of_known_sensors(VirtualBoard(bench, declared=declared, transcript=transcript, tape=tape), rig)
+    return _refuse_unknown_sensors(VirtualBoard(bench, declared=declared, transcript=transcript, tape=tape), rig)
 
 
-def _of_known_sensors(board: Board, rig: Rig) -> Board:
-    """Return the board, unless the rig names a sensor that its firmware has no driver of."""
+def _refuse_unknown_sensors(board: Board, rig: Rig) -> Board:
+    """Return the board, or raise an error if its firmware has no driver for a sensor that the rig names."""
     names = {kind.name.lower(): [sensor.name for sensor in board.sensors if sensor.kind is kind] for kind in SensorKind}
     try:
         refuse_unknown_sensors(rig, names)

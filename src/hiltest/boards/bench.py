@@ -1,4 +1,4 @@
-"""A virtual board in its world: firmware, sensors, and the table that turns them."""
+"""A virtual board in its world: firmware, sensors, and turntable."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment
 from hiltest.world.sway import SWAY_S, Sway
 
-#: From power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
+#: Time from power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
 START_UP_S = 0.2
 _RESETS = {"button": ResetSource.PIN, "brown-out": ResetSource.POWER_ON}
 
@@ -34,7 +34,7 @@ def default_firmware() -> Path:
 
 
 def firmware_of(rig: Rig) -> Path:
-    """Return the firmware of a rig: the file that it names, beside it or among those that ship, or hiltest's own.
+    """Return the firmware of a rig: the file that it names, beside the rig or in the package, or hiltest's own.
 
     Raises
     ------
@@ -52,15 +52,15 @@ def firmware_of(rig: Rig) -> Path:
     for file in (rig.path.parent / named, shipped / named):
         if file.is_file():
             return file
-    ours = ", ".join(sorted(each.name for each in shipped.glob("*.elf")))
+    ours = ", ".join(sorted(path.name for path in shipped.glob("*.elf")))
     raise ConfigError(
         f"{rig.where('board', 'firmware')}: board.firmware: no file {named!r} beside the rig, and none of that name "
         f"comes with hiltest: {ours}"
     )
 
 
-def _timing_of(rig: Rig) -> str:
-    """Return the name of the timing profile, or its file: a relative one is beside the rig's."""
+def _timing_profile(rig: Rig) -> str:
+    """Return the name or file of the timing profile; a relative path is relative to the rig's file."""
     named = rig.board.timing or DEFAULT_PROFILE
     if named.endswith(SUFFIX):
         return str(rig.path.parent / named)
@@ -72,7 +72,7 @@ def _timing_of(rig: Rig) -> str:
 
 
 def _put_faults_on(machine: VirtualK64F, faults: Faults | None) -> None:
-    """Have the faults of the board happen that are none of its parts."""
+    """Apply the faults that belong to the board and not to one of its sensors."""
     if faults and faults.held_line:
         held = faults.held_line
         machine.hold_line(held.bus, HeldLine(held.line, *span_of(held, START_UP_S)))
@@ -88,7 +88,7 @@ class BenchSnapshot(NamedTuple):
 
 
 class VirtualBench:
-    """Everything that a rig with a simulated world describes.
+    """The board, sensors, world and table of a rig with a simulated world.
 
     Parameters
     ----------
@@ -101,19 +101,19 @@ class VirtualBench:
     base
         Address of a raw binary.
     flash_file
-        Holds the flash from run to run.
+        File that keeps the flash contents between runs.
     watches_execution
-        Whether it is kept what the firmware executes.
+        Whether to record the instructions that the firmware executes.
 
     Attributes
     ----------
     machine : VirtualK64F
     execution : ExecutionWatch or None
-        What keeps it.
+        Record of the executed instructions.
     firmware : Path
     seed : int
     playback : Playback or None
-        The recording that the sensors measure; the table turns nothing that they see then.
+        Recording that the sensors measure; the table has then no effect on them.
 
     Raises
     ------
@@ -136,9 +136,10 @@ class VirtualBench:
         self._world = build_world(rig)
         self._world.playback = self.playback = load_playback(rig)
         sensors = build_sensors(rig, self._world, self.seed, faults_from_s=START_UP_S)
-        # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
+        # All registers that the packaged firmware uses are modelled, so an access to any other is a bug.
         self.machine = VirtualK64F(
-            load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
+            load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"],
+            profile=_timing_profile(rig),
             strict=self.firmware == default_firmware(), flash_file=flash_file,
         )  # fmt: skip
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
@@ -157,7 +158,7 @@ class VirtualBench:
         return BenchSnapshot(self.machine.snapshot(), self._world.state())
 
     def restore(self, snapshot: BenchSnapshot) -> None:
-        """Go back to a snapshot of this bench: moves of the table that began since then never were."""
+        """Restore a snapshot of this bench, which undoes all moves of the table since then."""
         self.machine.restore(snapshot.board)
         self._world.restore(snapshot.world)
 
@@ -171,27 +172,27 @@ class VirtualBench:
         self.machine.run_until(START_UP_S)
 
     def turn_to(self, pose: Pose, *, known_angle: int | None = None, face: int | None = None) -> None:
-        """Turn the table, and let virtual time run until it stands; a face may be askew, as the world has it."""
+        """Turn the table, and let virtual time run until it stands; the world may define a face as misaligned."""
         errors_deg = self.rig.world.face_errors_deg if self.rig.world and face is not None else ()
         pose = askew(pose, errors_deg[face]) if errors_deg and face is not None else pose
         self.machine.run_until(self.begin_turn(pose, known_angle=known_angle))
 
     def tumble(self, duration_s: float) -> float:
-        """Go to where a tumble begins, begin it, come back, and say how long it takes [s]."""
+        """Turn to the first pose of a tumble, start it, and return its duration [s] at once."""
         self.machine.run_until(self.begin_tumble(duration_s))
         return self.tumble_takes_s(duration_s)
 
     def turn_round(self, turn_deg: float, *, rate_dps: float, after_s: float) -> float:
-        """Begin to turn about the vertical in `after_s`, come back at once, and say in how long it will stand [s]."""
+        """Schedule a turn about the vertical in `after_s`; return the time until the table stands again [s]."""
         now_s = self.machine.time_s
         return self._world.turn_round(turn_deg, rate_dps=rate_dps, time_s=now_s + after_s) - now_s
 
     def tumble_takes_s(self, duration_s: float) -> float:
-        """Return how long a tumble takes of which `duration_s` is asked [s]."""
+        """Return the actual duration of a tumble that should take `duration_s` [s]."""
         return self._world.tumble_takes_s(duration_s)
 
     def sway(self) -> float:
-        """Begin to turn and tilt from where the level table stands, come back at once; return how long it takes [s]."""
+        """Start to turn and tilt from the level table's present heading; return the duration [s] at once."""
         begin_s = self.next_move_s()
         steps = round(begin_s / MOVE_GRID_S) + round(SWAY_S / MOVE_GRID_S)
         heading_deg = self._world.at(begin_s).pose.heading_deg - self._world.mounting_yaw_deg
@@ -200,7 +201,7 @@ class VirtualBench:
 
     @property
     def said_of_playback(self) -> list[str]:
-        """What was not as in the recording that is played, in sentences; empty without one."""
+        """Deviations from the recording that is played, in sentences; empty without a recording."""
         return self.playback.remarks() if self.playback else []
 
     @property
@@ -209,7 +210,7 @@ class VirtualBench:
         return self._world.temperature_degc(self.machine.time_s)
 
     def write_sensor(self, bus: int, address: int, register: int, value: int) -> None:
-        """Write a register of a sensor behind the firmware's back, as another master on the I2C bus would."""
+        """Write a register of a sensor without the firmware, as another master on the I2C bus would."""
         part, now_s = self._parts[bus, address], self.machine.time_s
         part.start(False, now_s)
         part.write(register, now_s)
@@ -218,7 +219,7 @@ class VirtualBench:
 
     @property
     def firmware_clock_began_s(self) -> float:
-        """Virtual time at which the firmware's clock, channel 0 of the PIT, began: soon after power-on or reset."""
+        """Virtual time at which the firmware's clock, channel 0 of the PIT, started: soon after power-on or reset."""
         return self.machine.timers.enabled_s(0)
 
     def attitude_at(self, board_us: int) -> Pose:
@@ -226,25 +227,25 @@ class VirtualBench:
         return self._world.at(self.firmware_clock_began_s + 1e-6 * board_us).pose
 
     def disturbances_at_ut(self, board_us: int) -> dict[str, Vector]:
-        """Return what disturbs the field at a time of the firmware's clock [us], by cause, body frame."""
+        """Return the disturbances of the field at a time of the firmware's clock [us], by cause, body frame."""
         if self._world.disturbances is None:
             return {}
         time_s = self.firmware_clock_began_s + 1e-6 * board_us
         return self._world.disturbances.by_cause_ut(time_s, self._world.at(time_s).pose)
 
     def next_move_s(self) -> float:
-        """Return when a move that is planned now can begin [virtual s]."""
+        """Return the earliest start of a move that is planned now [virtual s]."""
         return self._world.hold(time_s=self.machine.time_s)
 
     def begin_move(self, move: MotionSegment) -> None:
-        """Start a move that is planned already; the clock does not move."""
+        """Start a planned move; the clock does not advance."""
         self._world.follow(move)
 
     def begin_turn(self, pose: Pose, *, known_angle: int | None = None) -> float:
-        """Start a turn, and return when it will end [virtual s]; the clock does not move."""
+        """Start a turn, and return its end [virtual s]; the clock does not advance."""
         return self._world.turn_to(pose, time_s=self.machine.time_s, known_angle=known_angle)
 
     def begin_tumble(self, duration_s: float) -> float:
-        """Start a tumble, and return when its first pose is reached [virtual s]; the clock does not move."""
+        """Start a tumble, and return the time of its first pose [virtual s]; the clock does not advance."""
         self._world.tumble(time_s=self.machine.time_s, duration_s=duration_s)
         return self._world.last_move_start_s

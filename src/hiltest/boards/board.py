@@ -42,11 +42,11 @@ _SHIELD_HINT = (
 
 
 CALL_CYCLES = 32
-"""What calling a function, and reading the counter around it, may cost that one of two counts has and the other not."""
+"""Cycles by which two counts of a call may differ, because one includes the call or the counter readings around it."""
 
 
 NO_MEMORY_USE: Mapping[str, int | str] = dict.fromkeys(("flash", "ram", "stack_most"), "")
-"""Of a board that does not see what its firmware takes."""
+"""Memory use of a board that cannot observe its firmware."""
 NO_COVERAGE = "the board {} does not show what it executes, which coverage is made of: leave out --coverage"
 
 
@@ -84,7 +84,7 @@ class Truth:
     """One-sided noise density of the rate [deg/s/sqrt(Hz)]."""
 
     def read_ut(self, attitude: Pose) -> NDArray[np.float64]:
-        """Return what the magnetometer reads in an attitude of the board, without noise, shape (3,) [uT]."""
+        """Return the noise-free magnetometer reading in an attitude of the board, shape (3,) [uT]."""
         field_ned_ut = np.array(EarthField(self.field_ut, self.dip_deg).ned_ut)
         return np.asarray(self.soft_iron @ rotation_body_from_ned(attitude) @ field_ned_ut + self.hard_iron_ut)
 
@@ -103,32 +103,32 @@ class Declared:
     """Strength of the local field."""
     magnetometer_sigma_ut: float
     """rms noise of one axis of one reading, of the selected part."""
-    wanted: Mapping[SensorKind, str]
+    sensor_names: Mapping[SensorKind, str]
     """Name of the sensor to use for each kind; without a name the first that is present."""
     cycle_model: str | None = None
-    """What the cycle counter of a board on a port counts, when the rig says it."""
+    """Cycle model of a board on a port, if the rig declares it."""
     gyroscope_density_dps: float = 0.025
     """One-sided noise density of the rate [deg/s/sqrt(Hz)]."""
     functions: Mapping[str, str] = field(default_factory=dict)
-    """Function of the firmware that each calibrator is, where the rig names it."""
+    """Function of the firmware for each calibrator that the rig names one for."""
     rig: str = ""
     """Name of the rig."""
     faults: Faults | None = None
-    """What goes wrong on purpose."""
+    """Injected faults."""
 
     @classmethod
     def of(cls, rig: Rig) -> Declared:
-        """Take from a rig what a board needs to know of it."""
+        """Select the declarations of a rig that concern a board."""
         named = {
             SensorKind.MAGNETOMETER: rig.sensors.magnetometer,
             SensorKind.ACCELEROMETER: rig.sensors.accelerometer,
             SensorKind.GYROSCOPE: rig.sensors.gyroscope,
         }
-        wanted = {kind: name for kind, name in named.items() if name is not None}
+        sensor_names = {kind: name for kind, name in named.items() if name is not None}
         return cls(
-            rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted, rig.board.cycle_model,
+            rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, sensor_names, rig.board.cycle_model,
             1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz,
-            {name: each.functions[0] for name, each in rig.cycles.items() if each.ends is None},
+            {name: entry.functions[0] for name, entry in rig.cycles.items() if entry.ends is None},
             rig.name,
             rig.faults,
         )
@@ -140,7 +140,7 @@ R = TypeVar("R")
 
 
 class CallCounter(Protocol):
-    """Counts the calls of one function of the firmware, whatever the firmware reports of them."""
+    """Counter of the calls of one function, independent of the firmware's reports."""
 
     def begin(self) -> None:
         """Forget the calls so far."""
@@ -154,16 +154,16 @@ class Stage(Protocol):
     """A table that turns a board by itself."""
 
     def turn_to(self, pose: Pose, *, known_angle: int | None = None, face: int | None = None) -> None:
-        """Turn the table and come back when it stands; the number of a face is for a world whose faces are askew."""
+        """Turn the table and return when it stands; the number of a face selects its misalignment in the world."""
 
     def tumble(self, duration_s: float) -> float:
-        """Go to where a tumble begins, begin it, come back, and say how long it takes [s]."""
+        """Turn to the first pose of a tumble, start it, and return its duration [s] at once."""
 
     def sway(self) -> float:
-        """Begin to turn and tilt from where the level table stands, come back at once; say how long it takes [s]."""
+        """Start to turn and tilt from the level table's present heading; return the duration [s] at once."""
 
     def turn_round(self, turn_deg: float, *, rate_dps: float, after_s: float) -> float:
-        """Begin to turn about the vertical in `after_s`, come back at once, and say in how long it will stand [s]."""
+        """Schedule a turn about the vertical in `after_s`; return the time until the table stands again [s]."""
 
     @property
     def temperature_degc(self) -> float:
@@ -171,24 +171,24 @@ class Stage(Protocol):
 
     @property
     def said_of_playback(self) -> list[str]:
-        """What was not as in the recording that is played, in sentences; empty without one."""
+        """Deviations from the recording that is played, in sentences; empty without a recording."""
 
     @property
     def firmware_clock_began_s(self) -> float:
         """Virtual time at which the firmware's clock began [s]."""
 
     def write_sensor(self, bus: int, address: int, register: int, value: int) -> None:
-        """Write a register of a sensor behind the firmware's back, as another master on the I2C bus would."""
+        """Write a register of a sensor without the firmware, as another master on the I2C bus would."""
 
 
 class StepRecorder(Protocol):
-    """Records what runs in steps that the firmware times one by one."""
+    """Recorder of work that runs in steps, each timed by the firmware."""
 
     def add(self, cycles: Sequence[int], overhead_cycles: int) -> None:
         """Record the steps that were timed last, in order."""
 
     def band(self) -> CycleRange | None:
-        """Return the uncertainty range of all steps together; None where it is unknown."""
+        """Return the uncertainty range of all steps together; None if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,27 +198,27 @@ class LinkTerms:
     nonce_seed: int
     """Seed of the nonces of the session."""
     attempts: int
-    """How often a request is sent at most."""
+    """Maximum number of attempts per request."""
 
     def session(
         self, opened: Callable[[], SerialPort], transcript: Transcript | None, tape: Tape, *,
-        made: Callable[..., Session] = Session,
+        session_type: Callable[..., Session] = Session,
     ) -> Session:
-        """Open the session of a board that is there, or the one that is replayed."""
+        """Open the session with a present board, or the replayed session."""
         port = tape.port(opened)
         terms: LinkTerms = tape.ask("link", {}, LinkTerms, lambda: self)
-        return made(port, transcript=transcript, nonce_seed=terms.nonce_seed, attempts=terms.attempts)
+        return session_type(port, transcript=transcript, nonce_seed=terms.nonce_seed, attempts=terms.attempts)
 
 
 class OnChip(NamedTuple):
-    """What is known of the file that was flashed onto a chip, which a board cannot be asked for: as of `Board`."""
+    """Facts about the flashed image, which a board cannot report. Same meaning as in `Board`."""
 
     firmware_sha256: str
     compiler_flags: str
     elf_build_id: str
 
     def note(self, board: Any) -> None:
-        """Let a board say it."""
+        """Add these facts to a board's identity."""
         for name, value in self._asdict().items():
             setattr(board, name, value)
 
@@ -236,21 +236,21 @@ class Board(ABC):
     Attributes
     ----------
     stage : Stage or None
-        None where an operator or motors turn the board.
+        None if an operator or motors turn the board.
     truth : Truth or None
-        None where it is unknown: "not offered".
+        None if unknown: "not offered".
     firmware_sha256 : str or None
-        Digest of the ELF file, where there is one.
+        Digest of the ELF file, if there is one.
     compiler_flags : str
-        Compiler flags of all units of that file; empty where they are unknown.
+        Compiler flags of all units of that file; empty if they are unknown.
     elf_build_id : str
         GNU build-id note of that file; empty without one.
     seed : int or None
         Seed of a simulated world.
     sample_checks : SampleChecks
-        Refuses what no sound sensor gives; replies are checked as they come.
+        Refuses samples that no intact sensor returns; each reply is checked on arrival.
     execution : ExecutionWatch or None
-        What the firmware has executed, where that is kept.
+        Instructions that the firmware has executed, if they are recorded.
     """
 
     kind: BoardKind
@@ -291,7 +291,7 @@ class Board(ABC):
 
     @property
     def origin(self) -> BoardKind:
-        """Kind of the board whose answers these are: its own, or of a replay that of the recorded one."""
+        """Kind of the board that gave the answers: of a replay, the recorded one."""
         return self.kind
 
     @property
@@ -301,13 +301,13 @@ class Board(ABC):
 
     @property
     def line_is_exact(self) -> bool:
-        """Whether the line loses and changes nothing, as a simulated one does that has no faults."""
+        """Whether the line is free of errors, as a simulated line without faults is."""
         faults = self.declared.faults
         return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_line)
 
     @property
     def sensors_are_sound(self) -> bool:
-        """Whether its sensors and their buses cannot fail: those of a virtual board, unless its rig says so."""
+        """Whether its sensors and buses cannot fail: true for a virtual board without such faults in its rig."""
         faults = self.declared.faults
         return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_sensors)
 
@@ -326,7 +326,7 @@ class Board(ABC):
 
     @property
     def core_clock_hz(self) -> int:
-        """Clock of the core, as the firmware answers it."""
+        """Core clock as the firmware reports it."""
         return self.identity.core_clock_hz
 
     @property
@@ -336,37 +336,37 @@ class Board(ABC):
 
     @property
     def virtual_seconds(self) -> float | None:
-        """Virtual time since power-on; None where time is not virtual."""
+        """Virtual time since power-on; None if time is not virtual."""
         return self.now_s() if self.clock == "virtual" else None
 
     def memory_use(self) -> Mapping[str, int | str]:
-        """Return the bytes that the firmware takes, see `seen_memory_use`, or why they are not known."""
+        """Return the bytes that the firmware takes, see `seen_memory_use`, or the reason why they are unknown."""
         return NO_MEMORY_USE
 
     def true_attitude(self, board_us: int) -> Pose | None:
-        """Return the board's attitude at a time of its own clock [us]; None where it is unknown."""
+        """Return the board's attitude at a time of its own clock [us]; None if unknown."""
         return None
 
     def true_disturbances_ut(self, board_us: int) -> Mapping[str, Vector] | None:
-        """Return what disturbs the field at a time of its own clock [us], by cause, body frame; None where unknown."""
+        """Return the field's disturbances at a time of its clock [us], by cause, body frame; None if unknown."""
         return None
 
     def call_counter(self, calibrator: str) -> CallCounter | None:
-        """Return what counts the calls of a calibrator; None where the board cannot see them."""
+        """Return the counter of a calibrator's calls; None if the board cannot observe them."""
         return None
 
     @property
     def executes_firmware(self) -> bool:
-        """Whether the board sees every instruction, and can count what the firmware reports of itself."""
+        """Whether the board executes every instruction, and so can check the firmware's reports."""
         return False
 
     def timed(self, request: Request[TimedReply], calibrator: str) -> TimedReply:
-        """Send a request that runs a calibrator, and check the cycles that the firmware reports of it.
+        """Send a request that runs a calibrator, and check the cycles that the firmware reports.
 
         Parameters
         ----------
         request
-            Its reply has a `cost`.
+            Request whose reply has a `cost`.
         calibrator
             Name as in the board's identity.
 
@@ -375,33 +375,33 @@ class Board(ABC):
         FirmwareContradictionError
             When the board counted other cycles in the calibrator's function than the firmware reports.
         """
-        reply, counted = self._counted(request, calibrator)
+        reply, counted = self._send_and_count(request, calibrator)
         if reply.cost is not None:
             _refuse_other_cycles(calibrator, [reply.cost], counted)
         return reply
 
     def timed_each(self, request: Request[CostedStepsReply], work: str) -> CostedStepsReply:
-        """Send a request that runs a function again and again, and check the cycles that are reported of each call.
+        """Send a request that runs a function repeatedly, and check the cycles that are reported for each call.
 
         Parameters
         ----------
         request
-            Its reply has `costs`, of the first calls; others may follow that were refused.
+            Request whose reply has the `costs` of the first calls; calls that were refused may follow.
         work
-            What is called: a stream calibrator's name and ``.add`` or ``.remove``.
+            Function to call: a stream calibrator's name and ``.add`` or ``.remove``.
 
         Raises
         ------
         FirmwareContradictionError
             When the board counted other cycles in these calls than the firmware reports.
         """
-        reply, counted = self._counted(request, work)
+        reply, counted = self._send_and_count(request, work)
         if reply.costs:
             _refuse_other_cycles(work, reply.costs, counted[: len(reply.costs)])
         return reply
 
-    def _counted(self, request: Request[R], work: str) -> tuple[R, list[int]]:
-        """Send a request; return its reply, and the cycles of each call of a function, if they are seen."""
+    def _send_and_count(self, request: Request[R], work: str) -> tuple[R, list[int]]:
+        """Send a request; return its reply, and the cycles of each call of a function if the board observes them."""
         counter = self.call_counter(work)
         if counter is not None:
             counter.begin()
@@ -409,9 +409,9 @@ class Board(ABC):
         return reply, list(counter.cycles) if counter is not None else []
 
     def unchecked(self, calibrator: str) -> str:
-        """Say why the board cannot check the cycles that the firmware reports of the calibrator that just ran.
+        """Return why the board cannot check the cycles that the firmware reports for the calibrator that just ran.
 
-        Empty where it has checked them, and on a board that does not execute the firmware, where nothing else counts.
+        Empty if it has checked them, or if the board does not execute the firmware and so cannot count.
         """
         if not self.executes_firmware:
             return ""
@@ -422,23 +422,23 @@ class Board(ABC):
         return ""
 
     def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
-        """Return the uncertainty range of the cycles of the run that was just timed; None where it is unknown.
+        """Return the uncertainty range of the cycles of the run that was just timed; None if unknown.
 
         Parameters
         ----------
         cost
-            As the firmware reports it.
+            Cost as the firmware reports it.
         calibrator
-            What was timed: the board then knows the readings around its call.
+            Calibrator that was timed, to identify the counter readings around its call.
         """
         return None
 
     def timed_steps(self) -> StepRecorder | None:
-        """Begin to record what runs in steps that are timed one by one; None where that is unknown."""
+        """Start to record work that is timed step by step; None if the board cannot."""
         return None
 
     def instructions_counted(self, cycles: int) -> int | None:
-        """Count the instructions of the code that the firmware has just timed at `cycles`; None where unknown."""
+        """Count the instructions of the code that the firmware has just timed at `cycles`; None if unknown."""
         return None
 
     def sensor(self, kind: SensorKind) -> SensorInfo:
@@ -447,21 +447,22 @@ class Board(ABC):
         Raises
         ------
         SensorAbsentError
-            When there is none; names those that answer, and the way out.
+            When there is none; the message lists the present sensors and a remedy.
         """
-        wanted = self.declared.wanted.get(kind)
+        sensor_name = self.declared.sensor_names.get(kind)
         for sensor in self.sensors:
-            # A board without its shield measures with its own part: not what the rig asks for.
-            if sensor.kind is kind and sensor.selected and sensor.present and wanted in (None, sensor.name):
+            # A board without its shield falls back to its own part, which the rig does not ask for.
+            if sensor.kind is kind and sensor.selected and sensor.present and sensor_name in (None, sensor.name):
                 return sensor
         raise SensorAbsentError(
-            wanted if wanted and kind.name.lower() in wanted else f"{kind.name.lower()} {wanted or ''}".strip(),
+            sensor_name if sensor_name and kind.name.lower() in sensor_name
+            else f"{kind.name.lower()} {sensor_name or ''}".strip(),
             [sensor.name for sensor in self.sensors if sensor.present],
             _SHIELD_HINT,
         )
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self.session.close()
 
     def __enter__(self) -> Self:
@@ -473,25 +474,25 @@ class Board(ABC):
         self.close()
 
     def _select(self) -> tuple[SensorInfo, ...]:
-        """Select one present sensor of each kind; which are selected is then asked again."""
-        known = self.session.request(Sensors())
+        """Select one present sensor of each kind, and query the sensors again."""
+        sensors = self.session.request(Sensors())
         for kind in SensorKind:
-            wanted = self.declared.wanted.get(kind)
-            for sensor in known:
-                if sensor.kind is kind and sensor.present and wanted in (None, sensor.name):
+            sensor_name = self.declared.sensor_names.get(kind)
+            for sensor in sensors:
+                if sensor.kind is kind and sensor.present and sensor_name in (None, sensor.name):
                     try:
                         self.session.request(Select(sensor.sensor_id))
                     except DeviceError as error:
                         if not error.is_of_sensors:
                             raise
-                        # It is missing then for who needs it; what needs none still runs.
+                        # Only tests that need this sensor fail; all others still run.
                     break
         return self.session.request(Sensors())
 
 
 def _refuse_other_cycles(work: str, reported: Sequence[RunCost], counted: Sequence[int]) -> None:
-    """Raise a FirmwareContradictionError when calls took other cycles than were reported; without calls none does."""
-    total, calls = sum(each.cycles for each in reported), len(counted)
+    """Raise a FirmwareContradictionError if calls took other cycles than reported; without calls nothing is checked."""
+    total, calls = sum(cost.cycles for cost in reported), len(counted)
     if calls and abs(sum(counted) - total) > CALL_CYCLES * len(reported):
         raise FirmwareContradictionError(
             f"the firmware contradicts the board: it reports {total} cycles of {work}, and "

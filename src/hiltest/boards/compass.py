@@ -1,4 +1,4 @@
-"""A board whose firmware speaks its own language: it is listened to, or read from outside, and never asked."""
+"""A board whose firmware has its own protocol: hiltest listens, or reads its memory, but sends no requests."""
 
 from __future__ import annotations
 
@@ -45,56 +45,56 @@ from hiltest.text import is_text, join_words, legible
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
 
-# How long one read listens: values that are read from outside are read as often.
+# Duration of one read, and the period at which variables are read from memory.
 _SLICE_S = 0.1
 _MOST_BYTES = 1 << 16
-# Longest that the firmware may stay silent behind its declared start, before it is given up.
+# Longest silence of the firmware after its declared start before it counts as failed.
 _SILENT_S = 5.0
 _SHOWN_BYTES = 48
 POLLED = "device.polled"
-"""Question of the kinds that read from the outside."""
+"""Question about the kinds that read the board's memory."""
 
 
 class CompassBoard:
-    """A board of which the firmware says, by its own words, where it points.
+    """A board whose firmware reports its heading in its own protocol.
 
     Parameters
     ----------
     port
         Open; the board closes it. One with a ``now()`` has a clock of its own.
     rig
-        With a ``[device]`` table.
+        Rig with a ``[device]`` table.
     interfaces
-        What understands the firmware, by kind.
+        Decoders of the firmware's output, by kind.
     description
         One line for people.
     transcript
-        Gets every byte, both ways.
+        Receives every byte, in both directions.
 
     Attributes
     ----------
     offers : frozenset of Quantity
-        What the firmware may say.
+        Quantities that the firmware may report.
     latest : dict of Quantity to ndarray
-        What it said last of each.
+        Latest value of each.
     errors : Counter of str
-        What it reported to be wrong, and how often.
+        Errors that it reported, and how often.
     costs : Costs or None
-        Of the functions that the rig names; None where the board cannot see them.
+        Costs of the functions that the rig names; None if the board cannot observe them.
     stage : Stage or None
-        None where an operator or motors turn the board.
+        None if an operator or motors turn the board.
     truth : Truth or None
-        None where it is unknown: "not offered".
+        None if unknown: "not offered".
     seed : int or None
         Seed of a simulated world.
     firmware : str
-        Name of the file that runs, empty where there is none.
+        Name of the file that runs, empty if there is none.
     firmware_sha256, compiler_flags, elf_build_id : str or None, str, str
-        Of that file.
+        Facts about that file.
     execution : ExecutionWatch or None
-        What it has executed, where that is kept.
+        Instructions that it has executed, if they are recorded.
     may_be_overheard : bool
-        Whether it may be listened to while an operator is asked: what is heard then is no part of a recording.
+        Whether to listen while an operator answers; that output is no part of a recording.
     """
 
     may_be_overheard = True
@@ -137,19 +137,19 @@ class CompassBoard:
         self._first = b""
 
     def begin(self) -> None:
-        """Wait until the firmware speaks, and send what is to be sent then.
+        """Wait for the firmware's first output, and send the commands for its start.
 
         Raises
         ------
         DeviceSilentError
-            When nothing comes.
+            When the firmware stays silent.
         VersionMismatchError
-            When nothing of what comes is understood.
+            When none of the output can be interpreted.
         """
         self.observe(self.device.start_s)
         self.send(Moment.START)
         began_s = self.now_s()
-        while not any(each.values for each in self.observe(_SLICE_S)):
+        while not any(observation.values for observation in self.observe(_SLICE_S)):
             if self.now_s() < began_s + _SILENT_S:
                 continue
             if not self._heard:
@@ -157,30 +157,31 @@ class CompassBoard:
             raise VersionMismatchError(self._not_understood(f"{self._heard} bytes came, and nothing was understood"))
 
     def heading_missing(self, seconds: float, window: Sequence[Observation]) -> HiltestError:
-        """Return why a time brought no heading: the firmware fell silent, or what it says is none.
+        """Return why an interval brought no heading: the firmware fell silent, or its output has none.
 
         Parameters
         ----------
         window
-            What was said in it.
+            Observations of that interval.
         """
         if self.now_s() - self._heard_at_s > seconds - _SLICE_S:
             return DeviceTimeoutError("a heading", seconds, self.clock, self.position())
-        others = sorted({quantity.key for each in window for quantity in each.values})
+        others = sorted({quantity.key for observation in window for quantity in observation.values})
         return VersionMismatchError(self._not_understood(
             f"the firmware speaks, and no heading was understood in {seconds:g} s"
             + (f", only {join_words(others, 3)}" if others else "")
         ))
 
-    def _not_understood(self, found: str) -> str:
-        """Return what a reader needs to see why."""
-        said = [f"it reports {text!r}" for text in self.errors] + list(self.remarks())
+    def _not_understood(self, summary: str) -> str:
+        """Return a message with all that helps to find the reason."""
+        reasons = [f"it reports {text!r}" for text in self.errors] + list(self.remarks())
         return "; ".join([
-            f"{found} by [device] kind {', '.join(self.interfaces)}", *said, f"it began with {self._first_words()}",
+            f"{summary} by [device] kind {', '.join(self.interfaces)}", *reasons,
+            f"it began with {self._first_words()}",
         ]) + f". Is it that firmware, and its baud rate {self.rig.link.baud}? hiltest device try shows what it says"
 
     def observe(self, seconds: float) -> list[Observation]:
-        """Listen for a time of the board's clock [s]; return what the firmware said.
+        """Listen for a time of the board's clock [s]; return the observations.
 
         Raises
         ------
@@ -190,7 +191,7 @@ class CompassBoard:
             When the firmware of a virtual board faults, or hangs.
         """
         end_s = self.now_s() + seconds
-        said: list[Observation] = []
+        heard: list[Observation] = []
         while (left_s := end_s - self.now_s()) > 1e-9:
             data = self._read(min(_SLICE_S, left_s))
             now_s = self.now_s()
@@ -200,14 +201,14 @@ class CompassBoard:
                     observations = interface.feed(data, now_s) if data else ()
                 else:
                     observations = [interface.read(now_s)] if self._is_due(kind, interface, now_s) else ()
-                said += (self._of_source(kind, observation) for observation in observations)
-        for each in said:
-            self.latest.update(each.values)
-        self.errors.update(each.error for each in said if each.error)
-        return said
+                heard += (self._use_as_source(kind, observation) for observation in observations)
+        for observation in heard:
+            self.latest.update(observation.values)
+        self.errors.update(observation.error for observation in heard if observation.error)
+        return heard
 
     def _is_due(self, kind: str, interface: PolledInterface, now_s: float) -> bool:
-        """Say whether to read now: what gives the heading in every slice, what the firmware believes once a window."""
+        """Return whether to read now: an interface with the heading in every slice, the others once a window."""
         every_s = 0.0 if self._sources.get(Quantity.HEADING) == kind else self.device.window_s
         if now_s < self._read_at_s.get(kind, -math.inf) + every_s - _SLICE_S / 2.0:
             return False
@@ -220,57 +221,57 @@ class CompassBoard:
             command = interface.commands(moment) if isinstance(interface, StreamInterface) else b""
             if command:
                 self._note(Direction.TO_BOARD, command)
-                with self._broken_is_lost():
+                with self._raise_as_lost_link():
                     self._port.write(command)
 
     def sleep(self, seconds: float) -> None:
-        """Wait, by the board's clock [s]; what the firmware says meanwhile is dropped."""
+        """Wait, by the board's clock [s], and drop the firmware's output."""
         self.observe(seconds)
 
     def remarks(self) -> tuple[str, ...]:
-        """Return what a reader should know of how the firmware was understood; empty where all is plain."""
+        """Return remarks on the interpretation of the firmware's output; empty without any."""
         return tuple(
             remark for interface in self.interfaces.values() if isinstance(interface, _Remarking)
             for remark in interface.remarks()
         )  # fmt: skip
 
     def position(self) -> str:
-        """Say what the firmware is doing; empty where that is unknown."""
+        """Return a description of the firmware's present activity; empty if unknown."""
         position: Callable[[], str] | None = getattr(self._port, "position", None)
         return position() if position else ""
 
     @property
     def origin(self) -> BoardKind:
-        """As `Board.origin`."""
+        """See `Board.origin`."""
         return self.kind
 
     @property
     def virtual_seconds(self) -> float | None:
-        """Virtual time since power-on; None where time is not virtual."""
+        """Virtual time since power-on; None if time is not virtual."""
         return self.now_s() if self.clock == "virtual" else None
 
     def memory_use(self) -> Mapping[str, int | str]:
-        """As `Board.memory_use`."""
+        """See `Board.memory_use`."""
         return NO_MEMORY_USE
 
     @property
     def firmware_line(self) -> str:
-        """Name and build of the firmware, and how it is understood, for people."""
+        """Name and build of the firmware, and its interface, for people."""
         build = f" build {self.elf_build_id[:16]}" if self.elf_build_id else ""
         return f"{self.firmware or 'its firmware'}{build}, understood by {', '.join(self.interfaces)}"
 
     @property
     def core_clock_hz(self) -> int:
-        """Clock of the core now; 0 where it is unknown."""
+        """Clock of the core now; 0 if it is unknown."""
         return 0
 
     @property
     def cycle_model(self) -> str:
-        """Cycle model of counted functions; ``none`` where nothing counts."""
+        """Cycle model of counted functions; ``none`` without a counter."""
         return "none"
 
     def close(self) -> None:
-        """Give the port back, and the debug server."""
+        """Close the port and the debug server."""
         hang_up(self.interfaces)
         self._port.close()
 
@@ -283,8 +284,8 @@ class CompassBoard:
         self.close()
 
     def _read(self, seconds: float) -> bytes:
-        with self._broken_is_lost():
-            if self._port.timeout != seconds:  # which sets up a real port anew
+        with self._raise_as_lost_link():
+            if self._port.timeout != seconds:  # because it reconfigures a real port
                 self._port.timeout = seconds
             data = bytes(self._port.read(_MOST_BYTES))
         if data:
@@ -294,14 +295,14 @@ class CompassBoard:
         return data
 
     @contextmanager
-    def _broken_is_lost(self) -> Iterator[None]:
+    def _raise_as_lost_link(self) -> Iterator[None]:
         try:
             yield
         except (serial.SerialException, OSError) as error:
             raise LinkLostError(str(self._port.name), str(error)) from error
 
     def _first_words(self) -> str:
-        """Return the first bytes: as text where they are one."""
+        """Return the first bytes, as text if possible."""
         if is_text(self._first):
             return repr(legible(self._first.decode("utf-8", errors="replace")))
         return f"{self._first.hex(' ')} (hex)"
@@ -310,7 +311,7 @@ class CompassBoard:
         if self._transcript is not None:
             self._transcript.add(self.now_s(), direction, data)
 
-    def _of_source(self, kind: str, observation: Observation) -> Observation:
+    def _use_as_source(self, kind: str, observation: Observation) -> Observation:
         values = {
             quantity: numbers for quantity, numbers in observation.values.items() if self._sources[quantity] == kind
         }
@@ -318,18 +319,18 @@ class CompassBoard:
 
 
 class VirtualCompass(CompassBoard):
-    """A virtual board whose firmware speaks its own language, in stepped time.
+    """A virtual board whose firmware has its own protocol, in stepped time.
 
     Parameters
     ----------
     bench
         Board, sensors and world.
     interfaces
-        What understands the firmware, by kind.
+        Decoders of the firmware's output, by kind.
     transcript
-        Gets every byte, both ways.
+        Receives every byte, in both directions.
     tape
-        Records what is asked.
+        Records all questions.
     """
 
     def __init__(
@@ -355,7 +356,7 @@ class VirtualCompass(CompassBoard):
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
 
     def memory_use(self) -> Mapping[str, int | str]:
-        """As `VirtualBoard.memory_use`."""
+        """See `VirtualBoard.memory_use`."""
         return seen_memory_use(self._machine, self._costs.stacks())
 
     @property
@@ -373,7 +374,7 @@ def opened_compass(
     rig: Rig, *, firmware: Path | None, port: str | None, seed: int | None, transcript: Transcript | None,
     base: int | None, watches_execution: bool, tape: Tape,
 ) -> CompassBoard:
-    """Open the board of a rig whose firmware speaks its own language, without a word of it yet.
+    """Open the board of a rig whose firmware has its own protocol, without waiting for output.
 
     Raises
     ------
@@ -391,7 +392,7 @@ def opened_compass(
     image = bench.machine.image if bench else load_image(firmware, base=base) if firmware else None
     interfaces = open_interfaces(rig, {"memory": memory_kind(image, bench.machine if bench else None)})
     try:
-        if Quantity.HEADING not in sources_of(rig, interfaces):  # all that is wrong is said before a port is opened
+        if Quantity.HEADING not in sources_of(rig, interfaces):  # a bad rig is refused before a port is opened
             raise ConfigError(
                 f"{rig.where('device', 'kind')}: device.kind: {', '.join(interfaces)} offers no heading here, and that "
                 "is what is judged; name it in the rig (docs/compass.md)"
@@ -413,7 +414,7 @@ def opened_compass(
 
 
 def hang_up(interfaces: Mapping[str, Interface]) -> None:
-    """Let go of what interfaces read through. Idempotent."""
+    """Close the connections of interfaces. Idempotent."""
     for interface in interfaces.values():
         if isinstance(interface, _Closable):
             interface.close()
@@ -430,57 +431,60 @@ class _Closable(Protocol):
 
 
 class TapedReadings:
-    """A `PolledInterface` each of whose readings is a question.
+    """A `PolledInterface` whose readings pass a tape as questions.
 
     Parameters
     ----------
     kind
-        As the rig names it.
+        Name of the kind in the rig.
     target
-        Reads; None in a replay.
+        Interface that reads; None in a replay.
     """
 
     def __init__(self, tape: Tape, kind: str, target: Any) -> None:
         self._tape, self._kind, self._target = tape, kind, target
         units: Mapping[Quantity, str] = tape.ask(
             f"{kind}.offers", {}, Mapping[Quantity, str],
-            lambda: {each: each.unit for each in sorted(target.offers, key=lambda offer: offer.key)},
+            lambda: {quantity: quantity.unit for quantity in sorted(target.offers, key=lambda offer: offer.key)},
         )
         self.offers = frozenset(units)
 
     def read(self, time_s: float) -> Observation:
-        """Read all of it now.
+        """Read all quantities now.
 
         Raises
         ------
         ConfigError
-            When a recording holds other than the numbers of a quantity.
+            When a recording does not have the numbers of a quantity.
         """
         read: Observation = self._tape.ask(f"{self._kind}.read", {}, Observation, lambda: self._target.read(time_s))
         for quantity, numbers in read.values.items():
             if quantity not in self.offers or numbers.shape != (quantity.size,):
-                found = f"{self._kind} reads {numbers.size} numbers of {quantity.key}"
-                raise ConfigError(f"the recording is damaged: {found}; record the run again")
+                message = f"{self._kind} reads {numbers.size} numbers of {quantity.key}"
+                raise ConfigError(f"the recording is damaged: {message}; record the run again")
         return read
 
     def remarks(self) -> tuple[str, ...]:
-        """Return what a reader of the values should know of how they were read."""
-        said: tuple[str, ...] = self._tape.ask(
+        """Return remarks on how the values were read."""
+        remarks: tuple[str, ...] = self._tape.ask(
             f"{self._kind}.remarks", {}, tuple[str, ...],
             lambda: self._target.remarks() if isinstance(self._target, _Remarking) else (),
         )
-        return said
+        return remarks
 
     def close(self) -> None:
-        """Let go of what it reads through."""
+        """Close the interface."""
         if isinstance(self._target, _Closable):
             self._target.close()
 
 
 def on_tape(interfaces: Mapping[str, Interface], tape: Tape) -> Mapping[str, Interface]:
-    """Let what interfaces read from the outside pass through a tape; what a line says has passed it as bytes."""
+    """Put polled interfaces on a tape; streams pass it as bytes already."""
     if tape is LIVE:
         return interfaces
-    polled = [kind for kind, each in interfaces.items() if not isinstance(each, StreamInterface)]
+    polled = [kind for kind, interface in interfaces.items() if not isinstance(interface, StreamInterface)]
     tape.ask(POLLED, {}, tuple[str, ...], lambda: polled)
-    return {kind: TapedReadings(tape, kind, each) if kind in polled else each for kind, each in interfaces.items()}
+    return {
+        kind: TapedReadings(tape, kind, interface) if kind in polled else interface
+        for kind, interface in interfaces.items()
+    }

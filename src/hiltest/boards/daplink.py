@@ -1,8 +1,8 @@
-"""Boards that are plugged in, found by the USB identity of their DAPLink; and the serial ports that are no board's.
+"""Boards that are plugged in, found by the USB identity of their DAPLink, and other serial ports.
 
-All is read from sysfs and /proc, below a root that the caller or ``HILTEST_ROOT`` in the environment may name: an
-emulated tree, or one that was copied from another machine. What USB devices and their volumes say of themselves is
-somebody else's text: it is cut and made legible.
+The module reads sysfs and /proc below a root that the caller or ``HILTEST_ROOT`` in the environment may name: an
+emulated tree, or one that was copied from another machine. Texts of USB devices and their volumes are foreign input, so
+they are truncated and sanitised.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ VENDOR_ID, PRODUCT_ID = 0x0D28, 0x0204
 BOARD_ID = "0240"
 """DAPLink's id of the FRDM-K64F: its serial numbers begin with it."""
 NO_PORT = "load its driver: sudo modprobe cdc_acm"
-"""What to do about a board without a serial port."""
+"""Remedy for a board without a serial port."""
 
 _DETAILS = ("DETAILS.TXT", "details.txt")  # vfat shows short names as they are, or in lower case
 _READ_MOST = 4096
 # A USB string has at most 126 characters; a file on a volume could have any.
 _LONGEST = 126
-_PORT_UNKNOWN = "0"  # of the kernel's 8250 driver: a port that the machine does not have
-# Of DAPLink's bootloader, on all boards.
+_PORT_UNKNOWN = "0"  # type that the kernel's 8250 driver gives to a port that the machine does not have
+# Name of the volume of DAPLink's bootloader, on all boards.
 _BOOTLOADER_ID = "0000"
-# Who else writes programs for the board's interface chip, by USB vendor.
+# Vendors of other programs for the board's interface chip, by USB vendor id.
 _OPENSDA = {0x1357: "P&E Micro", 0x1366: "SEGGER"}
 
 
 @dataclass(frozen=True, slots=True)
 class Volume:
-    """The mounted drive of a DAPLink, and what its DETAILS.TXT says; empty where it says nothing."""
+    """The mounted drive of a DAPLink, with the contents of its DETAILS.TXT; empty if it has none."""
 
     path: Path
     read_only: bool = False
-    """As it is mounted."""
+    """Mount point."""
     interface_version: str = ""
-    """Of the firmware of the interface chip, such as ``0257``."""
+    """Version of the interface chip's firmware, such as ``0257``."""
     unique_id: str = ""
     """The same as the serial number on USB."""
 
@@ -56,15 +56,15 @@ class UsbBoard:
     vendor_id: int
     product_id: int
     serial_number: str = ""
-    """Empty where the device has none."""
+    """Empty if the device has none."""
     product: str = ""
-    """What the device calls itself."""
+    """Product name of the device."""
     ports: tuple[Path, ...] = ()
-    """Its serial devices; of a DAPLink one, or none where its driver is not there."""
+    """Its serial devices: a DAPLink has one, or none without a driver."""
     disks: tuple[str, ...] = ()
     """Names of its drives, such as ``sdb``."""
     volume: Volume | None = None
-    """Where one of them is mounted."""
+    """Mounted volume on one of them."""
 
     @property
     def port(self) -> Path | None:
@@ -83,19 +83,19 @@ class UsbBoard:
 
     @property
     def board_id(self) -> str:
-        """DAPLink's id of the board; empty of another device."""
+        """DAPLink's id of the board; empty for another device."""
         return self.serial_number[:4] if self.is_daplink else ""
 
     @property
     def not_taken(self) -> str:
-        """Why it is no FRDM-K64F, and what to do if it is; empty of one."""
+        """Reason why it is not an FRDM-K64F, with a remedy if it should be; empty if it is one."""
         if self.is_daplink and self.board_id == BOARD_ID:
             return ""
         if self.is_daplink and self.board_id == _BOOTLOADER_ID:
             return "a DAPLink that waits for firmware of its own: plug it in again without holding its reset button"
         if self.is_daplink:
-            said = f"board id {self.board_id}" if self.board_id else "no serial number"
-            return f"DAPLink of another board: {said}, an FRDM-K64F's is {BOARD_ID}"
+            identity = f"board id {self.board_id}" if self.board_id else "no serial number"
+            return f"DAPLink of another board: {identity}, an FRDM-K64F's is {BOARD_ID}"
         if maker := _OPENSDA.get(self.vendor_id):
             return f"a debug probe by {maker}: if it is an FRDM-K64F, put DAPLink on it, from https://daplink.io"
         return f"USB {self.usb_id}, and DAPLink's is {VENDOR_ID:04x}:{PRODUCT_ID:04x}"
@@ -103,22 +103,22 @@ class UsbBoard:
 
 @dataclass(frozen=True, slots=True)
 class OtherPort:
-    """A serial port that is no board's, and why."""
+    """A serial port without a board, and the reason."""
 
     port: Path | None
-    """None of a DAPLink that has none."""
+    """Serial device; None for a DAPLink without one."""
     device: UsbBoard | None
-    """What it belongs to; None of one that is not on USB."""
+    """USB device that it belongs to; None if it is not on USB."""
 
     @property
     def not_taken(self) -> str:
-        """Why it is not taken."""
+        """Reason why it is not used."""
         return self.device.not_taken if self.device else "not on USB; name it with --hil-port where a board is on it"
 
 
 @dataclass(frozen=True, slots=True)
 class PluggedIn:
-    """What is plugged in: FRDM-K64F boards by serial number, and the other serial ports."""
+    """FRDM-K64F boards that are plugged in, by serial number, and other serial ports."""
 
     boards: tuple[UsbBoard, ...]
     others: tuple[OtherPort, ...]
@@ -160,12 +160,12 @@ def choose_board(serial_number: str = "", *, root: Path | None = None) -> UsbBoa
     serial_number
         Beginning or all of it; empty for any board.
     root
-        As of `plugged_in`.
+        See `plugged_in`.
 
     Raises
     ------
     NoBoardError
-        When there is none; it names those that there are.
+        When there is none; the message lists the present boards.
     SeveralBoardsError
         When there are several.
     """
@@ -174,7 +174,7 @@ def choose_board(serial_number: str = "", *, root: Path | None = None) -> UsbBoa
     if not fitting:
         raise NoBoardError(serial_number, [board.serial_number for board in boards])
     if len(fitting) > 1:
-        raise SeveralBoardsError([each.serial_number for each in fitting])
+        raise SeveralBoardsError([board.serial_number for board in fitting])
     return fitting[0]
 
 
@@ -198,14 +198,15 @@ def _usb_devices(root: Path, mounts: dict[str, tuple[Path, bool]]) -> Iterator[U
     for folder in _children(root / "sys/bus/usb/devices"):
         vendor, product = (_identity(folder / name) for name in ("idVendor", "idProduct"))
         if vendor is None or product is None:
-            continue  # an interface: it is looked at with its device
+            continue  # an interface, which is read with its device
         interfaces = [child for child in _children(folder) if child.name.startswith(f"{folder.name}:")]
         ttys = [tty for interface in interfaces for tty in (*interface.glob("tty/*"), *interface.glob("tty*/tty/*"))]
         disks = sorted(
-            (disk for each in interfaces for disk in each.glob("host*/target*/*/block/*")), key=lambda each: each.name
+            (disk for interface in interfaces for disk in interface.glob("host*/target*/*/block/*")),
+            key=lambda disk: disk.name,
         )
         mounted = (mounts.get(_attribute(part / "dev")) for disk in disks for part in (disk, *_partitions(disk)))
-        place = next((each for each in mounted if each), None)
+        place = next((mount for mount in mounted if mount), None)
         yield UsbBoard(
             vendor, product, serial_number=_attribute(folder / "serial"), product=_attribute(folder / "product"),
             ports=tuple(root / "dev" / tty.name for tty in sorted(ttys, key=lambda tty: tty.name)),
@@ -214,7 +215,7 @@ def _usb_devices(root: Path, mounts: dict[str, tuple[Path, bool]]) -> Iterator[U
 
 
 def _ports(root: Path) -> Iterator[Path]:
-    """Yield the serial ports that the machine has: a terminal with a device behind it, if that is there."""
+    """Yield the serial ports of the machine: terminals with an existing device behind them."""
     for tty in _children(root / "sys/class/tty"):
         if (tty / "device").exists() and _attribute(tty / "type") != _PORT_UNKNOWN:
             yield root / "dev" / tty.name
@@ -225,25 +226,25 @@ def _partitions(disk: Path) -> list[Path]:
 
 
 def _mounts(root: Path) -> dict[str, tuple[Path, bool]]:
-    """Return where each disk is mounted as a whole, and whether to be read only, by its ``major:minor``."""
+    """Return the mount point of each disk, and whether it is read-only, by its ``major:minor``."""
     try:
         lines = (root / "proc/self/mountinfo").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
     except OSError:
         return {}
-    found: dict[str, tuple[Path, bool]] = {}
+    mounts: dict[str, tuple[Path, bool]] = {}
     for fields in (line.split(" ") for line in lines):
         if len(fields) > 5 and fields[3] == "/":
             place = re.sub(r"\\([0-7]{3})", lambda code: chr(int(code[1], 8)), fields[4])
-            found.setdefault(fields[2], (root / place.lstrip("/"), "ro" in fields[5].split(",")))
-    return found
+            mounts.setdefault(fields[2], (root / place.lstrip("/"), "ro" in fields[5].split(",")))
+    return mounts
 
 
 def _volume(path: Path, read_only: bool) -> Volume:
-    """Return a volume with what its DETAILS.TXT says, if there is one that can be read."""
+    """Return a volume with the contents of its DETAILS.TXT, if it is readable."""
     text = next((text for name in _DETAILS if (text := _text_of(path / name))), "")
     parted = (line.partition(":") for line in text.splitlines())
-    said = {key.strip().lower(): _cut(value) for key, _, value in parted}
-    return Volume(path, read_only, said.get("interface version", ""), said.get("unique id", ""))
+    details = {key.strip().lower(): _cut(value) for key, _, value in parted}
+    return Volume(path, read_only, details.get("interface version", ""), details.get("unique id", ""))
 
 
 def _text_of(file: Path) -> str:
@@ -264,7 +265,7 @@ def _identity(file: Path) -> int | None:
 
 
 def _attribute(file: Path) -> str:
-    """Return what a file of sysfs says; empty where it cannot be read."""
+    """Return the text of a file of sysfs; empty if it cannot be read."""
     return _cut(_text_of(file))
 
 

@@ -1,7 +1,7 @@
-"""A serial port whose line does wrong what a rig's ``[faults]`` say, over any other port.
+"""A serial port with the line faults of a rig's ``[faults]`` table, over any other port.
 
-Times are those of the port's own clock where it has one, as a virtual board's: then a run is disturbed at the
-same bytes each time, on every host.
+Times are by the port's own clock if it has one, as a virtual board's port does: then faults hit the same bytes each
+time, on every host.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ import serial
 from hiltest.link.ports import WRITE_TIMEOUT_S, SerialPort
 from hiltest.rig.faults import Faults
 
-_BITS = 10  # of a byte on the line: start, eight of data, stop
+_BITS = 10  # bits per byte on the line: start, eight of data, stop
 
 
 
 def with_faults(port: SerialPort, faults: Faults | None, *, baud: int) -> SerialPort:
-    """Return a port with the faults of a rig's line, itself where the rig has none."""
+    """Return a port with the faults of a rig's line, itself if the rig has none."""
     return port if faults is None or not faults.of_line else FaultyPort(port, faults, baud=baud)
 
 
 class FaultyPort:
     """A port that passes everything on to another one, through faults.
 
-    What is late, or stalled, goes on its way when the port is used the next time: late by one read more at most.
+    Delayed bytes move on at the next use of the port, so they may be late by one more read.
 
     Parameters
     ----------
     port
-        Open. What else it offers, such as a clock of its own, is this port's too.
+        Open port. This port also offers its other attributes, such as its own clock.
     baud
         Line speed that the host has set.
 
@@ -54,8 +54,8 @@ class FaultyPort:
         clock: Callable[[], float] = getattr(port, "now", None) or time.monotonic
         self._clock, self._opened_s = clock, clock()
         board_baud = faults.baud.to if faults.baud else baud
-        self._to_board = _Way(faults, "to-board", self.happened, (baud, board_baud))
-        self._to_host = _Way(faults, "to-host", self.happened, (board_baud, baud))
+        self._to_board = _Direction(faults, "to-board", self.happened, (baud, board_baud))
+        self._to_host = _Direction(faults, "to-host", self.happened, (board_baud, baud))
         self._was_gone = False
 
     def __getattr__(self, name: str) -> Any:
@@ -75,12 +75,12 @@ class FaultyPort:
         self._port.timeout = seconds
 
     def read(self, size: int = 1) -> bytes:
-        """Return what has arrived, at most `size` bytes."""
-        return self._arrived(lambda: self._port.read(size), lambda piece: size)
+        """Return the bytes that have arrived, at most `size`."""
+        return self._next_piece(lambda: self._port.read(size), lambda piece: size)
 
     def read_until(self, expected: bytes) -> bytes:
         """Return bytes up to and including `expected`, fewer when the read slice is over or the line splits them."""
-        return self._arrived(
+        return self._next_piece(
             lambda: self._port.read_until(expected), lambda piece: piece.find(expected) + 1 or len(piece)
         )
 
@@ -105,16 +105,16 @@ class FaultyPort:
         return len(data)
 
     def reset_input_buffer(self) -> None:
-        """Drop what has arrived and was not read."""
+        """Drop the unread bytes that have arrived."""
         self._to_host.waiting.clear()
         self._port.reset_input_buffer()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()
 
-    def _arrived(self, read: Callable[[], bytes], end: Callable[[bytes], int]) -> bytes:
-        """Return the next piece that is due, up to where `end` of it is, after a look at the port if none is."""
+    def _next_piece(self, read: Callable[[], bytes], end: Callable[[bytes], int]) -> bytes:
+        """Return the next piece that is due, up to the index `end(piece)`; poll the port first if none is due."""
         self._fail_if_gone("read")
         self._send_due()
         piece = next(self._to_host.due(self._since_s()), b"")
@@ -135,24 +135,24 @@ class FaultyPort:
         for piece in self._to_board.due(self._since_s()):
             self._port.write(piece)
 
-    def _fail_if_gone(self, what: str) -> None:
-        """Fail as pyserial does on a device that is gone; what was on its way then is lost."""
+    def _fail_if_gone(self, message: str) -> None:
+        """Fail as pyserial does on a device that has disappeared, and drop the bytes on their way."""
         gone = self._faults.disappear is not None and self._faults.disappear.holds(self._since_s())
         if gone or self._was_gone:
             self._to_board.waiting.clear()
             self.reset_input_buffer()
         self._was_gone = gone
         if gone:
-            raise serial.SerialException(f"{what} failed: [Errno {errno.EIO}] {os.strerror(errno.EIO)}")
+            raise serial.SerialException(f"{message} failed: [Errno {errno.EIO}] {os.strerror(errno.EIO)}")
 
 
-class _Way:
+class _Direction:
     """One direction of the line.
 
     Attributes
     ----------
     waiting : deque of (float, bytes)
-        Pieces on their way, and when each is due.
+        Pieces on their way, with the times at which they are due.
     """
 
     def __init__(self, faults: Faults, name: str, happened: Counter[str], bauds: tuple[int, int]) -> None:
@@ -183,11 +183,11 @@ class _Way:
             yield self.waiting.popleft()[1]
 
     def _pieces(self, data: bytes, begun: bool) -> Iterator[tuple[float, bytes]]:
-        """Yield the pieces that are left of bytes, and by how much each is late."""
+        """Yield the remaining pieces of bytes after drops, with the delay of each."""
         faults, late = self._faults, self._faults.late
         piece, by_s = bytearray(), 0.0
         for byte in data:
-            # Always as many for a byte, so that what happens to it depends on its number alone.
+            # The same count of random numbers for each byte, so that its faults depend on its index alone.
             hit, bit, cut, wait = (self._dice.random() for _ in range(4))
             if not begun:
                 piece.append(byte)
@@ -214,19 +214,19 @@ class _Way:
 
 
 def heard_at(data: bytes, sent_baud: int, heard_baud: int) -> bytes:
-    """Return what a receiver hears of bytes, sent one behind the other, whose line speed is not its own.
+    """Return the bytes that a receiver with another line speed decodes from back-to-back bytes.
 
-    It takes a falling edge for a start bit and samples the line in the middle of the nine bits behind it, as it counts
-    them; a stop bit that is not there it does not mind, as terminals do not by default.
+    The receiver takes a falling edge for a start bit and samples the line in the middle of the nine bits after it, by
+    its own clock. It ignores a missing stop bit, as terminals do by default.
     """
     levels = [level for byte in data for level in (0, *(byte >> n & 1 for n in range(8)), 1)]
     heard, free = bytearray(), 0
-    # In units in which a bit as sent is 2 `heard_baud` long, and one as heard 2 `sent_baud`.
+    # Units in which a sent bit is 2 `heard_baud` long, and a received one 2 `sent_baud`.
     for at, level in enumerate(levels):
         edge = 2 * heard_baud * at
         if edge < free or level or (at and not levels[at - 1]):
             continue
         samples = ((edge + (3 + 2 * n) * sent_baud) // (2 * heard_baud) for n in range(8))
-        heard.append(sum((levels[each] if each < len(levels) else 1) << n for n, each in enumerate(samples)))
+        heard.append(sum((levels[index] if index < len(levels) else 1) << n for n, index in enumerate(samples)))
         free = edge + (2 * _BITS - 1) * sent_baud
     return bytes(heard)

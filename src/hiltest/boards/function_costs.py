@@ -27,50 +27,50 @@ from hiltest.virtual.processor.call_summary import CallSummary, SolutionSummary
 
 @dataclass(frozen=True, slots=True)
 class LatestSolution:
-    """The last solution of all that the firmware's solvers came to."""
+    """The most recent solution of any of the firmware's solvers."""
 
     name: str
-    """Of the solver, in the rig."""
+    """Name of the solver in the rig."""
     cycles: int
     slices: int
-    """How many it took."""
+    """Number of slices that it took."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlashCost:
-    """What a solution takes with the waits of memories."""
+    """Cost of a solution with the wait states of memories."""
 
     cycles: int | None
-    """None where `refusal` says why."""
+    """Cost; None if there is a `refusal`."""
     cycle_model: str
     band: CycleRange | None = None
     refusal: str = ""
 
 
 class Costs(Protocol):
-    """What the functions that a rig names cost."""
+    """Cycle costs of the functions that a rig names."""
 
     def calls(self) -> Mapping[str, CallSummary]:
-        """Return what the calls of each function came to, by its name in the rig."""
+        """Return a summary of each function's calls, by its name in the rig."""
 
     def solutions(self) -> Mapping[str, SolutionSummary]:
-        """Return what the slices of each function came to, solution by solution, by its name in the rig."""
+        """Return a summary of each function's solutions, by its name in the rig."""
 
     def latest_solution(self) -> LatestSolution | None:
-        """Return the solution that was completed last, of whichever solver; None where none was."""
+        """Return the most recent solution of any solver; None without one."""
 
     def samples(self) -> NDArray[np.float64] | None:
-        """Return the samples that the firmware held when that one began, in its axes, shape (n, 3) [counts].
+        """Return the samples that the firmware held when that solution began, in its axes, shape (n, 3) [counts].
 
-        None without one, and where the rig does not say where they lie.
+        None without a solution, or if the rig does not name their buffer.
         """
 
     def from_flash(self) -> FlashCost:
-        """Compute that one once more with the waits of memories."""
+        """Compute that solution again with the wait states of memories."""
 
 
 class FunctionCosts:
-    """Counts from the firmware's first instruction on.
+    """Counter of calls and cycles from the firmware's first instruction on.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class FunctionCosts:
     Raises
     ------
     ConfigError
-        With file and line, when the firmware has no such function or variable.
+        When the firmware has no such function or variable; the message has file and line.
     """
 
     def __init__(self, machine: VirtualK64F, rig: Rig) -> None:
@@ -95,51 +95,51 @@ class FunctionCosts:
                 raise ConfigError(f"{rig.where('cycles', name)}: cycles.{name}: {error}") from error
 
     def calls(self) -> Mapping[str, CallSummary]:
-        """As `Costs.calls`."""
+        """See `Costs.calls`."""
         return {
             name: watch.summary(function) for name, (function, watch) in self._watches.items()
             if isinstance(watch, CallWatch)
         }  # fmt: skip
 
     def solutions(self) -> Mapping[str, SolutionSummary]:
-        """As `Costs.solutions`."""
+        """See `Costs.solutions`."""
         return {name: watch.summary for name, (_, watch) in self._watches.items() if isinstance(watch, SolutionWatch)}
 
     def stacks(self) -> Mapping[str, tuple[str, int | None]]:
-        """Return each function, by its name in the rig, and the bytes of stack that the deepest of its calls took."""
+        """Return each function by its name in the rig, with the bytes of stack that its deepest call took."""
         return {
             name: (function, watch.stack(function) if isinstance(watch, CallWatch) else watch.stack)
             for name, (function, watch) in self._watches.items()
         }
 
     def latest_solution(self) -> LatestSolution | None:
-        """As `Costs.latest_solution`."""
-        name, kept = self._latest()
-        return LatestSolution(name, kept.cycles, len(kept.slices)) if kept else None
+        """See `Costs.latest_solution`."""
+        name, solution = self._latest()
+        return LatestSolution(name, solution.cycles, len(solution.slices)) if solution else None
 
     def _latest(self) -> tuple[str, KeptSolution | None]:
-        found = [
-            (name, kept) for name, (_, watch) in self._watches.items()
-            if isinstance(watch, SolutionWatch) and (kept := watch.latest())
+        solutions = [
+            (name, solution) for name, (_, watch) in self._watches.items()
+            if isinstance(watch, SolutionWatch) and (solution := watch.latest())
         ]  # fmt: skip
-        return max(found, key=lambda each: each[1].ended, default=("", None))
+        return max(solutions, key=lambda entry: entry[1].ended, default=("", None))
 
     def samples(self) -> NDArray[np.float64] | None:
-        """As `Costs.samples`."""
-        _, kept = self._latest()
-        if self._buffer is None or kept is None:
+        """See `Costs.samples`."""
+        _, solution = self._latest()
+        if self._buffer is None or solution is None:
             return None
-        return self._buffer.counts(kept.slices[0].begin.read)
+        return self._buffer.counts(solution.slices[0].begin.read)
 
     def from_flash(self) -> FlashCost:
-        """As `Costs.from_flash`."""
+        """See `Costs.from_flash`."""
         profile = load_profile(MEMORY_PROFILE)
         model = f"{profile.name}@flash"
-        _, kept = self._latest()
-        if kept is None:
+        _, solution = self._latest()
+        if solution is None:
             return FlashCost(None, model, refusal="no solution was completed")
         try:
-            counted = counted_with_waits(self._machine, kept, profile)
+            counted = counted_with_waits(self._machine, solution, profile)
         except (ConfigError, BoardFault) as error:
             return FlashCost(None, model, refusal=str(error))
         return FlashCost(counted.cycles, model, flash_range(profile, counted.cycles))

@@ -1,8 +1,8 @@
 """One line of G-code as Grbl 1.1 reads it: words, modal groups, and error numbers.
 
-Only what turns a table is accepted: G0 and G1 on three axes, dwell, absolute and relative
-distances. What a sender's preamble names and a table has no use for is accepted where it asks for
-what is so anyway (degrees for millimetres, no offsets); everything else is refused by number.
+Only what turns a table is accepted: G0 and G1 on three axes, dwell, absolute and relative distances. Commands of a
+sender's preamble that only confirm the table's fixed state (degrees for millimetres, no offsets) are accepted;
+everything else is refused by number.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ AXES = "XYZ"
 # Letter, then a number without an exponent; Grbl takes "X.5" and "X5.".
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))?")
 _HIGHEST_LINE_NUMBER = 9_999_999
-# Words that Grbl knows as values of commands that are not offered here.
+# Words that Grbl accepts as values of commands that this table does not offer.
 _VALUES_OF_OTHERS = frozenset("IJKLRST")
 # Modal groups of the G commands that are accepted; each may appear once in a line.
 _GROUPS = {
@@ -49,7 +49,7 @@ class Refusal(IntEnum):
 
 
 class GcodeError(Exception):
-    """A line that is not executed; `number` is what Grbl answers."""
+    """A refused line; `number` is Grbl's error number."""
 
     def __init__(self, number: Refusal) -> None:
         self.number = number
@@ -58,12 +58,12 @@ class GcodeError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Modals:
-    """Modal state, which holds from line to line."""
+    """Modal state, which persists from line to line."""
 
     motion: int = 0
     """0, 1 or 80 (none)."""
     relative: bool = False
-    """G91."""
+    """Relative distances (G91)."""
     feed_dpm: float | None = None
     """Last F [deg/min]."""
 
@@ -73,22 +73,22 @@ class GcodeBlock:
     """Request of one line."""
 
     modals: Modals
-    """In force from this line on."""
+    """Modal state from this line on."""
     axes: dict[str, float]
     """Axis words; empty when nothing is to move."""
     dwell_s: float | None
-    """G4's, before any motion."""
+    """Dwell of G4, before any motion."""
 
 
 def read_block(line: str, modals: Modals) -> GcodeBlock:
-    """Return what a line asks for.
+    """Parse a line.
 
     Parameters
     ----------
     line
         Upper case, without comments and spaces.
     modals
-        In force before it.
+        Modal state before it.
 
     Raises
     ------

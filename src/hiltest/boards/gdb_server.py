@@ -1,4 +1,4 @@
-"""GDB at a virtual board: a TCP port that speaks its remote protocol, in a thread of its own."""
+"""GDB server of a virtual board: a TCP port with GDB's remote protocol, in its own thread."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from hiltest.virtual.board.debugger import Debugger
 from hiltest.virtual.board.k64f import VirtualK64F
 
 _AT_A_LOOK = 1 << 16
-# What a GDB that reads nothing may leave unread before it is hung up on [s]: it holds the board meanwhile.
+# Longest time that GDB may block a write before it is disconnected [s], because it holds the board meanwhile.
 _UNREAD_S = 5.0
 
 
 class GdbServer:
-    """Waits for GDB, one at a time; the board runs on when it leaves.
+    """A server for one GDB at a time; the board runs on when it disconnects.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class GdbServer:
     Attributes
     ----------
     port : int
-        The one that it listens on.
+        Port that it listens on.
 
     Raises
     ------
@@ -46,7 +46,7 @@ class GdbServer:
         self._machine = machine
         self._listener = listen(host, port)
         self.port: int = self._listener.getsockname()[1]
-        self._halted, self._wake = socket.socketpair()  # a byte for every halt that the processor made by itself
+        self._halted, self._wake = socket.socketpair()  # one byte for each halt that GDB did not ask for
         self._wake.setblocking(False)
         self._debugger = Debugger(machine, on_stop=self._notice)
         self._ended = False
@@ -63,19 +63,19 @@ class GdbServer:
 
     @property
     def connected(self) -> bool:
-        """Whether a GDB is there."""
+        """Whether a GDB is connected."""
         return self._machine.debugged
 
     def close(self) -> None:
-        """Hang up, let the board run, and listen no more. Idempotent."""
+        """Disconnect, let the board run, and stop listening. Idempotent."""
         self._ended = True
         self._notice()
         self._thread.join()
-        for each in (self._listener, self._halted, self._wake):
-            each.close()
+        for sock in (self._listener, self._halted, self._wake):
+            sock.close()
 
     def _notice(self) -> None:
-        with contextlib.suppress(OSError):  # as many are waiting as fit, or it is over
+        with contextlib.suppress(OSError):  # the buffer is full, or the server is closed
             self._wake.send(b"!")
 
     def _run(self) -> None:
@@ -86,7 +86,7 @@ class GdbServer:
             if select.select([self._halted], [], [], 0)[0]:
                 self._halted.recv(_AT_A_LOOK)
                 continue
-            with contextlib.suppress(OSError):  # the caller has left again, or leaves while it is served
+            with contextlib.suppress(OSError):  # the client has left already, or leaves while it is served
                 caller, _ = self._listener.accept()
                 self._serve(caller)
 
@@ -102,7 +102,7 @@ class GdbServer:
             session.close()
 
     def _exchange(self, client: socket.socket, session: GdbSession) -> None:
-        """Pass on what GDB and the processor have to say next; `session` is over when GDB has left."""
+        """Forward the next message of GDB or the processor; `session` ends when GDB disconnects."""
         ready, _, _ = select.select([client, self._halted, self._listener], [], [])
         if self._halted in ready:
             self._halted.recv(_AT_A_LOOK)

@@ -24,12 +24,12 @@ _POINT = re.compile(rb"([0-4]),([0-9a-fA-F]{1,8}),([0-9a-fA-F]{1,8})(?:;.*)?", r
 
 
 class GdbSession:
-    """Answers one GDB; gone through `close`.
+    """A session with one GDB, from construction to `close`.
 
     Parameters
     ----------
     debugger
-        Of that machine, which is halted at once.
+        Debugger of that machine, which is halted at once.
     """
 
     def __init__(self, machine: VirtualK64F, debugger: Debugger) -> None:
@@ -39,7 +39,7 @@ class GdbSession:
         self._reader = PacketReader()
         self._acknowledges = True
         self._goes = False  # whether GDB waits for a stop
-        self._said = b""  # last, to be said again
+        self._last_reply = b""  # last reply, in case GDB asks for it again
         self._points: set[tuple[bytes, int, int]] = set()
         self._handlers: list[tuple[bytes, Callable[[bytes], bytes]]] = [
             (b"qSupported", lambda _: b"PacketSize=%x;qXfer:features:read+;qXfer:memory-map:read+;swbreak+;hwbreak+;"
@@ -67,11 +67,11 @@ class GdbSession:
 
     @property
     def awaits_halt(self) -> bool:
-        """Whether GDB has let the processor go, and waits until it halts."""
+        """Whether GDB has resumed the processor, and waits for a halt."""
         return self._goes
 
     def feed(self, data: bytes) -> bytes:
-        """Take what GDB has sent; return what to send."""
+        """Handle bytes from GDB; return the bytes to send."""
         answers = b""
         for content in self._reader.feed(data):
             if self.over:
@@ -79,7 +79,7 @@ class GdbSession:
             if content == INTERRUPT:
                 answers += self._interrupt()
             elif content == AGAIN:
-                answers += self._said
+                answers += self._last_reply
             elif content is None:
                 answers += AGAIN if self._acknowledges else b""
             else:
@@ -88,16 +88,16 @@ class GdbSession:
         return answers
 
     def stopped(self) -> bytes:
-        """Return what to send when the processor has halted; nothing where a notice comes late, and it runs again."""
+        """Return the bytes to send after a halt; none if the notice comes late and the processor runs again."""
         if not (self._goes and self._debugger.is_halted):
             return b""
         self._goes = False
         fault = self._debugger.latest.fault
-        told = b"" if fault is None else packet(b"O" + f"{fault}\n".encode().hex().encode())
-        return told + (self._say(self._stop_reply()) or b"")
+        message = b"" if fault is None else packet(b"O" + f"{fault}\n".encode().hex().encode())
+        return message + (self._say(self._stop_reply()) or b"")
 
     def close(self) -> None:
-        """Let the board run as if nobody had been there. Idempotent."""
+        """Remove all points and let the board run. Idempotent."""
         if not self.over:
             self.over = True
             self._machine.debugged = False
@@ -107,20 +107,20 @@ class GdbSession:
     def _say(self, answer: bytes | None) -> bytes:
         if answer is None:  # comes when the processor halts
             return b""
-        self._said = packet(answer)
-        return self._said
+        self._last_reply = packet(answer)
+        return self._last_reply
 
     def _answer(self, content: bytes) -> bytes | None:
         if self._goes and content[:1] not in b"Dk":
             return _REFUSED
-        handler = next(((name, each) for name, each in self._handlers if content.startswith(name)), None)
+        handler = next(((name, function) for name, function in self._handlers if content.startswith(name)), None)
         if handler is None:
             return _UNKNOWN
         name, answer = handler
         try:
             with self._debugger.halted():
                 answered = answer(content[len(name) :])
-        except Exception:  # what a packet asks for may be anything: it gets an error, and nobody else notices
+        except Exception:  # a malformed packet gets an error reply and must not end the session
             return _REFUSED
         return None if self._goes else answered
 
@@ -215,7 +215,7 @@ class GdbSession:
         if kind in _WATCHES:
             self._debugger.set_watchpoint(_WATCHES[kind], address, size)
         else:
-            self._access.read(address, 2)  # refuses where there is no code
+            self._access.read(address, 2)  # raises an error if there is no code
             self._debugger.set_breakpoint(address)
         self._points.add((kind, address, size))
         return _OK
@@ -225,7 +225,7 @@ class GdbSession:
         self._points.discard((kind, address, size))
         if kind in _WATCHES:
             self._debugger.clear_watchpoint(_WATCHES[kind], address, size)
-        elif not any(each in _BREAKPOINTS and at == address for each, at, _ in self._points):
+        elif not any(kind in _BREAKPOINTS and at == address for kind, at, _ in self._points):
             self._debugger.clear_breakpoint(address)
         return _OK
 
@@ -281,7 +281,7 @@ def _point(rest: bytes) -> tuple[bytes, int, int]:
 
 
 def _part(text: str, rest: bytes) -> bytes:
-    """Return the part of an object that is asked for: ``offset,length``."""
-    offset, length = (int(each, 16) for each in rest.split(b","))
+    """Return the requested part of an object: ``offset,length``."""
+    offset, length = (int(number, 16) for number in rest.split(b","))
     part = text.encode()[offset : offset + min(length, LONGEST - 8)]
     return (b"m" if offset + len(part) < len(text) else b"l") + part

@@ -1,4 +1,4 @@
-"""What GDB is told of the board: its registers, its memories."""
+"""Descriptions of the board for GDB: registers and memories."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def _register(name: str, bits: int, kind: str) -> str:
 
 def memory_description(memories: MemoryMap) -> str:
     """Return the memory map: flash as ROM, so that breakpoints there are hardware's, and peripherals as RAM."""
-    regions = [("rom", each) for each in memories.flash]
-    regions += [("ram", each) for each in (*memories.ram, PERIPHERALS, PRIVATE_PERIPHERALS)]
+    regions = [("rom", memory) for memory in memories.flash]
+    regions += [("ram", memory) for memory in (*memories.ram, PERIPHERALS, PRIVATE_PERIPHERALS)]
     rows = "".join(f'<memory type="{kind}" start="0x{base:x}" length="0x{size:x}"/>' for kind, (base, size) in regions)
     return (
         '<?xml version="1.0"?><!DOCTYPE memory-map PUBLIC "+//IDN gnu.org//DTD GDB Memory Map V1.0//EN" '

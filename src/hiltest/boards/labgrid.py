@@ -1,7 +1,7 @@
-"""A place of labgrid as a board: acquired for as long as its port is open, its serial port reached over its exporter.
+"""A place of labgrid as a board: acquired while its port is open, its serial port reached through its exporter.
 
-labgrid is asked by its own command, ``labgrid-client``: it may be installed in an environment of its own, and what it
-knows of coordinators and users (``LG_COORDINATOR``, ``LG_USERNAME``) holds here too.
+hiltest calls the command ``labgrid-client``, so labgrid may be installed in its own environment, and its settings for
+coordinators and users (``LG_COORDINATOR``, ``LG_USERNAME``) apply.
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ class Place:
     """Options of pyserial's RFC 2217 client, such as ``ign_set_control``; empty for none."""
 
     def acquire(self) -> bool:
-        """Acquire it; says whether that is new: who had acquired it already keeps it.
+        """Acquire the place; return False if the user had acquired it already, and so keeps it.
 
         Raises
         ------
         PortRefusedError
-            If another one has it.
+            If somebody else has acquired it.
         BenchError
             If the coordinator does not answer, or has no such place.
         """
         done = self._client("acquire")
         if done.returncode == 0:
             return True
-        said = _last_line(done.stderr or done.stdout)
-        if "already acquired place" in said and "To work simultaneously" not in said:
+        message = _last_line(done.stderr or done.stdout)
+        if "already acquired place" in message and "To work simultaneously" not in message:
             return False
-        if "is already acquired by" in said or "already acquired place" in said:
-            raise PortRefusedError(f"{SCHEME}{self.name}", said, "Wait until it is released, or take another place.")
-        raise self._error(said)
+        if "is already acquired by" in message or "already acquired place" in message:
+            raise PortRefusedError(f"{SCHEME}{self.name}", message, "Wait until it is released, or take another place.")
+        raise self._error(message)
 
     def release(self) -> None:
-        """Give it back."""
+        """Release the place."""
         done = self._client("release")
         if done.returncode:
             raise self._error(_last_line(done.stderr or done.stdout))
@@ -79,13 +79,13 @@ class Place:
             raise self._error(_last_line(done.stderr or done.stdout))
         try:
             (target,) = yaml.safe_load(done.stdout)["targets"].values()
-            found = [(kind, each[kind]) for each in target["resources"] for kind in each]
-            ports = [given for kind, given in found if kind == "NetworkSerialPort"]
-            urls = [_url(given) for given in ports]
+            resources = [(kind, resource[kind]) for resource in target["resources"] for kind in resource]
+            ports = [parameters for kind, parameters in resources if kind == "NetworkSerialPort"]
+            urls = [_url(parameters) for parameters in ports]
         except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
             raise BenchError(f"labgrid's answer about place {self.name} is not understood: {error!r}") from error
         if len(urls) != 1:
-            kinds = ", ".join(kind for kind, _ in found) or "nothing"
+            kinds = ", ".join(kind for kind, _ in resources) or "nothing"
             raise BenchError(
                 f"place {self.name} has {len(urls)} serial ports that are exported (of: {kinds}), and a board needs "
                 "one. Match just the board's port: labgrid-client -p PLACE add-match"
@@ -102,12 +102,12 @@ class Place:
         except subprocess.TimeoutExpired as error:
             raise BenchError(f"labgrid does not answer within {_ANSWER_S:.0f} s: is LG_COORDINATOR right?") from error
 
-    def _error(self, said: str) -> BenchError:
-        return BenchError(f"labgrid: place {self.name}: {said}. labgrid-client -p {self.name} show says more")
+    def _error(self, message: str) -> BenchError:
+        return BenchError(f"labgrid: place {self.name}: {message}. labgrid-client -p {self.name} show says more")
 
 
 def place_of(url: str) -> Place:
-    """Parse ``labgrid://PLACE``, ``labgrid://PLACE?power=cycle``; what else stands there is for pyserial.
+    """Parse ``labgrid://PLACE`` or ``labgrid://PLACE?power=cycle``; other options are for pyserial.
 
     Raises
     ------
@@ -118,29 +118,30 @@ def place_of(url: str) -> Place:
     name = unquote(text).strip("/")
     if not name or name.startswith("-") or not name.isprintable():
         raise ConfigError(f"port {url!r}: write the name of a place: {SCHEME}bench-3")
-    given = parse_qs(query, keep_blank_values=True)
-    power = given.pop("power", [])
+    query_options = parse_qs(query, keep_blank_values=True)
+    power = query_options.pop("power", [])
     if power not in ([], ["cycle"]):
         raise ConfigError(f"port {url!r}: power can be cycle, and not {power[-1]!r}")
-    options = "&".join(f"{key}={value}" if value else key for key, values in given.items() for value in values)
+    options = "&".join(f"{key}={value}" if value else key for key, values in query_options.items() for value in values)
     return Place(name, bool(power), options)
 
 
 def _program() -> str:
     beside = Path(sys.executable).with_name("labgrid-client")
-    found = shutil.which("labgrid-client") or (str(beside) if beside.is_file() else None)
-    if found is None:
+    program = shutil.which("labgrid-client") or (str(beside) if beside.is_file() else None)
+    if program is None:
         raise ConfigError(f"labgrid-client is not installed: {_INSTALL}")
-    return found
+    return program
 
 
-def _url(given: Any) -> str:
-    host = str(given["host"])
-    if (protocol := given.get("protocol", "rfc2217")) != "rfc2217":
+def _url(parameters: Any) -> str:
+    host = str(parameters["host"])
+    if (protocol := parameters.get("protocol", "rfc2217")) != "rfc2217":
         raise BenchError(f"labgrid exports this port as {protocol}, which sets no baud rate; export it as rfc2217")
-    return f"rfc2217://[{host}]:{int(given['port'])}" if ":" in host else f"rfc2217://{host}:{int(given['port'])}"
+    port = int(parameters["port"])
+    return f"rfc2217://[{host}]:{port}" if ":" in host else f"rfc2217://{host}:{port}"
 
 
-def _last_line(said: str) -> str:
-    lines = [line for line in said.splitlines() if line.strip()]
+def _last_line(output: str) -> str:
+    lines = [line for line in output.splitlines() if line.strip()]
     return legible(lines[-1].strip()).rstrip(".") if lines else "it says nothing"

@@ -1,8 +1,8 @@
 """Serial lines to other programs: pseudo-terminals and TCP ports, each with one program at its far end.
 
-Everything here is for one thread that must not wait: what cannot be sent at once is lost, as on
-a serial line without flow control; so is what is sent while no program is connected. What a program
-sends is read at once and waits here for the board, so that the end of the connection behind it is seen.
+All functions are for one thread that must not block: bytes that cannot be sent at once are lost, as on a serial line
+without flow control; so are bytes sent while no program is connected. Bytes from a program are read at once and queued
+for the board, so that a disconnection after them is noticed.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from typing import Protocol
 from hiltest.errors import ConfigError
 
 REFUSAL = b"in use: this port serves one client at a time\r\n"
-# Read at a look [byte]: more than the system keeps of a terminal that was left.
+# Bytes per read: more than the system buffers of a closed terminal.
 _AT_A_LOOK = 1 << 18
 _TERMINAL_READ = 4096  # Linux returns no more at once
-# What waits for the board at most [byte]: 24 minutes of a line at 115 200 baud, and 16 times its flash.
+# Capacity of the queue to the board [byte]: 24 minutes of a line at 115 200 baud, and 16 times its flash.
 _LONGEST_QUEUE = 1 << 24
-# A client whose machine is gone without a word is noticed after about this time [s].
+# A client whose machine disappeared without closing is noticed after about this time [s].
 _DEAD_AFTER_S = 30
 
 
@@ -38,9 +38,9 @@ class PortLine(Protocol):
     Attributes
     ----------
     url : str
-        What the program at the other end opens: a device, or a pyserial URL.
+        Device or pyserial URL for the program at the other end.
     queue : Queue
-        What programs have sent and the board has not taken.
+        Bytes that programs have sent and the board has not taken.
     """
 
     url: str
@@ -48,7 +48,7 @@ class PortLine(Protocol):
 
     @property
     def connected(self) -> bool:
-        """Whether a program had it open at the latest look."""
+        """Whether a program had it open at the latest poll."""
 
     def sources(self) -> list[int]:
         """Return the file descriptors on which something may happen."""
@@ -57,7 +57,7 @@ class PortLine(Protocol):
         """Accept and drop connections, and return at most `limit` bytes of those that have arrived."""
 
     def send(self, data: bytes) -> int:
-        """Send what fits now; return how much that was."""
+        """Send as many bytes as fit now; return their number."""
 
     def close(self) -> None:
         """Close the line for good. Idempotent."""
@@ -68,43 +68,43 @@ class Queue:
 
     Attributes
     ----------
-    kept : int
-        How many of a program that left are still delivered when the next one comes: the newest ones, whose end is
-        the end of a line or a frame.
+    keep_limit : int
+        Number of bytes of a disconnected program that are still delivered when the next one connects: the newest ones,
+        whose end is the end of a line or a frame.
     lost : int
-        How many were not delivered.
+        Number of bytes that were not delivered.
     used : bool
         Whether anything has come so far.
     """
 
     def __init__(self) -> None:
-        self.kept = 4096
+        self.keep_limit = 4096
         self.lost = 0
         self.used = False
         self._bytes = bytearray()
 
     def add(self, data: bytes) -> None:
-        """Append what arrived, as far as there is room."""
+        """Append bytes that arrived, as far as there is room."""
         self.used = self.used or bool(data)
         room = _LONGEST_QUEUE - len(self._bytes)
         self._bytes += data[:room]
         self.lost += max(0, len(data) - room)
 
     def take(self, limit: int) -> bytes:
-        """Remove the oldest bytes, at most so many, and return them."""
+        """Remove the oldest bytes, at most `limit`, and return them."""
         data = bytes(self._bytes[:limit])
         del self._bytes[:limit]
         return data
 
     def next_program(self) -> None:
-        """Drop what would keep the next program waiting."""
-        surplus = max(0, len(self._bytes) - self.kept)
+        """Drop bytes that would delay the next program."""
+        surplus = max(0, len(self._bytes) - self.keep_limit)
         del self._bytes[:surplus]
         self.lost += surplus
 
 
 class _Openings:
-    """Notices that a device was closed and opened again, however fast: Linux keeps a list of both."""
+    """Detector of a device that was closed and opened again, however fast, by Linux's inotify."""
 
     _OPEN, _CLOSE = 0x20, 0x08 | 0x10  # IN_OPEN, IN_CLOSE
     _EVENT = struct.Struct("iIII")
@@ -114,12 +114,12 @@ class _Openings:
         if sys.platform == "linux":
             system = ctypes.CDLL(None)
             descriptor = system.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
-            if descriptor >= 0:  # else the system's lists are used up: then only a closed device is noticed
+            if descriptor >= 0:  # otherwise all inotify instances are in use, and only a closed device is noticed
                 self._descriptor = descriptor
                 system.inotify_add_watch(descriptor, os.fsencode(path), self._OPEN | self._CLOSE)
 
     def reopened(self) -> bool:
-        """Say whether it was opened after it had been closed, since the last look."""
+        """Return whether the device was closed and opened again since the last call."""
         closed = False
         if self._descriptor is not None:
             with contextlib.suppress(BlockingIOError):
@@ -130,7 +130,7 @@ class _Openings:
         return False
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop watching."""
         if self._descriptor is not None:
             os.close(self._descriptor)
 
@@ -153,7 +153,7 @@ class PseudoTerminal:
         # Raw for every program to come: the settings stay while this end is open.
         tty.setraw(far_end)
         self.path = self.url = os.ttyname(far_end)
-        # Not kept open: only so does Linux say whether another program has it open.
+        # Closed again, because Linux reports an open by another program only then.
         os.close(far_end)
         os.set_blocking(self.board_end, False)
         self._events = select.poll()
@@ -181,14 +181,14 @@ class PseudoTerminal:
         return self.queue.take(limit)
 
     def send(self, data: bytes) -> int:
-        """Send what fits now; return how much that was."""
+        """Send as many bytes as fit now; return their number."""
         if self.connected and data:
             with contextlib.suppress(BlockingIOError):
                 return os.write(self.board_end, data)
         return 0
 
     def unplug(self) -> None:
-        """Hang up, as a pulled cable does; what is open at `path` breaks. Idempotent."""
+        """Hang up, as a pulled cable does; programs that have `path` open get an error. Idempotent."""
         if self._plugged:
             self._plugged = self.connected = False
             os.close(self.board_end)
@@ -197,13 +197,13 @@ class PseudoTerminal:
     close = unplug
 
     def _read(self) -> None:
-        # BlockingIOError: no more; another OSError: no more, and nobody is there.
+        # BlockingIOError: no more bytes; another OSError: no more bytes and no program.
         with contextlib.suppress(OSError):
             for _ in range(_AT_A_LOOK // _TERMINAL_READ):
                 self.queue.add(os.read(self.board_end, _TERMINAL_READ))
 
     def _drop_unread(self) -> None:
-        """Drop what the program that left has not read: the next one must not take it for its own."""
+        """Drop the unread bytes of the last program, because the next one must not receive them."""
         import termios
 
         # OSError: a program has locked the terminal, and has it open already.
@@ -257,7 +257,7 @@ class TcpLine:
 
     @property
     def connected(self) -> bool:
-        """Whether a client is there."""
+        """Whether a client is connected."""
         return self._client is not None
 
     def sources(self) -> list[int]:
@@ -272,7 +272,7 @@ class TcpLine:
         return self.queue.take(limit)
 
     def send(self, data: bytes) -> int:
-        """Send what fits now; return how much that was."""
+        """Send as many bytes as fit now; return their number."""
         if self._client is not None and data:
             try:
                 return self._client.send(data)
@@ -283,12 +283,12 @@ class TcpLine:
         return 0
 
     def close(self) -> None:
-        """Hang up on the client, and listen no more."""
+        """Disconnect the client, and stop listening."""
         self._hang_up()
         self._listener.close()
 
     def _hear(self, client: socket.socket) -> bool:
-        """Read what has come; True where more may follow: whether the client has left is seen behind it only."""
+        """Read bytes; return True if more may follow, because a disconnection is only seen after the last of them."""
         try:
             data = client.recv(_AT_A_LOOK)
         except BlockingIOError:
@@ -323,15 +323,15 @@ class TcpLine:
 
 
 @contextlib.contextmanager
-def _kept_alone(path: Path) -> Iterator[None]:
-    """Hold a lock that one process can have: where a link leads does not say which process keeps it."""
+def _hold_lock(path: Path) -> Iterator[None]:
+    """Hold a lock that one process can have, because the target of a link does not tell which process owns it."""
     folder = os.path.realpath(path.parent)
     name = hashlib.sha256(os.fsencode(os.path.join(folder, path.name))).hexdigest()
     with socket.socket(socket.AF_UNIX) as held:
         try:
-            held.bind(f"\0hiltest-link-{name}")  # of the system, not of a file: it ends with the process
+            held.bind(f"\0hiltest-link-{name}")  # abstract socket name, which the system frees with the process
         except OSError as error:
-            if error.errno == errno.EADDRINUSE:  # anything else: a system without such names, where no one is asked
+            if error.errno == errno.EADDRINUSE:  # other errors: a system without abstract names, which skips the check
                 raise ConfigError(
                     f"cannot make the link {path}: another hiltest serve keeps it. Name another one with --link"
                 ) from error
@@ -342,14 +342,14 @@ def _kept_alone(path: Path) -> Iterator[None]:
 def port_link(path: Path, target: str) -> Iterator[None]:
     """Keep a symbolic link to a terminal for the time of the context.
 
-    A link that an earlier start has left behind is replaced; nothing else is.
+    A stale link of an earlier start is replaced; any other file is not.
 
     Raises
     ------
     ConfigError
         When something else is at `path`, another process keeps it, or it cannot be written.
     """
-    with _kept_alone(path):
+    with _hold_lock(path):
         yield from _link(path, target)
 
 

@@ -18,18 +18,17 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.program.elf import FirmwareImage
 
 _RAM = range(0x1C00_0000, 0x4000_0000)
-_SECURITY_BYTES = range(0x400, 0x410)  # of the flash, which some programmers do not write
+_SECURITY_BYTES = range(0x400, 0x410)  # security bytes of the flash, which some programmers do not write
 
 
 class _Halted(Exception):
-    """The processor has halted; it leaves the run that it was in."""
+    """Signal that the processor has halted, which ends the current run."""
 
 
 class BoardWire:
-    """Bytes to a virtual board's GDB session and back, in one thread: the board runs while an answer is waited for.
+    """A wire to a virtual board's GDB session in the same thread: the board runs while the host waits for an answer.
 
-    Its clock is the board's, which moves only while the processor runs. Between two readings the board is anybody's, as
-    if nobody were there.
+    Its clock is the board's, which advances only while the processor runs. Between two readings the board is not held.
 
     Parameters
     ----------
@@ -42,35 +41,35 @@ class BoardWire:
     def __init__(self, machine: VirtualK64F) -> None:
         self._machine = machine
         self._session = GdbSession(machine, Debugger(machine, on_stop=_leave))
-        machine.debugged = False  # a fault is the firmware's, as without anybody who reads
-        self._said = b""
+        machine.debugged = False  # a fault is reported as the firmware's, as without a debugger
+        self._reply = b""
 
     def now(self) -> float:
         """Return virtual time [s]."""
         return self._machine.time_s
 
     def send(self, data: bytes) -> None:
-        """Have the session answer, which takes no virtual time."""
-        self._said += self._session.feed(data)
+        """Send bytes to the session; its answer takes no virtual time."""
+        self._reply += self._session.feed(data)
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return what the session has said; let the board run when it has to halt before it says something.
+        """Return the session's reply; let the board run if the reply needs a halt.
 
         Raises
         ------
         BoardFault
             When the firmware faults, or hangs.
         """
-        if not self._said and self._session.awaits_halt:
+        if not self._reply and self._session.awaits_halt:
             try:
                 self._machine.run_until(self._machine.time_s + timeout_s)
             except _Halted:
-                self._said += self._session.stopped()
-        said, self._said = self._said, b""
-        return said
+                self._reply += self._session.stopped()
+        reply, self._reply = self._reply, b""
+        return reply
 
     def close(self) -> None:
-        """Let the board run on alone. Idempotent."""
+        """Detach, and let the board run. Idempotent."""
         self._session.close()
 
 
@@ -79,7 +78,7 @@ def _leave() -> NoReturn:
 
 
 def memory_kind(image: FirmwareImage | None, machine: VirtualK64F | None) -> Callable[[Rig], MemoryInterface]:
-    """Return what opens the interface of kind ``memory`` of a rig; arguments as of `open_memory`."""
+    """Return a function that opens the interface of kind ``memory`` of a rig; see `open_memory` for the arguments."""
 
     def opened(rig: Rig) -> MemoryInterface:
         assert rig.device is not None
@@ -99,7 +98,7 @@ def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: V
     Parameters
     ----------
     rig
-        Says where its keys stand.
+        Locates the keys for error messages.
     device
         Its ``[device.memory]`` table.
     image
@@ -110,7 +109,7 @@ def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: V
     Raises
     ------
     ConfigError
-        When a variable or function is not there, or no server is named for a real board.
+        When a variable or function does not exist, or no server is named for a real board.
     DebugServerError
         When the server cannot be reached.
     VersionMismatchError
@@ -135,24 +134,24 @@ def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: V
 
 
 def refuse_other_firmware(client: GdbClient, image: FirmwareImage) -> None:
-    """Compare a board's flash with an ELF, by whose addresses its memory is read.
+    """Raise an error if a board's flash differs from the ELF whose addresses are used to read its memory.
 
     Raises
     ------
     VersionMismatchError
-        Where they differ.
+        If they differ.
     """
     for segment in image.segments:
         if segment.address in _RAM:
-            continue  # may have been written since
+            continue  # RAM, which the firmware may have written since
         read = client.read(segment.address, len(segment.data))
-        for offset, (there, here) in enumerate(zip(read, segment.data, strict=True)):
-            if there != here and segment.address + offset not in _SECURITY_BYTES:
+        for offset, (flash_byte, file_byte) in enumerate(zip(read, segment.data, strict=True)):
+            if flash_byte != file_byte and segment.address + offset not in _SECURITY_BYTES:
                 at = segment.address + offset
                 raise VersionMismatchError(
                     f"{image.name} is not what runs on the board of debug server {client.name}: at 0x{at:08x} it has "
-                    f"0x{here:02x}, and the flash has 0x{there:02x}. Name that build's ELF with --firmware, or flash "
-                    "this one"
+                    f"0x{file_byte:02x}, and the flash has 0x{flash_byte:02x}. Name that build's ELF with --firmware, "
+                    "or flash this one"
                 )
 
 

@@ -1,7 +1,7 @@
-"""A virtual board that runs by itself, never ahead of wall time, at the far end of byte streams.
+"""A virtual board that runs by itself, never ahead of wall time, behind byte streams.
 
-In stepped time (`hiltest.boards.virtual_port`) the clock stands still unless the host reads. A
-program that opens a real serial port knows nothing of that: for it the board has to run on.
+In stepped time (`hiltest.boards.virtual_port`) the clock stands still unless the host reads. A program that opens a
+real serial port cannot drive this clock, so the board has to run on its own.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from hiltest.errors import BenchError, BoardFault
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.uart import Uart
 
-# How often the board is let run on [s]: late by no more than a reply of 20 bytes takes on the line.
+# Period at which the board is run [s]: no longer than a reply of 20 bytes takes on the line.
 _STEP_S = 0.002
-# A board that fell behind catches up in pieces, so that its lines are looked after in between. They are
-# this long in virtual time, and shorter where that would take the host longer [s].
+# A board that fell behind catches up in pieces, so that its lines are served in between. Length of a piece in virtual
+# time [s]; shorter if the host needs longer for it.
 _LONGEST_STEP_S = 0.02
 _SHORTEST_STEP_S = 0.0002
-# What a board's line takes at once, and what it still takes of a program that left when the next one comes [s]:
-# together with what is on the wire that one is heard well within a second.
+# Line time that may be queued at once, and that is still delivered of a disconnected program [s]: together with the
+# bytes on the wire, the next program is served well within a second.
 QUEUED_S = 0.25
 _BITS_A_BYTE = 10
-# A program that opens a port drops what is there already, a moment later: until then, or until it sends something,
-# nothing is sent to it [s].
+# A program that opens a port drops bytes that arrived before: until this time has passed or the program sends
+# something, nothing is sent to it [s].
 _OPENING_S = 0.25
-# What is kept for the first program on a line [byte]: 5 s of output at 115 200 baud.
+# Output that is saved for the first program on a line [byte]: 5 s at 115 200 baud.
 _KEPT_BYTES = 1 << 16
 
 
@@ -48,7 +48,7 @@ class Device(Protocol):
         """Take bytes from the line."""
 
     def say(self) -> bytes:
-        """Return what it has to say by now."""
+        """Return the bytes that it has sent by now."""
 
 
 class SerialPortOfBoard:
@@ -57,7 +57,7 @@ class SerialPortOfBoard:
     Parameters
     ----------
     uart
-        By default UART0.
+        UART of the board; by default UART0.
     """
 
     def __init__(self, machine: VirtualK64F, uart: Uart | None = None) -> None:
@@ -67,11 +67,11 @@ class SerialPortOfBoard:
 
     @property
     def bytes_queued(self) -> int:
-        """What the line brings in `QUEUED_S`."""
+        """Bytes that the line transfers in `QUEUED_S`."""
         return max(1, round(QUEUED_S * self._uart.line_baud / _BITS_A_BYTE))
 
     def room(self) -> int:
-        """A read at a time, as soon as the one before has nearly arrived; none before the firmware listens."""
+        """Return room for one read as soon as the last one has nearly arrived; 0 before the firmware listens."""
         if self._machine.time_s < START_UP_S:
             return 0
         return self.bytes_queued if self._heard_by_s <= self._machine.time_s + _LONGEST_STEP_S else 0
@@ -84,7 +84,7 @@ class SerialPortOfBoard:
         uart.host_write(data)
 
     def say(self) -> bytes:
-        """Fetch what the board has sent."""
+        """Fetch the bytes that the board has sent."""
         uart = self._uart
         return uart.host_read(uart.host_waiting) if uart.host_waiting else b""
 
@@ -95,19 +95,19 @@ class _ServedLine:
     Parameters
     ----------
     keeps
-        Whether what the device says before the first program is there is kept for it, or lost.
+        Whether the device's output before the first program connects is saved for it, or lost.
     """
 
     def __init__(self, line: PortLine, device: Device, *, keeps: bool) -> None:
         self.line = line
         self._keeps = keeps
         self._device = device
-        self._kept = bytearray()
-        self._since_s = math.inf  # when the program that is there was first seen
-        self.came = False  # whether one has been there, and open for good
+        self._saved_output = bytearray()
+        self._since_s = math.inf  # time at which the present program was first seen
+        self.came = False  # whether a program has been connected long enough, or has sent bytes
 
     def look(self) -> None:
-        """See whether a program is there, and take what it has sent."""
+        """Check whether a program is connected, and take its bytes."""
         data = self.line.receive(self._device.room())
         now_s = time.monotonic()
         self._since_s = min(self._since_s, now_s) if self.line.connected else math.inf
@@ -116,20 +116,20 @@ class _ServedLine:
             self._device.hear(data)
 
     def answer(self) -> None:
-        """Send what the device has to say, behind what was kept."""
-        said = self._device.say()
-        if not self._keeps or (self.came and not self._kept):
-            self.line.send(said)
+        """Send the saved output, and the device's output after it."""
+        output = self._device.say()
+        if not self._keeps or (self.came and not self._saved_output):
+            self.line.send(output)
             return
-        self._kept += said[: _KEPT_BYTES - len(self._kept)]
+        self._saved_output += output[: _KEPT_BYTES - len(self._saved_output)]
         if self.came:
-            del self._kept[: self.line.send(bytes(self._kept))]
+            del self._saved_output[: self.line.send(bytes(self._saved_output))]
 
 
 class PacedBench:
     """Run a virtual bench in a thread, in pace with wall time, its serial line open to other programs.
 
-    Cycles are those of the virtual processor, as always. When bytes arrive depends on the host:
+    Cycles are those of the virtual processor, as always. The arrival times of bytes depend on the host:
     runs in paced time are not reproducible.
 
     Parameters
@@ -139,21 +139,21 @@ class PacedBench:
     line
         Line to the board's serial port. Its opener closes it, after `stop`.
     others
-        What else is served in the same time, such as a turntable.
+        Other devices on the same clock, such as a turntable.
     held
-        Whether the board is still kept in reset, besides for as long as no program has come to a line; asked over and
-        over. Without it the board starts at once.
+        Returns whether the board is still held in reset; it also stays in reset until a program connects to a line.
+        Without it the board starts at once.
     until_s
-        Where its time ends [virtual s].
+        End of its time [virtual s].
 
     Attributes
     ----------
     fault : BoardFault or None
-        What ended the firmware. A board with a fault is silent and stays on its line.
+        Fault that ended the firmware. A board with a fault is silent and stays on its line.
     behind_s : float
-        How far the board is behind wall time [s].
+        Delay of the board behind wall time [s].
     busy_s : float
-        For how long the host has emulated it [s].
+        Host time spent on emulation [s].
     """
 
     def __init__(
@@ -164,10 +164,10 @@ class PacedBench:
         self.behind_s = self.busy_s = 0.0
         self._held, self._until_s = held, until_s
         self._began_s = math.inf
-        self._took_s: float | None = None  # once it has ended
+        self._took_s: float | None = None  # set at the end
         self._bench = bench
         port = SerialPortOfBoard(bench.machine)
-        line.queue.kept = port.bytes_queued
+        line.queue.keep_limit = port.bytes_queued
         self._served = [_ServedLine(line, port, keeps=True), *(_ServedLine(*other, keeps=False) for other in others)]
         self._clock = threading.Condition()  # guards bench; notified after every step
         self._running = False
@@ -190,14 +190,14 @@ class PacedBench:
 
     @property
     def wall_s(self) -> float:
-        """For how long the board has run [s], without what a debugger held it."""
+        """Wall time that the board has run [s], without time halted by a debugger."""
         if self._took_s is not None:
             return self._took_s
         return max(0.0, time.monotonic() - self._began_s - self._bench.machine.halted_s)
 
     @property
     def over(self) -> bool:
-        """Whether its time has come to its end."""
+        """Whether its time has ended."""
         return self.time_s >= self._until_s
 
     @property
@@ -206,7 +206,7 @@ class PacedBench:
         return self._running
 
     def start(self) -> None:
-        """Power on, keep the board running, and come back when its firmware listens.
+        """Power on, keep the board running, and return when its firmware listens.
 
         Raises
         ------
@@ -220,7 +220,7 @@ class PacedBench:
             self._wait_for(START_UP_S)
 
     def power_on(self) -> None:
-        """Power on, keep the board running, and come back at once.
+        """Power on, keep the board running, and return at once.
 
         Raises
         ------
@@ -228,8 +228,8 @@ class PacedBench:
             When the firmware has nothing to boot from.
         """
         self._bench.machine.boot()
-        for each in self._served:
-            each.answer()  # what a device says as it is switched on nobody hears
+        for line in self._served:
+            line.answer()  # output at power-on is dropped
         self._running = True
         self._thread.start()
 
@@ -253,13 +253,13 @@ class PacedBench:
             self._wait_for(self._bench.begin_turn(pose, known_angle=known_angle))
 
     def tumble(self, duration_s: float) -> float:
-        """Go to where a tumble begins, come back when it begins, and say how long it takes [s]."""
+        """Turn to the first pose of a tumble, return when it begins, with its duration [s]."""
         with self._clock:
             self._wait_for(self._bench.begin_tumble(duration_s))
             return self._bench.tumble_takes_s(duration_s)
 
     def turn_round(self, turn_deg: float, *, rate_dps: float, after_s: float) -> float:
-        """Begin to turn about the vertical in `after_s`, come back at once, and say in how long it will stand [s]."""
+        """Schedule a turn about the vertical in `after_s`; return the time until the table stands again [s]."""
         with self._clock:
             return self._bench.turn_round(turn_deg, rate_dps=rate_dps, after_s=after_s)
 
@@ -285,21 +285,21 @@ class PacedBench:
                 self._clock.notify_all()
 
     def _in_reset(self) -> bool:
-        """Whether the board still waits for somebody to come."""
+        """Return whether the board still waits for a program to connect."""
         with self._clock:
-            for each in self._served:
-                each.look()
-                each.answer()
-            return self._held is not None and self._held() and not any(each.came for each in self._served)
+            for line in self._served:
+                line.look()
+                line.answer()
+            return self._held is not None and self._held() and not any(line.came for line in self._served)
 
     def _wait_for_bytes(self) -> None:
-        """Wait until something comes on a line, but no longer than a step."""
+        """Wait until bytes arrive on a line, but no longer than a step."""
         sources = [source for served in self._served for source in served.line.sources()]
         select.select(sources, [], [], _STEP_S)
 
     def _step(self) -> None:
-        for each in self._served:
-            each.look()
+        for line in self._served:
+            line.look()
         if self.wall_s > self.time_s:
             try:
                 self._run_until(min(self.wall_s, self.time_s + self._longest_step_s, self._until_s))
@@ -308,13 +308,13 @@ class PacedBench:
                 self._running = False
         # While a debugger holds the processor, the board's clock stands still, and does not fall behind.
         self.behind_s = max(0.0, self.wall_s - self.time_s)
-        for each in self._served:
-            each.answer()
+        for line in self._served:
+            line.answer()
         if self.over:
             self._running = False
 
     def _run_until(self, time_s: float) -> None:
-        """Let the board run on, and measure how much of that the host can do at a time."""
+        """Run the board, and adapt the length of a piece to the host's speed."""
         since_s, began_s, halted_s = self.time_s, time.monotonic(), self._bench.machine.halted_s
         self._bench.machine.run_until(time_s)
         took_s = time.monotonic() - began_s - (self._bench.machine.halted_s - halted_s)

@@ -14,15 +14,15 @@ from hiltest.link.transcript import Transcript
 from hiltest.replay.tape import LIVE, Tape
 from hiltest.virtual.part.unique_id import REPLAYED_UNIQUE_ID, VIRTUAL_UNIQUE_ID
 
-#: Cycle model of a processor that exists.
+#: Cycle model of a real processor.
 SILICON = "silicon-dwt"
-#: Cycle model of a board that is not declared as silicon or as anything else.
+#: Cycle model of a board that the rig does not declare.
 UNDECLARED = "undeclared"
 
 
 def is_silicon(unique_id: bytes) -> bool:
-    """Say whether a unique id is that of a chip."""
-    # An emulator that does not model this register answers all zeros or all ones, as no chip does.
+    """Return whether a unique id is that of a chip."""
+    # An emulator that does not model this register returns all zeros or all ones, which no chip does.
     return unique_id not in (VIRTUAL_UNIQUE_ID, REPLAYED_UNIQUE_ID, bytes(16), b"\xff" * 16)
 
 
@@ -39,11 +39,11 @@ class RealBoard(Board):
     baud
         Line speed.
     declared
-        What the rig says.
+        Declarations of the rig.
     transcript
-        Gets every byte, both ways.
+        Receives every byte, in both directions.
     tape
-        Records what is asked.
+        Records all questions.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class RealBoard(Board):
         self, url: str, *, baud: int, declared: Declared, transcript: Transcript | None = None, tape: Tape = LIVE
     ) -> None:
         self._url = url
-        # Others may have used the line before: no nonce of theirs comes again.
+        # Other programs may have used the line before, so a random seed avoids their nonces.
         terms = LinkTerms(nonce_seed=secrets.randbits(32), attempts=ATTEMPTS)
 
         def opened() -> SerialPort:
@@ -67,7 +67,7 @@ class RealBoard(Board):
 
         session = terms.session(opened, transcript, tape)
         super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
-        if self.identity.unique_id == REPLAYED_UNIQUE_ID:  # of `hiltest serve --replay`
+        if self.identity.unique_id == REPLAYED_UNIQUE_ID:  # id that `hiltest serve --replay` reports
             self.kind = BoardKind.REPLAY
         try:
             tape.ask("board.check", {}, NoneType, self._refuse_wrong_model)
@@ -79,8 +79,8 @@ class RealBoard(Board):
     def cycle_model(self) -> str:
         """Cycle model: clocks of silicon, the rig's declaration, or none.
 
-        The chip's unique id distinguishes a virtual board from silicon, on any port. Which model a
-        virtual one counts by only the rig can say; without it the numbers are ``undeclared``.
+        The chip's unique id distinguishes a virtual board from silicon, on any port. Only the rig can say which model a
+        virtual board uses; without it the numbers are ``undeclared``.
         """
         if not self.identity.cycle_source:
             return "none"
@@ -91,9 +91,9 @@ class RealBoard(Board):
         declared = self.declared.cycle_model
         if declared is None or (declared == SILICON) is is_silicon(self.identity.unique_id):
             return
-        found = "a chip" if is_silicon(self.identity.unique_id) else "a virtual board"
+        actual = "a chip" if is_silicon(self.identity.unique_id) else "a virtual board"
         raise ConfigError(
-            f"the rig declares cycle_model = {declared!r}, but what answers on {self._url} is {found} "
+            f"the rig declares cycle_model = {declared!r}, but what answers on {self._url} is {actual} "
             f"(unique id {self.identity.unique_id.hex()}). Correct cycle_model under [board], "
             "or name the port of the board that is meant"
         )

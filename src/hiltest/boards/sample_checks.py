@@ -1,7 +1,7 @@
-"""Samples that no sound sensor gives: at the end of its range, or the same one again and again.
+"""Samples that no intact sensor returns: at the end of its range, or the same one repeatedly.
 
-A calibration or a heading that rests on them says nothing of the firmware's arithmetic, so they are refused before
-anything is computed of them.
+A calibration or heading from them says nothing about the firmware's arithmetic, so they are refused before any
+computation.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from hiltest.rig import COUNTS_PER_UT
 from hiltest.rig.parts import PARTS
 
 SAME_SAMPLES = 8
-"""So many samples in a row are not equal on all axes: with noise of one count rms, less than any sensor here has, once
-in 10^11 times."""
-_SPREADS = 3.0  # of a mean whose samples may have reached the end of the range
+"""Number of consecutive samples that cannot be equal on all axes: with noise of one count rms, less than any modelled
+sensor has, the probability is 10^-11."""
+_SPREADS = 3.0  # standard deviations between a mean and the end of the range at which samples may have been clipped
 _SHOCKS = 0.02  # share of a tumble's samples of gravity that a knock, which says nothing of the field, may take
 _WORDS_END = 32_764  # of accelerometer and gyroscope: 4 g left-justified to 16 bits, 2048 deg/s
 _RANGES_UT = {
@@ -32,14 +32,14 @@ _RANGES_UT = {
 
 
 class SampleChecks:
-    """Checks of what a board answers of its sensors.
+    """Checks of a board's sensor readings.
 
     Parameters
     ----------
     sensor_name
-        Names the sensor that is selected for a kind.
+        Returns the name of the selected sensor of a kind.
     is_noise_free
-        Says whether a sensor of a kind is simulated without noise: then equal samples say nothing.
+        Returns whether a sensor of a kind is simulated without noise, so that equal samples are normal.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class SampleChecks:
         self._name, self._is_noise_free = sensor_name, is_noise_free
 
     def reply(self, reply: object) -> None:
-        """Check a reply, if it is of samples.
+        """Check a reply that has samples.
 
         Raises
         ------
@@ -80,7 +80,7 @@ class SampleChecks:
         Parameters
         ----------
         knocked
-            How many may be at the end of the range.
+            Number of samples that may be at the end of the range.
 
         Raises
         ------
@@ -92,12 +92,12 @@ class SampleChecks:
             self._refuse_end(kind, axis, f"in {at_end[:, axis].sum()} of {len(counts)} samples")
         self._refuse_same(kind, longest_run(counts.tolist()))
 
-    def _mean(self, kind: SensorKind, n: int, found: Statistic) -> None:
-        spread = np.zeros(3) if found.spread is None else found.spread
-        reaches = np.abs(found.mean) + _SPREADS * spread >= self._end(kind) - 0.5
+    def _mean(self, kind: SensorKind, n: int, statistic: Statistic) -> None:
+        spread = np.zeros(3) if statistic.spread is None else statistic.spread
+        reaches = np.abs(statistic.mean) + _SPREADS * spread >= self._end(kind) - 0.5
         if reaches.any():
             self._refuse_end(kind, int(reaches.argmax()), f"in {n} samples")
-        if found.spread is not None and not found.spread.any():
+        if statistic.spread is not None and not statistic.spread.any():
             self._refuse_same(kind, n)
 
     def _end(self, kind: SensorKind) -> float:
@@ -120,5 +120,5 @@ class SampleChecks:
 
 
 def longest_run(rows: Sequence[ArrayLike]) -> int:
-    """Return how many equal rows stand in a row at most."""
+    """Return the length of the longest run of equal rows."""
     return max((len(list(equal)) for _, equal in groupby(rows)), default=0)

@@ -1,4 +1,4 @@
-"""The line of a recorded run for any serial program: it gets the recorded answers, as late as the board gave them."""
+"""The line of a recorded run for any serial program: it returns the recorded answers with the recorded delays."""
 
 from __future__ import annotations
 
@@ -23,46 +23,46 @@ from hiltest.virtual.part.unique_id import REPLAYED_UNIQUE_ID
 _DELIMITER = b"\x7e"
 _STEP_S = 0.002
 _AT_A_LOOK = 1 << 16
-_NONCE = slice(1, 5)  # in the payload of an answer to SYNC, behind the status
+_NONCE = slice(1, 5)  # in the payload of an answer to SYNC, after the status
 
 
 class ServedRecording:
     """The board's end of a recorded line.
 
-    What the program sends must be what the recorded host sent. The nonce of SYNC alone is its own, and comes back. The
-    board's unique id is `REPLAYED_UNIQUE_ID`: numbers of a recording must not pass for a board's. Firmware that speaks
-    its own language has neither, and says what it said.
+    The program must send the bytes of the recorded host, except for the nonce of SYNC, which is returned to it. The
+    board's unique id is `REPLAYED_UNIQUE_ID`, so that numbers of a recording cannot pass as a board's. A recording of
+    firmware with its own protocol has neither, and is returned unchanged.
 
     Parameters
     ----------
     transcript
-        Of a recorded run.
+        Transcript of a recorded run.
     path
-        Where it was read from, for messages.
+        File that it was read from, for messages.
     """
 
     def __init__(self, transcript: Transcript, path: Path) -> None:
         self._path = path
-        calls = (json.loads(each.data)["call"] for each in transcript.entries if each.direction is Direction.CALL)
-        self._has_frames = POLLED not in calls  # else lines or packets of the firmware's own
+        calls = (json.loads(entry.data)["call"] for entry in transcript.entries if entry.direction is Direction.CALL)
+        self._has_frames = POLLED not in calls  # otherwise lines or packets of another protocol
         self._entries = [
             (line, test, entry) for line, test, entry in transcript.placed()
             if entry.data and entry.direction is not Direction.MARK
-            and (entry.direction is not Direction.CALL or _breaks(entry))
+            and (entry.direction is not Direction.CALL or _is_break(entry))
         ]
         self.begin(0.0)
 
     def begin(self, now_s: float) -> None:
-        """Begin again: another program has come."""
+        """Start again for another program."""
         self._at = 0
         self._heard = bytearray()
         self._nonce = b""
-        self._asked_s = now_s  # when the latest request was there, and when it was in the recording
+        self._asked_s = now_s  # time of the latest request, now and in the recording
         self._recorded_s = self._entries[0][2].time_s if self._entries else 0.0
 
     @property
     def over(self) -> bool:
-        """Whether all was said and heard."""
+        """Whether the recording is at its end."""
         return self._at == len(self._entries)
 
     def hear(self, data: bytes, now_s: float) -> None:
@@ -71,50 +71,50 @@ class ServedRecording:
         Raises
         ------
         DivergenceError
-            When they are not the recorded ones.
+            When they differ from the recording.
         """
         self._heard += data
         while self._heard and (self.over or self._next.direction is Direction.TO_BOARD):
             if self.over:
-                self._diverged("has come to its end")
-            taken = self._taken(self._next.data)
-            if not taken:
+                self._raise_divergence("has come to its end")
+            length = self._request_length(self._next.data)
+            if not length:
                 return
-            del self._heard[:taken]
+            del self._heard[:length]
             self._asked_s, self._recorded_s = now_s, self._next.time_s
             self._at += 1
 
     def say(self, now_s: float) -> bytes:
-        """Return what the board has said by now.
+        """Return the bytes that the board has sent by now.
 
         Raises
         ------
         BenchError
-            When the recorded line broke here.
+            When the recorded line broke at this point.
         """
-        said = bytearray()
+        output = bytearray()
         while not self.over and self._next.direction is not Direction.TO_BOARD:
             answer, changed = [], b""
             if self._has_frames:
-                answer = [entry for _, _, entry in takewhile(_is_of_board, self._entries[self._at :])]
-                changed = self._changed(b"".join(each.data for each in answer))
+                answer = [entry for _, _, entry in takewhile(_is_from_board, self._entries[self._at :])]
+                changed = self._adapt_answer(b"".join(entry.data for entry in answer))
             due = answer[-1] if changed else self._next
             if due.time_s - self._recorded_s > now_s - self._asked_s:
                 break
             if due.direction is Direction.CALL:
                 why = json.loads(due.data)["raises"]["text"]
                 raise BenchError(f"{self._path}:{self._entries[self._at][0]}: here the recorded line broke: {why}")
-            said += changed or due.data
+            output += changed or due.data
             self._at += len(answer) if changed else 1
             self.hear(b"", now_s)
-        return bytes(said)
+        return bytes(output)
 
     @property
     def _next(self) -> TranscriptEntry:
         return self._entries[self._at][2]
 
-    def _taken(self, recorded: bytes) -> int:
-        """Return how many bytes of what was heard are the recorded request; 0 while it is not whole."""
+    def _request_length(self, recorded: bytes) -> int:
+        """Return the length of the recorded request in the received bytes; 0 while it is incomplete."""
         if self._heard.startswith(recorded):
             return len(recorded)
         if recorded.startswith(self._heard):
@@ -124,12 +124,12 @@ class ServedRecording:
         if ours is not None and (end < 0 or theirs is not None):
             self._nonce = theirs.payload if theirs is not None else b""
             return end + 1
-        self._diverged(f"had {frames_in_words(recorded)}")
+        self._raise_divergence(f"had {frames_in_words(recorded)}")
 
-    def _changed(self, answer: bytes) -> bytes:
-        """Return an answer with the program's nonce, and without a board's unique id; nothing where it has neither."""
+    def _adapt_answer(self, answer: bytes) -> bytes:
+        """Return an answer with the program's nonce and the replay's unique id; nothing if it has neither."""
         frames = FrameDecoder().feed(answer)
-        said, has_changed = b"", False
+        output, has_changed = b"", False
         for frame in frames:
             if not isinstance(frame, Frame):
                 return b""
@@ -139,10 +139,10 @@ class ServedRecording:
             elif frame.type == Identify.code | REPLY_BIT:
                 payload = _replayed_identity(payload)
             has_changed = has_changed or payload != frame.payload
-            said += encode_frame(Frame(frame.type, frame.sequence, payload))
-        return said if has_changed else b""
+            output += encode_frame(Frame(frame.type, frame.sequence, payload))
+        return output if has_changed else b""
 
-    def _diverged(self, recorded: str) -> NoReturn:
+    def _raise_divergence(self, recorded: str) -> NoReturn:
         line, test, entry = self._entries[min(self._at, len(self._entries) - 1)]
         asked = f"the program sends {frames_in_words(bytes(self._heard))}"
         raise DivergenceError(f"{self._path}:{line}", asked, recorded, time_s=entry.time_s, test=test)
@@ -151,19 +151,19 @@ class ServedRecording:
 def serve_recorded(
     recording: ServedRecording, line: PortLine, tell: Callable[[str], None], ended: Callable[[float], bool]
 ) -> None:
-    """Serve a recording to the programs on a line, each from its beginning, until it has come to its end.
+    """Serve a recording to the programs on a line, each from its beginning, until one reaches its end.
 
     Parameters
     ----------
     tell
-        Is told what happens.
+        Receives progress messages.
     ended
-        Whether to end before that, from the time that it has been served [s].
+        Returns whether to stop early, given the time served so far [s].
 
     Raises
     ------
     BenchError
-        When the recorded line breaks, or the program sends what was not recorded.
+        When the recorded line breaks, or the program's bytes differ from the recording.
     """
     began_s = time.monotonic()
     was_connected, unsent = False, b""
@@ -184,11 +184,11 @@ def serve_recorded(
             unsent = unsent[line.send(unsent) :]
 
 
-def _is_of_board(entry: tuple[int, str, TranscriptEntry]) -> bool:
+def _is_from_board(entry: tuple[int, str, TranscriptEntry]) -> bool:
     return entry[2].direction is Direction.TO_HOST
 
 
-def _breaks(entry: TranscriptEntry) -> bool:
+def _is_break(entry: TranscriptEntry) -> bool:
     call = json.loads(entry.data)
     return call["call"] in ("read", "write") and isinstance(call.get("raises"), dict) and "text" in call["raises"]
 
@@ -207,8 +207,8 @@ def _replayed_identity(payload: bytes) -> bytes:
         identity = decode_reply(Identify(), payload)
     except (ProtocolError, BenchError):
         return payload
-    return payload.replace(_on_the_line(identity.unique_id), _on_the_line(REPLAYED_UNIQUE_ID), 1)
+    return payload.replace(_as_sent(identity.unique_id), _as_sent(REPLAYED_UNIQUE_ID), 1)
 
 
-def _on_the_line(unique_id: bytes) -> bytes:
+def _as_sent(unique_id: bytes) -> bytes:
     return b"".join(unique_id[at : at + 4][::-1] for at in range(0, len(unique_id), 4))

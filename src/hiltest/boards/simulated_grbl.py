@@ -1,8 +1,8 @@
 """A virtual board's turntable behind the protocol of a motor table, Grbl 1.1.
 
-X is heading, Y pitch, Z roll, in degrees: stock Grbl has these three letters and no others, and a
-table with one motor has it on X. F is degrees a minute. What Grbl's answers mean is in
-docs/serve.md; where this table is simpler than Grbl it refuses by Grbl's error numbers.
+X is heading, Y pitch, Z roll, in degrees: stock Grbl has these three letters and no others, and a table with one motor
+has it on X. F is in degrees per minute. docs/serve.md explains Grbl's answers; commands that this table does not
+support are refused with Grbl's error numbers.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ BANNER = "\r\nGrbl 1.1h ['$' for help]\r\n"
 HELP = "[HLP:$$ $G $I $X $H ~ ! ? ctrl-x]"
 #: A target further away is refused [deg]: a hundred turns, 5 minutes on the way.
 FURTHEST_DEG = 36_000.0
-#: Characters of a line, and of lines that wait: Grbl's own numbers. What is more is lost.
+#: Maximum characters of a line, and of waiting lines, as in Grbl; excess characters are lost.
 LINE_LENGTH, BUFFER_LENGTH = 80, 128
 
 _RESET, _STATUS, _HOLD, _RESUME = 0x18, ord("?"), ord("!"), ord("~")
@@ -35,14 +35,14 @@ _SETTINGS = [
 
 
 class GrblTable:
-    """The far end of the turntable's serial line: takes bytes, moves the axes, and answers.
+    """The turntable at its serial line: it receives bytes, moves the axes, and answers.
 
     Parameters
     ----------
     about
-        What ``$I`` says of the board on the table.
+        Text about the board on the table, for ``$I``.
     reset
-        Resets the board: the table's coolant output (M8) is led to its reset pin.
+        Resets the board: the table's coolant output (M8) is wired to its reset pin.
 
     Notes
     -----
@@ -63,11 +63,11 @@ class GrblTable:
         self._done: Callable[[], bool] | None = None
 
     def room(self) -> int:
-        """Take everything: real-time commands must be seen whatever else waits."""
+        """Return unlimited room, because real-time commands must be seen whatever else waits."""
         return 1024
 
     def hear(self, data: bytes) -> None:
-        """Act on real-time commands at once, and keep the rest for its turn."""
+        """Execute real-time commands at once, and queue the rest."""
         for byte in data:
             if byte == _RESET:
                 self._reset()
@@ -79,20 +79,20 @@ class GrblTable:
                 self._axes.resume()
             elif (0x20 <= byte < 0x7F or byte in _ENDS) and len(self._heard) < BUFFER_LENGTH:
                 self._heard.append(byte)
-            self._attend()
+            self._execute_queued()
 
     def say(self) -> bytes:
         """Finish completed moves, start waiting ones, and return the answers."""
         self._axes.advance()
-        self._attend()
-        said = bytes(self._out)
+        self._execute_queued()
+        output = bytes(self._out)
         self._out.clear()
-        return said
+        return output
 
     # -- lines --------------------------------------------------------------------------------
 
-    def _attend(self) -> None:
-        """Take lines as long as the one before has been answered."""
+    def _execute_queued(self) -> None:
+        """Execute queued lines until one cannot be answered yet."""
         while True:
             if self._done is not None:
                 if not self._done():
@@ -124,7 +124,7 @@ class GrblTable:
             raise GcodeError(Refusal.LINE_OVERFLOW)
         line = _COMMENT.sub("", written).replace(" ", "").upper()
         if not line or line == "%":
-            return _at_once
+            return _always
         if line.startswith("$"):
             return self._system(line)
         if self._alarm:
@@ -132,7 +132,7 @@ class GrblTable:
         if line in _COOLANT:
             if _COOLANT[line]:
                 self._reset_board()
-            return _at_once
+            return _always
         return self._move(line)
 
     def _move(self, line: str) -> Callable[[], bool]:
@@ -143,7 +143,7 @@ class GrblTable:
         axes, feed_dpm = self._axes, block.modals.feed_dpm if block.modals.motion == 1 else None
 
         def begun() -> bool:
-            """Put the movement into the queue; say whether there was room."""
+            """Put the movement into the queue; return whether there was room."""
             if not block.axes:
                 return True
             if axes.full:
@@ -151,7 +151,7 @@ class GrblTable:
             axes.add(target, feed_dpm=feed_dpm)
             return True
 
-        return begun if block.dwell_s is None else _after(self._dwell(block.dwell_s), begun)
+        return begun if block.dwell_s is None else _sequence(self._dwell(block.dwell_s), begun)
 
     def _target(self, words: dict[str, float], since: Vector) -> Vector:
         planned = self._axes.last_target_deg
@@ -177,8 +177,8 @@ class GrblTable:
 
     def _system(self, line: str) -> Callable[[], bool]:
         if line == "$H":
-            if not self._alarm:  # a table that is coming to rest after a reset goes home from there
-                self._insist_on_rest()
+            if not self._alarm:  # a table that decelerates after a reset homes from its resting position
+                self._require_rest()
             self._alarm = False
             self._axes.home()
             return lambda: not self._axes.homing
@@ -187,10 +187,10 @@ class GrblTable:
                 self._alarm = False
                 self._say("[MSG:Caution: Unlocked]")
         elif line == "$$":
-            self._insist_on_rest()
+            self._require_rest()
             self._say(*_SETTINGS)
         elif line == "$I":
-            self._insist_on_rest()
+            self._require_rest()
             self._say(f"[VER:1.1h.20190825:{self._about}]", "[OPT:,15,128]")
         elif line == "$G":
             self._say(self._modes())
@@ -198,9 +198,9 @@ class GrblTable:
             self._say(HELP)
         else:
             raise GcodeError(Refusal.UNKNOWN_SYSTEM_COMMAND)
-        return _at_once
+        return _always
 
-    def _insist_on_rest(self) -> None:
+    def _require_rest(self) -> None:
         if self._axes.busy or self._axes.held:
             raise GcodeError(Refusal.NOT_IDLE)
 
@@ -227,7 +227,7 @@ class GrblTable:
         return f"[GC:G{modals.motion} G54 G17 G21 {distance} G94 F{modals.feed_dpm or 0.0:.0f}]"
 
     def _reset(self) -> None:
-        """Ctrl-X: forget everything but the position; in motion that is doubtful on a real table, so it is locked."""
+        """Handle Ctrl-X: reset all state but the position, and lock if a real table could have lost that."""
         in_motion = self._axes.turning
         self._axes.stop()
         self._heard.clear()
@@ -246,10 +246,10 @@ class GrblTable:
             self._out += f"{line}\r\n".encode()
 
 
-def _at_once() -> bool:
+def _always() -> bool:
     return True
 
 
-def _after(first: Callable[[], bool], then: Callable[[], bool]) -> Callable[[], bool]:
+def _sequence(first: Callable[[], bool], then: Callable[[], bool]) -> Callable[[], bool]:
     """Return a condition that is met once `first` and then `then` is."""
     return lambda: first() and then()

@@ -1,4 +1,4 @@
-"""The three motors of a virtual board's turntable: moves that wait for each other, hold, stop, home."""
+"""The three motors of a virtual board's turntable: queued moves, hold, stop, home."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hiltest.angles import Pose
 from hiltest.world import Vector
 from hiltest.world.motion import Brake, MotionSegment, Turn, brake_on, next_on_grid, travel_from
 
-#: Moves that can wait, as many as Grbl's planner holds.
+#: Length of the queue of moves, as in Grbl's planner.
 CAPACITY = 15
 HOME: Vector = (0.0, 0.0, 0.0)
 
@@ -24,32 +24,32 @@ class Bench(Protocol):
         """Virtual time [s]."""
 
     def next_move_s(self) -> float:
-        """Return when a move that is planned now can begin [virtual s]."""
+        """Return the earliest start of a move that is planned now [virtual s]."""
 
     def begin_move(self, move: MotionSegment) -> None:
-        """Set the table going on a move."""
+        """Start a move."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    target_deg: Vector | None  # None is home, the short way
-    feed_dpm: float | None  # None is as fast as the motors
+    target_deg: Vector | None  # None for home, the short way
+    feed_dpm: float | None  # None for the motors' fastest
 
 
 class TableAxes:
-    """Heading, pitch and roll motors. Angles count on over whole turns; all start and stop together.
+    """Heading, pitch and roll motors. Angles accumulate over whole turns; all start and stop together.
 
     Parameters
     ----------
     bench
-        Its table stands level, heading north.
+        Bench whose table stands level, heading north.
 
     Attributes
     ----------
     held : bool
-        Nothing begins until `resume`.
+        Whether no move starts until `resume`.
     homing : bool
-        Whether a way home is not over yet.
+        Whether homing is in progress.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -90,7 +90,7 @@ class TableAxes:
         return self.now()[0] if self._segment is None else _triple(self._segment.angles(self._segment.end_s)[0])
 
     def now(self) -> tuple[Vector, float]:
-        """Return the three angles [deg], and how fast they change together [deg/s]."""
+        """Return the three angles [deg], and their combined rate [deg/s]."""
         if self._segment is None:
             return self._stands_at, 0.0
         # A move begins on the world's time grid, some milliseconds ahead.
@@ -98,7 +98,7 @@ class TableAxes:
         return _triple(pose), math.hypot(*rates_dps)
 
     def add(self, target_deg: Vector, *, feed_dpm: float | None) -> None:
-        """Go to angles, after what is waiting; `feed_dpm` is the mean along the way, None as fast as can be."""
+        """Queue a move to angles; `feed_dpm` is its mean rate, None for the fastest."""
         if target_deg != self.last_target_deg:
             self._waiting.append(_Move(target_deg, feed_dpm))
         self.advance()
@@ -110,19 +110,19 @@ class TableAxes:
         self.advance()
 
     def hold(self) -> None:
-        """Come to rest; moves that are under way or waiting are kept for `resume`."""
+        """Stop the motion; current and waiting moves stay queued for `resume`."""
         self.held = True
         if self._brake() and self._under_way is not None:
             self._waiting.appendleft(self._under_way)
             self._under_way = None
 
     def resume(self) -> None:
-        """Go on after `hold`."""
+        """Continue after `hold`."""
         self.held = False
         self.advance()
 
     def stop(self) -> None:
-        """Come to rest, and drop moves that are under way or waiting."""
+        """Stop the motion, and drop current and waiting moves."""
         self.held = self.homing = False
         self._waiting.clear()
         if self._brake():
@@ -154,7 +154,7 @@ class TableAxes:
             self.homing = False
 
     def _brake(self) -> bool:
-        """Begin to come to rest; False when there is nothing to break off, or it is over as soon by itself."""
+        """Start to decelerate; return False if there is no motion, or it ends as soon by itself."""
         if not isinstance(self._segment, Turn):
             return False
         start_s = max(next_on_grid(self.time_s), self._segment.start_s)

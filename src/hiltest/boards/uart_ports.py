@@ -1,4 +1,4 @@
-"""Ports for UART1 to UART5 of a board that is served, where they are asked for."""
+"""Ports for UART1 to UART5 of a served board, on request."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ _TCP = "tcp:"
 
 @dataclass(frozen=True, slots=True)
 class ServedUart:
-    """A port that is asked for: TCP where it has a number, else a pseudo-terminal, with a link to it if it has a path.
-    """
+    """A requested port: TCP if it has a number, else a pseudo-terminal, with a link to it if it has a path."""
 
     number: int
-    """Of the UART."""
+    """Number of the UART."""
     tcp: int | None = None
-    """0 takes any free port."""
+    """TCP port; 0 for any free one."""
     link: Path | None = None
 
     @property
     def name(self) -> str:
-        """What the server calls it."""
+        """Name in the server's output."""
         return f"uart{self.number}"
 
 
@@ -51,12 +50,12 @@ def uart_port(text: str) -> ServedUart:
 
 
 def uart_ports(texts: Sequence[str]) -> tuple[ServedUart, ...]:
-    """Parse what was asked for, each UART at most once.
+    """Parse requested ports, each UART at most once.
 
     Raises
     ------
     ConfigError
-        If one is wrong, or asked for twice.
+        If one is invalid, or requested twice.
     """
     ports = tuple(uart_port(text) for text in texts)
     if len({port.number for port in ports}) < len(ports):
@@ -66,7 +65,7 @@ def uart_ports(texts: Sequence[str]) -> tuple[ServedUart, ...]:
 
 @contextlib.contextmanager
 def opened_ports(ports: Sequence[ServedUart], host: str) -> Iterator[list[tuple[ServedUart, PortLine, str]]]:
-    """Open ports; yield each with its line and what a program opens, and close them in the end."""
+    """Open ports; yield each with its line and its device or URL, and close them in the end."""
     with contextlib.ExitStack() as stack:
         opened: list[tuple[ServedUart, PortLine, str]] = []
         for port in ports:

@@ -33,15 +33,15 @@ from hiltest.virtual.processor.call_summary import Call
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 from hiltest.world import Vector
 
-_CLOCK_TOLERANCE = 0.005  # a clock is often stated in whole MHz: 20.97 as 21
-_ID_DIGITS = 8  # 32 bits: two builds of one person's never share them
+_CLOCK_TOLERANCE = 0.005  # clocks are often rounded to whole MHz: 20.97 as 21
+_ID_DIGITS = 8  # 32 bits, enough to distinguish builds
 
-# What the calibrators are called that are not called as their name is on the link.
+# Functions of the calibrators whose name differs from their name on the link.
 _FUNCTIONS = {"dpi": "fit_pairs"}
 
 
 class _Session(Session):
-    """Each request makes the board's cycle counter forget what was read before; sent again it is the same request."""
+    """A session in which each new request clears the recorded readings of the cycle counter; a repetition does not."""
 
     def __init__(self, counter: CycleCounter, port: SerialPort, **terms: Any) -> None:
         super().__init__(port, **terms)
@@ -54,7 +54,7 @@ class _Session(Session):
 
 
 class _CallCounter:
-    """Counts as the firmware does, which reads CYCCNT before and behind a call: exceptions included."""
+    """Counter of calls like the firmware's, which reads CYCCNT before and after a call: exceptions included."""
 
     def __init__(self, watch: CallWatch, function: str) -> None:
         self._watch, self.function = watch, function
@@ -67,12 +67,12 @@ class _CallCounter:
 
     @property
     def stack(self) -> int | None:
-        """Bytes of stack that the deepest of all calls took; None where that is not known."""
+        """Bytes of stack that the deepest of all calls took; None if unknown."""
         return self._watch.stack(self.function)
 
     @property
     def cycles(self) -> Sequence[int]:
-        """Cycles of each."""
+        """Cycles of each call."""
         return [call.elapsed for call in self.calls]
 
 
@@ -84,11 +84,11 @@ class VirtualBoard(Board):
     bench
         Board, sensors and world.
     declared
-        What the rig says.
+        Declarations of the rig.
     transcript
-        Gets every byte, both ways.
+        Receives every byte, in both directions.
     tape
-        Records what is asked.
+        Records all questions.
     """
 
     kind = BoardKind.VIRTUAL
@@ -103,7 +103,7 @@ class VirtualBoard(Board):
                     f"{bench.rig.path}: cycles.{calibrator} names {function!r}, and {bench.machine.image.name} has no "
                     "such function; name one of its symbols"
                 )
-        bench.machine.may_rest = False  # an answer is awaited: what no longer can come is said at once
+        bench.machine.may_rest = False  # raise at once when no answer can come any more
         bench.power_on()
         port = VirtualPort()
         port.port = "hil://"
@@ -116,11 +116,11 @@ class VirtualBoard(Board):
         self.firmware_sha256 = hashlib.sha256(bench.firmware.read_bytes()).hexdigest()
         image = bench.machine.image
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
-        # Nothing is lost on a simulated line: what is not answered in time would not be answered the second time.
+        # A simulated line loses nothing, so a repeated request would not be answered either.
         terms = LinkTerms(nonce_seed=bench.seed, attempts=1 if declared.faults is None else ATTEMPTS)
         session = terms.session(
             lambda: with_faults(port, declared.faults, baud=bench.rig.link.baud), transcript, tape,
-            made=partial(_Session, bench.machine.cycle_counter),
+            session_type=partial(_Session, bench.machine.cycle_counter),
         )  # fmt: skip
         self._counters: dict[str, _CallCounter] = {}
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
@@ -131,7 +131,7 @@ class VirtualBoard(Board):
             raise
 
     def _check(self) -> None:
-        """Refuse firmware that says of itself what the board sees to be wrong."""
+        """Refuse firmware whose own statements contradict the board's observations."""
         refuse_forged_build(self.identity.build_id, self._machine.image)
         refuse_wrong_clock(self.identity.core_clock_hz, self._machine.clocks.core_hz)
 
@@ -147,8 +147,8 @@ class VirtualBoard(Board):
         self._machine.run_until(self._machine.time_s + seconds)
 
     def memory_use(self) -> Mapping[str, int | str]:
-        """Return the bytes that the firmware takes of flash and RAM, and at most so far of its stacks."""
-        calls = {name: (each.function, each.stack) for name, each in self._counters.items() if "." not in name}
+        """Return the firmware's flash and RAM use, and its deepest stacks so far [byte]."""
+        calls = {name: (counter.function, counter.stack) for name, counter in self._counters.items() if "." not in name}
         return seen_memory_use(self._machine, calls)
 
     def true_attitude(self, board_us: int) -> Pose | None:
@@ -156,7 +156,7 @@ class VirtualBoard(Board):
         return None if self.truth is None else self._bench.attitude_at(board_us)
 
     def true_disturbances_ut(self, board_us: int) -> Mapping[str, Vector] | None:
-        """Return what disturbs the field at a time of its own clock [us], by cause; None for a recording."""
+        """Return the disturbances of the field at a time of its own clock [us], by cause; None for a recording."""
         return None if self.truth is None else self._bench.disturbances_at_ut(board_us)
 
     def instructions_counted(self, cycles: int) -> int | None:
@@ -165,11 +165,11 @@ class VirtualBoard(Board):
 
     @property
     def executes_firmware(self) -> bool:
-        """True: it emulates the processor."""
+        """True, because it emulates the processor."""
         return True
 
     def call_counter(self, calibrator: str) -> _CallCounter | None:
-        """Return what counts the calls of a calibrator; None where the firmware has no function of its name."""
+        """Return the counter of a calibrator's calls; None if the firmware has no function of its name."""
         of_a_stream = "." in calibrator  # as in direct-stream.add
         own = calibrator.replace("-", "_").replace(".", "_")
         name = _FUNCTIONS.get(calibrator) or (own if of_a_stream else f"magnetometer_{own}")
@@ -181,22 +181,22 @@ class VirtualBoard(Board):
         return self._counters[calibrator]
 
     def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
-        """Price what ran between two readings of CYCCNT again, with each row of the timing profile moved."""
+        """Reprice the code between two readings of CYCCNT, with each row of the timing profile varied."""
         if cost is None:
             return None
         counter, profile = self._machine.cycle_counter, self._machine.processor.profile
-        calls = each.calls if calibrator and (each := self.call_counter(calibrator)) else ()
+        calls = call_counter.calls if calibrator and (call_counter := self.call_counter(calibrator)) else ()
         call = (calls[-1].entered, calls[-1].returned) if calls else None
         executed = counter.executed_in(cost.cycles, cost.overhead_cycles, call)
         return range_where_it_ran(profile, self.cycle_model, cost.cycles, executed)
 
     def timed_steps(self) -> TimedSteps:
-        """Begin to record what runs in steps that are timed one by one."""
+        """Start to record work that is timed step by step."""
         return TimedSteps(self._machine.cycle_counter, self._machine.processor.profile, self.cycle_model)
 
 
 def refuse_forged_build(answered: str, image: FirmwareImage) -> None:
-    """Raise a VersionMismatchError when the firmware answers the build id of another ELF than the one that runs.
+    """Raise a VersionMismatchError if the firmware reports the build id of another ELF than the running one.
 
     Without a GNU build-id note only the id of the packaged firmware is known, which has such a note.
     """
@@ -214,7 +214,7 @@ def refuse_forged_build(answered: str, image: FirmwareImage) -> None:
 
 
 def refuse_wrong_clock(answered_hz: int, core_hz: float) -> None:
-    """Raise a VersionMismatchError when the firmware answers another core clock than it has set up."""
+    """Raise a VersionMismatchError if the firmware reports another core clock than it has set up."""
     if abs(answered_hz / core_hz - 1.0) > _CLOCK_TOLERANCE:
         raise VersionMismatchError(
             f"the firmware answers a core clock of {answered_hz / 1e6:g} MHz, and the core runs at {core_hz / 1e6:g}; "
@@ -223,19 +223,19 @@ def refuse_wrong_clock(answered_hz: int, core_hz: float) -> None:
 
 
 def truth_of(rig: Rig) -> Truth | None:
-    known = world_truth(rig)
-    if known is None or rig.world is None or rig.world.playback is not None:
+    truth = world_truth(rig)
+    if truth is None or rig.world is None or rig.world.playback is not None:
         return None
     return Truth(
-        soft_iron=np.array(known.soft_iron),
-        hard_iron_ut=np.array(known.hard_iron_counts) / COUNTS_PER_UT,
-        field_ut=known.field.strength_ut,
-        dip_deg=known.field.dip_deg,
+        soft_iron=np.array(truth.soft_iron),
+        hard_iron_ut=np.array(truth.hard_iron_counts) / COUNTS_PER_UT,
+        field_ut=truth.field.strength_ut,
+        dip_deg=truth.field.dip_deg,
         magnetometer_sigma_ut=rig.world.noise_ut(rig.magnetometer_part or "mag3110"),
         accelerometer_sigma_g=Fxos8700cqNoise().accelerometer_g(SAMPLE_RATE_HZ),
-        accelerometer_response=np.array(known.accelerometer_response),
-        accelerometer_offset_g=np.array(known.accelerometer_offset_g),
-        gyroscope_bias_dps=np.array(known.gyroscope_bias_dps),
-        gyroscope_response=np.array(known.gyroscope_response),
+        accelerometer_response=np.array(truth.accelerometer_response),
+        accelerometer_offset_g=np.array(truth.accelerometer_offset_g),
+        gyroscope_bias_dps=np.array(truth.gyroscope_bias_dps),
+        gyroscope_response=np.array(truth.gyroscope_response),
         gyroscope_density_dps=1e-3 * rig.world.gyroscope_noise_mdps_per_rthz,
     )

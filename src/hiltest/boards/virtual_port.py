@@ -1,7 +1,7 @@
 """A virtual board's UART as a pyserial port, in stepped time.
 
-The virtual clock moves only inside `read`: however slow or fast the host is, the
-same calls give the same bytes at the same virtual times. Timeouts are virtual.
+The virtual clock advances only inside `read`: however slow or fast the host is, the same calls give the same bytes at
+the same virtual times. Timeouts are virtual.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import serial
 from serial.serialutil import SerialBase
 
-# A read without a timeout looks in this often whether anything came.
+# Period at which a read without a timeout checks for bytes.
 _ENDLESS_SLICE_S = 1.0
-_MOST_BYTES = 1 << 30  # more than anybody reads at once
+_MOST_BYTES = 1 << 30  # more than any single read
 
 
 class UartPort(Protocol):
@@ -31,7 +31,7 @@ class UartPort(Protocol):
         """Take bytes that have arrived from the board."""
 
     def host_expect(self, count: int, byte: int) -> None:
-        """Say what a run for bytes stops at: so many that are not taken, or one with a value."""
+        """Set the stop of a run for bytes: `count` bytes that are not taken, or a byte of this value."""
 
 
 class Machine(Protocol):
@@ -46,14 +46,14 @@ class Machine(Protocol):
         """The debug serial port."""
 
     def position(self) -> str:
-        """Say what the firmware is doing."""
+        """Return a description of the firmware's present activity."""
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
         """Let the board run until a time, or until `wake` says so after bytes arrived that were expected."""
 
 
 class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no types
-    """A serial port with a machine at its far end, which runs while the host reads.
+    """A serial port of a virtual machine, which runs while the host reads.
 
     Subclasses, or the caller, give it a machine by `attach` before `open`.
     """
@@ -61,7 +61,7 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
     _machine: Machine | None = None
 
     def attach(self, machine: Machine) -> None:
-        """Say which machine is at the far end."""
+        """Set the machine at the far end."""
         self._machine = machine
         self._arrived = bytearray()
 
@@ -87,7 +87,7 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         return self.machine.time_s
 
     def position(self) -> str:
-        """Say what the firmware is doing."""
+        """Return a description of the firmware's present activity."""
         return self.machine.position()
 
     @property
@@ -97,12 +97,12 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         return len(self._arrived)
 
     def read(self, size: int = 1) -> bytes:
-        """Return up to `size` bytes, fewer when the timeout (virtual) is over."""
+        """Return up to `size` bytes, fewer on a (virtual) timeout."""
         self._run(lambda: len(self._arrived) >= size, size)
         return self._give(size)
 
     def read_until(self, expected: bytes = b"\n", size: int | None = None) -> bytes:
-        """Return bytes up to and with `expected`, fewer at `size` or when the timeout is over."""
+        """Return bytes up to and including `expected`, fewer at `size` or on a timeout."""
         most = _MOST_BYTES if size is None else size
         self._run(lambda: expected in self._arrived or len(self._arrived) >= most, most, *expected[-1:])
         at = self._arrived.find(expected)
@@ -119,12 +119,12 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         """Do nothing: bytes leave as the virtual clock moves."""
 
     def reset_input_buffer(self) -> None:
-        """Drop what has arrived."""
+        """Drop the bytes that have arrived."""
         self._take()
         self._arrived.clear()
 
     def reset_output_buffer(self) -> None:
-        """Do nothing: what was written is on its way."""
+        """Do nothing: written bytes are on their way."""
 
     @property
     def cts(self) -> bool:
@@ -157,7 +157,7 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         return data
 
     def _run(self, enough: Callable[[], bool], size: int, last: int = -1) -> None:
-        """Run until there is enough: at the earliest with so many bytes, or with a byte that may be the last."""
+        """Run until `enough` holds, checked after `size` bytes or after a byte of the value `last`."""
         machine = self.machine
 
         def arrived() -> bool:
@@ -173,7 +173,7 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         while not arrived():
             machine.run_until(machine.time_s + _ENDLESS_SLICE_S, wake=arrived, for_bytes=True)
 
-    # The line's settings exist for programs that set them; a virtual line has no others than the board's.
+    # Programs may set line parameters; a virtual line ignores them and uses the board's.
     def _reconfigure_port(self, *_: Any) -> None:
         pass
 

@@ -1,4 +1,4 @@
-"""Float64 references of the firmware's calibrators, and what their results are worth."""
+"""Float64 references of the firmware's calibrators, and the quality of their results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
     "fit_direct", "fit_iterative", "fit_sphere", "is_unbiased", "reference",
 ]  # fmt: skip
 
-# By the firmware's names, or those of the literature for what the firmware does not have.
+# References by the firmware's names, or for calibrators that it lacks by those of the literature.
 REFERENCES: dict[str, Calibrator] = {
     "direct": fit_direct, "direct-fast": fit_direct, "corrected": fit_corrected, "iterative": fit_iterative,
     "li": fit_li, "fitzgibbon-ying": fit_fitzgibbon_ying, "merayo": fit_merayo, "taubin": fit_taubin,
@@ -39,19 +39,19 @@ REFERENCES: dict[str, Calibrator] = {
     "gauss-newton-geometric": fit_gauss_newton_geometric, "levenberg-marquardt": fit_levenberg_marquardt,
     "geometric": fit_geometric,
 }  # fmt: skip
-# Those that fit many instances at once, along leading axes, in space or in a plane.
+# References that fit many instances at once, along leading axes, in space or in a plane.
 BATCHES: dict[str, Callable[[ArrayLike], BatchFit]] = {
-    name: each.batch for name, each in REFERENCES.items() if isinstance(each, Reference)
+    name: entry.batch for name, entry in REFERENCES.items() if isinstance(entry, Reference)
 }
-# Those that the packaged firmware has.
+# Calibrators of the packaged firmware.
 FIRMWARE = frozenset(
     {"direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent"}
 )
-# Those of them that it has for comparison: of the full set of tests, and in no fit that does not ask for them.
+# Calibrators of the firmware for comparison only: in the full set of tests, and in fits on request.
 FOR_COMPARISON = frozenset({"li", "gauss-newton", "gradient-descent"})
-# Those that only come to their sums in another way: in float64 they are another's fit.
+# Calibrators that only differ in the computation of sums: in float64 they equal another one.
 FASTER = frozenset({"direct-fast"})
-# Those that leave none of the bias that noise makes, or next to none.
+# Calibrators with no or almost no noise bias.
 _UNBIASED = frozenset({"corrected", "gauss-newton-geometric", "geometric", "hyper", "taubin"})
 
 
@@ -61,15 +61,15 @@ def reference(name: str) -> Calibrator:
     Raises
     ------
     ConfigError
-        When there is none by that name; calibrators of one's own need none to be run.
+        When there is none by that name; a user's calibrators can run without one.
     """
     try:
         return REFERENCES[name]
     except KeyError:
-        known = ", ".join(sorted(REFERENCES))
-        raise ConfigError(f"calibrator {name!r} has no float64 reference; those that have: {known}") from None
+        available = ", ".join(sorted(REFERENCES))
+        raise ConfigError(f"calibrator {name!r} has no float64 reference; those that have: {available}") from None
 
 
 def is_unbiased(name: str, iterations: int) -> bool:
-    """Say whether a calibrator's fit is without the bias of noise; that of `corrected` without a step is another's."""
+    """Return whether a calibrator's fit has no noise bias; `corrected` without a step has another one's bias."""
     return name in _UNBIASED and (name != "corrected" or iterations > 0)

@@ -16,22 +16,22 @@ from hiltest.calibration.still_pose import FACES, Face, StillPose
 
 Reals = NDArray[np.float64]
 
-#: By the data sheet of the part at its full scale of 4 g.
+#: Sensitivity by the data sheet of the part at its full scale of 4 g.
 COUNTS_PER_G = 8192.0
 
 # Limits that decide a status. The firmware has the same, for the same reasons.
 #: Sample deviation on any axis above which the board was not still: noise is 1.3 mg, a hand that holds it 10 and more.
 MOVED_SPREAD_MG = 5.0
-#: Cosine of the angle between a face's axis and what was read above which it is that face: an untrimmed part and a
-#: careless hand stay within 20 degrees; the next face is at 90.
+#: Cosine of the largest angle between a face's axis and the reading: an untrimmed part and a careless hand stay within
+#: 20 degrees; the next face is at 90.
 FACE_COSINE = 0.94
-#: What a board on a face may read at least and at most: a part at another full scale is outside, an untrimmed one not.
+#: Range of a reading on a face: a part at another full scale is outside, an untrimmed one inside.
 FACE_NORMS_G = (0.6, 1.6)
 
-#: How askew a part's own axes are, rms of each cross-axis element: half a percent, as data sheets have it.
+#: Misalignment of a part's own axes, rms of each cross-axis element: half a percent, as in data sheets.
 CROSS_AXIS = 0.005
-# Of the alternation below. The third pass meets faces that are askew by 1 degree to 1e-10 mg, by 20 to 4e-4; its step
-# is below 0.1 mg where there is anything to be met.
+# Passes of the alternation below. The third pass fits faces misaligned by 1 degree to 1e-10 mg, by 20 degrees to 4e-4;
+# its step is below 0.1 mg if a solution exists.
 _PASSES, _SETTLED_COUNTS = 3, 1e-4 * COUNTS_PER_G
 
 
@@ -48,7 +48,7 @@ class AccelerometerFit:
     """Shape (3,) [counts]."""
 
     def gravity_g(self, counts: ArrayLike) -> Reals:
-        """Return the gravity that counts mean.
+        """Convert counts to gravity.
 
         Parameters
         ----------
@@ -57,12 +57,12 @@ class AccelerometerFit:
         Returns
         -------
         ndarray, shape (..., 3)
-            Gravity [g]; its norm is 1 where the board is still and the calibration good.
+            Gravity [g]; its norm is 1 if the board is still and the calibration good.
         """
         return (np.asarray(counts, dtype=np.float64) - self.offset) @ self.gain.T
 
 
-#: What the part is by its data sheet: no offset, no gain error.
+#: Calibration by the part's data sheet: no offset, no gain error.
 NOMINAL = AccelerometerFit(np.eye(3) / COUNTS_PER_G, np.zeros(3))
 
 
@@ -81,88 +81,89 @@ class AccelerometerStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerSolution:
-    """An accelerometer calibration and how it came about."""
+    """An accelerometer calibration and the status of its fit."""
 
     status: AccelerometerStatus
     faces: tuple[Face, ...]
-    """At fault."""
+    """Faces at fault."""
     pose: int | None
     """Index of the first pose at fault."""
     fit: AccelerometerFit
     """`NOMINAL` unless the status is OK."""
     residual_mg: float
-    """What the fit leaves of its own poses: how askew the faces were, or rms of the norm less 1 g; 0 without a fit."""
+    """Residual over its own poses: misalignment of the faces, or rms of the norm minus 1 g; 0 without a fit."""
 
     @property
     def faces_askew_deg(self) -> float:
-        """How askew the six faces were: rms of gravity's angle from its axis, about each of the two others [deg]."""
+        """Misalignment of the six faces: rms of gravity's angle from its axis, about each of the two others [deg]."""
         return math.degrees(1e-3 * self.residual_mg)
 
 
 def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
-    """Fit gain and offset to the six faces: norms decide both, the faces only how the axes are turned.
+    """Fit gain and offset to the six faces: norms determine both, the faces only the rotation of the axes.
 
     Parameters
     ----------
     poses
-        Each face once; poses that are none are left out.
+        Each face once; other poses are ignored.
 
     Returns
     -------
     AccelerometerSolution
-        OK, MISSING_FACE, REPEATED_FACE, MISPLACED_FACE or MOVED, with all faces that this is true of: the first
-        in this order that is true of any; or NOT_AN_ELLIPSOID.
+        Solution with the status OK, MISSING_FACE, REPEATED_FACE, MISPLACED_FACE or MOVED, the first of these that
+        applies, with all faces that it applies to; or NOT_AN_ELLIPSOID.
 
     Notes
     -----
-    Gravity is 1 g long however askew a face is: six norms determine three offsets and three scales. Half of what
-    opposite faces differ by across their axis is then the part's, and the middle of the two how askew they were by
-    sigma, an angle that is measured twice on each of three pairs. The faces add a variance of sigma^2 / 2 to both, so
-    the part's is taken with the weight c^2 / (c^2 + sigma^2 / 2), c being `CROSS_AXIS`, and divided out of the
-    readings before the norms are met once more. Least squares on the vectors (Puc, Podobnik and Munih, eq. 11 to 15)
-    take a third of sigma for the offset. A cube that sits askew as a whole turns all headings: opposite faces agree.
+    Gravity has the length 1 g on a misaligned face too, so six norms determine three offsets and three scales. Half the
+    difference of opposite faces across their axis is then the part's cross-axis error, and their mean is the
+    misalignment, with standard deviation sigma, which three pairs measure twice each. The faces add a variance of
+    sigma^2 / 2 to both, so the part's error is weighted with c^2 / (c^2 + sigma^2 / 2), where c is `CROSS_AXIS`, and
+    removed from the readings before the norms are fitted again. Least squares on the vectors (Puc, Podobnik and Munih,
+    eq. 11 to 15) would attribute a third of sigma to the offset. A cube that is misaligned as a whole turns all
+    headings, because opposite faces agree.
     """
     indices = [index for index, pose in enumerate(poses) if pose.face is not Face.NONE]
     for status, wrong in _faults(poses, indices):
         if wrong:
             faces = tuple(sorted(wrong))
             first = next((index for index in indices if poses[index].face in wrong), None)
-            return _no_fit(status, faces, first)
+            return _solution_without_fit(status, faces, first)
     counts = np.array([poses[index].accelerometer for index in sorted(indices, key=lambda index: poses[index].face)])
     middle, half = (counts[::2] + counts[1::2]) / 2.0, (counts[::2] - counts[1::2]) / 2.0
-    met = _meet_norms(middle, half)
+    met = _fit_norms(middle, half)
     if met is None:
-        return _no_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
-    variance = _askew((middle - met[0]) * met[1]) ** 2
+        return _solution_without_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
+    variance = _misalignment_rad((middle - met[0]) * met[1]) ** 2
     shares = half / np.diag(half)[:, None] * CROSS_AXIS**2 / (CROSS_AXIS**2 + variance / 2.0)
     axes = np.where(np.eye(3, dtype=bool), 1.0, shares).T
     straight = np.linalg.inv(axes)
-    met = _meet_norms(middle @ straight.T, half @ straight.T)
+    met = _fit_norms(middle @ straight.T, half @ straight.T)
     if met is None:
-        return _no_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
+        return _solution_without_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
     fit = AccelerometerFit(met[1][:, None] * straight, axes @ met[0])
     return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, faces_residual_mg(fit, counts))
 
 
 def faces_residual_mg(fit: AccelerometerFit, counts: ArrayLike) -> float:
-    """Return how askew faces were under a calibration, rms [mg], from their readings in the order of `FACES`."""
+    """Return the misalignment of faces under a calibration, rms [mg], from their readings in the order of `FACES`."""
     gravity_g = fit.gravity_g(np.asarray(counts, dtype=np.float64))
-    return 1000.0 * _askew((gravity_g[::2] + gravity_g[1::2]) / 2.0)
+    return 1000.0 * _misalignment_rad((gravity_g[::2] + gravity_g[1::2]) / 2.0)
 
 
 def norm_residual_mg(fit: AccelerometerFit, counts: ArrayLike) -> float:
-    """Return by how much gravity is not 1 g long under a calibration, rms [mg]."""
+    """Return the deviation of gravity's length from 1 g under a calibration, rms [mg]."""
     gravity_g = fit.gravity_g(np.asarray(counts, dtype=np.float64))
     return 1000.0 * _rms(np.linalg.norm(gravity_g, axis=1) - 1.0)
 
 
 def axes_uncertainty_deg(faces_askew_deg: float) -> float:
-    """Return what six faces that were askew leave of an axis: rms of each cross-axis element [deg].
+    """Return the uncertainty of the axes from six misaligned faces: rms of each cross-axis element [deg].
 
     Notes
     -----
-    The standard deviation of what `fit_six_position` estimates, before and after: c sigma / sqrt(2 c^2 + sigma^2). So
-    it is never more than the part itself is askew by, 0.29 degree.
+    It is the posterior standard deviation of the estimate of `fit_six_position`: c sigma / sqrt(2 c^2 + sigma^2). So it
+    never exceeds the part's own misalignment, 0.29 degree.
     """
     sigma = math.radians(faces_askew_deg)
     return math.degrees(CROSS_AXIS * sigma / math.hypot(math.sqrt(2.0) * CROSS_AXIS, sigma))
@@ -174,7 +175,7 @@ def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:
     Parameters
     ----------
     poses
-        At least 9, gravity from all sides; their faces are not looked at.
+        At least 9 poses, with gravity from all sides; their faces are ignored.
 
     Returns
     -------
@@ -183,32 +184,33 @@ def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:
 
     Notes
     -----
-    Coelho and Hemerly, eq. 5 and 6. Norms show nothing of a rotation: of a gain ``M = S R`` it finds ``S^-1``, and
-    what it calibrates is gravity turned by R.
+    Coelho and Hemerly, eq. 5 and 6. Norms do not show a rotation: for a gain ``M = S R`` the fit is ``S^-1``, and
+    calibrated gravity is rotated by R.
     """
     if len(poses) < ELLIPSOID_UNKNOWNS:
-        return _no_fit(AccelerometerStatus.TOO_FEW_POSES)
+        return _solution_without_fit(AccelerometerStatus.TOO_FEW_POSES)
     moved = next((index for index, pose in enumerate(poses) if _moved(pose)), None)
     if moved is not None:
-        return _no_fit(AccelerometerStatus.MOVED, (), moved)
+        return _solution_without_fit(AccelerometerStatus.MOVED, (), moved)
     counts = np.array([pose.accelerometer for pose in poses])
-    found = fit_direct(counts)
-    if found.status is not FitStatus.ELLIPSOID:
-        refused = found.status is FitStatus.NOT_AN_ELLIPSOID
-        return _no_fit(AccelerometerStatus.NOT_AN_ELLIPSOID if refused else AccelerometerStatus.POOR_COVERAGE)
-    fit = AccelerometerFit(found.soft_iron, found.hard_iron)
+    direct = fit_direct(counts)
+    if direct.status is not FitStatus.ELLIPSOID:
+        if direct.status is FitStatus.NOT_AN_ELLIPSOID:
+            return _solution_without_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
+        return _solution_without_fit(AccelerometerStatus.POOR_COVERAGE)
+    fit = AccelerometerFit(direct.soft_iron, direct.hard_iron)
     return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, norm_residual_mg(fit, counts))
 
 
 def is_on_face(counts: ArrayLike, face: Face) -> bool:
-    """Say whether an accelerometer's counts are those of a board on this face, roughly."""
+    """Return whether an accelerometer's counts roughly are those of a board on this face."""
     mean_g = np.asarray(counts, dtype=np.float64) / COUNTS_PER_G
     norm_g = float(np.linalg.norm(mean_g))
     return FACE_NORMS_G[0] < norm_g < FACE_NORMS_G[1] and float(mean_g @ face.gravity_g) > FACE_COSINE * norm_g
 
 
 def axis_error_deg(fit: AccelerometerFit, truth: AccelerometerFit) -> float:
-    """Return the largest angle between an axis of the body and where the calibration puts it [deg]."""
+    """Return the largest angle between an axis of the body and its calibrated direction [deg]."""
     turned = fit.gain @ np.linalg.inv(truth.gain)
     cosines = np.diag(turned) / np.linalg.norm(turned, axis=0)
     sines = np.linalg.norm(np.cross(turned.T, np.eye(3)), axis=1) / np.linalg.norm(turned, axis=0)
@@ -220,21 +222,21 @@ def offset_error_mg(fit: AccelerometerFit, truth: AccelerometerFit) -> float:
     return 1000.0 / COUNTS_PER_G * math.hypot(*(fit.offset - truth.offset).tolist())
 
 
-def _meet_norms(middle: Reals, half: Reals) -> tuple[Reals, Reals] | None:
-    """Return offsets [counts] and gains [g/count] that make gravity 1 g long on every face; None where none do.
+def _fit_norms(middle: Reals, half: Reals) -> tuple[Reals, Reals] | None:
+    """Return offsets [counts] and gains [g/count] that make gravity 1 g long on every face; None if none do.
 
     Rows are the three pairs of faces. With ``e = middle - offset`` the norms of a pair are ``sum_j gain_j^2 (e_j +-
-    half_j)^2 = 1``. Their mean is linear in the squares of the gains, their difference in the offsets, and each hardly
-    feels the other: a few turns of both settle.
+    half_j)^2 = 1``. Their mean is linear in the squares of the gains, their difference in the offsets, and the coupling
+    is weak: a few alternations converge.
     """
     offset: Reals = np.diag(middle).copy()
     step: Reals = np.zeros(3)
     try:
         for _ in range(_PASSES):
-            rows = _squares(middle, half, offset) * half
+            rows = _gain_squares(middle, half, offset) * half
             step = np.linalg.solve(rows, (rows * (middle - offset)).sum(axis=1))
             offset = offset + step
-        squares = _squares(middle, half, offset)
+        squares = _gain_squares(middle, half, offset)
     except np.linalg.LinAlgError:
         return None
     if not ((np.abs(step) <= _SETTLED_COUNTS).all() and (squares > 0.0).all()):
@@ -242,23 +244,23 @@ def _meet_norms(middle: Reals, half: Reals) -> tuple[Reals, Reals] | None:
     return offset, np.sqrt(squares)
 
 
-def _squares(middle: Reals, half: Reals, offset: Reals) -> Reals:
-    """Return the squares of the gains that meet the mean norm of each pair, for some offsets."""
+def _gain_squares(middle: Reals, half: Reals, offset: Reals) -> Reals:
+    """Return the squares of the gains that satisfy the mean norm of each pair, for given offsets."""
     return np.asarray(np.linalg.solve((middle - offset) ** 2 + half**2, np.ones(3)))
 
 
-def _askew(middle_g: Reals) -> float:
-    """Return how askew faces are that have these middles, rms [rad]: that of two has half of their variance."""
+def _misalignment_rad(middle_g: Reals) -> float:
+    """Return the misalignment of faces from the means of pairs, rms [rad]; a pair's mean has half the variance."""
     return math.sqrt(2.0) * _rms(middle_g[~np.eye(3, dtype=bool)])
 
 
 def _faults(
     poses: Sequence[StillPose], indices: Sequence[int]
 ) -> list[tuple[AccelerometerStatus, set[Face]]]:
-    given: list[Face] = [poses[index].face for index in indices]
+    faces: list[Face] = [poses[index].face for index in indices]
     return [
-        (AccelerometerStatus.MISSING_FACE, set[Face](FACES) - set(given)),
-        (AccelerometerStatus.REPEATED_FACE, {face for face in given if given.count(face) > 1}),
+        (AccelerometerStatus.MISSING_FACE, set[Face](FACES) - set(faces)),
+        (AccelerometerStatus.REPEATED_FACE, {face for face in faces if faces.count(face) > 1}),
         (AccelerometerStatus.MISPLACED_FACE,
          {poses[index].face for index in indices if not is_on_face(poses[index].accelerometer, poses[index].face)}),
         (AccelerometerStatus.MOVED, {poses[index].face for index in indices if _moved(poses[index])}),
@@ -266,12 +268,12 @@ def _faults(
 
 
 def _moved(pose: StillPose) -> bool:
-    """Say whether the board moved: a single reading cannot show that it did not."""
+    """Return whether the board moved: a single reading cannot show that it did not."""
     spread = pose.accelerometer_spread
     return spread is None or not bool((spread <= 1e-3 * MOVED_SPREAD_MG * COUNTS_PER_G).all())
 
 
-def _no_fit(
+def _solution_without_fit(
     status: AccelerometerStatus, faces: tuple[Face, ...] = (), pose: int | None = None
 ) -> AccelerometerSolution:
     return AccelerometerSolution(status, faces, pose, NOMINAL, 0.0)

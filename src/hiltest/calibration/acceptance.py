@@ -23,7 +23,7 @@ class Acceptance(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FitFigures:
-    """Figures that a calibration is rated by; None is not rated.
+    """Figures for the rating of a calibration; None is not rated.
 
     Attributes
     ----------
@@ -34,20 +34,20 @@ class FitFigures:
     condition: float | None = None
     """`hiltest.calibration.conditioning.ellipsoid_condition` of the points."""
     n: int | None = None
-    """Points that the calibrator got."""
+    """Number of points of the calibrator."""
     residual_percent: float | None = None
     axis_ratio: float | None = None
     radius_ut: float | None = None
-    """None where the unit of the points is not known."""
+    """None if the unit of the points is not known."""
     direction_error_deg: float | None = None
     change_percent: float | None = None
-    """Step of the hard iron in the middle of the points, of the radius; None where there is none."""
+    """Step of the hard iron within the points, relative to the radius; None without one."""
     shape: Shape | None = None
     """None for an ellipsoid."""
     strong_iron_deg: float | None = None
-    """Direction error of a shape where soft iron stretches the field by a fifth."""
+    """Direction error of a shape if soft iron stretches the field by a fifth."""
     left_out_percent: float | None = None
-    """Readings that a shape was not fitted to, being too far from it."""
+    """Readings that were omitted from a shape's fit because they are too far from it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,19 +57,19 @@ class Reason:
     figure: str
     """Name of the figure that is out of bounds."""
     value: float | str
-    """What it is; the status of a fit, and a shape, are words."""
+    """Value of the figure; the status of a fit, and a shape, are words."""
     threshold: float | str
-    """The bound it is on the wrong side of."""
+    """Violated limit."""
     unit: str
     verdict: Acceptance
-    """What this reason alone makes of the calibration."""
+    """Verdict that this reason alone causes."""
     meaning: str
-    """In a sentence."""
+    """Meaning, as a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A threshold of one figure: on its wrong side a calibration has this verdict, for the reason that meaning says."""
+    """A threshold of one figure: if it is violated, a calibration has this verdict for this reason."""
 
     figure: str
     unit: str
@@ -79,27 +79,27 @@ class Bound:
     below: bool = False
 
     def broken_by(self, value: float) -> bool:
-        """Say whether a value is on the wrong side; the limit itself is not."""
-        # A value that is no number breaks every bound.
+        """Return whether a value is on the wrong side; the limit itself is not."""
+        # NaN violates every bound.
         return not (value >= self.limit if self.below else value <= self.limit)
 
 
-#: Condition up to which an ellipsoid is determined all round.
+#: Condition up to which an ellipsoid is determined in all directions.
 WELL_CONDITIONED = 60.0
-#: Boards and cases stretch the field by tenths. Twice means another thing than a sensor in the earth's field, unless
-#: the points show the whole ellipsoid: then it is an odd part, not an odd fit.
+#: Boards and cases stretch the field by tenths. A factor of two means that this is not a sensor in the earth's field,
+#: unless the points show the whole ellipsoid: then the part is unusual, not the fit.
 LARGEST_AXIS_RATIO = 2.0
 
-#: The order is that of the reasons: for each figure the severest first, and only the first that is broken is told.
+#: The order is that of the reasons: for each figure the severest first, and only the first violated one is reported.
 BOUNDS = (
-    # Nine points always lie on a quadric: no residual is left that could show how good it is.
+    # Nine points always lie on a quadric, so there is no residual to judge it by.
     Bound("n", "points", 10.0, Acceptance.REFUSED,
            "every quadric through so few points is exact, and shows nothing of its error; take more", below=True),
-    # Two for each unknown: with nine left over the residual, and with it what is predicted, is known to 24 %.
+    # Two for each unknown: with nine degrees of freedom the residual, and so the prediction, is known to 24 %.
     Bound("n", "points", 18.0, Acceptance.POOR,
            "too few are left over to know the residual well; take more", below=True),
     # Simulated over 100 points: 300 is where a third of the sphere is covered (see `ellipsoid_condition`). Any
-    # calibrator returns an ellipsoid for less as well, of a wrong radius.
+    # calibrator also returns an ellipsoid for less, of a wrong radius.
     Bound("condition", "", LARGEST_CONDITION, Acceptance.REFUSED,
            "the points cover too little of the sphere to determine an ellipsoid, or nearly all lie in one place, or "
            "one far from all others; turn the sensor all round"),
@@ -114,7 +114,7 @@ BOUNDS = (
     Bound("residual_percent", "%", 3.5, Acceptance.POOR,
            "a single reading's direction is off by 2 deg or more: iron that moved, a current, or turning too fast for "
            "the sensor"),
-    # Noise of 0.4 uT in 48 uT leaves 0.8 %, of 1 uT 2 %. More is no noise of a part that is in order.
+    # Noise of 0.4 uT in 48 uT leaves 0.8 %, of 1 uT 2 %. An intact part does not have more.
     Bound("residual_percent", "%", 2.0, Acceptance.FAIR,
            "the points scatter about the ellipsoid by more than a sensor's noise: iron that moved, a current, or "
            "turning too fast for the sensor"),
@@ -132,17 +132,17 @@ BOUNDS = (
            "the points determine directions no better than no calibration at all does; take more points, all round"),
     Bound("direction_error_deg", "deg", 2.0, Acceptance.POOR,
            "more than the thesis allows any calibrator; take more points, all round"),
-    # Half of the 2 deg that the thesis allows any calibrator, so that the other half is left to soft iron and tilt.
+    # Half of the 2 deg that the thesis allows a calibrator, to leave the other half for soft iron and tilt.
     Bound("direction_error_deg", "deg", 1.0, Acceptance.FAIR,
            "corrected directions are off by so much, rms; take more points, all round"),
-    # As without any calibration. With so much iron a tenth of the sphere, or a flat ring, tells of the rest no more.
+    # Like no calibration at all. With so much iron a tenth of the sphere, or a flat ring, determines nothing else.
     Bound("strong_iron_deg", "deg", 10.0, Acceptance.REFUSED,
            "where iron stretches the field by a fifth, directions are off by so much; turn the sensor further round"),
-    # A whole ellipsoid shows which readings are wild; of a patch with so many of them the rest may be no sphere either.
+    # A whole ellipsoid identifies outliers; in a patch with so many of them the rest may not be a sphere either.
     Bound("left_out_percent", "%", 100.0 * MANY_LEFT_OUT, Acceptance.REFUSED,
            "so many samples are elsewhere that the others may be no part of a sphere either; keep those of a steady "
            "field, and turn the sensor all round"),
-    # What is found at all is as large: 1.7 deg across, on one side of the step or the other.
+    # Any detectable step is as large: 1.7 deg across, on one side of the step or the other.
     Bound("change_percent", "%", 0.0, Acceptance.POOR,
            "the hard iron is another one before and after; fit one part, or move the sensor away from what moved"),
 )  # fmt: skip
@@ -162,13 +162,13 @@ _IN_PLANE = "it corrects headings of a sensor that lies as this one did; turn it
 
 
 def rate(figures: FitFigures) -> tuple[Acceptance, tuple[Reason, ...]]:
-    """Return what a calibration is good for, and every reason why it is not good."""
+    """Rate a calibration: return its verdict, and every reason why it is not good."""
     reasons = tuple(_reasons(figures))
     return worst([reason.verdict for reason in reasons]), reasons
 
 
 def rate_by(bounds: Sequence[Bound], figures: Mapping[str, float | None]) -> tuple[Acceptance, tuple[Reason, ...]]:
-    """Return what figures by their names are good for, and every reason why they are not good; None is not rated."""
+    """Rate figures by their names: return the verdict, and every reason why it is not good; None is not rated."""
     reasons = tuple(_broken(bounds, figures))
     return worst([reason.verdict for reason in reasons]), reasons
 
@@ -193,14 +193,14 @@ def _reasons(figures: FitFigures) -> Iterator[Reason]:
 
 
 def _broken(bounds: Sequence[Bound], figures: Mapping[str, float | None]) -> Iterator[Reason]:
-    told = set()
+    reported = set()
     for bound in bounds:
         value = figures.get(bound.figure)
-        if value is not None and bound.figure not in told and bound.broken_by(value):
-            told.add(bound.figure)
+        if value is not None and bound.figure not in reported and bound.broken_by(value):
+            reported.add(bound.figure)
             yield Reason(bound.figure, value, bound.limit, bound.unit, bound.verdict, bound.meaning)
 
 
 def status_words(status: FitStatus) -> str:
-    """Return a status as people read it."""
+    """Return a status in words."""
     return status.name.lower().replace("_", " ")

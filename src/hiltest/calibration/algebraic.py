@@ -1,4 +1,4 @@
-"""What all algebraic fits have in common: the least squares of a quadric under a quadratic constraint.
+"""Base of all algebraic fits: the least squares of a quadric under a quadratic constraint.
 
 Notes
 -----
@@ -7,7 +7,7 @@ With m(p) the ten monomials of a point and theta a quadric's coefficients, an al
     theta' S theta,   S = mean m m',   under   theta' N theta = 1
 
 and each is one matrix N: of ones for the squares the trace, the identity for the unit norm, 4 J - I^2 for Li and
-Griffiths, the mean of grad m grad m' for Taubin, and what takes the bias out for Kanatani's hyper least squares. The
+Griffiths, the mean of grad m grad m' for Taubin, and the bias-removing matrix of Kanatani's hyper least squares. The
 solution is the eigenvector of ``N theta = mu S theta`` with the largest mu, 1 over the smallest error. S is symmetric
 and not negative, so ``S = V W V'`` turns this into the symmetric ``W^-1/2 V' N V W^-1/2``, whatever the signs in N and
 however small the noise: eigenvalues of S below rounding are taken for rounding, which moves theta by as much.
@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from hiltest.calibration.clouds import Clouds, Reference, Solution, solution_from_quadrics
 from hiltest.calibration.fit import Array, FitStatus
 
-#: N of clouds, shape (10, 10) or (..., 10, 10); in a plane 6 for 10.
+#: Function that returns N for clouds, shape (10, 10) or (..., 10, 10); in a plane with 6 instead of 10.
 Constraint: TypeAlias = Callable[[Clouds], Array]
 
-# Of the largest eigenvalue of S, where float64 ends.
+# Smallest eigenvalue of S relative to the largest, at the precision of float64.
 _ROUNDING = 1e-16
 
 
@@ -37,9 +37,9 @@ def algebraic(constraint: Constraint) -> Reference:
 
     def solve(clouds: Clouds) -> Solution:
         coefficients, solvable = smallest_error(clouds.scatter, constraint(clouds))
-        found = solution_from_quadrics(coefficients, clouds.axes)
-        status = np.where(solvable, found.status, FitStatus.NOT_AN_ELLIPSOID).astype(np.int8)
-        return Solution(found.soft_iron, found.centre, status)
+        solution = solution_from_quadrics(coefficients, clouds.axes)
+        status = np.where(solvable, solution.status, FitStatus.NOT_AN_ELLIPSOID).astype(np.int8)
+        return Solution(solution.soft_iron, solution.centre, status)
 
     return Reference(solve)
 
@@ -55,7 +55,7 @@ def smallest_error(scatter: Array, constraint: Array) -> tuple[Array, NDArray[np
 
 @lru_cache
 def derivatives(axes: int) -> Array:
-    """Return what takes the monomials to their derivatives along each axis, shape (axes, 10, 10), in a plane 6."""
+    """Return the matrices from monomials to derivatives along each axis, shape (axes, 10, 10), in a plane 6."""
     squares = axes * (axes + 1) // 2
     matrices = np.zeros((axes, squares + axes + 1, squares + axes + 1))
     axis = np.arange(axes)

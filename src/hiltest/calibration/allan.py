@@ -1,4 +1,4 @@
-"""The Allan deviation of a rate sensor's log, and what is read off it.
+"""The Allan deviation of a rate sensor's log, and its noise figures.
 
 Definitions as in IEEE Std 952-1997, annex C: the Allan variance is half the mean square of the difference of two
 neighbouring mean rates, each over ``tau``. White noise of the rate falls as ``N^2 / tau``, with the angle random walk
@@ -25,30 +25,30 @@ Reals = NDArray[np.float64]
 
 #: Variance of a bias instability of 1: 2 ln 2 / pi, the square of 0.664.
 FLICKER = 2.0 * math.log(2.0) / math.pi
-#: Fewest samples that a curve is made of.
+#: Minimum number of samples of a curve.
 FEWEST_SAMPLES = 1000
-#: Averages below so many samples see the sensor's output filter, and are drawn but not fitted.
+#: Minimum number of averaged samples for the fit: shorter averages show the sensor's output filter, and are only drawn.
 FILTERED_SAMPLES = 10
 _PER_DECADE = 12
-# The longest average is so much of the log: of fewer than eight differences of neighbours a variance says little.
+# Longest average relative to the log: a variance of fewer than eight differences is too uncertain.
 _LONGEST = 1.0 / 9.0
 _FREQUENCIES = 4000
 
 
-# A term whose variance is less than two of its uncertainties is not told from none.
-_SEEN = 2.0
+# A term is significant if its variance exceeds this multiple of its uncertainty.
+_SIGNIFICANT = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A deviation, and the interval in which the true one is in 68 % of all cases."""
+    """A deviation, and the 68 % confidence interval of the true one."""
 
     value: float
     low: float
     high: float
 
     def scaled(self, factor: float) -> Estimate:
-        """Return it in another unit."""
+        """Return the estimate in another unit."""
         return Estimate(factor * self.value, factor * self.low, factor * self.high)
 
 
@@ -59,24 +59,24 @@ class AllanReading:
     angle_random_walk: Estimate | None
     """N [unit/sqrt(Hz)]: in deg/s that is deg/sqrt(s), and 60 times as much in deg/sqrt(h)."""
     bias_instability: Estimate | None
-    """B [unit]; None where the log is too short for it to stand out of the noise: it is then at most
-    `bias_instability_at_most`."""
+    """B [unit]; None if the log is too short to distinguish it from noise: `bias_instability_at_most` is then an upper
+    bound."""
     rate_random_walk: Estimate | None
     """K [unit/sqrt(s)]."""
     lowest: Estimate
     """Smallest deviation of the curve."""
     lowest_at_s: float
-    """At which averaging time."""
+    """Averaging time of the smallest deviation."""
 
     @property
     def bias_instability_at_most(self) -> float:
-        """What a bias instability that makes all of the lowest deviation would be, at the end of its interval."""
+        """Upper bound of the bias instability, which would cause all of the lowest deviation's upper limit."""
         return self.lowest.high / math.sqrt(FLICKER)
 
     def terms(self, tau_s: Reals) -> Reals:
-        """Return the deviations that N, B and K make, shape (k, 3); zero for what is not seen."""
-        found = (self.angle_random_walk, self.bias_instability, self.rate_random_walk)
-        values = [0.0 if each is None else each.value for each in found]
+        """Return the deviations by N, B and K, shape (k, 3); zero for undetected terms."""
+        terms = (self.angle_random_walk, self.bias_instability, self.rate_random_walk)
+        values = [0.0 if term is None else term.value for term in terms]
         return np.asarray(np.sqrt(_terms(tau_s)) * values, dtype=np.float64)
 
 
@@ -87,23 +87,23 @@ class AllanCurve:
     tau_s: Reals
     """Shape (k,). Averaging times."""
     deviation: Reals
-    """Shape (k, axes). In the unit of the log."""
+    """Shape (k, axes). Deviations in the unit of the log."""
     low: Reals
     high: Reals
-    """Shape (k, axes). Interval in which the true deviation is in 68 % of all cases."""
+    """Shape (k, axes). 68 % confidence interval of the true deviation."""
     freedom: Reals
     """Shape (k, axes). Equivalent degrees of freedom of the variance."""
     readings: tuple[AllanReading, ...]
-    """One an axis."""
+    """Noise figures of each axis."""
 
 
 def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
-    """Return the Allan deviation of a log without gaps, and what is read off it.
+    """Return the Allan deviation of a log without gaps, and its noise figures.
 
     Parameters
     ----------
     rates : shape (n, axes)
-        At rest, at least 1000 samples.
+        Rates at rest, at least 1000 samples.
     rate_hz
         Sampling rate.
 
@@ -127,7 +127,7 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
     if stuck:
         raise CalibrationError(f"rate {stuck[0] + 1} of {values.shape[1]} has one value only: it is no sensor's noise")
     sizes = averages(n)
-    # Without its mean the angle stays small, and keeps its digits; an axis a row, so that its neighbours lie together.
+    # Subtracting the mean keeps the angle small and precise; one row per axis, so that neighbours are contiguous.
     theta = np.zeros((values.shape[1], n + 1))
     np.cumsum((values - values.mean(axis=0)).T, axis=1, out=theta[:, 1:])
     theta /= rate_hz
@@ -158,18 +158,18 @@ def _variance(theta: Reals, m: int, rate_hz: float) -> Reals:
 
 
 def _terms(tau_s: Reals) -> Reals:
-    """Return the variances of N, B and K of 1, shape (k, 3)."""
+    """Return the variances for N, B and K equal to 1, shape (k, 3)."""
     return np.column_stack([1.0 / tau_s, np.full_like(tau_s, FLICKER), tau_s / 3.0])
 
 
 def _read_off(tau_s: Reals, variance: Reals, freedom: Reals, fitted: NDArray[np.bool_]) -> AllanReading:
     squares, uncertainty = _fit(tau_s[fitted], variance[fitted], np.sqrt(2.0 / freedom[fitted]))
     walk, instability, rate_walk = (
-        _estimate(math.sqrt(square), 2.0 * (square / error) ** 2) if square > _SEEN * error else None
+        _estimate(math.sqrt(square), 2.0 * (square / error) ** 2) if square > _SIGNIFICANT * error else None
         for square, error in zip(squares.tolist(), uncertainty.tolist(), strict=True)
     )
     lowest = int(np.argmin(variance))
-    # Where it is not at least half of the lowest variance, it is lost in the uncertainty of the other terms.
+    # Below half of the lowest variance it is hidden in the uncertainty of the other terms.
     if instability is not None and FLICKER * instability.value**2 < 0.5 * variance[lowest]:
         instability = None
     return AllanReading(
@@ -180,20 +180,20 @@ def _read_off(tau_s: Reals, variance: Reals, freedom: Reals, fitted: NDArray[np.
 
 def _fit(tau_s: Reals, variance: Reals, relative: Reals) -> tuple[Reals, Reals]:
     """Return the squares of N, B and K, and their uncertainties."""
-    made, expected = _terms(tau_s), variance
-    # Twice: weighted by themselves alone, variances that came out small would count most.
+    terms, expected = _terms(tau_s), variance
+    # Two passes, because weights from the variances themselves favour those that are small by chance.
     for _ in range(2):
         weights = 1.0 / (expected * relative)
-        # Columns of one size, or nothing small would ever be taken up.
-        scale = np.linalg.norm(made * weights[:, None], axis=0)
-        rows = made * weights[:, None] / scale
+        # Columns of equal norm, because otherwise NNLS would never select small ones.
+        scale = np.linalg.norm(terms * weights[:, None], axis=0)
+        rows = terms * weights[:, None] / scale
         squares = np.asarray(nnls(rows, variance * weights)[0] / scale, dtype=np.float64)
-        expected = made @ squares
+        expected = terms @ squares
     uncertainty = np.zeros(3)
-    taken = np.flatnonzero(squares)
-    # The fit is linear in the variances: so are the errors of its squares in theirs.
-    errors = np.linalg.pinv(rows[:, taken]) / scale[taken, None] * (weights * expected * relative)
-    uncertainty[taken] = np.sqrt(np.einsum("ij,jk,ik->i", errors, _correlation(tau_s, squares), errors))
+    used = np.flatnonzero(squares)
+    # The fit is linear in the variances, so errors propagate linearly.
+    errors = np.linalg.pinv(rows[:, used]) / scale[used, None] * (weights * expected * relative)
+    uncertainty[used] = np.sqrt(np.einsum("ij,jk,ik->i", errors, _correlation(tau_s, squares), errors))
     return squares, uncertainty
 
 
@@ -203,13 +203,13 @@ def _correlation(tau_s: Reals, squares: Reals) -> Reals:
     A variance is the integral of the rate's density over ``sin^4(pi f tau) / (pi f tau)^2``; of a long log the
     covariance of two is that of the density squared over the product of theirs.
     """
-    # Four octaves below the longest average there is nothing of it, above the shortest one a thousandth.
+    # The integrand vanishes four octaves below the longest average, and is a thousandth above the shortest one.
     f = np.geomspace(1.0 / (16.0 * tau_s[-1]), 16.0 / tau_s[0], _FREQUENCIES)
     density = squares @ np.array([np.ones_like(f), 1.0 / (2.0 * np.pi * f), 1.0 / (2.0 * np.pi * f) ** 2])
     x = np.pi * np.outer(tau_s, f)
-    seen = np.sin(x) ** 4 / x**2 * density * np.sqrt(f)
-    seen /= np.linalg.norm(seen, axis=1)[:, None]
-    return np.asarray(seen @ seen.T)
+    columns = np.sin(x) ** 4 / x**2 * density * np.sqrt(f)
+    columns /= np.linalg.norm(columns, axis=1)[:, None]
+    return np.asarray(columns @ columns.T)
 
 
 def _estimate(value: float, freedom: float) -> Estimate:

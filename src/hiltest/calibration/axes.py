@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike
 
 from hiltest.calibration.fit import Array
 
-# Two neighbouring signed permutations are 90 degrees apart: within a quarter of that nothing else is meant.
+# Largest angle to a signed permutation: neighbours are 90 degrees apart, so within a quarter of that it is unambiguous.
 NEAREST_DEG = 22.5
-# Gains that soft iron or a part makes differ by less than a factor of three.
+# Smallest ratio of gains: those of soft iron or a part differ by less than a factor of three.
 _SMALLEST_GAIN = 1.0 / 3.0
-# What a map leaves of the readings, in parts of their strength: an attitude known to 3 degrees 0.05, an accelerometer
-# with an offset of 0.1 g 0.1, a heading declared wrongly by 90 degrees 0.6, a dip of the wrong sign 0.5.
+# Largest residual of a map relative to the readings: an attitude known to 3 degrees gives 0.05, an accelerometer offset
+# of 0.1 g 0.1, a heading declared wrongly by 90 degrees 0.6, a dip of the wrong sign 0.5.
 _LARGEST_RESIDUAL = 0.2
-# Smallest spread of known vectors along any axis, in parts of their length, which tells the axis from an offset:
-# tilts of 20 degrees give 0.1, an operator's half degree 0.009.
+# Smallest relative spread of known vectors along any axis that distinguishes the axis from an offset: tilts of 20
+# degrees give 0.1, an operator's half degree 0.009.
 _SMALLEST_SPREAD = 0.02
 _NAMES = "xyz"
 
@@ -45,18 +45,18 @@ class Axes:
 
     @property
     def matrix(self) -> Array:
-        """Matrix that takes components along the board's axes to what the sensor reads, shape (3, 3)."""
+        """Matrix from components along the board's axes to the sensor's readings, shape (3, 3)."""
         rows: Array = np.eye(3)[list(self.order)] * np.array(self.signs, dtype=np.float64)[:, None]
         return rows
 
     @property
     def are_right(self) -> bool:
-        """Whether each axis of the sensor is that of the board."""
+        """Whether each axis of the sensor equals the board's."""
         return self == RIGHT
 
     @property
     def are_left_handed(self) -> bool:
-        """Whether they mirror: no mounting of a part does."""
+        """Whether they are mirrored, which no mounting of a part can cause."""
         return float(np.linalg.det(self.matrix)) < 0.0
 
     @property
@@ -76,17 +76,17 @@ class Axes:
         return ", ".join(filter(None, (exchange, sign))) + self._meaning()
 
     def _meaning(self) -> str:
-        """Say what would make it: a mounting turned about one axis, or none at all; empty for other turns."""
+        """Return a possible cause: a mounting turned about one axis, or that none exists; empty for other rotations."""
         if self.are_left_handed:
             return " (left-handed: no mounting makes it)"
-        turned = self.matrix.T  # the sensor's axes, as the board has them
-        kept = [axis for axis in range(3) if turned[axis, axis] == 1.0]
-        if len(kept) != 1:
+        turned = self.matrix.T  # the sensor's axes in the board's frame
+        unchanged = [axis for axis in range(3) if turned[axis, axis] == 1.0]
+        if len(unchanged) != 1:
             return ""
-        second, third = (kept[0] + 1) % 3, (kept[0] + 2) % 3
+        second, third = (unchanged[0] + 1) % 3, (unchanged[0] + 2) % 3
         sine, cosine = turned[third, second] + 0.0, turned[second, second]  # no negative zero: half a turn is positive
         degrees = round(math.degrees(math.atan2(sine, cosine)))
-        return f" (as turned by {degrees} deg about {_NAMES[kept[0]]})"
+        return f" (as turned by {degrees} deg about {_NAMES[unchanged[0]]})"
 
 
 RIGHT = Axes((0, 1, 2), (1, 1, 1))
@@ -99,63 +99,63 @@ ALL_AXES = tuple(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearMap:
-    """What a sensor makes of a known vector: ``reading = matrix @ known + offset``."""
+    """Linear map from a known vector to a sensor's reading: ``reading = matrix @ known + offset``."""
 
     matrix: Array
     """Shape (3, 3)."""
     offset: Array
     """Shape (3,). In the unit of the readings."""
     residual: float
-    """rms of what it leaves, in parts of the readings' strength."""
+    """rms residual, relative to the readings' strength."""
 
     @property
     def is_right(self) -> bool:
-        """Whether it is near to no change of axes."""
+        """Whether it is near the identity."""
         return self.axes == RIGHT
 
     @property
     def axes(self) -> Axes | None:
-        """The signed permutation that it is near to; None where it is near none, or does not explain the readings.
+        """Nearest signed permutation; None if it is near none, or does not explain the readings.
 
         Notes
         -----
-        Whatever symmetric distortion comes before or behind a permutation, the orthogonal factor of the polar
-        decomposition is the permutation itself.
+        For any symmetric distortion before or after a permutation, the orthogonal factor of the polar decomposition is
+        the permutation itself.
         """
-        left, gains, right = np.linalg.svd(self.matrix)
+        u, gains, right = np.linalg.svd(self.matrix)
         if gains[2] < _SMALLEST_GAIN * gains[0] or not self.residual <= _LARGEST_RESIDUAL:
             return None
-        return nearest_axes(left @ right)
+        return nearest_axes(u @ right)
 
 
 def nearest_axes(turn: Array) -> Axes | None:
-    """Return the signed permutation that an orthogonal matrix is near to, None where it is near none."""
+    """Return the nearest signed permutation of an orthogonal matrix; None if it is near none."""
     nearest = max(ALL_AXES, key=lambda axes: float(np.trace(axes.matrix.T @ turn)))
     left_over = nearest.matrix.T @ turn
-    # Of a reflection that is near none the nearest may be a rotation: its trace then means no angle.
+    # For a reflection that is near none, the nearest one may be a rotation: the trace is then not that of a rotation.
     if np.linalg.det(left_over) < 0.0 or np.trace(left_over) < 1.0 + 2.0 * math.cos(math.radians(NEAREST_DEG)):
         return None
     return nearest
 
 
-def linear_map(known: ArrayLike, readings: ArrayLike, *, offset: ArrayLike | None = None) -> LinearMap | None:
-    """Estimate what a sensor makes of known vectors, by least squares.
+def linear_map(reference: ArrayLike, readings: ArrayLike, *, offset: ArrayLike | None = None) -> LinearMap | None:
+    """Estimate the linear map from known vectors to a sensor's readings, by least squares.
 
     Parameters
     ----------
-    known : shape (n, 3)
+    reference : shape (n, 3)
         Field or gravity along the board's axes, in any unit.
     readings : shape (n, 3)
-        The sensor's, in any unit.
+        Readings of the sensor, in any unit.
     offset : shape (3,)
-        Its reading in no field. Without it, it is estimated too, which takes tilted attitudes.
+        Its reading in zero field. If omitted it is estimated too, which needs tilted attitudes.
 
     Returns
     -------
     LinearMap or None
-        None where the attitudes do not determine it.
+        None if the attitudes do not determine it.
     """
-    vectors, rows = np.asarray(known, dtype=np.float64), np.asarray(readings, dtype=np.float64)
+    vectors, rows = np.asarray(reference, dtype=np.float64), np.asarray(readings, dtype=np.float64)
     length = math.sqrt(float((vectors**2).sum(axis=1).mean())) if len(vectors) else 0.0
     about = np.zeros(3) if offset is not None else vectors.mean(axis=0) if len(vectors) else 0.0
     spread = np.linalg.svd(vectors - about, compute_uv=False)
@@ -163,13 +163,13 @@ def linear_map(known: ArrayLike, readings: ArrayLike, *, offset: ArrayLike | Non
         return None
     ones = np.ones((len(vectors), 1))
     design = vectors if offset is not None else np.hstack([vectors, length * ones])
-    wanted = rows if offset is None else rows - np.asarray(offset, dtype=np.float64)
-    solution: Array = np.linalg.lstsq(design, wanted, rcond=None)[0].astype(np.float64)
+    target = rows if offset is None else rows - np.asarray(offset, dtype=np.float64)
+    solution: Array = np.linalg.lstsq(design, target, rcond=None)[0].astype(np.float64)
     matrix: Array = solution[:3].T
     zero: Array = length * solution[3] if offset is None else np.asarray(offset, dtype=np.float64)
     strength = math.sqrt(float(((rows - zero) ** 2).sum()))
-    left = math.sqrt(float(((wanted - design @ solution) ** 2).sum()))
-    return LinearMap(matrix, zero, left / strength if strength else math.inf)
+    residual = math.sqrt(float(((target - design @ solution) ** 2).sum()))
+    return LinearMap(matrix, zero, residual / strength if strength else math.inf)
 
 
 def _list(names: list[str]) -> str:

@@ -12,16 +12,16 @@ from hiltest.calibration.fit import Array, FitStatus
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchFit:
-    """Calibrations of instances along leading axes, as `MagnetometerFit` is of one."""
+    """Calibrations of instances along leading axes, see `MagnetometerFit` for a single one."""
 
     status: NDArray[np.int8]
-    """Shape (...). Of `FitStatus`. No instance gets the sphere that a single fit falls back to."""
+    """Shape (...). Values of `FitStatus`. Unlike a single fit, no instance falls back to a sphere."""
     soft_iron: Array
-    """Shape (..., 3, 3) [1/count]; not a number where the status is not ELLIPSOID."""
+    """Shape (..., 3, 3) [1/count]; NaN if the status is not ELLIPSOID."""
     hard_iron: Array
     """Shape (..., 3) [counts]; likewise."""
 
     @property
     def is_ellipsoid(self) -> NDArray[np.bool_]:
-        """Which instances have an ellipsoid, shape (...)."""
+        """Mask of instances with an ellipsoid, shape (...)."""
         return np.asarray(self.status == FitStatus.ELLIPSOID)

@@ -1,4 +1,4 @@
-"""A hard iron that changes in the middle of a log: found, located and measured."""
+"""Detection of a step of the hard iron in a log, with its place and size."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from hiltest.calibration.conditioning import TRACELESS, CentredPoints
 from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array, squared_lengths
 from hiltest.calibration.robust import SIGMA
 
-#: Of the radius: 1.7 degrees across.
+#: Smallest step relative to the radius: 1.7 degrees across.
 LEAST_STEP_PERCENT = 3.0
-# Part of the residual's squares that a step has to explain. Of 22 clean recorded logs none has both.
+# Minimum part of the residual's squares that a step must explain. None of 22 clean recorded logs has such a step.
 _LEAST_EXPLAINED = 0.2
-# Of the radius: a step known no better than this is not looked at. So a log that shows little on one side of an instant
-# raises no alarm.
+# Largest deviation of a step relative to the radius, so that a log with few data on one side of an instant raises no
+# alarm.
 _LARGEST_DEVIATION = 0.03
 # Blocks of a log in time: a step is located to 1.25 % of it, and each part has at least 15 %. Two neighbours together
 # are a block of the sandwich.
 _BLOCKS, _LEAST_BLOCKS = 80, 12
-# Rows for each block so that its sums are more than one reading's.
+# Minimum number of rows per block, so that its sums do not depend on one reading.
 _FEWEST = 2 * _BLOCKS
-# Of the median distance from the middle, and of the scatter about a plain fit: what is trimmed before a step is looked
-# for. Two states are far closer together.
+# Limits for trimming before the search, relative to the median distance from the middle, and to the scatter about a
+# plain fit. Two states of the hard iron are far closer together.
 _GATE, _TRIM, _PASSES = 3.0, 5.0 * SIGMA, 4
 
 
@@ -34,20 +34,20 @@ class Change:
     """A step of the hard iron."""
 
     row: int
-    """First reading after it."""
+    """First reading after the step."""
     step: Array
-    """Shape (3,). What it adds to the hard iron, in the unit of the readings."""
+    """Shape (3,). Change of the hard iron, in the unit of the readings."""
     percent: float
-    """Its length, of the radius."""
+    """Length of the step relative to the radius."""
 
 
 def find_change(points: ArrayLike) -> Change | None:
-    """Return the step of the hard iron that explains a log best, None where none does.
+    """Return the step of the hard iron that explains a log best; None if none does.
 
     Parameters
     ----------
     points : shape (n, 3)
-        Readings in the order in which they were taken; fewer than 160 show no step.
+        Readings in the order of time; fewer than 160 cannot show a step.
 
     Notes
     -----
@@ -57,11 +57,11 @@ def find_change(points: ArrayLike) -> Change | None:
     that leaves the smallest sum of squares counts, if it takes away a fifth of the squares and the step is 3 % or more.
     All sums are of blocks, so an instant costs no pass over the readings.
     """
-    given = points_array(points)
-    trimmed = _trimmed(given)
+    readings = points_array(points)
+    trimmed = _trim(readings)
     if trimmed is None:
         return None
-    kept, (centred, rows, target, parameters) = trimmed
+    used, (centred, rows, target, parameters) = trimmed
     shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
     if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
         return None
@@ -71,15 +71,15 @@ def find_change(points: ArrayLike) -> Change | None:
     edges = np.arange(_BLOCKS + 1) * len(rows) // _BLOCKS
     every = np.column_stack([rows, -slopes, target])
     sums = np.array([part.T @ part for part in np.split(every, edges[1:-1])])
-    found = [_step(sums, place) for place in range(_LEAST_BLOCKS, _BLOCKS - _LEAST_BLOCKS + 1)]
-    known = [each for each in found if each is not None and each.deviation <= _LARGEST_DEVIATION * radius]
-    if not known:
+    steps = [_step(sums, place) for place in range(_LEAST_BLOCKS, _BLOCKS - _LEAST_BLOCKS + 1)]
+    valid = [step for step in steps if step is not None and step.deviation <= _LARGEST_DEVIATION * radius]
+    if not valid:
         return None
-    best = max(known, key=lambda each: each.explained)
+    best = max(valid, key=lambda step: step.explained)
     percent = 100.0 * float(np.linalg.norm(best.step)) / radius
     if percent < LEAST_STEP_PERCENT or best.explained < _LEAST_EXPLAINED:
         return None
-    return Change(int(kept[edges[best.place]]), centred.scale * best.step, percent)
+    return Change(int(used[edges[best.place]]), centred.scale * best.step, percent)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,23 +99,23 @@ class _PlainFit(NamedTuple):
     parameters: Array
 
 
-def _trimmed(points: Array) -> tuple[NDArray[np.intp], _PlainFit] | None:
-    """Return the readings that are no wild rows and their fit, None where there are too few."""
+def _trim(points: Array) -> tuple[NDArray[np.intp], _PlainFit] | None:
+    """Return the readings without outliers and their fit; None if there are too few."""
     if len(points) < _FEWEST:
         return None
     off = np.linalg.norm(points - np.median(points, axis=0), axis=1)
-    kept = np.flatnonzero(off <= _GATE * float(np.median(off)))
-    fit = _plain_fit(points[kept])
+    used = np.flatnonzero(off <= _GATE * float(np.median(off)))
+    fit = _plain_fit(points[used])
     for _ in range(_PASSES):
         if fit is None:
             return None
-        left = np.abs(fit.target - fit.rows @ fit.parameters)
-        inside = left <= _TRIM * float(np.median(left))
+        residuals = np.abs(fit.target - fit.rows @ fit.parameters)
+        inside = residuals <= _TRIM * float(np.median(residuals))
         if inside.all():
             break
-        kept = kept[inside]
-        fit = _plain_fit(points[kept])
-    return None if fit is None or len(kept) < _FEWEST else (kept, fit)
+        used = used[inside]
+        fit = _plain_fit(points[used])
+    return None if fit is None or len(used) < _FEWEST else (used, fit)
 
 
 def _plain_fit(points: Array) -> _PlainFit | None:
@@ -144,11 +144,11 @@ def _step(sums: Array, place: int) -> _Step | None:
     except np.linalg.LinAlgError:
         return None
     solved = inverse @ along
-    left, left_without = squares - float(along @ solved), squares - float(along[:ELLIPSOID_UNKNOWNS] @ without)
+    remaining, left_without = squares - float(along @ solved), squares - float(along[:ELLIPSOID_UNKNOWNS] @ without)
     scores = blocks[:, :unknowns, unknowns] - blocks[:, :unknowns, :unknowns] @ solved
     scores = scores[::2] + scores[1::2]
     covariance = inverse @ (scores.T @ scores) @ inverse
     variance = float(np.trace(covariance[ELLIPSOID_UNKNOWNS:, ELLIPSOID_UNKNOWNS:]))
     if not (left_without > 0.0 and variance >= 0.0):
         return None
-    return _Step(place, solved[ELLIPSOID_UNKNOWNS:], variance**0.5, 1.0 - left / left_without)
+    return _Step(place, solved[ELLIPSOID_UNKNOWNS:], variance**0.5, 1.0 - remaining / left_without)

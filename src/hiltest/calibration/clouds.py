@@ -1,7 +1,7 @@
-"""Points of many instances in coordinates of their own, and how a solver's result becomes a calibration.
+"""Points of many instances in normalised coordinates, and the conversion of a solver's result to a calibration.
 
 Coordinates are relative to the mean and divided by the rms distance from it: unlike the middle and the half of the
-range they turn with the points, so that a fit is as equivariant as what it minimises.
+range they rotate with the points, so that a fit is as equivariant as its objective.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from hiltest.calibration.fit import (
 )
 from hiltest.calibration.sphere import fit_sphere
 
-#: In rms distances of the points from their mean. The centre of a sphere of which points cover a third is 0.9 off
-#: their mean; one that is further off than this has run away.
+#: Largest distance of a centre in rms distances of the points from their mean. The centre of a sphere of which points
+#: cover a third is 0.9 off their mean; one that is further off than this has run away.
 FURTHEST_CENTRE = 3.0
 
 
@@ -41,7 +41,7 @@ class Clouds:
     mean: Array
     """Shape (..., axes) [counts]."""
     scale: Array
-    """Shape (...). rms distance from the mean [counts]; 1 where it is 0."""
+    """Shape (...). rms distance from the mean [counts]; 1 if it is 0."""
 
     @classmethod
     def of(cls, points_counts: ArrayLike) -> Clouds:
@@ -52,14 +52,14 @@ class Clouds:
         ValueError
             When the shape is another, or a coordinate is not finite.
         """
-        given = clouds_array(points_counts, axes=(2, 3))
-        if not given.shape[-2]:
-            raise ValueError(f"points have shape {given.shape}, of no points")
-        mean = given.mean(axis=-2)
-        centred = given - mean[..., None, :]
+        stack = clouds_array(points_counts, axes=(2, 3))
+        if not stack.shape[-2]:
+            raise ValueError(f"points have shape {stack.shape}, of no points")
+        mean = stack.mean(axis=-2)
+        centred = stack - mean[..., None, :]
         scale = np.sqrt((centred * centred).sum(axis=-1).mean(axis=-1))
         # Equal points differ from their mean by its rounding.
-        scale = np.where(scale > 1e-14 * np.abs(given).max(axis=(-2, -1)), scale, 0.0)
+        scale = np.where(scale > 1e-14 * np.abs(stack).max(axis=(-2, -1)), scale, 0.0)
         unit = np.where(scale > 0.0, scale, 1.0)
         return cls(centred / unit[..., None, None] * (scale > 0.0)[..., None, None], mean, unit)
 
@@ -70,7 +70,7 @@ class Clouds:
 
     @property
     def zero(self) -> Array:
-        """Where the sensor reads zero, shape (..., axes)."""
+        """The sensor's zero, shape (..., axes)."""
         return np.asarray(-self.mean / self.scale[..., None])
 
     @cached_property
@@ -94,7 +94,7 @@ class Clouds:
 
     @cached_property
     def status(self) -> NDArray[np.int8]:
-        """ELLIPSOID where the points determine one, or TOO_FEW_POINTS or POOR_COVERAGE, shape (...)."""
+        """ELLIPSOID if the points determine one, otherwise TOO_FEW_POINTS or POOR_COVERAGE, shape (...)."""
         if self.points.shape[-2] < self.rows.shape[-1] - 1:
             return np.full(self.scale.shape, FitStatus.TOO_FEW_POINTS, dtype=np.int8)
         values = np.linalg.eigvalsh(self.normal)
@@ -105,7 +105,7 @@ class Clouds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Calibrations in the coordinates of clouds, symmetric; of any value where the status is not ELLIPSOID."""
+    """Symmetric calibrations in the coordinates of clouds, undefined if the status is not ELLIPSOID."""
 
     soft_iron: Array
     centre: Array
@@ -117,7 +117,7 @@ Solver: TypeAlias = Callable[[Clouds], Solution]
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """A calibrator by what solves it: of one instance when it is called, of many with `batch`."""
+    """A calibrator with a given solver: for one instance when it is called, for many with `batch`."""
 
     solve: Solver
 
@@ -138,13 +138,13 @@ class Reference:
         points = points_array(points_counts)
         if not len(points):
             return no_fit(FitStatus.TOO_FEW_POINTS)
-        found = self.batch(points)
-        status = FitStatus(int(found.status))
+        result = self.batch(points)
+        status = FitStatus(int(result.status))
         if status is FitStatus.TOO_FEW_POINTS:
             return no_fit(status)
         if status is not FitStatus.ELLIPSOID:
             return fit_sphere(points, status)
-        return MagnetometerFit(status, False, 0, found.soft_iron, found.hard_iron)
+        return MagnetometerFit(status, False, 0, result.soft_iron, result.hard_iron)
 
     def batch(self, points_counts: ArrayLike) -> BatchFit:
         """Calibrate from instances along leading axes, points of shape (..., n, 3), or (..., n, 2) in a plane.
@@ -158,13 +158,13 @@ class Reference:
         determined = status == FitStatus.ELLIPSOID
         if determined.any():
             part = Clouds(clouds.points[determined], clouds.mean[determined], clouds.scale[determined])
-            found = self.solve(part)
-            fitted = found.status == FitStatus.ELLIPSOID
-            soft = np.where(fitted[:, None, None], found.soft_iron / part.scale[:, None, None], np.nan)
-            hard = np.where(fitted[:, None], part.mean + part.scale[:, None] * found.centre, np.nan)
+            result = self.solve(part)
+            fitted = result.status == FitStatus.ELLIPSOID
+            soft = np.where(fitted[:, None, None], result.soft_iron / part.scale[:, None, None], np.nan)
+            hard = np.where(fitted[:, None], part.mean + part.scale[:, None] * result.centre, np.nan)
             soft_iron[determined], hard_iron[determined] = soft, hard
             status = status.copy()
-            status[determined] = found.status
+            status[determined] = result.status
         return BatchFit(status, soft_iron, hard_iron)
 
 
@@ -207,7 +207,7 @@ def solution_from_quadrics(coefficients: Array, axes: int) -> Solution:
 
     Notes
     -----
-    As `hiltest.calibration.quadric.calibration_from_quadric` does, in any number of axes and instances.
+    See `hiltest.calibration.quadric.calibration_from_quadric`, here for any number of axes and instances.
     """
     squares = axes * (axes + 1) // 2
     trace = coefficients[..., :axes].sum(axis=-1)

@@ -24,7 +24,7 @@ TRACELESS = np.array(
 )
 #: The same of a plane, shape (2, 2, 2).
 TRACELESS_IN_PLANE = _HALF * np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
-# More than float64 can distinguish from a singular matrix; finite, so that it can be written down.
+# Condition number of a singular matrix: beyond the resolution of float64, but finite for JSON.
 CONDITION_SINGULAR = 1e15
 #: Condition up to which points determine an ellipsoid at all; 30 % of the sphere has more (see `ellipsoid_condition`).
 LARGEST_CONDITION = 300.0
@@ -39,16 +39,16 @@ class CentredPoints:
     mean: Array
     """Shape (3,) or (2,)."""
     scale: float
-    """In the unit of what was given, as mean."""
+    """Scale in the unit of the points, like the mean."""
 
     @classmethod
     def of(cls, points: ArrayLike) -> Self | None:
-        """Centre and scale points, shape (n, 3) or (n, 2); None when there are none or all are the same."""
-        given = points_array(points, axes=(2, 3))
-        if not len(given):
+        """Centre and scale points, shape (n, 3) or (n, 2); return None if there are none or all are equal."""
+        stack = points_array(points, axes=(2, 3))
+        if not len(stack):
             return None
-        mean: Array = given.mean(axis=0)
-        centred = given - mean
+        mean: Array = stack.mean(axis=0)
+        centred = stack - mean
         scale = float(np.sqrt(squared_lengths(centred).mean()))
         return cls(centred / scale, mean, scale) if scale > 0.0 else None
 
@@ -68,8 +68,8 @@ def quadric_rows(points: Array) -> Array:
     Notes
     -----
     ``((x^2 - y^2) / sqrt2, (x^2 + y^2 - 2 z^2) / sqrt6, sqrt2 xy, sqrt2 xz, sqrt2 yz, x, y, z, 1)``: the quadratic
-    ones are ``p' B p`` for the `traceless` B. The trace stays the identity's, so nothing here depends on how the axes
-    lie.
+    ones are ``p' B p`` for the `traceless` B. The trace is that of the identity, so the result is independent of the
+    orientation of the axes.
     """
     columns, basis = np.ascontiguousarray(points.T), traceless(points.shape[1])
     rows = np.ones((len(points), len(basis) + len(columns) + 1))
@@ -86,7 +86,7 @@ def ellipsoid_condition(points: ArrayLike) -> float:
     Parameters
     ----------
     points : shape (n, 3)
-        In any unit.
+        Points in any unit.
 
     Returns
     -------
@@ -95,9 +95,9 @@ def ellipsoid_condition(points: ArrayLike) -> float:
 
     Notes
     -----
-    It is of the points alone, the same for every calibrator, unit, origin and turn of the sensor.
-    Simulated with 100 points, 0.4 uT, soft iron of 3 % (p1, p50, p99 of 1000): whole sphere 9, 11, 14;
-    75 % of it 19, 26, 38; 60 % 40, 57, 84; half 74, 105, 156; 40 % 150, 214, 317; 30 % 349, 508, 753.
+    It depends only on the points, not on calibrator, unit, origin or rotation of the sensor. Simulated with 100 points,
+    0.4 uT, soft iron of 3 % (p1, p50, p99 of 1000): whole sphere 9, 11, 14; 75 % of it 19, 26, 38; 60 % 40, 57, 84;
+    half 74, 105, 156; 40 % 150, 214, 317; 30 % 349, 508, 753.
     """
     centred = CentredPoints.of(points)
     if centred is None or len(centred.points) < ELLIPSOID_UNKNOWNS:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hiltest.calibration.axes import ALL_AXES
 from hiltest.calibration.fit import Array, points_array
 
-# Turns about the axes, 90 degrees apart: none is further than 63 degrees from one of them.
+# Rotations about the axes, 90 degrees apart: every rotation is within 63 degrees of one of them.
 _STARTS = np.array([axes.matrix for axes in ALL_AXES if not axes.are_left_handed])
 # `_GENERATORS[k] @ v` is the cross product of axis k and v.
 _GENERATORS = np.cross(np.eye(3)[:, None, :], np.eye(3)[None, :, :]).transpose(0, 2, 1)
@@ -32,25 +32,26 @@ class ConstantDip:
     @property
     def angle_deg(self) -> float:
         """Angle of the rotation [deg]."""
-        # From the chord, which stays accurate where the arc cosine of the trace does not.
+        # From the chord, which is accurate for small angles, unlike the arc cosine of the trace.
         half_sine = float(np.linalg.norm(self.rotation - np.eye(3))) / math.sqrt(8.0)
         return 2.0 * math.degrees(math.asin(min(1.0, half_sine)))
 
 
 def fit_constant_dip(field: ArrayLike, gravity: ArrayLike) -> ConstantDip:
-    """Find the rotation under which the dot product of field and gravity varies least.
+    """Return the rotation under which the dot product of field and gravity varies least.
 
     Parameters
     ----------
     field, gravity : shape (n, 3)
-        Corrected readings of length 1 at the same instants, each in the axes of its own sensor; attitudes all round.
+        Corrected readings of length 1 at the same instants, each in the axes of its own sensor; attitudes in all
+        directions.
 
     Notes
     -----
-    Of ``g . R m`` only the covariance of the nine products ``g_i m_j`` is needed: with r the elements of R its variance
-    is ``r' C r``. Gauss-Newton steps on the rotations from each of the 24 turns about the axes, and the least of them:
-    the variance has minima besides. Where the dip is near 90 degrees nothing shows a turn about the field, and no
-    compass works.
+    For ``g . R m`` only the covariance of the nine products ``g_i m_j`` is needed: with r the elements of R its
+    variance is ``r' C r``. Gauss-Newton steps on the rotations from each of the 24 turns about the axes, and the least
+    of them: the variance has minima besides. Where the dip is near 90 degrees nothing shows a turn about the field, and
+    no compass works.
     """
     points, down = points_array(field), points_array(gravity)
     products = (down[:, :, None] * points[:, None, :]).reshape(-1, 9)
@@ -60,7 +61,7 @@ def fit_constant_dip(field: ArrayLike, gravity: ArrayLike) -> ConstantDip:
         slopes = (_GENERATORS @ rotations[:, None]).reshape(-1, 3, 9)
         pulled = slopes @ covariance
         normal = pulled @ slopes.transpose(0, 2, 1)
-        # The least that keeps a turn which nothing shows from being a division by zero.
+        # Smallest regularisation that avoids a division by zero for an undetermined rotation.
         normal += 1e-12 * np.eye(3)
         step = np.linalg.solve(normal, -(pulled @ rotations.reshape(-1, 9, 1)))[..., 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)

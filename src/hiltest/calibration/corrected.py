@@ -47,22 +47,22 @@ from hiltest.calibration.quadric import Quadric, calibration_from_quadric, quadr
 # Simulated at 2.5 uT and 1000 points: median error 1.03 degrees without a step, 0.496 after one, 0.489 after two,
 # and the same after any more.
 NEWTON_STEPS = 2
-# With fewer points the fit's variance outweighs the bias that it is rid of.
+# With fewer points the added variance outweighs the removed bias.
 FEWEST_POINTS = 50
-# Of the noise in calibrated readings, rms of an axis, against their norm of 1. Beyond, likewise.
+# Largest noise in calibrated readings, rms of an axis, relative to their norm of 1, for the same reason.
 LARGEST_NOISE = 0.1
-# A variance that leaves no ellipsoid is too large. What these shrink it to together, 6 %, would correct nothing.
+# A variance that leaves no ellipsoid is too large. These steps together shrink it to 6 %, which would correct nothing.
 SHRINK = 0.7
 SHRINKS = 8
 
-# Points whose powers lie in memory together: 10 MB.
+# Points whose powers are in memory at once: 10 MB.
 _AT_ONCE = 50_000
 # Exponents of x, y, z in the monomials of a quadric, in the order of `quadric_from_coefficients`.
 _EXPONENTS = np.array(
     [(2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)]
 )
 _PRODUCTS = tuple(np.moveaxis(_EXPONENTS[:, None] + _EXPONENTS, -1, 0))
-# From the monomials to the rows of `direct`, (x^2 - z^2, y^2 - z^2, xy, xz, yz, x, y, z, 1), and z^2 behind them.
+# From the monomials to the rows of `direct`, (x^2 - z^2, y^2 - z^2, xy, xz, yz, x, y, z, 1), followed by z^2.
 _UNIT_TRACE = np.eye(10)[[0, 1, 3, 4, 5, 6, 7, 8, 9, 2]] - np.outer([1, 1, *[0] * 8], np.eye(10)[2])
 
 
@@ -77,9 +77,9 @@ def fit_corrected(points_counts: ArrayLike) -> MagnetometerFit:
     Returns
     -------
     MagnetometerFit
-        With `iterations` Newton steps on the noise's variance. With 0 it is the fit of `direct`: where that has no
-        ellipsoid, for fewer than 50 points, for noise of a tenth of the field or more, and where no ellipsoid is
-        left of the corrected sums. Its coverage is that of `direct` always.
+        Fit with `iterations` Newton steps on the noise's variance. With 0 it is the fit of `direct`: if that has no
+        ellipsoid, for fewer than 50 points, for noise of a tenth of the field or more, and if the corrected sums have
+        no ellipsoid. Its coverage is always that of `direct`.
     """
     direct = fit_direct(points_counts)
     points = points_array(points_counts)
@@ -97,7 +97,7 @@ def fit_corrected(points_counts: ArrayLike) -> MagnetometerFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Adjusted:
-    """The calibration that a variance of the noise leads to, and Newton's step from there; in half ranges."""
+    """Calibration for a variance of the noise, and the next Newton step; in half ranges."""
 
     variance: float
     newton_step: float
@@ -111,7 +111,7 @@ class _Adjusted:
 
 
 def calibration_from_sums(sums: Array, *, unbiased: bool) -> tuple[Array, Array] | None:
-    """Return what `corrected`, or `direct` where not unbiased, makes of points by their power sums alone.
+    """Return the fit of `corrected`, or of `direct` if not unbiased, from power sums of points.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def calibration_from_sums(sums: Array, *, unbiased: bool) -> tuple[Array, Array]
     -------
     soft_iron : ndarray, shape (3, 3)
     centre : ndarray, shape (3,)
-        None for both where there is no ellipsoid.
+        Both are None without an ellipsoid.
     """
     adjusted = _newton(sums) if unbiased else None
     if adjusted is None or not adjusted.relative_noise < LARGEST_NOISE:
@@ -131,7 +131,7 @@ def calibration_from_sums(sums: Array, *, unbiased: bool) -> tuple[Array, Array]
 
 
 def _newton(sums: Array) -> _Adjusted | None:
-    """Take the Newton steps from no noise; None when no ellipsoid is left on the way."""
+    """Apply Newton steps from zero noise; return None without an ellipsoid."""
     adjusted = _solve(sums, 0.0)
     for _ in range(NEWTON_STEPS):
         if adjusted is not None:
@@ -148,8 +148,8 @@ def power_sums(points: Array) -> Array:
     return sums.reshape(5, 5, 5)
 
 
-def _without_noise(sums: Array, variance: float) -> Array:
-    """Return power sums as they are expected without noise: those of the Hermite polynomials."""
+def _denoised_sums(sums: Array, variance: float) -> Array:
+    """Return the expected power sums without noise, by the Hermite polynomials."""
     hermite = np.eye(5)
     hermite[2, 0], hermite[3, 1], hermite[4, 2] = -variance, -3.0 * variance, -6.0 * variance
     hermite[4, 0] = 3.0 * variance**2
@@ -158,7 +158,7 @@ def _without_noise(sums: Array, variance: float) -> Array:
 
 
 def _largest_ellipsoid(sums: Array, variance: float) -> _Adjusted | None:
-    """Solve at a variance, or at the largest shrunk one that leaves an ellipsoid."""
+    """Solve at a variance, or at the largest reduced one that gives an ellipsoid."""
     for shrinks in range(SHRINKS + 1):
         adjusted = _solve(sums, variance * SHRINK**shrinks)
         if adjusted is not None:
@@ -167,8 +167,8 @@ def _largest_ellipsoid(sums: Array, variance: float) -> _Adjusted | None:
 
 
 def _solve(sums: Array, variance: float) -> _Adjusted | None:
-    """Fit the quadric to sums corrected for a variance; None when it is no ellipsoid."""
-    scatter = _without_noise(sums, variance)[_PRODUCTS]
+    """Fit the quadric to sums corrected for a variance; return None if it is not an ellipsoid."""
+    scatter = _denoised_sums(sums, variance)[_PRODUCTS]
     rows = _UNIT_TRACE @ scatter @ _UNIT_TRACE.T
     normal = rows[:9, :9]
     if not largest_pivot_ratio(normal) < COVERAGE_SINGULAR:
@@ -183,7 +183,7 @@ def _solve(sums: Array, variance: float) -> _Adjusted | None:
 
 
 def _squared_slopes(quadric: Quadric, scatter: Array) -> float:
-    """Return the sum of ``|grad D|^2`` over the points that a scatter matrix is of."""
+    """Return the sum of ``|grad D|^2`` over the points of a scatter matrix."""
     second, first, count = scatter[6:9, 6:9], scatter[6:9, 9], scatter[9, 9]
     by_shape = quadric.shape @ (second @ quadric.shape + np.outer(first, quadric.linear))
     return float(4.0 * np.trace(by_shape) + count * quadric.linear @ quadric.linear)

@@ -41,11 +41,10 @@ def fit_direct(points_counts: ArrayLike) -> MagnetometerFit:
 
     Notes
     -----
-    Unknowns (a, b, d, e, f, g, h, i, j) of ``a x^2 + b y^2 + c z^2 + d xy + e xz +
-    f yz + g x + h y + i z + j = 0`` with ``c = 1 - a - b``; rows ``(x^2 - z^2,
-    y^2 - z^2, xy, xz, yz, x, y, z, 1)``, target ``-z^2`` (Mucciaccia, eq. 36 ff., with
-    the factors of eq. 45 and 58 to 64 put right). Coordinates are relative to the
-    middle of their range, which makes the pivots a test of coverage.
+    Unknowns (a, b, d, e, f, g, h, i, j) of ``a x^2 + b y^2 + c z^2 + d xy + e xz + f yz + g x + h y + i z + j = 0``
+    with ``c = 1 - a - b``; rows ``(x^2 - z^2, y^2 - z^2, xy, xz, yz, x, y, z, 1)``, target ``-z^2`` (Mucciaccia, eq. 36
+    ff., with the factors of eq. 45 and 58 to 64 corrected). Coordinates are relative to the middle of their range,
+    which makes the pivots a test of coverage.
     """
     points = points_array(points_counts)
     if len(points) < ELLIPSOID_UNKNOWNS:

@@ -18,12 +18,12 @@ from hiltest.calibration.fit import (
     clouds_array,
 )
 
-_AT_ONCE = 128  # instances whose rows and normal equations lie in the processor's cache together: 1 MB at 100 points
+_AT_ONCE = 128  # instances whose rows and normal equations fit in the processor's cache: 1 MB at 100 points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuadricBatch:
-    """Least-squares quadrics of unit trace, ``(p - centre)' shape (p - centre) = level``, whatever they are."""
+    """Least-squares quadrics of unit trace, ``(p - centre)' shape (p - centre) = level``, of any type."""
 
     shape: Array
     """Shape (..., 3, 3). Symmetric [1]."""
@@ -32,11 +32,11 @@ class QuadricBatch:
     level: Array
     """Shape (...) [counts^2]."""
     coverage: Array
-    """Shape (...). As of `MagnetometerFit`."""
+    """Shape (...). See `MagnetometerFit`."""
 
     @property
     def is_ellipsoid(self) -> NDArray[np.bool_]:
-        """Where the shape is positive definite and the level positive, shape (...): the mathematics, without a margin.
+        """Mask of positive definite shapes with positive level, shape (...), without a margin.
 
         Sylvester's criterion: all leading minors are positive.
         """
@@ -55,7 +55,7 @@ def fit_direct_batch(points_counts: ArrayLike) -> BatchFit:
     Returns
     -------
     BatchFit
-        The status is that of the single fit; SINGULAR where that finds no sphere either is POOR_COVERAGE here.
+        Fits with the status of the single fit; but if that is SINGULAR without a sphere, the status is POOR_COVERAGE.
 
     Raises
     ------
@@ -84,26 +84,26 @@ def fit_quadrics(points_counts: ArrayLike) -> QuadricBatch:
     Parameters
     ----------
     points_counts : shape (..., n, 3)
-        At least 9 points [counts] an instance.
+        At least 9 points [counts] per instance.
 
     Notes
     -----
-    Equations of `fit_direct`. One product of each instance's rows with themselves has all of the normal equations;
-    they are then solved for all instances together, one unknown after the other.
+    The equations are those of `fit_direct`. One product of each instance's rows with themselves contains the normal
+    equations, which are then solved for all instances at once, one unknown after the other.
     """
     points = clouds_array(points_counts)
     leading = points.shape[:-2]
-    each = points.reshape(-1, *points.shape[-2:])
-    parts = [_fit_some(each[first : first + _AT_ONCE]) for first in range(0, max(len(each), 1), _AT_ONCE)]
+    clouds = points.reshape(-1, *points.shape[-2:])
+    parts = [_fit_chunk(clouds[first : first + _AT_ONCE]) for first in range(0, max(len(clouds), 1), _AT_ONCE)]
     shape, centre, level, coverage = (np.concatenate(part) for part in zip(*parts, strict=True))
     return QuadricBatch(
         shape.reshape(*leading, 3, 3), centre.reshape(*leading, 3), level.reshape(leading), coverage.reshape(leading)
     )
 
 
-def _fit_some(points: Array) -> tuple[Array, Array, Array, Array]:
+def _fit_chunk(points: Array) -> tuple[Array, Array, Array, Array]:
     """Return shape, centre, level and coverage of instances, points of shape (m, n, 3)."""
-    across = np.ascontiguousarray(np.moveaxis(points, -1, 0))  # an axis is a table of its own: (3, m, n)
+    across = np.ascontiguousarray(np.moveaxis(points, -1, 0))  # one contiguous table per axis: (3, m, n)
     low, high = across.min(axis=-1), across.max(axis=-1)
     anchor = np.trunc((low + high) / 2.0)
     unit = (high - low).max(axis=0) / 2.0
@@ -113,7 +113,7 @@ def _fit_some(points: Array) -> tuple[Array, Array, Array, Array]:
         square = z * z
         for place, row in enumerate((x * x - square, y * y - square, x * y, x * z, y * z, x, y, z, 1.0, -square)):
             rows[:, place] = row
-        theta, coverage = _solved(rows @ np.swapaxes(rows, -1, -2))
+        theta, coverage = _solve(rows @ np.swapaxes(rows, -1, -2))
         a, b, d, e, f, g, h, i, j = theta
         c = 1.0 - a - b
         shape = np.array([[a, d / 2, e / 2], [d / 2, b, f / 2], [e / 2, f / 2, c]])
@@ -124,7 +124,7 @@ def _fit_some(points: Array) -> tuple[Array, Array, Array, Array]:
     return np.moveaxis(shape, -1, 0), (anchor + centre * unit).T, level, coverage
 
 
-def _solved(products: Array) -> tuple[Array, Array]:
+def _solve(products: Array) -> tuple[Array, Array]:
     """Solve ``M theta = w`` by L D L^T.
 
     Parameters
@@ -136,9 +136,9 @@ def _solved(products: Array) -> tuple[Array, Array]:
     -------
     theta : ndarray, shape (9, m)
     coverage : ndarray, shape (m,)
-        As `largest_pivot_ratio` has it.
+        See `largest_pivot_ratio`.
     """
-    rest = np.ascontiguousarray(np.moveaxis(products, 0, -1))  # instances last: every step is over all of them
+    rest = np.ascontiguousarray(np.moveaxis(products, 0, -1))  # instances last, so that steps process all
     unknowns = len(rest) - 1
     coverage = np.ones(rest.shape[-1])
     diagonal = rest[range(unknowns), range(unknowns)].copy()
@@ -147,7 +147,7 @@ def _solved(products: Array) -> tuple[Array, Array]:
         ratio = np.where(pivot * COVERAGE_SINGULAR > diagonal[i], diagonal[i] / pivot, COVERAGE_SINGULAR)
         coverage = np.maximum(coverage, ratio)
         factors = rest[i, i + 1 :] / pivot
-        for k in range(i + 1, unknowns):  # above the diagonal alone
+        for k in range(i + 1, unknowns):  # only above the diagonal
             rest[k, k:] -= factors[k - i - 1] * rest[i, k:]
         rest[i, i + 1 :] = factors  # its last is w / d
     theta = rest[:unknowns, unknowns].copy()

@@ -15,14 +15,14 @@ from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, FitStatus, Magnet
 from hiltest.calibration.quadric import Quadric, calibration_from_quadric
 from hiltest.calibration.quality import sphere_directions
 
-# Of the central differences: their own error is its square, float64 rounding the quotient of 1e-16 by it.
+# Step of the central differences: their error is its square, and float64 rounding is 1e-16 divided by it.
 _STEP = 1e-5
-#: Parts of a log in time, each left out once. On 63 comparisons of real logs 52 predictions are within a factor of 2
-# with 20 parts, 53 with 10, 52 with 40, but 9 too small with those: what disturbs a log lasts.
+#: Number of parts of a log in time for the jackknife. In 63 comparisons of real logs 52 predictions are within a factor
+#: of 2 with 20 parts, 53 with 10, 52 with 40, but 9 of those are too small, because disturbances last.
 BLOCKS = 20
-# Two points in each block; of fewer points the residual says more.
+# Two points per block; with fewer points the residual is more informative.
 _FEWEST_FOR_BLOCKS = 2 * BLOCKS
-# What a calibration is worth that another part of the log would not have given at all.
+# Error to assume if the fit without one block has no ellipsoid.
 _NO_DIRECTION_DEG = 90.0
 
 
@@ -31,46 +31,46 @@ class DirectionError:
     """Predicted error of calibrated directions, rms over the sphere."""
 
     spread_deg: float
-    """Standard deviation: what another log of the same length would change."""
+    """Standard deviation between logs of the same length."""
     bias_deg: float
-    """What every draw does alike, because noise in the points is noise in the equations too. Does not fall with n."""
+    """Bias that all logs share, because noise in the points is also noise in the equations; independent of n."""
 
     @property
     def rms_deg(self) -> float:
-        """Both together."""
+        """Root of the sum of squares of both."""
         return math.hypot(self.spread_deg, self.bias_deg)
 
 
 def predicted_direction_error(
     points: ArrayLike, fit: MagnetometerFit, *, unbiased: bool = False
 ) -> DirectionError | None:
-    """Predict how far calibrated directions are off because the points are not on an ellipsoid.
+    """Predict the error of calibrated directions from the points' deviations from an ellipsoid.
 
     Parameters
     ----------
     points : shape (n, 3)
-        Points that the calibration was fitted to, in its unit, in the order in which they were read.
+        Points that the calibration was fitted to, in its unit, in the order of time.
     unbiased
-        The calibrator has taken the bias of noise out already, as `corrected` does with its steps.
+        Whether the calibrator has removed the noise bias, as `corrected` does with its steps.
 
     Returns
     -------
     DirectionError or None
-        None without an ellipsoid, and where the points do not determine one.
+        Prediction; None without an ellipsoid, or if the points do not determine one.
 
     Notes
     -----
     The spread is a jackknife over 20 blocks in time (Quenouille; Efron, The jackknife, 1982): with ``u_b(k)`` the
     direction k of the fit without block b, ``spread^2 = 19/20 sum_b mean_k |u_b - mean u|^2``. Sums over the blocks add
-    up, so a fit without one costs no pass over the points. What disturbs a real log lasts longer than a reading, and
-    the residual's variance over n then is three times too small in the median, and up to 85 times. Fewer than 40
-    points have no blocks, and the spread is that of independent noise: with the rows d of `CentredPoints.rows`,
-    ``M = sum d d'``, the parameters t and ``e = |p|^2 + d . t``, ``sigma2 = sum e^2 / (n - 9)``, the parameters'
-    covariance is ``sigma2 M^-1``, and a Jacobian takes it to directions.
+    up, so a fit without one block needs no pass over the points. Disturbances of a real log last longer than a reading,
+    so the residual's variance over n is three times too small in the median, and up to 85 times. Fewer than 40 points
+    have no blocks, and the spread is that of independent noise: with the rows d of `CentredPoints.rows`, ``M = sum d
+    d'``, the parameters t and ``e = |p|^2 + d . t``, ``sigma2 = sum e^2 / (n - 9)``, the parameters' covariance is
+    ``sigma2 M^-1``, and a Jacobian converts it to directions.
 
     Noise of variance ``s2 = sigma2 / mean |grad e|^2`` in the points also correlates rows with residuals, which moves
-    the parameters by ``-s2 M^-1 sum (grad d . grad e)``. From half the sphere on that bias is what counts: at 1 uT,
-    n = 1000 and half the sphere the spread is 0.22 of the error.
+    the parameters by ``-s2 M^-1 sum (grad d . grad e)``. Up to half the sphere that bias dominates: at 1 uT, n = 1000
+    and half the sphere the spread is 0.22 of the error.
 
     The spread of a calibrator other than `corrected` is that of `direct`. Both parts together are within 20 % of the
     error of `direct` for 40 to 100 % of the sphere, 0.4 and 1 uT, 100 and 1000 points. For `iterative`, whose
@@ -80,9 +80,9 @@ def predicted_direction_error(
 
 
 class ErrorPrediction:
-    """Predicts what `predicted_direction_error` does for several calibrations of the same points.
+    """Predictor like `predicted_direction_error`, for several calibrations of the same points.
 
-    What depends on the points alone is computed once: of a million of them that is most of the work.
+    Terms that only depend on the points are computed once, which is most of the work for a million of them.
     """
 
     def __init__(self, points: ArrayLike) -> None:
@@ -94,7 +94,7 @@ class ErrorPrediction:
         centred = self._centred
         if fit.status is not FitStatus.ELLIPSOID or centred is None or len(centred.points) <= ELLIPSOID_UNKNOWNS:
             return None
-        shape, centre, parameters = _in_frame(fit, centred)
+        shape, centre, parameters = _frame_parameters(fit, centred)
         jacobian = _direction_jacobian(parameters)
         if jacobian is None or self._inverse is None:
             return None
@@ -161,7 +161,7 @@ class ErrorPrediction:
         return math.degrees(math.sqrt(variance))
 
 
-def _in_frame(fit: MagnetometerFit, centred: CentredPoints) -> tuple[Array, Array, Array]:
+def _frame_parameters(fit: MagnetometerFit, centred: CentredPoints) -> tuple[Array, Array, Array]:
     """Return shape matrix (trace 3), centre and the nine parameters of a fit in the frame of centred points."""
     soft_iron, centre = fit.soft_iron * centred.scale, (fit.hard_iron - centred.mean) / centred.scale
     shape = soft_iron.T @ soft_iron
@@ -173,7 +173,7 @@ def _in_frame(fit: MagnetometerFit, centred: CentredPoints) -> tuple[Array, Arra
 
 def _calibration(parameters: Array) -> tuple[Array, Array] | None:
     shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
-    # A Quadric's trace is 1, that of these parameters 3.
+    # The trace is 1 for a Quadric, and 3 for these parameters.
     return calibration_from_quadric(Quadric(shape / 3.0, parameters[5:8] / 3.0, float(parameters[8]) / 3.0))
 
 

@@ -38,11 +38,11 @@ _WITHOUT_A_FIT = frozenset(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MagnetometerFit:
-    """A magnetometer calibration and how it came about."""
+    """A magnetometer calibration and the status of its fit."""
 
     status: FitStatus
     is_sphere: bool
-    """This is a sphere fit: the ellipsoid was refused, or a stream calibrator has not come to it yet."""
+    """Whether this is a sphere fit: the ellipsoid was refused, or a stream calibrator has not tried it yet."""
     iterations: int
     """Sweeps of the firmware's solver; 0 for a closed form and for a float64 reference."""
     soft_iron: Array
@@ -51,11 +51,11 @@ class MagnetometerFit:
     hard_iron: Array
     """Shape (3,) [counts], body frame."""
     coverage: float = 0.0
-    """Largest ``M_ii / d_i`` of the normal equations' pivots [1], 0 when the calibrator has none."""
+    """Largest ``M_ii / d_i`` of the normal equations' pivots [1]; 0 for calibrators without it."""
 
     @property
     def has_fit(self) -> bool:
-        """Whether soft_iron and hard_iron come from the points at all."""
+        """Whether soft_iron and hard_iron were fitted to the points."""
         return self.status not in _WITHOUT_A_FIT
 
     def corrected(self, points_counts: ArrayLike) -> Array:
@@ -90,20 +90,18 @@ def points_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,)) -> A
 
 
 def squared_lengths(vectors: Array) -> Array:
-    """Return the squares of the lengths of vectors, shape (n, 2) or (n, 3): numpy's sum along rows takes five times as
-    long.
-    """
+    """Return the squared lengths of vectors, shape (n, 2) or (n, 3): numpy's sum along rows is five times slower."""
     lengths: Array = sum(column * column for column in vectors.T)
     return lengths
 
 
 def clouds_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,)) -> Array:
-    """Return points of instances along leading axes as float64, shape (..., n, 3), as `points_array` does of one.
+    """Return points of instances along leading axes as float64, shape (..., n, 3); see `points_array`.
 
     Raises
     ------
     ValueError
-        As there.
+        When the shape is another, or a coordinate is not finite.
     """
     points = np.asarray(points_counts, dtype=np.float64)
     if points.ndim < 2 or points.shape[-1] not in axes:

@@ -3,10 +3,10 @@
 Notes
 -----
 Fitzgibbon, Pilu and Fisher (Direct least square fitting of ellipses, 1999) minimise the algebraic error of a conic
-under ``4 ac - b^2 = 1``. That is ``det A = 1/4`` for the conic's shape A, and what makes the fit affine-invariant: an
+under ``4 ac - b^2 = 1``. This is ``det A = 1/4`` for the conic's shape A, and makes the fit affine-invariant: an
 affine map multiplies all determinants by one number. Mucciaccia (4.2.1) names the extension to ellipsoids by Ying et
-al. (2012), and prints none of its equations. Here the constraint stays what it is in two dimensions: ``det A = 1`` with
-A positive definite, which holds every ellipsoid and nothing else, where the ``4 J - I^2 = 1`` of `li` holds some.
+al. (2012), and prints none of its equations. Here the constraint is the same as in two dimensions: ``det A = 1`` with
+A positive definite, which allows exactly the ellipsoids, whereas the ``4 J - I^2 = 1`` of `li` allows only some.
 
 In two dimensions this is an eigenproblem; in three it is not, but it is convex. With the linear and constant terms
 eliminated, the error is ``a' S a`` over the elements a of A, and on any ray of A the smallest value of::
@@ -25,7 +25,7 @@ from hiltest.calibration.clouds import Clouds, Reference, Solution, solution_fro
 from hiltest.calibration.fit import Array, FitStatus
 from hiltest.calibration.norm_residuals import symmetric_basis
 
-# Of the largest eigenvalue, for an error of zero: how near to the solution it leads.
+# Smallest eigenvalue relative to the largest, in place of an error of zero, which sets the accuracy.
 _ROUNDING = 1e-15
 _MOST_STEPS = 200
 # Newton's decrement at which the next step would be below rounding.
@@ -39,14 +39,14 @@ def _solve(clouds: Clouds) -> Solution:
     reduced = scatter[..., :squares, :squares] - scatter[..., :squares, squares:] @ rest
     values, vectors = np.linalg.eigh(reduced)
     deviations = np.sqrt(np.maximum(values, _ROUNDING * values[..., -1:]))
-    # In units of the error along each eigenvector, where an error of zero costs no digits.
+    # In units of the error along each eigenvector, in which an error of zero loses no precision.
     whitening = vectors / deviations[..., None, :]
-    basis = np.tensordot(np.swapaxes(whitening, -1, -2), _by_monomial(axes), axes=1)
-    # The unit matrix.
+    basis = np.tensordot(np.swapaxes(whitening, -1, -2), _monomial_shapes(axes), axes=1)
+    # Start at the unit matrix.
     unknowns = deviations * vectors[..., :axes, :].sum(axis=-2)
     settled = np.zeros((*unknowns.shape[:-1], 1), dtype=bool)
     for _ in range(_MOST_STEPS):
-        # The smallest value on the ray.
+        # Scale to the smallest value on the ray.
         unknowns = unknowns * np.sqrt(axes) / np.linalg.norm(unknowns, axis=-1, keepdims=True)
         inverse = np.linalg.inv(np.einsum("...k,...kij->...ij", unknowns, basis))
         moved = inverse[..., None, :, :] @ basis
@@ -60,12 +60,12 @@ def _solve(clouds: Clouds) -> Solution:
             break
     elements = (whitening @ unknowns[..., None])[..., 0]
     coefficients = np.concatenate([elements, -(rest @ elements[..., None])[..., 0]], axis=-1)
-    found = solution_from_quadrics(coefficients, axes)
-    status = np.where(settled[..., 0], found.status, FitStatus.NOT_CONVERGED).astype(np.int8)
-    return Solution(found.soft_iron, found.centre, status)
+    solution = solution_from_quadrics(coefficients, axes)
+    status = np.where(settled[..., 0], solution.status, FitStatus.NOT_CONVERGED).astype(np.int8)
+    return Solution(solution.soft_iron, solution.centre, status)
 
 
-def _by_monomial(axes: int) -> Array:
+def _monomial_shapes(axes: int) -> Array:
     """Return the shape of each square and product: (xx, yy, zz, xy, xz, yz), halves off the diagonal."""
     matrices = symmetric_basis(axes) * (0.5 + 0.5 * np.eye(axes))
     on_diagonal = np.trace(matrices, axis1=1, axis2=2) > 0.0

@@ -2,10 +2,9 @@
 
 Notes
 -----
-Each step solves ``J step = -r`` by least squares (Mucciaccia, section 4.4, names the algorithm and both metrics).
-Nothing damps it and nothing bounds it: from the sphere it takes few steps to the minimum, or none gets there. On the
-calibrated norm ``|C (p - o)| - 1`` the minimum is that of `levenberg-marquardt`, on the geometric distance that of
-`geometric`.
+Each step solves ``J step = -r`` by least squares (Mucciaccia, section 4.4, names the algorithm and both metrics). Steps
+are neither damped nor bounded: from the sphere they reach the minimum soon, or never. On the calibrated norm ``|C (p -
+o)| - 1`` the minimum is that of `levenberg-marquardt`, on the geometric distance that of `geometric`.
 """
 
 from __future__ import annotations
@@ -21,9 +20,10 @@ from hiltest.calibration.norm_residuals import (
     sphere_parameters,
 )
 
-# With a twentieth of the field for noise 10 are usual, with a fifth 43 on the geometric distance; few take over 100.
+# Noise of a twentieth of the field usually takes 10 steps, of a fifth 43 on the geometric distance; few fits take over
+# 100.
 MOST_STEPS = 100
-# Of the parameters, which are of size 1: the step after it would be lost in rounding.
+# Smallest step of the parameters, which are of size 1: the next step would be below rounding.
 SETTLED = 1e-11
 
 
@@ -43,10 +43,10 @@ def gauss_newton(residuals: Residuals, points: Array, start: Array) -> Array | F
     return FitStatus.NOT_CONVERGED
 
 
-def _from_sphere(residuals: Residuals, points: Array) -> Array | FitStatus:
+def _fit_from_sphere(residuals: Residuals, points: Array) -> Array | FitStatus:
     start = sphere_parameters(points)
     return FitStatus.NOT_CONVERGED if start is None else gauss_newton(residuals, points, start)
 
 
-fit_gauss_newton = one_by_one(lambda points, _: _from_sphere(calibrated_norms, points))
-fit_gauss_newton_geometric = one_by_one(lambda points, _: _from_sphere(geometric_distances, points))
+fit_gauss_newton = one_by_one(lambda points, _: _fit_from_sphere(calibrated_norms, points))
+fit_gauss_newton_geometric = one_by_one(lambda points, _: _fit_from_sphere(geometric_distances, points))

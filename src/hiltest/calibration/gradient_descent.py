@@ -4,11 +4,11 @@ Notes
 -----
 The thesis evaluates a simple gradient descent that is kept to ellipsoids, with the algebraic distance, but does not say
 how (Mucciaccia, 4.2.1). Here each step goes down the gradient of the mean of ``(p' A p + g . p + j)^2``, ``tr A = 1``,
-by 1 over its largest curvature, and A's eigenvalues are then moved to the nearest ones that add up to 1 and are none
-below 0.01: no axis is longer than ten times another. That set is convex and closed, so there is one minimum and the
-descent reaches it: that of `direct` where the set holds it, else an ellipsoid on the set's edge. (That no constrained
-algorithm is optimal, Mucciaccia 3.3.3, is so for the open set of all ellipsoids.) A's trace-free elements are taken by
-an orthonormal basis, so neither depends on how the axes lie.
+by 1 over its largest curvature, and A's eigenvalues are then moved to the nearest ones that add up to 1 and are at
+least 0.01, so that no axis is longer than ten times another. That set is convex and closed, so there is one minimum and
+the descent reaches it: that of `direct` if the set contains it, otherwise an ellipsoid on the set's edge. (The
+statement that no constrained algorithm is optimal, Mucciaccia 3.3.3, holds for the open set of all ellipsoids.) A's
+trace-free elements use an orthonormal basis, so the result is independent of the orientation of the axes.
 
 With smallest and largest curvature l and L a step of length h ends within ``2 h L / l`` of the minimum.
 """
@@ -28,11 +28,11 @@ from hiltest.calibration.clouds import (
 from hiltest.calibration.conditioning import traceless
 from hiltest.calibration.fit import Array, FitStatus
 
-#: Of the trace, the least eigenvalue of the shape.
+#: Least eigenvalue of the shape relative to the trace.
 LEAST_EIGENVALUE = 0.01
-# How near to the minimum the descent ends, in parameters of size 1.
+# Distance from the minimum at the end of the descent, in parameters of size 1.
 _NEAR = 1e-5
-# Points of condition 250, near the largest that is fitted, took 2 200.
+# Maximum number of steps: points of condition 250, near the largest that is fitted, took 2 200.
 _MOST_STEPS = 10_000
 
 
@@ -48,16 +48,16 @@ def _solve(clouds: Clouds) -> Solution:
     for _ in range(_MOST_STEPS):
         down = parameters - ((normal @ parameters[..., None])[..., 0] + target) / largest
         after = _nearest_ellipsoid(down, axes)
-        # What has settled stays, so that an instance ends where it would alone.
+        # Converged instances are kept, so that each ends as it would alone.
         parameters, settled = (
             np.where(settled, parameters, after),
             settled | (np.linalg.norm(after - parameters, axis=-1, keepdims=True) <= near),
         )
         if settled.all():
             break
-    found = solution_from_quadrics(sphere + parameters @ basis.T, axes)
-    status = np.where(settled[..., 0], found.status, FitStatus.NOT_CONVERGED).astype(np.int8)
-    return Solution(found.soft_iron, found.centre, status)
+    solution = solution_from_quadrics(sphere + parameters @ basis.T, axes)
+    status = np.where(settled[..., 0], solution.status, FitStatus.NOT_CONVERGED).astype(np.int8)
+    return Solution(solution.soft_iron, solution.centre, status)
 
 
 def _nearest_ellipsoid(parameters: Array, axes: int) -> Array:
@@ -81,8 +81,8 @@ def _nearest_shares(values: Array, total: float) -> Array:
     """Return the nearest numbers that are not negative and add up to a total, of values in rising order."""
     falling = values[..., ::-1]
     excess = (np.cumsum(falling, axis=-1) - total) / np.arange(1, values.shape[-1] + 1)
-    kept = (falling > excess).sum(axis=-1, keepdims=True)
-    return np.maximum(values - np.take_along_axis(excess, kept - 1, axis=-1), 0.0)
+    count = (falling > excess).sum(axis=-1, keepdims=True)
+    return np.maximum(values - np.take_along_axis(excess, count - 1, axis=-1), 0.0)
 
 
 fit_gradient_descent = Reference(_solve)

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 Reals = NDArray[np.float64]
 
-#: What the data sheet of the FXAS21002C says at 2000 deg/s full scale.
+#: Sensitivity of the FXAS21002C at 2000 deg/s full scale, data sheet.
 NOMINAL_DPS_PER_COUNT = 0.0625
 SMALLEST_TURN_DEG = 90.0
-#: Least determinant beside the cube of the longest row: 1 for three turns at right angles, 0.001 for a third one
-#: that is 5 degrees out of the plane of the others.
+#: Least determinant relative to the cube of the longest row: 1 for three turns at right angles, 0.001 if the third is 5
+#: degrees out of the plane of the others.
 LEAST_DETERMINANT = 1e-3
 MAX_TURNS = 8
 
@@ -60,21 +60,21 @@ class GyroscopeFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroscopeTurn:
-    """One turn: what the table did, and what the gyroscope gave from before it until after it."""
+    """One turn: rotation of the table, and gyroscope samples from before until after it."""
 
     turned_deg: Reals
-    """Shape (3,). About the body axes: all of it about one axis, which did not move."""
+    """Shape (3,). Rotation about the body axes: all of it about one fixed axis."""
     total: NDArray[np.int64] | Reals
-    """Shape (3,). Sum of all samples [counts]; of integers exact."""
+    """Shape (3,). Sum of all samples [counts], exact for integers."""
     n: int
-    """Samples."""
+    """Number of samples."""
     duration_s: float
-    """From the first sample to the last, by the board's clock."""
+    """Time from the first sample to the last, by the board's clock."""
     bias_before: Reals
     bias_after: Reals
     """Shape (3,). Means of the rests around the turn [counts]."""
     share: float = 0.5
-    """Where between the middles of the two rests the middle of the turn lies, 0 to 1."""
+    """Position of the turn's middle between the middles of the two rests, 0 to 1."""
 
     @property
     def bias(self) -> Reals:
@@ -117,12 +117,12 @@ def fit_turns(turns: Sequence[GyroscopeTurn]) -> TurnsFit:
     Parameters
     ----------
     turns
-        At least three, about axes that span; each at least a quarter turn.
+        At least three turns, about axes that span; each at least a quarter turn.
 
     Returns
     -------
     TurnsFit
-        Its status says what is wrong with turns that do not determine the nine unknowns.
+        Fit, whose status has the reason if the turns do not determine the nine unknowns.
 
     Notes
     -----
@@ -136,16 +136,16 @@ def fit_turns(turns: Sequence[GyroscopeTurn]) -> TurnsFit:
         if not np.linalg.norm(turn.turned_deg) >= SMALLEST_TURN_DEG or turn.n < 2:
             return TurnsFit(TurnsStatus.TOO_SMALL, index, nothing, 0.0)
     turned = np.array([turn.turned_deg for turn in turns])
-    seen = np.array([turn.integral for turn in turns])
+    integrals = np.array([turn.integral for turn in turns])
     moments = turned.T @ turned
     if not _spans(moments):
         return TurnsFit(TurnsStatus.NOT_SPANNING, None, nothing, 0.0)
-    response = np.linalg.solve(moments, turned.T @ seen).T
+    response = np.linalg.solve(moments, turned.T @ integrals).T
     if not _spans(response):
         return TurnsFit(TurnsStatus.SINGULAR, None, nothing, 0.0)
     matrix = np.linalg.inv(response)
-    left = seen @ matrix.T - turned
-    return TurnsFit(TurnsStatus.OK, None, matrix, float(np.sqrt((left**2).sum(axis=1).mean())))
+    residuals = integrals @ matrix.T - turned
+    return TurnsFit(TurnsStatus.OK, None, matrix, float(np.sqrt((residuals**2).sum(axis=1).mean())))
 
 
 def _spans(matrix: Reals) -> bool:
@@ -154,14 +154,14 @@ def _spans(matrix: Reals) -> bool:
 
 
 def scale_error_percent(response: Reals, true_response: Reals) -> float:
-    """Return how much longer a response to a rate about one axis is than the true one, both shape (3,) [%]."""
+    """Return the error of a response's length to a rate about one axis, against the true one, shapes (3,) [%]."""
     return 100.0 * float(np.linalg.norm(response) / np.linalg.norm(true_response) - 1.0)
 
 
 def misalignment_deg(response: Reals, true_response: Reals) -> float:
     """Return the angle between a response to a rate about one axis and the true one, both shape (3,) [deg].
 
-    From sine and cosine: of the cosine alone an angle of a hundredth of a degree would keep half of its digits.
+    It uses sine and cosine, because the cosine alone loses half of the digits of an angle of a hundredth of a degree.
     """
     across = np.linalg.norm(np.cross(response, true_response))
     return float(np.degrees(np.arctan2(across, response @ true_response)))

@@ -9,9 +9,9 @@ least squares fitting of circles and ellipses, 2011, eq. 41) take it out as well
 
     N = N0 - 1/n mean of ( tr(S^- V) m m' + (m' S^- m) V + V S^- m m' + m m' S^- V )
 
-S^- is the pseudoinverse without the smallest eigenvalue. Which that is depends on the weights of the monomials: with
-``sqrt2 xy`` for the 2 xy of the paper it turns with the points, and so does the fit. `corrected` takes powers of s from
-S that this leaves, and finds s by itself.
+S^- is the pseudoinverse without the smallest eigenvalue, which depends on the weights of the monomials: with ``sqrt2
+xy`` instead of the paper's 2 xy it rotates with the points, and so does the fit. `corrected` removes higher powers of s
+from S, and estimates s itself.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ def _constraint(clouds: Clouds) -> Array:
 
 
 def _pseudoinverse(scatter: Array, axes: int) -> Array:
-    """Return the inverse without the smallest eigenvalue, of monomials that a turn of the points turns."""
+    """Return the inverse without the smallest eigenvalue, for monomials that rotate with the points."""
     squares = axes * (axes + 1) // 2
     weights = np.ones(scatter.shape[-1])
     weights[axes:squares] = np.sqrt(2.0)
     values, vectors = np.linalg.eigh(scatter * np.outer(weights, weights))
-    kept = vectors[..., 1:] * weights[:, None]
-    return np.asarray((kept / values[..., None, 1:]) @ np.swapaxes(kept, -1, -2))
+    scaled = vectors[..., 1:] * weights[:, None]
+    return np.asarray((scaled / values[..., None, 1:]) @ np.swapaxes(scaled, -1, -2))
 
 
 def _symmetric(matrix: Array) -> Array:
-    """Return a matrix and its transpose together."""
+    """Return the sum of a matrix and its transpose."""
     return np.asarray(matrix + np.swapaxes(matrix, -1, -2))
 
 

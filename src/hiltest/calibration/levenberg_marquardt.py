@@ -2,8 +2,8 @@
 
 Notes
 -----
-Minimises ``sum (|C (p - o)| - 1)^2`` from the sphere. The sum has no smallest value: it falls towards 0 as the surface
-grows and goes away, and with much noise over part of a sphere that is where every step leads (NOT_CONVERGED).
+The search minimises ``sum (|C (p - o)| - 1)^2`` from the sphere. The sum has no global minimum: it falls towards 0 as
+the surface grows and recedes, and with much noise over part of a sphere every step leads there (NOT_CONVERGED).
 """
 
 from __future__ import annotations
@@ -13,25 +13,25 @@ import numpy as np
 from hiltest.calibration.fit import Array, FitStatus
 from hiltest.calibration.norm_residuals import calibrated_norms, one_by_one, sphere_parameters
 
-# Of the error and of the parameters: where float64 ends.
+# Tolerance of the error and of the parameters: the precision of float64.
 _TOLERANCE = 1e-15
-# A minimum took 32 at most, with a fifth of the field for noise; a surface that runs away takes any number.
+# A minimum took 32 steps at most, with noise of a fifth of the field; a diverging surface takes any number.
 _MOST_EVALUATIONS = 200
 
 
 def _search(points: Array, _: Array) -> Array | FitStatus:
-    from scipy.optimize import least_squares  # 0.3 s, which the closed forms need not wait for
+    from scipy.optimize import least_squares  # takes 0.3 s, which the closed forms do not need
 
     start = sphere_parameters(points)
     if start is None:
         return FitStatus.NOT_CONVERGED
-    found = least_squares(
+    result = least_squares(
         lambda parameters: calibrated_norms(parameters, points)[0], start,
         lambda parameters: calibrated_norms(parameters, points)[1],
         method="lm", xtol=_TOLERANCE, ftol=_TOLERANCE, gtol=_TOLERANCE, max_nfev=_MOST_EVALUATIONS,
     )  # fmt: skip
-    settled = found.success and np.isfinite(found.x).all()
-    return np.asarray(found.x) if settled else FitStatus.NOT_CONVERGED
+    settled = result.success and np.isfinite(result.x).all()
+    return np.asarray(result.x) if settled else FitStatus.NOT_CONVERGED
 
 
 fit_levenberg_marquardt = one_by_one(_search)

@@ -6,9 +6,9 @@ Least squares of ``a x^2 + b y^2 + c z^2 + d xy + e xz + f yz + g x + h y + i z 
 the closed form by which Merayo's scalar calibration (Merayo, Brauer, Primdahl, Petersen and Nielsen, Scalar calibration
 of vector magnetometers, 2000) is commonly computed, and which Puc, Podobnik and Munih compare with. That norm depends
 on origin, unit and axes: the coordinates are those of the sensor, divided by the rms distance of the points from their
-mean so that the unit at least does not matter. About the middle of the points it is another fit, and for a large offset
-a better one (`iterative` is that, but for the weights of the products). Soft iron is the symmetric root, not the
-triangular one, which takes the points to the same norms in turned axes.
+mean so that at least the unit does not matter. About the middle of the points the fit differs, and is better for a
+large offset (`iterative` is that fit, except for the weights of the products). Soft iron is the symmetric root instead
+of the triangular one, which gives the same norms in rotated axes.
 """
 
 from __future__ import annotations

@@ -11,10 +11,10 @@ from hiltest.errors import CalibrationError
 
 Reals = NDArray[np.float64]
 
-#: Where the spectrum of a gyroscope is flat [Hz]: above what its bias wanders by, ...
+#: Lower edge of a gyroscope's flat spectrum [Hz]: above its bias drift.
 LOWEST_HZ = 1.0
-#: ... and in sampling rates, far enough below its low-pass filter: one of three taps that is 3 dB down at 0.32 of the
-#: rate takes 2.7 % of the density at 0.08, and 0.9 % of the mean up to there.
+#: Upper edge in sampling rates, well below its low-pass filter: one of three taps with 3 dB at 0.32 of the rate reduces
+#: the density at 0.08 by 2.7 %, and the mean up to there by 0.9 %.
 HIGHEST_SHARE = 0.08
 _FEWEST_BINS = 30
 
@@ -24,11 +24,11 @@ class NoiseDensity:
     """One-sided noise density in a band."""
 
     per_axis: Reals
-    """Shape (k,). In the unit of the samples over sqrt(Hz)."""
+    """Shape (k,). Density of each axis, in the unit of the samples over sqrt(Hz)."""
     together: float
-    """Root of the mean of the axes' spectra: three axes are known better than one."""
+    """Root of the mean of the axes' spectra, which is more certain than one axis."""
     relative_uncertainty: float
-    """Standard uncertainty of `together`, of its value."""
+    """Relative standard uncertainty of `together`."""
 
 
 def noise_density(samples: ArrayLike, *, rate_hz: float) -> NoiseDensity:
@@ -37,21 +37,21 @@ def noise_density(samples: ArrayLike, *, rate_hz: float) -> NoiseDensity:
     Parameters
     ----------
     samples : shape (n, k)
-        One column an axis.
+        Samples with one column per axis.
     rate_hz
-        At which they were taken.
+        Sampling rate.
 
     Raises
     ------
     CalibrationError
-        When they are too few for 30 frequencies between 1 Hz and 0.08 of the rate.
+        When there are fewer than 30 frequencies between 1 Hz and 0.08 of the rate.
 
     Notes
     -----
-    A straight line is taken off each axis; of the periodogram ``2 |X_k|^2 / (n f_s)`` the mean over the band is taken,
-    and its root. The rms of samples would contain the drift, and less of the noise than there is, by as much as the
-    filter takes. A bin is chi-squared with 2 degrees of freedom, so ``b`` bins of ``k`` axes leave an uncertainty of
-    ``1 / (2 sqrt(b k))`` of the density.
+    A straight line is subtracted from each axis; the density is the root of the mean of the periodogram ``2 |X_k|^2 /
+    (n f_s)`` over the band. The rms of samples would include the drift, and lack the noise that the filter removes. A
+    bin is chi-squared with 2 degrees of freedom, so ``b`` bins of ``k`` axes leave an uncertainty of ``1 / (2 sqrt(b
+    k))`` of the density.
     """
     values = np.asarray(samples, dtype=np.float64)
     n = len(values)

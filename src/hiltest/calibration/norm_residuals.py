@@ -1,4 +1,4 @@
-"""How far points are from an ellipsoid by its centre and soft iron, as iterative calibrators count it.
+"""Distances of points from an ellipsoid in terms of centre and soft iron, for iterative calibrators.
 
 Notes
 -----
@@ -9,8 +9,8 @@ The parameters are the centre c and the elements s of the symmetric soft iron ``
 - squared norm: ``|u|^2 - 1``,
 - geometric distance: of the point from the nearest one of the surface, signed. That point f has
   ``p - f = t C^2 (f - c)``; in the axes of C with eigenvalues l, ``sum (l q_i / (1 + t l^2))^2 = 1`` is convex and
-  falls with t, so Newton's method from the left finds it. Moving the surface changes the distance by what it changes
-  the norm at f, over the norm's slope there.
+  falls with t, so Newton's method from the left finds it. Moving the surface changes the distance by the change of the
+  norm at f, divided by the norm's slope there.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ import numpy as np
 from hiltest.calibration.clouds import FURTHEST_CENTRE, Clouds, Reference, Solution
 from hiltest.calibration.fit import SMALLEST_DETERMINANT, Array, FitStatus
 
-#: Residuals, shape (n,), and their derivatives by the parameters, shape (n, parameters), of parameters and points.
+#: Function of parameters and points that returns residuals, shape (n,), and their derivatives by the parameters, shape
+#: (n, parameters).
 Residuals: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
-#: Parameters of points, shape (n, axes), and of where the sensor reads zero, or why there are none.
+#: Function of points, shape (n, axes), and the sensor's zero that returns the parameters, or the status of a failure.
 Search: TypeAlias = Callable[[Array, Array], Array | FitStatus]
 
 # Newton's steps on the foot points: 10 at most for 2000 points from the centre to 1.5 times an ellipsoid of two to one.
@@ -42,10 +43,10 @@ def one_by_one(search: Search) -> Reference:
         soft_iron = np.broadcast_to(np.eye(axes), (*instances, axes, axes)).copy()
         centre, status = np.zeros((*instances, axes)), np.zeros(instances, dtype=np.int8)
         for place in np.ndindex(instances):
-            found = search(clouds.points[place], clouds.zero[place])
-            status[place] = found if isinstance(found, FitStatus) else ellipsoid_status(found, axes)
-            if not isinstance(found, FitStatus):
-                centre[place], soft_iron[place] = found[:axes], positive_soft_iron(found, axes)
+            result = search(clouds.points[place], clouds.zero[place])
+            status[place] = result if isinstance(result, FitStatus) else ellipsoid_status(result, axes)
+            if not isinstance(result, FitStatus):
+                centre[place], soft_iron[place] = result[:axes], positive_soft_iron(result, axes)
         return Solution(soft_iron, centre, status)
 
     return Reference(solve)
@@ -77,9 +78,9 @@ def positive_soft_iron(parameters: Array, axes: int) -> Array:
 
 
 def ellipsoid_status(parameters: Array, axes: int) -> FitStatus:
-    """Return ELLIPSOID, or NOT_CONVERGED for a flat or far surface: there norms have no smallest error.
+    """Return ELLIPSOID, or NOT_CONVERGED for a flat or distant surface, at which norms have no smallest error.
 
-    Spheres that grow and go away have calibrated norms ever nearer to 1, whatever the points.
+    The calibrated norms of growing and receding spheres approach 1 for any points.
     """
     shape = positive_soft_iron(parameters, axes) @ positive_soft_iron(parameters, axes)
     flat = not float(np.linalg.det(shape / np.trace(shape))) > SMALLEST_DETERMINANT
@@ -88,7 +89,7 @@ def ellipsoid_status(parameters: Array, axes: int) -> FitStatus:
 
 
 def sphere_parameters(points: Array) -> Array | None:
-    """Return the parameters of the least-squares sphere, or None where the points make none."""
+    """Return the parameters of the least-squares sphere; None if the points determine none."""
     axes = points.shape[1]
     rows = np.column_stack([2.0 * points, np.ones(len(points))])
     solution = np.linalg.lstsq(rows, (points * points).sum(axis=1), rcond=None)[0]

@@ -9,10 +9,11 @@ import numpy as np
 
 from hiltest.calibration.fit import Array
 
-#: Of the radius: readings that lie in a layer so thin, rms, are a turn in a plane. A hand that tilts by 3 degrees
-#: makes it 5 %.
+#: Largest rms thickness relative to the radius of readings from a turn in a plane. A hand that tilts by 3 degrees makes
+#: it 5 %.
 FLAT = 0.05
-#: Of the radius: readings that lie no closer to a circle or ellipse, rms, fill the plane, as those of a small cap do.
+#: rms distance from a circle or ellipse, relative to the radius, above which readings fill the plane, like those of a
+#: small cap.
 RING = 0.1
 
 

@@ -1,4 +1,4 @@
-"""From a quadric to the calibration that takes its ellipsoid to the unit sphere."""
+"""Conversion of a quadric to the calibration that maps its ellipsoid to the unit sphere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hiltest.calibration.fit import SMALLEST_DETERMINANT, Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quadric:
-    """All p with ``p' shape p + linear . p + constant = 0``, the trace of shape being 1."""
+    """The surface ``p' shape p + linear . p + constant = 0``, with a shape of trace 1."""
 
     shape: Array
     """Shape (3, 3). Symmetric [1]."""
@@ -29,12 +29,12 @@ def quadric_from_coefficients(coefficients: Array, *, unit: float) -> Quadric | 
     coefficients : shape (10,)
         Coefficients of x^2, y^2, z^2, xy, xz, yz, x, y, z, 1, in any common scale.
     unit
-        What the coordinates were divided by [counts].
+        Divisor of the coordinates [counts].
 
     Returns
     -------
     Quadric or None
-        None when the trace is zero: no ellipsoid's is.
+        Quadric; None if the trace is zero, which is impossible for an ellipsoid.
     """
     a, b, c, d, e, f, g, h, i, j = coefficients
     trace = a + b + c
@@ -52,7 +52,7 @@ def calibration_from_quadric(quadric: Quadric) -> tuple[Array, Array] | None:
     soft_iron : ndarray, shape (3, 3)
         Symmetric positive definite [1/count].
     hard_iron : ndarray, shape (3,)
-        In the quadric's coordinates [counts].
+        Centre in the quadric's coordinates [counts].
 
     Notes
     -----

@@ -13,7 +13,7 @@ COUNTS_PER_UT = 10.0
 
 
 def residual_percent(points_counts: ArrayLike, fit: MagnetometerFit) -> float:
-    """Return the rms of the corrected points' norms about 1 [%].
+    """Return the rms deviation of the corrected points' norms from 1 [%].
 
     Parameters
     ----------
@@ -29,27 +29,27 @@ def residual_percent(points_counts: ArrayLike, fit: MagnetometerFit) -> float:
 
 
 def residual_of_corrected_percent(corrected: ArrayLike) -> float:
-    """Return the same of points that are corrected, shape (n, 3) [1]."""
+    """Return the rms deviation of corrected points' norms from 1, shape (n, 3) [%]."""
     norms = np.linalg.norm(np.asarray(corrected, dtype=np.float64), axis=1)
     return 100.0 * float(np.sqrt(np.mean((norms - 1.0) ** 2)))
 
 
 def rotation_left_deg(fit: MagnetometerFit, distortion: ArrayLike) -> float:
-    """Return the angle by which corrected directions are turned against true ones [deg].
+    """Return the rotation angle between corrected and true directions [deg].
 
     Parameters
     ----------
     distortion : shape (3, 3)
-        True soft iron: takes the field to the field at the part [1]; det > 0.
+        True soft iron: matrix from the field to the field at the part [1]; det > 0.
 
     Notes
     -----
     ``fit.soft_iron @ distortion = R S``, the polar decomposition; the angle is R's. It is
     0 for a symmetric distortion and a perfect fit, whatever the field's strength.
     """
-    left, _, right = np.linalg.svd(fit.soft_iron @ np.asarray(distortion, dtype=np.float64))
-    rotation = left @ right
-    # From the chord |R - I|, which stays accurate where the arc cosine of the trace does not.
+    u, _, right = np.linalg.svd(fit.soft_iron @ np.asarray(distortion, dtype=np.float64))
+    rotation = u @ right
+    # From the chord |R - I|, which is accurate for small angles, unlike the arc cosine of the trace.
     half_sine = min(1.0, float(np.linalg.norm(rotation - np.eye(3))) / math.sqrt(8.0))
     return math.degrees(2.0 * math.asin(half_sine))
 
@@ -75,7 +75,7 @@ def sphere_directions(count: int = 500) -> Array:
 
 
 def direction_difference_rms_deg(first: MagnetometerFit, second: MagnetometerFit) -> float:
-    """Return the rms angle between what two calibrations make of the same readings [deg].
+    """Return the rms angle between the same readings under two calibrations [deg].
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ def direction_difference_rms_deg(first: MagnetometerFit, second: MagnetometerFit
 
     Notes
     -----
-    The readings are those that `second` takes to points evenly spread over the unit sphere.
+    The readings are those that `second` maps to evenly spread points on the unit sphere.
     """
-    wanted = sphere_directions()
-    counts = np.linalg.solve(second.soft_iron, wanted.T).T + second.hard_iron
-    return direction_error_rms_deg(first, counts, wanted)
+    directions = sphere_directions()
+    counts = np.linalg.solve(second.soft_iron, directions.T).T + second.hard_iron
+    return direction_error_rms_deg(first, counts, directions)
 
 
 def direction_error_rms_deg(fit: MagnetometerFit, counts: ArrayLike, directions: ArrayLike) -> float:
@@ -102,7 +102,7 @@ def direction_error_rms_deg(fit: MagnetometerFit, counts: ArrayLike, directions:
         True field directions of the readings, unit vectors in the body frame.
     """
     got = fit.corrected(counts)
-    wanted = np.asarray(directions, dtype=np.float64)
-    across = np.linalg.norm(np.cross(got, wanted), axis=1)
-    along = (got * wanted).sum(axis=1)
+    true_directions = np.asarray(directions, dtype=np.float64)
+    across = np.linalg.norm(np.cross(got, true_directions), axis=1)
+    along = (got * true_directions).sum(axis=1)
     return math.degrees(float(np.sqrt(np.mean(np.arctan2(across, along) ** 2))))

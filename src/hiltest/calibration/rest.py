@@ -1,4 +1,4 @@
-"""Whether a gyroscope was left alone: its rate changes by no more than its noise does."""
+"""Test of whether a gyroscope was at rest: its rate changes by no more than its noise."""
 
 from __future__ import annotations
 
@@ -10,35 +10,35 @@ from numpy.typing import NDArray
 
 Reals = NDArray[np.float64]
 
-# A knock is over in a tenth of a second; a slow move shows in a second.
+# Lengths of windows: a knock lasts a tenth of a second; a slow motion shows in a second.
 _WINDOWS_S = (0.1, 1.0)
-# The largest of a million changes of Gaussian noise is 5 deviations. A move that a second does not show adds less than
-# 2 * 10^2 N^2 / T to a variance of N^2: a twentieth in an hour's log.
+# Largest change in deviations of the noise: it is 5 among a million changes of Gaussian noise. A motion that a second
+# does not show adds less than 2 * 10^2 N^2 / T to a variance of N^2: a twentieth in an hour's log.
 _MOVED = 10.0
-# Of the changes' sizes, the lower quartile is noise in a log that rested for half of its time; of a normal deviate it
-# is this part of its deviation.
+# The lower quartile of the changes' sizes is noise in a log that rested for half of its time; this is its ratio to the
+# deviation for a normal distribution.
 _QUARTILE, _OF_DEVIATION = 25.0, 0.3186
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """How a log moved first."""
+    """The first motion in a log."""
 
     start: int
-    """First sample of the window in which it shows."""
+    """First sample of the window that shows it."""
     axis: int
     change: float
-    """From the mean of the window before, in the unit of the log."""
+    """Change from the mean of the previous window, in the unit of the log."""
     samples: int
     """Length of the windows."""
     times: float
-    """Of the deviation of such a change in noise."""
+    """Size of the change in deviations of the noise."""
     rest: tuple[int, int]
-    """Longest part without a motion: its first sample, and the first one behind it."""
+    """Longest part without a motion: its first sample, and the first one after it."""
 
 
 def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
-    """Return the first motion in a log, None when there is none.
+    """Return the first motion in a log; None without one.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
 
     Notes
     -----
-    The means of neighbouring windows differ by noise, and hardly by drift. The size of a whole log's differences is
-    their measure, so that the log's own noise decides; a log that moved for more than half of its time escapes.
+    The means of neighbouring windows differ by noise, and hardly by drift. They are compared with all differences of
+    the log, so that the log's own noise decides; a log that moved for more than half of its time is not detected.
     """
     windows = sorted({max(1, round(seconds * rate_hz)) for seconds in _WINDOWS_S})
     moved = {size: _changes(rates, size) for size in windows if len(rates) >= 3 * size}
@@ -55,7 +55,7 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
               if (times > _MOVED).any()]  # fmt: skip
     if not starts:
         return None
-    # Of two windows that show the same motion, the shorter one tells its beginning.
+    # If two window lengths show the same motion, the shorter one determines its start.
     before, size = min(starts, key=lambda start: (start[0] + 2) * start[1])
     changes, times = moved[size]
     axis = int(np.argmax(times[before]))
@@ -64,11 +64,11 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
 
 
 def _changes(rates: Reals, size: int) -> tuple[Reals, Reals]:
-    """Return the changes between the means of neighbouring windows, and how often they have the size that noise has."""
+    """Return the changes between the means of neighbouring windows, and their sizes in deviations of the noise."""
     count = len(rates) // size
     changes = np.diff(rates[: count * size].reshape(count, size, -1).mean(axis=1), axis=0)
     noise = np.percentile(np.abs(changes), _QUARTILE, axis=0) / _OF_DEVIATION
-    # Of readings that are nearly all alike the quartile is zero: one step of the converter in a window is no motion.
+    # If nearly all readings are equal the quartile is zero, but one step of the converter in a window is not a motion.
     steps = np.abs(np.diff(rates, axis=0))
     steps[steps == 0.0] = np.inf
     with np.errstate(over="ignore"):

@@ -9,36 +9,36 @@ import numpy as np
 from hiltest.calibration.axes import Axes, LinearMap, linear_map
 from hiltest.calibration.fit import Array
 
-# Of two signs of the dip the one that leaves less than half of what the other does.
+# Largest ratio of residuals at which one sign of the dip is preferred to the other.
 _CLEARLY_LESS = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class SensorAxes:
-    """Axes of both sensors; None where the attitudes do not show them."""
+    """Axes of both sensors; None if the attitudes do not show them."""
 
     magnetometer: Axes | None
     accelerometer: Axes | None
     dip_may_be_opposite: bool = False
-    """The same readings are those of right axes in a field of the opposite dip."""
+    """Whether right axes in a field of the opposite dip would give the same readings."""
     dip_is_opposite: bool = False
-    """They are, and they are not those of any axes in the declared one."""
+    """Whether only the opposite dip explains the readings."""
     is_level: bool = False
-    """All attitudes are level: a turn of the part about z is then the same as one of the board."""
+    """Whether all attitudes are level, so that a rotation of the part about z equals one of the board."""
 
     @property
     def explain_headings(self) -> bool:
-        """Whether they are not the board's, and nothing else looks like it."""
-        wrong = [each for each in (self.magnetometer, self.accelerometer) if each is not None and not each.are_right]
-        return bool(wrong) and not (self.is_level and all(each.turn_about_z for each in wrong))
+        """Whether wrong axes are the only explanation of the headings."""
+        wrong = [axes for axes in (self.magnetometer, self.accelerometer) if axes is not None and not axes.are_right]
+        return bool(wrong) and not (self.is_level and all(axes.turn_about_z for axes in wrong))
 
     @property
     def are_as_declared(self) -> bool:
-        """Whether the magnetometer's axes and the sign of the dip are known to be right, and no others to be wrong."""
+        """Whether the magnetometer's axes and the sign of the dip are confirmed, and no axes are wrong."""
         return self.magnetometer is not None and not str(self)
 
     def __str__(self) -> str:
-        """Return what is wrong with them; empty where nothing is, or nothing is known."""
+        """Describe the wrong axes; empty without any, or if unknown."""
         wrong = {
             name: axes for name, axes in (("magnetometer", self.magnetometer), ("accelerometer", self.accelerometer))
             if axes is not None and not axes.are_right
@@ -47,10 +47,10 @@ class SensorAxes:
             turned = self.magnetometer is not None and not self.magnetometer.are_left_handed
             both = "magnetometer and accelerometer alike"
             return f"{f'board ({both})' if turned else both}: {self.magnetometer}"
-        said = [f"{name}: {axes}" for name, axes in wrong.items()]
+        descriptions = [f"{name}: {axes}" for name, axes in wrong.items()]
         if self.dip_may_be_opposite or self.dip_is_opposite:
-            said.append("the dip has the opposite sign of the declared one")
-        return (", or " if self.dip_may_be_opposite else "; ").join(said)
+            descriptions.append("the dip has the opposite sign of the declared one")
+        return (", or " if self.dip_may_be_opposite else "; ").join(descriptions)
 
 
 def sensor_axes(
@@ -65,28 +65,30 @@ def sensor_axes(
     magnetometer, accelerometer : shape (n, 3)
         Readings [counts].
     hard_iron : shape (3,)
-        Of a calibration. It counts where the attitudes are all level: these do not show it.
+        Hard iron of a calibration, used if all attitudes are level and so do not show it.
 
     Notes
     -----
-    A field of the opposite dip makes the readings of a magnetometer whose z axis is negated, as long as the board is
-    level. Tilted, the two differ, and what is left of the readings decides.
+    On a level board, a field of the opposite dip gives the same readings as a negated z axis. Tilted, the two differ,
+    and the residual decides.
     """
-    def of(known: Array) -> LinearMap | None:
-        found = linear_map(known, magnetometer)
-        return found if found is not None or hard_iron is None else linear_map(known, magnetometer, offset=hard_iron)
+    def of(reference: Array) -> LinearMap | None:
+        linear = linear_map(reference, magnetometer)
+        return linear if linear is not None or hard_iron is None else linear_map(
+            reference, magnetometer, offset=hard_iron
+        )
 
-    # Its offset is small beside 1 g, and tilts of 20 degrees tell it from a gain badly.
+    # Its offset is small compared with 1 g, and tilts of 20 degrees hardly separate it from a gain.
     gravity_map = linear_map(gravity, accelerometer, offset=np.zeros(3))
     by_gravity = None if gravity_map is None else gravity_map.axes
     declared, opposite = of(field), of(field - 2.0 * (field * gravity).sum(axis=1, keepdims=True) * gravity)
     if declared is None or opposite is None:
         return SensorAxes(None, by_gravity)
-    found, is_level = declared.axes, linear_map(field, magnetometer) is None
+    axes, is_level = declared.axes, linear_map(field, magnetometer) is None
     if not opposite.is_right or declared.is_right:
-        return SensorAxes(found, by_gravity, is_level=is_level)
+        return SensorAxes(axes, by_gravity, is_level=is_level)
     is_opposite = opposite.residual < _CLEARLY_LESS * declared.residual
     return SensorAxes(
-        None if is_opposite else found, by_gravity, dip_may_be_opposite=found is not None and not is_opposite,
+        None if is_opposite else axes, by_gravity, dip_may_be_opposite=axes is not None and not is_opposite,
         dip_is_opposite=is_opposite, is_level=is_level,
     )

@@ -11,19 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from hiltest.calibration.fit import Array
 from hiltest.calibration.quality import sphere_directions
 
-# Stand for the sphere, some 4 degrees apart: a part of it is known to about 1 %.
+# Directions that represent the sphere, some 4 degrees apart: a part of it is known to about 1 %.
 SPHERE = sphere_directions(2000)
-# Radius of an empty cap that matters to a fit; tracks of a tumble lie closer.
+# Radius of an empty cap that affects a fit; tracks of a tumble are closer.
 _HOLE_DEG = 20.0
-# Few points leave larger caps empty: one that should hold so many of them, and holds none, is no accident (e^-5).
+# A few points leave larger caps empty: a cap with this expected number of points that has none is significant (e^-5).
 _EXPECTED = 5.0
 
 
-# Of more points than this one in each cell of a hundredth by a hundredth by a hundredth stands for all: 1 deg apart.
+# Number of points above which one per cell of a hundredth by a hundredth by a hundredth represents all: 1 deg apart.
 _MANY, _CELLS = 50_000, 100
-# Up to so many the distances to all of them are computed, in 32 MB.
+# Maximum number of points for computing all distances, in 32 MB.
 _FEW = 1000
-# Of the largest component: an axis that a direction leans to by less is not named.
+# Smallest component of a direction, relative to the largest, that is named.
 _NAMED_FROM = 0.5
 
 
@@ -32,9 +32,9 @@ class Hole:
     """A cap of the sphere without a point."""
 
     direction: tuple[float, float, float]
-    """Of its middle, a unit vector in the sensor's axes."""
+    """Direction of its middle, a unit vector in the sensor's axes."""
     radius_deg: float
-    """Angle from there to the nearest point."""
+    """Angle from its middle to the nearest point."""
 
     @property
     def axes(self) -> str:
@@ -47,18 +47,18 @@ class Hole:
 
 
 def largest_hole(corrected: ArrayLike) -> Hole:
-    """Return the largest cap without a calibrated point, shape (n, 3); a whole sphere where there are none."""
+    """Return the largest cap without a calibrated point, shape (n, 3); a whole sphere if there are none."""
     directions = _normalised(corrected)
     if not len(directions):
         return Hole((0.0, 0.0, 1.0), 180.0)
-    chords = _to_nearest(directions)
+    chords = _nearest_distances(directions)
     middle = int(chords.argmax())
     x, y, z = SPHERE[middle].tolist()
     return Hole((x, y, z), math.degrees(2.0 * math.asin(min(1.0, float(chords[middle]) / 2.0))))
 
 
 def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
-    """Return which directions of `SPHERE` calibrated points cover.
+    """Return a mask of the directions of `SPHERE` that calibrated points cover.
 
     Parameters
     ----------
@@ -67,14 +67,14 @@ def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
 
     Notes
     -----
-    Not covered is what an empty cap of 20 degrees can be laid over; the cap is larger for fewer
-    than 332 points: as large as would hold five of n spread over the whole sphere.
+    A direction is not covered if an empty cap of 20 degrees contains it; the cap is larger for fewer than 332 points:
+    as large as would contain five of n points spread over the whole sphere.
     """
     directions = _normalised(corrected)
     if not len(directions):
         return np.zeros(len(SPHERE), dtype=np.bool_)
     cosine = max(-1.0, min(float(np.cos(np.radians(_HOLE_DEG))), 1.0 - 2.0 * _EXPECTED / len(directions)))
-    empty = SPHERE[1.0 - _to_nearest(directions) ** 2 / 2.0 < cosine]
+    empty = SPHERE[1.0 - _nearest_distances(directions) ** 2 / 2.0 < cosine]
     if not len(empty):
         return np.ones(len(SPHERE), dtype=np.bool_)
     covered: NDArray[np.bool_] = (SPHERE @ empty.T).max(axis=1) <= cosine
@@ -86,23 +86,24 @@ def solid_angle_covered(corrected: ArrayLike) -> float:
     return float(covered_directions(corrected).mean())
 
 
-def _to_nearest(directions: Array) -> Array:
-    """Return how far each direction of `SPHERE` is from the nearest of unit vectors, as a chord."""
+def _nearest_distances(directions: Array) -> Array:
+    """Return the chord from each direction of `SPHERE` to the nearest of unit vectors."""
     if len(directions) <= _FEW:
         x, y, z = ((SPHERE[:, axis, None] - directions[:, axis]) ** 2 for axis in range(3))
         nearest: Array = np.sqrt((x + y + z).min(axis=1))
         return nearest
-    from scipy.spatial import KDTree  # 0.2 s, in which all distances to a few points are computed
+    from scipy.spatial import KDTree  # takes 0.2 s, in which all distances to a few points are computed
 
     if len(directions) > _MANY:
         edge = 2 * _CELLS + 1
         backwards = np.ascontiguousarray(directions[::-1])
         cells = ((backwards + 1.0) * _CELLS).astype(np.int64) @ (1, edge, edge * edge)
-        # Of those in a cell the first: backwards it is written last. In 33 MB, a third of the time of a sort.
-        kept = np.full(edge**3, -1, dtype=np.int32)
-        kept[cells] = np.arange(len(cells), dtype=np.int32)
-        directions = backwards[kept[kept >= 0]]
-    # Not balanced: a balanced tree takes several times as long to make.
+        # Keep the first point of each cell, which is written last in reverse order. This takes 33 MB, and a third of
+        # the time of a sort.
+        cell_index = np.full(edge**3, -1, dtype=np.int32)
+        cell_index[cells] = np.arange(len(cells), dtype=np.int32)
+        directions = backwards[cell_index[cell_index >= 0]]
+    # Unbalanced, because a balanced tree takes several times as long to build.
     chords: Array = KDTree(directions, balanced_tree=False, compact_nodes=False).query(SPHERE)[0]
     return chords
 
@@ -110,5 +111,5 @@ def _to_nearest(directions: Array) -> Array:
 def _normalised(vectors: ArrayLike) -> Array:
     points = np.asarray(vectors, dtype=np.float64).reshape(-1, 3)
     lengths = np.linalg.norm(points, axis=1)
-    kept: Array = points[lengths > 0.0] / lengths[lengths > 0.0, None]
-    return kept
+    unit: Array = points[lengths > 0.0] / lengths[lengths > 0.0, None]
+    return unit

@@ -1,4 +1,4 @@
-"""The least-squares sphere: what is left when points cannot carry an ellipsoid."""
+"""The least-squares sphere, the fallback for points that do not determine an ellipsoid."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def fit_sphere(
     points_counts : shape (n, 3)
         Raw points [counts], body frame.
     status
-        Why there is no ellipsoid; it becomes the status of the result.
+        Reason why there is no ellipsoid, which becomes the status of the result.
     coverage
         Stored in the result.
 

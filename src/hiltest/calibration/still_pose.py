@@ -33,19 +33,19 @@ class Face(IntEnum):
         if self is Face.NONE:
             raise ValueError("a pose that is no face has no gravity that is known before")
         axis, sign = self // 2, 1.0 - 2.0 * (self % 2)
-        x, y, z = (sign if each == axis else 0.0 for each in range(3))
+        x, y, z = (sign if index == axis else 0.0 for index in range(3))
         return x, y, z
 
     @property
     def label(self) -> str:
-        """The axis that is down, with its sign: ``-y``."""
+        """Axis that is down, with its sign: ``-y``."""
         if self is Face.NONE:
             return "none"
         return "+-"[self % 2] + "xyz"[self // 2]
 
     @property
     def pose(self) -> Pose:
-        """A pose of the table that puts the board on this face: heading does not matter."""
+        """Pose of the table that puts the board on this face, with any heading."""
         return _POSES[self]
 
 
@@ -56,7 +56,7 @@ _POSES = {
     Face.PLUS_Z: Pose(0.0, 0.0, 0.0), Face.MINUS_Z: Pose(0.0, 0.0, 180.0),
 }  # fmt: skip
 
-#: The six, in the order of their numbers.
+#: The six faces, in the order of their numbers.
 FACES = tuple(face for face in Face if face is not Face.NONE)
 
 
@@ -77,6 +77,6 @@ class StillPose:
     accelerometer: Reals
     accelerometer_spread: Reals | None
     readings: int
-    """Readings of each sensor."""
+    """Number of readings of each sensor."""
     face: Face = Face.NONE
-    """What the pose was meant to be."""
+    """Requested face of the pose."""

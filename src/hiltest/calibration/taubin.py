@@ -2,9 +2,9 @@
 
 Notes
 -----
-Minimises ``sum D(p)^2 / sum |grad D(p)|^2``: the squared distance from the surface to first order, but with one slope
-for all points (Taubin, Estimation of planar curves, surfaces and nonplanar space curves defined by implicit equations,
-1991, eq. 25). N is the mean of ``grad m grad m'``.
+The fit minimises ``sum D(p)^2 / sum |grad D(p)|^2``: the squared distance from the surface to first order, but with one
+slope for all points (Taubin, Estimation of planar curves, surfaces and nonplanar space curves defined by implicit
+equations, 1991, eq. 25). N is the mean of ``grad m grad m'``.
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ def _run_search(
     refused = "" if result.refused_cycles is None else f"; refused ones {format_number(result.refused_cycles)} at most"
     if not result.call.counts:
         return result, None, f"{function}: no call has succeeded of {searched}{refused}"
-    case = case_of(result, problem.kept(result.given), elf, function, seed_number)
+    case = case_of(result, problem.kept(result.worst_input), elf, function, seed_number)
     summary = f"{case.said}: {format_number(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
     return result, case, summary
 

@@ -1,1 +1,1 @@
-"""Coverage of firmware that was not instrumented: the lines, functions and branches that a run has walked."""
+"""Coverage of uninstrumented firmware: executed lines, functions and branches."""

@@ -1,4 +1,4 @@
-"""Coverage of source files, and the file of LCOV that carries it: written, read and added up."""
+"""Coverage of source files: writing, reading and adding LCOV files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hiltest.errors import ConfigError
 
 
 class Share(NamedTuple):
-    """How many of how many."""
+    """A count and its total."""
 
     hit: int
     found: int
@@ -25,10 +25,9 @@ class FileCoverage:
     lines: dict[int, int] = field(default_factory=dict)
     """Executions of each line that has code."""
     functions: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """Line of each function that has code of its own, and how often it was entered."""
+    """Line of each function with its own code, and the number of its calls."""
     branches: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
-    """How often each conditional branch went on and jumped away, or the other way round, by its line and its number
-    there."""
+    """Counts of both directions of each conditional branch, by its line and its number there."""
 
     def add(self, other: FileCoverage) -> None:
         """Add the counts of another run."""
@@ -64,22 +63,22 @@ class Coverage:
 
     @property
     def branches(self) -> Share:
-        """Conditional branches that went both ways."""
+        """Conditional branches that took both directions."""
         return _share(all(ways) for file in self.files.values() for ways in file.branches.values())
 
 
 def _share(hits: Iterable[bool]) -> Share:
-    seen = list(hits)
-    return Share(sum(seen), len(seen))
+    flags = list(hits)
+    return Share(sum(flags), len(flags))
 
 
 def refuse_file(path: Path) -> None:
-    """Refuse the name of a file that coverage cannot be written to, before anything runs.
+    """Refuse the name of a file that cannot be written, before the run.
 
     Raises
     ------
     ConfigError
-        If it is a folder's, or in none.
+        If it is a folder, or its folder does not exist.
     """
     reason = "it is a folder" if path.is_dir() else "" if path.parent.is_dir() else f"there is no folder {path.parent}"
     if reason:
@@ -94,7 +93,7 @@ def to_lcov(coverage: Coverage) -> str:
 def _records(name: str, file: FileCoverage) -> Iterator[str]:
     yield "TN:"
     yield f"SF:{name}"
-    functions = sorted(file.functions.items(), key=lambda each: (each[1][0], each[0]))
+    functions = sorted(file.functions.items(), key=lambda entry: (entry[1][0], entry[0]))
     yield from (f"FN:{line},{function}" for function, (line, _) in functions)
     yield from (f"FNDA:{count},{function}" for function, (_, count) in functions)
     yield f"FNF:{len(functions)}"
@@ -115,37 +114,37 @@ _FUNCTION = re.compile(r"(\d+),(.+)")
 
 
 def from_lcov(text: str, name: str) -> Coverage:
-    """Read what `to_lcov` wrote.
+    """Read a file from `to_lcov`.
 
     Parameters
     ----------
     name
-        Of the file, for the message.
+        Name of the file, for the message.
 
     Raises
     ------
     ConfigError
-        If it is something else.
+        If the text is not from `to_lcov`.
     """
-    found, file = Coverage(), FileCoverage()
+    coverage, file = Coverage(), FileCoverage()
     for number, line in enumerate(text.splitlines(), 1):
         kind, _, value = line.partition(":")
         try:
             if kind == "SF":
-                file = found.files.setdefault(value, FileCoverage())
+                file = coverage.files.setdefault(value, FileCoverage())
             elif kind in ("FN", "FNDA"):
                 match = _FUNCTION.fullmatch(value)
                 assert match is not None
                 count, function = int(match[1]), match[2]
                 file.functions[function] = (count, 0) if kind == "FN" else (file.functions[function][0], count)
             elif kind == "BRDA":
-                at, block, way, taken = value.split(",")
+                at, block, way, executions = value.split(",")
                 ways = list(file.branches.get((int(at), int(block)), (0, 0)))
-                ways[int(way)] = 0 if taken == "-" else int(taken)
+                ways[int(way)] = 0 if executions == "-" else int(executions)
                 file.branches[int(at), int(block)] = ways[0], ways[1]
             elif kind == "DA":
                 at, count_text = value.split(",")[:2]
                 file.lines[int(at)] = int(count_text)
         except (AssertionError, ValueError, KeyError, IndexError) as error:
             raise ConfigError(f"{name}:{number}: {line!r} is no record of LCOV; run again") from error
-    return found
+    return coverage

@@ -1,7 +1,7 @@
-"""From instructions to source: which of them a line, a function and a branch of an image stand for.
+"""Mapping from instructions to lines, functions and branches of the source.
 
-The line table of the DWARF says where each statement begins; what it says of the instructions between is of no use
-here, for the compiler moves them. The instructions themselves say where branches are.
+The line table of the DWARF gives the start of each statement; its rows for the instructions between are not usable,
+because the compiler moves these. Branches are found in the instructions themselves.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from hiltest.virtual.program.elf import LIBRARIES, FirmwareImage
 _WITHOUT_LINES = (
     "no coverage without source lines: {name} has no line table, or it is damaged; give the .elf of a build with -g"
 )
-_END = -1  # line of no row: the code of a file ends there
-# Parts of a function that the compiler cut off it: entered from within.
+_END = -1  # line of a row that ends the code of a file
+# Suffixes of function parts that the compiler split off, which are entered from within the function.
 _CUT_OFF = (".part", ".cold")
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A row of the line table: from this address on code is of this line, up to the next row."""
+    """A row of the line table: code from this address up to the next row belongs to this line."""
 
     address: int
     file: str
@@ -53,7 +53,7 @@ class _Code:
 
 
 class SourceMap:
-    """What an image says of the places of its code in the source; library code is left out.
+    """Source lines of an image's code, without library code.
 
     Raises
     ------
@@ -65,51 +65,51 @@ class SourceMap:
         self._image = image
         try:
             sequences = list(_sequences(image.debug_information()))
-        except Exception as error:  # the parser raises whatever a damaged file makes it meet
+        except Exception as error:  # the parser raises any type of error on a damaged file
             raise ConfigError(_WITHOUT_LINES.format(name=image.name)) from error
         begins = [address for address, _ in image.code]
         ends = [address + len(content) for address, content in image.code]
         self._rows: list[Row] = []
         for rows, end in sequences:
             place = bisect_right(begins, rows[0].address) - 1
-            # What the linker has dropped has lines too, at address 0.
+            # Code that the linker removed has rows at address 0.
             if place >= 0 and rows[0].address < ends[place] and rows[0].address < end:
                 self._rows += rows
                 self._rows.append(Row(end, "", _END, begins_statement=False))
         if not self._rows:
             raise ConfigError(_WITHOUT_LINES.format(name=image.name))
-        # Of several at one address the last one counts, but where a stretch of code ends another may begin.
+        # The last of several rows at one address counts, except that a stretch may begin where another one ends.
         self._rows.sort(key=lambda row: (row.address, row.line != _END))
         self._starts = [row.address for row in self._rows]
 
     def coverage(self, code: ExecutedCode) -> Coverage:
-        """Return the counts of lines, functions and branches of all code that is no library's."""
-        found = Coverage({row.file: FileCoverage() for row in self._rows if row.file})
+        """Return the counts of lines, functions and branches of all code outside libraries."""
+        coverage = Coverage({row.file: FileCoverage() for row in self._rows if row.file})
         instructions = self._instructions()
-        self._count_lines(found, code, instructions.instructions)
-        self._count_functions(found, code)
-        self._count_branches(found, code, instructions.branches)
-        return found
+        self._count_lines(coverage, code, instructions.instructions)
+        self._count_functions(coverage, code)
+        self._count_branches(coverage, code, instructions.branches)
+        return coverage
 
     def _row_at(self, address: int) -> Row:
-        """Return the row of an address; of one before all code the last, which is of no line."""
+        """Return the row of an address; for one before all code the last row, which has no line."""
         return self._rows[bisect_right(self._starts, address) - 1]
 
     def _instructions(self) -> _Code:
-        """Find instructions and branches in the code that has lines."""
-        found = _Code()
+        """Return the instructions and branches of the code with lines."""
+        code = _Code()
         for address, content in self._image.code:
             for instruction in decode(address, content):
                 at = instruction.address
-                found.instructions.add(at)
+                code.instructions.add(at)
                 if instruction.begins_it_block:
-                    found.branches.append(Branch(at, guarded=at + instruction.size))
+                    code.branches.append(Branch(at, guarded=at + instruction.size))
                 elif instruction.conditional:
-                    found.branches.append(Branch(at))
-        return found
+                    code.branches.append(Branch(at))
+        return code
 
-    def _count_lines(self, found: Coverage, code: ExecutedCode, instructions: set[int]) -> None:
-        """Count a line as often as the statement on it that began most often, in each function that has it."""
+    def _count_lines(self, coverage: Coverage, code: ExecutedCode, instructions: set[int]) -> None:
+        """Count for each line the most frequent statement start, in each function that has it."""
         most: dict[tuple[str, int, bool], dict[int, int]] = {}
         for row in self._rows:
             if row.line > 0 and row.address in instructions:
@@ -119,9 +119,9 @@ class SourceMap:
                 counts[at] = max(counts.get(at, 0), code.executed[row.address])
         for (file, line, begins), counts in most.items():
             if begins or (file, line, True) not in most:
-                found.files[file].lines[line] = sum(counts.values())
+                coverage.files[file].lines[line] = sum(counts.values())
 
-    def _count_functions(self, found: Coverage, code: ExecutedCode) -> None:
+    def _count_functions(self, coverage: Coverage, code: ExecutedCode) -> None:
         whole: set[tuple[str, str]] = set()
         for address in sorted({function.address for function in self._image.functions}):
             row = self._first_row(address)
@@ -129,17 +129,17 @@ class SourceMap:
             if row is None or symbol is None:
                 continue
             name, _, clone = symbol.name.partition(".")
-            functions, count = found.files[row.file].functions, code.executed[address]
+            functions, count = coverage.files[row.file].functions, code.executed[address]
             if f".{clone}".startswith(_CUT_OFF):
                 functions.setdefault(name, (row.line, count))
-            elif (row.file, name) in whole:  # the compiler made several of it
+            elif (row.file, name) in whole:  # the compiler made several copies of it
                 functions[name] = functions[name][0], functions[name][1] + count
             else:
                 functions[name] = row.line, count
                 whole.add((row.file, name))
 
     def _first_row(self, address: int) -> Row | None:
-        """Return the row that begins a function, the first of several there."""
+        """Return the first row at the start of a function."""
         place = bisect_right(self._starts, address - 1)
         row = self._rows[place] if place < len(self._rows) else None
         while row is not None and row.address == address and row.line <= 0:
@@ -147,20 +147,20 @@ class SourceMap:
             row = self._rows[place] if place < len(self._rows) else None
         return row if row is not None and row.address == address else None
 
-    def _count_branches(self, found: Coverage, code: ExecutedCode, branches: list[Branch]) -> None:
+    def _count_branches(self, coverage: Coverage, code: ExecutedCode, branches: list[Branch]) -> None:
         numbers: dict[tuple[str, int], int] = {}
-        for each in sorted(branches, key=lambda branch: branch.address):
-            row = self._row_at(each.address)
+        for branch in sorted(branches, key=lambda branch: branch.address):
+            row = self._row_at(branch.address)
             if row.line <= 0:
                 continue
             number = numbers[row.file, row.line] = numbers.get((row.file, row.line), -1) + 1
-            away = code.jumped[each.address] if each.guarded is None else code.executed[each.guarded]
-            on = code.executed[each.address] - away
-            found.files[row.file].branches[row.line, number] = on, away
+            away = code.jumped[branch.address] if branch.guarded is None else code.executed[branch.guarded]
+            on = code.executed[branch.address] - away
+            coverage.files[row.file].branches[row.line, number] = on, away
 
 
 def _sequences(dwarf: Any) -> Iterator[tuple[list[Row], int]]:
-    """Yield the rows of each stretch of code of the firmware's own, and where it ends."""
+    """Yield the rows of each stretch of the firmware's own code, and its end."""
     for unit in dwarf.iter_CUs():
         top = unit.get_top_DIE()
         folder = _text(top, "DW_AT_comp_dir")
@@ -181,7 +181,7 @@ def _sequences(dwarf: Any) -> Iterator[tuple[list[Row], int]]:
                 rows = []
                 continue
             name = names[state.file]
-            # Code of a library's header is no file's; it ends what stands before it all the same.
+            # Code of a library's header is ignored, but ends the code before it.
             rows.append(Row(state.address & ~1, name, state.line if name else 0, bool(state.is_stmt)))
 
 
@@ -190,28 +190,28 @@ def _text(die: Any, attribute: str) -> str:
 
 
 def _file_names(program: Any, folder: str) -> dict[int, str]:
-    """Return the names of a unit's files as they are shown; empty for those of libraries."""
+    """Return the display names of a unit's files; empty for those of libraries."""
     header = program.header
     is_new = header.version >= 5
-    folders = [each.decode(errors="replace") for each in header.include_directory]
-    found = {}
+    folders = [folder_name.decode(errors="replace") for folder_name in header.include_directory]
+    names = {}
     for number, entry in enumerate(header.file_entry, 0 if is_new else 1):
         index = entry.dir_index if is_new else entry.dir_index - 1
         path = PurePosixPath(folders[index] if 0 <= index < len(folders) else "", entry.name.decode(errors="replace"))
-        found[number] = "" if _is_library(PurePosixPath(folder, path)) else _shown(folder, path)
-    return found
+        names[number] = "" if _is_library(PurePosixPath(folder, path)) else _display_path(folder, path)
+    return names
 
 
-def _shown(folder: str, path: PurePosixPath) -> str:
-    """Return a path as it is from here, if it is below; a relative one is as a build gave it that maps its paths."""
+def _display_path(folder: str, path: PurePosixPath) -> str:
+    """Return a path relative to the current folder if it is below it; a build with mapped paths has relative ones."""
     if folder.startswith("/") or path.parts[:1] == ("..",):
         path = PurePosixPath(folder, path)
     name = os.path.normpath(path)
-    here = f"{Path.cwd()}/"
-    return name.removeprefix(here)
+    present_folder = f"{Path.cwd()}/"
+    return name.removeprefix(present_folder)
 
 
 def _is_library(path: PurePosixPath) -> bool:
-    """Whether a file is of the compiler's own libraries, or a header of theirs."""
+    """Return whether a file belongs to the compiler's libraries or their headers."""
     parts = set(path.parts)
     return bool(parts & LIBRARIES) or {"arm-none-eabi", "include"} <= parts

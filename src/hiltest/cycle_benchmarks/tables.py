@@ -1,6 +1,6 @@
 """pytest-benchmark's tables of device cycles, beside its tables of seconds.
 
-Imported by every pytest run that has pytest-benchmark, and by its command line: nothing heavy is imported here.
+Every pytest run with pytest-benchmark and its command line import this module, so it imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ CYCLES, CYCLE_MODEL, CORE_CLOCK_HZ = "cycles", "cycle_model", "core_clock_hz"
 FROM_FLOAT64_DEG = "from_float64_deg"
 """Keys of the extra_info of a benchmark of device cycles."""
 
-#: One row: a dictionary, or what behaves like one.
+#: One row: a mapping.
 Row = Any
 Groups = Iterable[tuple[str | None, list[Row]]]
 
@@ -26,14 +26,14 @@ def group_name(kernel: str | None, cycle_model: str) -> str:
 
 
 def cycle_model_of(row: Row) -> str:
-    """Return what counted the cycles of a benchmark, empty for one that a clock of the host has timed."""
+    """Return the cycle model of a benchmark; empty for one that a host clock has timed."""
     return str(_extra_info(row).get(CYCLE_MODEL, ""))
 
 
 def scale_cycles(
     unit: str, rows: Sequence[Row], best: Mapping[str, float], time_unit: str | None
 ) -> tuple[str, float] | None:
-    """Say how a table of device cycles shows its numbers, as ``pytest_benchmark_scale_unit`` does.
+    """Return unit and factor of a table of device cycles, like ``pytest_benchmark_scale_unit``.
 
     Parameters
     ----------
@@ -42,14 +42,14 @@ def scale_cycles(
     rows
         Rows of one table.
     best
-        The best number of each column; of `rows`, where a release of pytest-benchmark gives none.
+        Best number of each column; from `rows` if a release of pytest-benchmark gives none.
     time_unit
-        What ``--benchmark-time-unit`` asks for: time at the board's core clock, in place of cycles.
+        Value of ``--benchmark-time-unit``: time at the board's core clock instead of cycles.
 
     Returns
     -------
     tuple of str and float, or None
-        What stands before the "s" of the unit, and a factor. None for a table that is not all cycles.
+        Prefix of the unit before the "s", and a factor; None for a table that is not all cycles.
     """
     if not rows or not all(map(cycle_model_of, rows)):
         return None
@@ -66,9 +66,9 @@ def scale_cycles(
 
 
 def split_by_cycle_model(groups: Groups) -> list[tuple[str | None, list[Row]]]:
-    """Give the device cycles of each model, at each core clock, a table of their own, however the rows were grouped.
+    """Split the device cycles by model and core clock into separate tables, for any grouping of the rows.
 
-    Its title says how far the rows are from float64, where they know: speed is never shown without accuracy.
+    The title has the distance of the rows from float64 if known, because speed is never shown without accuracy.
     """
     tables: list[tuple[str | None, list[Row]]] = []
     for name, rows in groups:
@@ -76,18 +76,18 @@ def split_by_cycle_model(groups: Groups) -> list[tuple[str | None, list[Row]]]:
         for row in rows:
             of_model[cycle_model_of(row), _extra_info(row).get(CORE_CLOCK_HZ, 0.0)].append(row)
         clocks = {clock_hz for _, clock_hz in of_model if clock_hz}
-        for (model, clock_hz), those in sorted(of_model.items()):
-            # A conftest.py and the plugin may both have a turn.
+        for (model, clock_hz), model_rows in sorted(of_model.items()):
+            # A conftest.py and the plugin may both call this.
             named_already = not model or group_name(None, model) in (name or "")
-            title, accuracy = name if named_already else group_name(name, model), _accuracy(those)
+            title, accuracy = name if named_already else group_name(name, model), _accuracy(model_rows)
             title = f"{title}, at {clock_hz / 1e6:g} MHz" if clock_hz and len(clocks) > 1 else title
-            tables.append((title if accuracy in (title or "") else f"{title}; {accuracy}", those))
+            tables.append((title if accuracy in (title or "") else f"{title}; {accuracy}", model_rows))
     return tables
 
 
 def _accuracy(rows: Sequence[Row]) -> str:
-    known = [float(_extra_info(row)[FROM_FLOAT64_DEG]) for row in rows if FROM_FLOAT64_DEG in _extra_info(row)]
-    return f"at most {max(known):.2g} deg from float64 of the same points" if known else ""
+    distances = [float(_extra_info(row)[FROM_FLOAT64_DEG]) for row in rows if FROM_FLOAT64_DEG in _extra_info(row)]
+    return f"at most {max(distances):.2g} deg from float64 of the same points" if distances else ""
 
 
 def _extra_info(row: Row) -> Mapping[str, Any]:
@@ -95,7 +95,7 @@ def _extra_info(row: Row) -> Mapping[str, Any]:
 
 
 def _name_unit_in_histograms() -> None:
-    """Let ``--benchmark-histogram`` find a word for the unit: its titles take nothing but prefixes of seconds."""
+    """Add the unit's name for ``--benchmark-histogram``, whose titles only know prefixes of seconds."""
     from pytest_benchmark.utils import TIME_UNITS
 
     TIME_UNITS.setdefault("cycle", "cycles")

@@ -1,1 +1,1 @@
-"""Interfaces of devices: what firmware that does not speak the link's protocol says of itself."""
+"""Device interfaces: decoders of firmware that does not use the link's protocol."""

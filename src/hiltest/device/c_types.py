@@ -23,12 +23,12 @@ from hiltest.virtual.program.debug_entries import (
 POINTER_BYTES = 4
 _FLOATS = {4: "<f", 8: "<d", 2: "<e"}
 _INTEGERS = (1, 2, 4, 8)
-_MOST_ELEMENTS = 1 << 24  # of a dimension; the chip's memory has fewer bytes
-_PLUS_CONSTANT = 0x23  # DW_OP_plus_uconst, by which old debug information says where a member lies
+_MOST_ELEMENTS = 1 << 24  # elements of a dimension; the chip's memory has fewer bytes
+_PLUS_CONSTANT = 0x23  # DW_OP_plus_uconst, the member's offset in old debug information
 
 
 class NumberKind(Enum):
-    """Encoding of a number, with the values of DW_AT_encoding that mean it."""
+    """Encoding of a number, with its values of DW_AT_encoding."""
 
     BOOLEAN = (0x02,)
     FLOAT = (0x04,)
@@ -48,7 +48,7 @@ class NumberType:
     size: int
     """Bytes."""
     labels: Mapping[int, str]
-    """Enumerators by value; empty where it is no enum."""
+    """Enumerators by value; empty if it is not an enum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class PointerType:
 
 @dataclass(frozen=True, slots=True)
 class ArrayType:
-    """An array; `count` is None where its length is not known."""
+    """An array; `count` is None if its length is not known."""
 
     text: str
     element: CType
@@ -78,19 +78,19 @@ class BitField:
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A member of a struct or union; without a name its own members are reached as if they stood here."""
+    """A member of a struct or union; members of an unnamed one are accessed as if they were declared here."""
 
     name: str
     type_entry: Any
     """Entry of its type."""
     offset: int
-    """Bytes from the struct's beginning."""
+    """Offset in the struct [byte]."""
     bits: BitField | None
 
 
 @dataclass(frozen=True, slots=True)
 class RecordType:
-    """A struct, or a union; `size` is None where the file has no definition of it."""
+    """A struct, or a union; `size` is None if the file has no definition of it."""
 
     text: str
     size: int | None
@@ -100,7 +100,7 @@ class RecordType:
 
 @dataclass(frozen=True, slots=True)
 class OtherType:
-    """What has no value, such as a function."""
+    """A type without a value, such as a function."""
 
     text: str
 
@@ -109,7 +109,7 @@ CType: TypeAlias = NumberType | PointerType | ArrayType | RecordType | OtherType
 
 
 def read_type(entry: Any) -> CType:
-    """Read the type of an entry of debug information; typedefs and qualifiers are gone through."""
+    """Read the type of an entry of debug information, without typedefs and qualifiers."""
     text, bare = written_type(entry), without_qualifiers(entry)
     if bare is None:
         return OtherType("void")
@@ -128,7 +128,7 @@ def read_type(entry: Any) -> CType:
 
 
 def size_of(kind: CType) -> int | None:
-    """Return the bytes of a type, None where they are not known."""
+    """Return the size of a type [byte]; None if unknown."""
     if isinstance(kind, ArrayType):
         element = size_of(kind.element)
         return None if element is None or kind.count is None else element * kind.count
@@ -138,7 +138,7 @@ def size_of(kind: CType) -> int | None:
 
 
 def decoded(kind: NumberType, data: bytes, bits: BitField | None = None) -> float:
-    """Return the number that lies in bytes, those of its bits from the first one's byte on."""
+    """Decode a number from bytes; those of a bit-field start at the byte of its first bit."""
     if kind.kind is NumberKind.FLOAT and bits is None:
         (real,) = struct.unpack(_FLOATS[kind.size], data)
         return float(real)
@@ -219,7 +219,7 @@ def _offset(member: Any) -> int:
 
 
 def _bit_field(member: Any, kind: Any) -> BitField | None:
-    """Read where a bit-field lies; debug information before version 4 counts from the storage unit's highest bit."""
+    """Read the place of a bit-field; debug information before version 4 counts from the storage unit's highest bit."""
     size = member.attributes.get("DW_AT_bit_size")
     if size is None:
         return None
@@ -245,10 +245,10 @@ def stated_type(text: str) -> CType:
     Raises
     ------
     ConfigError
-        Where it is none.
+        If the text is not a type.
     """
     match = _WRITTEN.fullmatch(text)
-    dimensions: list[int | None] = [int(each) for each in re.findall(r"\d+", match[2])] if match else []
+    dimensions: list[int | None] = [int(digits) for digits in re.findall(r"\d+", match[2])] if match else []
     if match is None or not all(dimensions):
         raise ConfigError(
             f"type {text!r} is not known; write float, double, bool, int8 to int64 or uint8 to uint64, with its "

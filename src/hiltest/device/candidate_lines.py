@@ -1,4 +1,4 @@
-"""Candidates among the texts of firmware: labels that stand before the numbers of printf, or before nothing more."""
+"""Candidates among the texts of firmware: labels before the numbers of printf, and labels alone."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hiltest.device.candidates import Candidate, Meaning, meaning_of, unit_of
 from hiltest.device.quantities import Quantity
 from hiltest.virtual.program.elf import FirmwareImage
 
-_MOST_BYTES = 1 << 20  # of all segments: the flash of the chip
+_MOST_BYTES = 1 << 20  # bytes of all segments: the flash of the chip
 _TEXT = re.compile(rb"[\t\r\n\x20-\x7e]{3,240}(?=\0)")
 # A number of printf; firmware without floats prints sign, whole and fraction apart: %s%d.%02d.
 _ONE = r"%[-+ #0]*[0-9*]*(?:\.[0-9*]+)?(?:hh|h|ll|l|L|z|j)?[diufFgGeEs]"
@@ -24,21 +24,24 @@ _PRINTED, _SEVERAL, _DIGIT = r"[-+]?[0-9]+(?:\.[0-9]*)?", r"\S+", "[01]"
 
 
 def line_candidates(image: FirmwareImage) -> list[Candidate]:
-    """Return what the texts in an image tell of the lines that it prints."""
-    return [each for text in _texts_of(image) for each in (_of_format(text) if "%" in text else _of_label(text))]
+    """Return candidates for values in the printed lines, from the texts of an image."""
+    return [
+        candidate for text in _texts(image)
+        for candidate in (_format_candidates(text) if "%" in text else _label_candidates(text))
+    ]
 
 
-def _texts_of(image: FirmwareImage) -> Iterator[str]:
+def _texts(image: FirmwareImage) -> Iterator[str]:
     """Yield the texts in an image that end with a zero."""
-    left = _MOST_BYTES
+    remaining = _MOST_BYTES
     for segment in image.segments:
-        for match in _TEXT.finditer(segment.data[:left]):
+        for match in _TEXT.finditer(segment.data[:remaining]):
             yield match[0].decode("ascii")
-        left -= min(left, len(segment.data))
+        remaining -= min(remaining, len(segment.data))
 
 
-def _of_label(text: str) -> Iterator[Candidate]:
-    """Yield what a text that is a label alone says: firmware may print the number behind it by other means."""
+def _label_candidates(text: str) -> Iterator[Candidate]:
+    """Yield the candidates of a text that is only a label: firmware may print the number after it by other means."""
     match = _ALONE.fullmatch(text)
     meaning = _meaning(match["label"], None) if match else None
     if match is None or meaning is None or bool(match["flag"]) > (meaning.quantity is Quantity.CALIBRATED):
@@ -47,8 +50,8 @@ def _of_label(text: str) -> Iterator[Candidate]:
     yield _candidate(meaning, match, form, text)
 
 
-def _of_format(text: str) -> Iterator[Candidate]:
-    """Yield what the labelled numbers of a format are."""
+def _format_candidates(text: str) -> Iterator[Candidate]:
+    """Yield the candidates of the labelled numbers of a format."""
     behind = 0
     for run in _runs(text):
         before = text[max(behind, run[0].start() - _LONGEST_LABEL) : run[0].start()]
@@ -61,7 +64,7 @@ def _of_format(text: str) -> Iterator[Candidate]:
 
 
 def _runs(text: str) -> Iterable[list[re.Match[str]]]:
-    """Return the numbers of a format, those together that nothing but blanks and commas stands between."""
+    """Return the numbers of a format in groups that only blanks and commas separate."""
     runs: list[list[re.Match[str]]] = []
     for number in _NUMBER.finditer(text):
         if runs and _BETWEEN.fullmatch(text[runs[-1][-1].end() : number.start()]):
@@ -72,7 +75,7 @@ def _runs(text: str) -> Iterable[list[re.Match[str]]]:
 
 
 def _meaning(label: str, size: int | None) -> Meaning | None:
-    """Return what a label says alone: one among other words is prose."""
+    """Return the meaning of a label; a label among other words is prose and has none."""
     if label.startswith("$"):  # NMEA 0183: a talker, and HDG, HDM or HDT
         return Meaning(Quantity.HEADING, "deg", is_sure=True) if size in (None, 1) else None
     meaning = meaning_of([label], size, is_whole=True)
@@ -80,7 +83,7 @@ def _meaning(label: str, size: int | None) -> Meaning | None:
 
 
 def _candidate(meaning: Meaning, match: re.Match[str], form: str, text: str) -> Candidate:
-    # Blanks before the number may be many: formats of a fixed width.
+    # Formats of a fixed width may have many blanks before the number.
     label, between = match["label"], match["between"].strip()
     begin = rf"\b{re.escape(label)}" if label[0].isalpha() else re.escape(label)
     pattern = rf"{begin}{re.escape(between)}\s*(?P<{meaning.quantity.key}>{form})".replace(r"\ ", " ")

@@ -1,4 +1,4 @@
-"""Candidates among the variables of firmware: by their names, those of the structs they stand in, and their sizes."""
+"""Candidates among the variables of firmware, by their names, the names of enclosing structs, and their sizes."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from hiltest.device.candidates import Candidate, meaning_of
 from hiltest.device.variable_index import VariableIndex
 from hiltest.virtual.program.elf import FirmwareImage
 
-_NAME = re.compile(r"(?:[A-Za-z_$][\w$]*)?", re.ASCII)  # of C; a member may have none
+_NAME = re.compile(r"(?:[A-Za-z_$][\w$]*)?", re.ASCII)  # name in C; a member may have none
 _RAM = range(0x1C00_0000, 0x4000_0000)
-# What no firmware for this chip has: it ends the walk through a damaged file, or through megabytes of someone's types.
+# Limits that no firmware for this chip reaches: they end the walk through damaged or huge debug information.
 _MOST_DEBUG_BYTES = 8 << 20
 _MOST_PLACES = 20_000
 _DEEPEST = 6
-_LONGEST_VALUE = 16  # numbers of one
-# What a symbol without debug information may be, by its bytes.
+_LONGEST_VALUE = 16  # numbers of one value
+# Types that a symbol without debug information may have, by its size.
 _BY_SIZE = {4: ("float", 1), 12: ("float[3]", 3), 36: ("float[9]", 9)}
 
 
 def variable_candidates(image: FirmwareImage) -> tuple[list[Candidate], str]:
-    """Return the candidates among the variables of an image, and what hinders to look at all of them."""
-    found: list[Candidate] = []
+    """Return the candidates among the variables of an image, and the obstacle if not all could be read."""
+    candidates: list[Candidate] = []
     try:
-        remark = _look_through(image, found)
-    except Exception as error:  # the parser raises whatever damaged debug information makes it meet
+        remark = _collect_candidates(image, candidates)
+    except Exception as error:  # the parser raises any type of error on damaged debug information
         remark = f"its debug information is damaged ({str(error) or type(error).__name__})"
     if not remark:
-        return found, ""
-    return [*found, *_of_symbols(image)], remark
+        return candidates, ""
+    return [*candidates, *_symbol_candidates(image)], remark
 
 
-def _look_through(image: FirmwareImage, found: list[Candidate]) -> str:
-    """Add the candidates of the debug information; return what hinders."""
+def _collect_candidates(image: FirmwareImage, candidates: list[Candidate]) -> str:
+    """Add the candidates of the debug information; return the obstacle, if any."""
     dwarf = image.debug_information()
     section = dwarf.debug_info_sec if dwarf is not None else None
     if section is None:
@@ -42,14 +42,14 @@ def _look_through(image: FirmwareImage, found: list[Candidate]) -> str:
     if section.size > _MOST_DEBUG_BYTES:
         return f"its debug information has {section.size >> 20} MiB: only the names of its symbols were looked at"
     places = [
-        (path, read_type(each.type_entry), 0)
-        for path, each in VariableIndex(dwarf, image.objects).listed() if each.address in _RAM
+        (path, read_type(variable.type_entry), 0)
+        for path, variable in VariableIndex(dwarf, image.objects).listed() if variable.address in _RAM
     ]  # fmt: skip
-    seen = 0
-    while places and seen < _MOST_PLACES:
+    count = 0
+    while places and count < _MOST_PLACES:
         path, kind, depth = places.pop()
-        seen += 1
-        found += _of_value(path, kind)
+        count += 1
+        candidates += _value_candidates(path, kind)
         if isinstance(kind, RecordType) and kind.size is not None and depth < _DEEPEST:
             places += [
                 (f"{path}.{member.name}" if member.name else path, read_type(member.type_entry), depth + 1)
@@ -58,7 +58,7 @@ def _look_through(image: FirmwareImage, found: list[Candidate]) -> str:
     return f"it has more than {_MOST_PLACES} variables and members: the others were not looked at" if places else ""
 
 
-def _of_value(path: str, kind: CType) -> Iterator[Candidate]:
+def _value_candidates(path: str, kind: CType) -> Iterator[Candidate]:
     numbers = _numbers(kind)
     if 0 < len(numbers) <= _LONGEST_VALUE:
         names = re.findall(r"[A-Za-z_$][\w$]*", path)
@@ -68,7 +68,7 @@ def _of_value(path: str, kind: CType) -> Iterator[Candidate]:
 
 
 def _numbers(kind: CType) -> list[NumberType]:
-    """Return the numbers that a value is; none where it is more than numbers of one type, or too many."""
+    """Return the numbers of a value; none if they are of several types, or too many."""
     if isinstance(kind, NumberType):
         return [kind]
     if isinstance(kind, ArrayType):
@@ -82,8 +82,8 @@ def _numbers(kind: CType) -> list[NumberType]:
     return []
 
 
-def _of_symbols(image: FirmwareImage) -> Iterator[Candidate]:
-    """Yield what symbols may be by their names and sizes, where no debug information says more."""
+def _symbol_candidates(image: FirmwareImage) -> Iterator[Candidate]:
+    """Yield the candidates among symbols without debug information, by their names and sizes."""
     for symbol in image.objects:
         stated, size = _BY_SIZE.get(symbol.size, ("", 0))
         is_in_c = stated and symbol.address in _RAM and symbol.name and _NAME.fullmatch(symbol.name)

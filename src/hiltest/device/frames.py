@@ -1,4 +1,4 @@
-"""Conventions of axes and angles, and how they become those of hiltest: body x forward, y right, z down."""
+"""Conventions of axes and angles, and their conversion to hiltest's: body x forward, y right, z down."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ class Frame:
     """A convention."""
 
     to_body: tuple[tuple[float, float, float], ...]
-    """Takes the firmware's axes to hiltest's."""
+    """Matrix from the firmware's axes to hiltest's."""
     gravity_sign: float
-    """1 where a level board's accelerometer reads gravity as it points, -1 where it reads what holds it up."""
+    """1 if a level board's accelerometer reads gravity, -1 if it reads the reaction force."""
     clockwise: bool
-    """Whether headings grow clockwise, seen from above."""
+    """Whether headings increase clockwise, seen from above."""
     zero_deg: float = 0.0
-    """Compass heading at which the heading is 0: 90 where that is east."""
+    """Compass heading at which the firmware's heading is 0: 90 for east."""
 
     def vector(self, numbers: ArrayLike) -> NDArray[np.float64]:
         """Return a vector in hiltest's axes."""
         return np.array(self.to_body) @ np.asarray(numbers, dtype=np.float64)
 
     def gravity(self, numbers: ArrayLike) -> NDArray[np.float64]:
-        """Return what an accelerometer reads as gravity in hiltest's axes, down positive."""
+        """Return an accelerometer reading as gravity in hiltest's axes, down positive."""
         return self.gravity_sign * self.vector(numbers)
 
     def matrix(self, numbers: ArrayLike) -> NDArray[np.float64]:
@@ -45,8 +45,8 @@ class Frame:
         return wrap_360(self.zero_deg + (angle_deg if self.clockwise else -angle_deg))
 
 
-#: The Sensor Fusion Toolbox sends a compass heading in all of its frames. ``enu`` is the mathematician's: the angle of
-#: the x axis from east, counterclockwise, the y axis forward where x is to the right.
+#: NXP's firmware sends a compass heading in all of its frames. ``enu`` is the mathematical convention: the angle of the
+#: x axis from east, counterclockwise, with x right and y forward.
 FRAMES = {
     "ned": Frame(_SAME, 1.0, clockwise=True),
     "android": Frame(_RIGHT_FORWARD_UP, -1.0, clockwise=True),

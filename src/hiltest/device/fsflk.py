@@ -27,7 +27,7 @@ _COMMAND_LENGTH = 4
 
 
 class FsflkInterface:
-    """Understands the packets of a release of NXP's sensor fusion.
+    """Decoder of the packets of a release of NXP's sensor fusion.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class FsflkInterface:
     not_understood : int
         Bytes that belong to no packet.
     buffer : dict of int to (3,) int
-        The firmware's buffer of uncalibrated samples by cell [counts of 0.1 uT], as far as it has been shown.
+        The firmware's buffer of uncalibrated samples by cell [counts of 0.1 uT], as far as it was sent.
     """
 
     offers = frozenset({
@@ -53,7 +53,7 @@ class FsflkInterface:
     def __init__(self, release: Release, algorithm: str = "") -> None:
         self._decoder = PacketDecoder(release)
         self._algorithm = algorithm
-        self._diagonal: tuple[float, ...] = ()  # of the inverse soft iron, until its other elements come
+        self._diagonal: tuple[float, ...] = ()  # diagonal of the inverse soft iron, until the other elements arrive
         self.buffer: dict[int, tuple[int, int, int]] = {}
         self.not_understood = 0
 
@@ -63,11 +63,11 @@ class FsflkInterface:
             else b""
 
     def feed(self, data: bytes, time_s: float) -> Sequence[Observation]:
-        """Take bytes; return an observation a packet."""
+        """Decode bytes; return one observation per packet."""
         batch = self._decoder.feed(data)
         self.not_understood += batch.lost_bytes
-        said = (self._values(packet) for packet in batch.packets())
-        return [Observation(time_s, values) for values in said if values]
+        batch_values = (self._values(packet) for packet in batch.packets())
+        return [Observation(time_s, values) for values in batch_values if values]
 
     def _values(self, packet: Packet) -> dict[Quantity, NDArray[np.float64]]:
         values: dict[Quantity, Sequence[float]] = {}
@@ -78,7 +78,7 @@ class FsflkInterface:
             }
         elif isinstance(packet, MainPacket):
             values = {Quantity.QUATERNION: packet.rotation}
-            # Zeros are sent for a sensor that the algorithm does not use.
+            # The firmware sends zeros for a sensor that the algorithm does not use.
             for quantity, vector in (
                 (Quantity.ACCELEROMETER_CALIBRATED, packet.acceleration_g),
                 (Quantity.MAGNETOMETER_CALIBRATED, packet.field_ut), (Quantity.GYROSCOPE, packet.rate_dps),
@@ -106,7 +106,7 @@ class FsflkInterface:
             values[Quantity.DIP] = [shown[-1]]
         elif packet.shown is Shown.HARD_IRON:
             values[Quantity.HARD_IRON] = shown
-            values[Quantity.CALIBRATED] = [float(any(shown))]  # there is none at power-on
+            values[Quantity.CALIBRATED] = [float(any(shown))]  # there is no calibration at power-on
         elif packet.shown is Shown.INVERSE_SOFT_IRON_DIAGONAL:
             self._diagonal = tuple(shown)
         elif packet.shown is Shown.INVERSE_SOFT_IRON_OFF_DIAGONAL and self._diagonal:

@@ -1,4 +1,4 @@
-"""Halting firmware where a call of a function has returned: what the function writes is whole there."""
+"""Halting firmware at the return of a function, when the function's output is complete."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from contextlib import contextmanager
 from hiltest.device.gdb_client import GdbClient
 from hiltest.errors import ConfigError, DebugServerError
 
-_EXCEPTION_RETURN = 0xFFFFFF00  # a return address from here on is none: an exception handler has it
-_MOST_OTHER_HALTS = 64  # at the return address of another call, or for no reason that this has
+_EXCEPTION_RETURN = 0xFFFFFF00  # values from this on are not return addresses but those of exception handlers
+_MOST_OTHER_HALTS = 64  # halts at the return address of another call, or for other reasons
 
 
 def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
     """Let halted firmware run until a call of a function has returned, and halt it there.
 
-    A return is known by its address and by the stack pointer, which is that of the call.
+    A return is recognised by its address and by the stack pointer, which equals that at the call.
 
     Parameters
     ----------
     entry
         Address of the function.
     within_s
-        Longest that is waited for the call, and then for its return [s of the board].
+        Longest wait for the call, and then for its return [s of the board].
 
     Returns
     -------
@@ -34,12 +34,12 @@ def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
     ConfigError
         When the function is an exception handler.
     DebugServerError
-        When the server is gone, or the processor halts for other reasons again and again.
+        When the server is gone, or the processor halts repeatedly for other reasons.
     """
     if client.registers().pc & ~1 == entry:
-        client.step()  # a server may halt at once where it goes on from a breakpoint
+        client.step()  # a server may halt again at once on a breakpoint that it continues from
     with _breakpoint(client, entry):
-        if not _reached(client, entry, within_s):
+        if not _run_to(client, entry, within_s):
             return False
     called = client.registers()
     if called.lr >= _EXCEPTION_RETURN:
@@ -48,7 +48,7 @@ def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
     back, end_s = called.lr & ~1, client.now() + within_s
     for _ in range(_MOST_OTHER_HALTS):
         with _breakpoint(client, back):
-            if not _reached(client, back, end_s - client.now()):
+            if not _run_to(client, back, end_s - client.now()):
                 return False
         if client.registers().sp == called.sp:
             return True
@@ -58,7 +58,7 @@ def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
 
 @contextmanager
 def _breakpoint(client: GdbClient, address: int) -> Iterator[None]:
-    """Set a breakpoint that is cleared however it ends; the processor is halted then, unless the server is gone."""
+    """Set a breakpoint that is always cleared at the end; the processor is halted then, unless the server is gone."""
     client.set_breakpoint(address)
     try:
         yield
@@ -67,8 +67,8 @@ def _breakpoint(client: GdbClient, address: int) -> Iterator[None]:
         client.clear_breakpoint(address)
 
 
-def _reached(client: GdbClient, address: int, within_s: float) -> bool:
-    """Let the firmware run until it halts at an address; False when it has not in time."""
+def _run_to(client: GdbClient, address: int, within_s: float) -> bool:
+    """Let the firmware run until it halts at an address; return False on a timeout."""
     end_s = client.now() + within_s
     for _ in range(_MOST_OTHER_HALTS):
         client.go_on()

@@ -1,6 +1,6 @@
-"""A client of the GDB remote protocol: halts a processor, reads its memory, lets it go on.
+"""A client of the GDB remote protocol: it halts a processor, reads its memory, and resumes it.
 
-Every wait has an end, and whatever a server sends ends in an answer or a `DebugServerError`.
+Every wait has a timeout, and any bytes from a server lead to an answer or a `DebugServerError`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from hiltest.errors import DebugServerError
 from hiltest.link.gdb_packets import ACKNOWLEDGED, AGAIN, INTERRUPT, PacketReader, packet
 
 _ANSWER_S = 3.0  # a probe answers in milliseconds
-_TRIES = 3  # for a packet that was damaged on its way
+_TRIES = 3  # attempts for a packet that was damaged on its way
 _SMALLEST_PACKET, _LARGEST_READ = 64, 1024
-_USUAL_PACKET = 400  # of servers that do not say what they take
+_USUAL_PACKET = 400  # packet size of servers that do not report theirs
 _CORE_REGISTERS, _SP, _LR, _PC = 16, 13, 14, 15
 _STOP = re.compile(rb"[TS]([0-9a-fA-F]{2}).*", re.DOTALL)
 _REFUSAL = re.compile(rb"E[0-9a-fA-F]{2}|E\..*", re.DOTALL)
@@ -27,12 +27,12 @@ _CONSOLE_KEPT = 2000
 
 
 class MemoryRefusedError(DebugServerError):
-    """The server does not read an address."""
+    """Refusal of the server to read an address."""
 
 
 @dataclass(frozen=True, slots=True)
 class Registers:
-    """Stack pointer, return address and program counter of a halted processor; bit 0 of addresses as it is."""
+    """Stack pointer, return address and program counter of a halted processor; bit 0 of addresses is kept."""
 
     sp: int
     lr: int
@@ -47,14 +47,14 @@ class GdbClient:
     wire
         The client closes it.
     answer_s
-        Longest that an answer is waited for.
+        Longest wait for an answer.
 
     Attributes
     ----------
     running : bool
-        Whether the processor was let go and has not halted.
+        Whether the processor was resumed and has not halted.
     console : str
-        What the server had to say last.
+        Latest console output of the server.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class GdbClient:
         self._reader = PacketReader(runs=True)
         self._arrived: list[bytes | None] = []
         self._acknowledges = True
-        self._hardware = True  # breakpoints, which code in flash needs
+        self._hardware = True  # whether the server has hardware breakpoints, which code in flash needs
         try:
             self._begin()
         except BaseException:
@@ -96,15 +96,15 @@ class GdbClient:
 
     @property
     def name(self) -> str:
-        """What messages call the server."""
+        """Name of the server in messages."""
         return self._wire.name
 
     def now(self) -> float:
-        """Return the time that timeouts are counted in [s]: virtual on a virtual board."""
+        """Return the time that timeouts use [s]: virtual on a virtual board."""
         return self._wire.now()
 
     def close(self) -> None:
-        """Let the processor run, and hang up. Idempotent."""
+        """Let the processor run, and disconnect. Idempotent."""
         if not self.running:
             with suppress(DebugServerError):
                 self.go_on()
@@ -118,23 +118,23 @@ class GdbClient:
         Raises
         ------
         DebugServerError
-            When none comes in time, or nonsense does.
+            When there is no answer in time, or an invalid one.
         """
         self._wire.send(packet(content))
         deadline_s, again = self.now() + self._answer_s, 0
         while True:
             answer = self._next(deadline_s)
             if answer is None:
-                raise self._error(f"does not answer {_shown(content)} within {self._answer_s:g} s; is its probe "
+                raise self._error(f"does not answer {_display_text(content)} within {self._answer_s:g} s; is its probe "
                                   "connected and the board powered?")  # fmt: skip
             if answer == AGAIN and again < _TRIES:
                 again += 1
                 self._wire.send(packet(content))
             elif answer != AGAIN and (content == b"?" or not _STOP.fullmatch(answer)):
-                return answer  # a stop that comes late, behind an interrupt, is none
+                return answer  # a late stop reply after an interrupt is not the answer
 
     def _next(self, deadline_s: float) -> bytes | None:
-        """Return the next packet but what the server only prints; None when the time is over."""
+        """Return the next packet that is not console output; None on a timeout."""
         damaged = 0
         while True:
             while self._arrived:
@@ -158,7 +158,7 @@ class GdbClient:
             self._arrived += self._reader.feed(data)
 
     def _is_console(self, content: bytes) -> bool:
-        """Note what the server prints, and say whether a packet is that."""
+        """Store the text of a console packet; return whether the packet is one."""
         if content[:1] != b"O" or content == b"OK":
             return False
         try:
@@ -169,14 +169,15 @@ class GdbClient:
         return True
 
     def _error(self, reason: str) -> DebugServerError:
-        said = f" (it says: {self.console.strip()[-200:]})" if self.console.strip() else ""
-        return DebugServerError(self.name, reason + said)
+        console = f" (it says: {self.console.strip()[-200:]})" if self.console.strip() else ""
+        return DebugServerError(self.name, reason + console)
 
     def _nonsense(self, content: bytes, answer: bytes) -> DebugServerError:
         if _REFUSAL.fullmatch(answer):
-            return self._error(f"refuses {_shown(content)} ({_shown(answer)}); see what it printed")
+            return self._error(f"refuses {_display_text(content)} ({_display_text(answer)}); see what it printed")
         return self._error(
-            f"answers {_shown(content)} with {_shown(answer)}; is it a GDB server, and the port the right one?"
+            f"answers {_display_text(content)} with {_display_text(answer)}; is it a GDB server, and the port "
+            "the right one?"
         )
 
     # -- memory and registers -----------------------------------------------------------------
@@ -187,21 +188,21 @@ class GdbClient:
         Raises
         ------
         MemoryRefusedError
-            When there is none at the address.
+            When there is no memory at the address.
         DebugServerError
-            When the server is gone or answers nonsense.
+            When the server is gone or its answer is invalid.
         """
         data = b""
         while len(data) < size:
-            at, wanted = address + len(data), min(size - len(data), self._most)
-            command = b"m%x,%x" % (at, wanted)
+            at, size_left = address + len(data), min(size - len(data), self._most)
+            command = b"m%x,%x" % (at, size_left)
             answer = self.ask(command)
             if _REFUSAL.fullmatch(answer):
                 raise MemoryRefusedError(
-                    self.name, f"refuses to read {wanted} bytes at 0x{at:08x}; is this ELF what runs on the board?"
+                    self.name, f"refuses to read {size_left} bytes at 0x{at:08x}; is this ELF what runs on the board?"
                 )
             part = _bytes(answer)
-            if not part or len(part) > wanted:
+            if not part or len(part) > size_left:
                 raise self._nonsense(command, answer)
             data += part
         return data
@@ -213,14 +214,14 @@ class GdbClient:
             self._command(b"M%x,%x:%s" % (address + begin, len(part), part.hex().encode()))
 
     def registers(self) -> Registers:
-        """Read what a call needs: SP, LR and PC."""
+        """Read the registers of a call: SP, LR and PC."""
         answer = self.ask(b"g")
-        known = _bytes(answer.lower().replace(b"x", b"0"))  # x stands for a digit that is not known
-        if known is None or len(known) < 4 * _CORE_REGISTERS:
+        values = _bytes(answer.lower().replace(b"x", b"0"))  # x stands for an unknown digit
+        if values is None or len(values) < 4 * _CORE_REGISTERS:
             raise self._nonsense(b"g", answer)
         if b"x" in answer[8 * _SP : 8 * _CORE_REGISTERS].lower():
             raise self._error("does not know the registers SP, LR and PC; is the processor halted?")
-        words = [int.from_bytes(known[4 * n : 4 * n + 4], "little") for n in range(_CORE_REGISTERS)]
+        words = [int.from_bytes(values[4 * n : 4 * n + 4], "little") for n in range(_CORE_REGISTERS)]
         return Registers(words[_SP], words[_LR], words[_PC])
 
     def _command(self, content: bytes) -> None:
@@ -231,17 +232,17 @@ class GdbClient:
     # -- running ------------------------------------------------------------------------------
 
     def set_breakpoint(self, address: int) -> None:
-        """Halt before the instruction at an address: by hardware, or by software where the server has only that."""
+        """Set a breakpoint at an address: in hardware, or in software if the server has no other."""
         answer = self.ask(b"Z%d,%x,2" % (1 if self._hardware else 0, address & ~1))
         if answer == b"" and self._hardware:
             self._hardware = False
             answer = self.ask(b"Z0,%x,2" % (address & ~1))
         if answer != b"OK":
-            raise self._error(f"sets no breakpoint at 0x{address & ~1:08x} ({_shown(answer)}); free one of the "
+            raise self._error(f"sets no breakpoint at 0x{address & ~1:08x} ({_display_text(answer)}); free one of the "
                               "processor's, which other debuggers may hold")  # fmt: skip
 
     def clear_breakpoint(self, address: int) -> None:
-        """Forget a breakpoint."""
+        """Clear a breakpoint."""
         self._command(b"z%d,%x,2" % (1 if self._hardware else 0, address & ~1))
 
     def go_on(self) -> None:
@@ -257,7 +258,7 @@ class GdbClient:
             raise self._error(f"takes more than {self._answer_s:g} s for one instruction; reset the board")
 
     def wait_for_halt(self, timeout_s: float) -> int | None:
-        """Wait until the processor halts; return the signal that says why, or None when it still runs."""
+        """Wait until the processor halts; return the signal of the halt, or None on a timeout."""
         answer = self._next(self.now() + timeout_s)
         if answer == AGAIN:
             raise self._error("did not understand c or s; is it a GDB server, and the port the right one?")
@@ -285,13 +286,13 @@ class GdbClient:
 
 
 def _bytes(digits: bytes) -> bytes | None:
-    """Return the bytes of hexadecimal digits, None for anything else."""
+    """Return the bytes of hexadecimal digits; None for other text."""
     try:
         return bytes.fromhex(digits.decode("ascii")) if b" " not in digits else None
     except ValueError:
         return None
 
 
-def _shown(content: bytes) -> str:
+def _display_text(content: bytes) -> str:
     text = content[:_SHOWN].decode("ascii", "backslashreplace")
     return repr(text + ("..." if len(content) > _SHOWN else ""))

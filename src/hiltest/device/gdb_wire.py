@@ -1,4 +1,4 @@
-"""Bytes to a GDB server and back: over TCP here; a virtual board brings its own."""
+"""Connection to a GDB server: over TCP in this module; a virtual board has its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hiltest.link.lock import BoardLock
 _CONNECT_S = 5.0
 _SEND_S = 5.0
 _AT_A_LOOK = 1 << 16
-_SHORTEST_S = 1e-3  # no time at all would mean for ever, or not at all
+_SHORTEST_S = 1e-3  # a timeout of 0 would mean blocking or non-blocking
 
 
 class Wire(Protocol):
@@ -21,31 +21,31 @@ class Wire(Protocol):
     Attributes
     ----------
     name : str
-        What messages call the server.
+        Name of the server in messages.
     """
 
     name: str
 
     def now(self) -> float:
-        """Return the time that timeouts are counted in [s]."""
+        """Return the time that timeouts use [s]."""
 
     def send(self, data: bytes) -> None:
         """Send bytes."""
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return what has come; empty when nothing has for so long."""
+        """Return the received bytes; empty on a timeout."""
 
     def close(self) -> None:
-        """Hang up. Idempotent."""
+        """Disconnect. Idempotent."""
 
 
 class TcpWire:
-    """A GDB server at a TCP port, for this process alone.
+    """A GDB server at a TCP port, locked for this process.
 
     Parameters
     ----------
     rig
-        Name of the rig, for others that want the board.
+        Name of the rig, for messages to other processes that want the board.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class TcpWire:
         Raises
         ------
         DebugServerError
-            When the server is gone or takes nothing.
+            When the server is gone or does not read.
         """
         try:
             self._socket.settimeout(_SEND_S)
@@ -87,7 +87,7 @@ class TcpWire:
             raise self._gone(str(error)) from error
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return what has come; empty when nothing has for so long.
+        """Return the received bytes; empty on a timeout.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class TcpWire:
             data = self._socket.recv(_AT_A_LOOK)
         except TimeoutError:
             return b""
-        except ConnectionResetError:  # closed with something unread
+        except ConnectionResetError:  # closed with unread bytes
             data = b""
         except OSError as error:
             raise self._gone(str(error)) from error
@@ -108,7 +108,7 @@ class TcpWire:
         return data
 
     def close(self) -> None:
-        """Hang up. Idempotent."""
+        """Disconnect. Idempotent."""
         self._socket.close()
         self._lock.release()
 

@@ -29,13 +29,13 @@ def _fsflk(rig: Rig) -> Interface:
 
 def _text(rig: Rig) -> Interface:
     table = _device(rig).text
-    assert table is not None  # the rig is refused without it
+    assert table is not None  # a rig without it is refused earlier
 
     def where(key: str) -> str:
-        """Return the place of a key of the table, or of what it would stand in."""
+        """Return the place of a key of the table, or of the nearest enclosing table."""
         parts = ("device", "text", *key.split("."))
-        known = (parts[:depth] for depth in range(len(parts), 0, -1) if ".".join(parts[:depth]) in rig.lines)
-        return rig.where(*next(known, parts))
+        prefixes = (parts[:depth] for depth in range(len(parts), 0, -1) if ".".join(parts[:depth]) in rig.lines)
+        return rig.where(*next(prefixes, parts))
 
     return text_interface(table, where)
 
@@ -49,12 +49,12 @@ def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyT
     Parameters
     ----------
     of_the_board
-        Kinds that need more than the rig.
+        Openers of kinds that need the board besides the rig.
 
     Raises
     ------
     ConfigError
-        When no kind has the name, or a source gives no such quantity.
+        When no kind has the name, or a source does not offer a quantity.
     """
     device = _device(rig)
     own = {entry_point.name: entry_point for entry_point in entry_points(group=GROUP)}
@@ -75,7 +75,7 @@ def sources_of(rig: Rig, interfaces: Mapping[str, Interface]) -> dict[Quantity, 
     Raises
     ------
     ConfigError
-        When the rig names a quantity that there is not, or a kind that does not offer it.
+        When the rig names an unknown quantity, or a kind that does not offer it.
     """
     sources: dict[Quantity, str] = {}
     for kind, interface in interfaces.items():
@@ -86,7 +86,7 @@ def sources_of(rig: Rig, interfaces: Mapping[str, Interface]) -> dict[Quantity, 
         try:
             quantity = Quantity.named(key)
         except KeyError:
-            raise ConfigError(f"{where}: {nearest_hint(key, [each.key for each in Quantity])}") from None
+            raise ConfigError(f"{where}: {nearest_hint(key, [quantity.key for quantity in Quantity])}") from None
         if quantity not in interfaces[kind].offers:
             raise ConfigError(f"{where}: {kind} does not offer it; it offers "
                               f"{', '.join(sorted(offer.key for offer in interfaces[kind].offers))}")

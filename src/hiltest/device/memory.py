@@ -20,9 +20,9 @@ from hiltest.device.variables import Variables
 from hiltest.errors import ConfigError, HiltestError
 from hiltest.units import conversion, unit_words
 
-#: Time that the firmware runs between two readings that are compared [s]: no longer than values of 100 Hz stand still.
+#: Run time of the firmware between two compared readings [s]: shorter than the period of 100 Hz values.
 APART_S = 0.002
-#: Readings until what has changed in each of them is taken to move all the time.
+#: Number of readings after which a value that changed in each counts as always moving.
 MOVES_AFTER = 3
 _MOST_READINGS = 8
 _CALL_WITHIN_S = 1.0
@@ -33,24 +33,24 @@ class Described(Protocol):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """One of all numbers, or one for each."""
+        """One path to all numbers, or one path for each."""
 
     @property
     def unit(self) -> str | None:
-        """Unit of the variable times `scale`; None for the quantity's own, where it has none."""
+        """Unit of the variable times `scale`; None for the quantity's own, if it has none."""
 
     @property
     def scale(self) -> float:
-        """What the variable is multiplied by."""
+        """Factor on the variable."""
 
     @property
     def type(self) -> str | None:
-        """Type of the variables, where only the symbol table has them."""
+        """Type of the variables, if only the symbol table has them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Where the numbers of a quantity lie; times `factor` and with `offset` they are in its unit."""
+    """Places of a quantity's numbers, with `factor` and `offset` to its unit."""
 
     places: tuple[Place, ...]
     factor: float
@@ -60,10 +60,10 @@ class Reading:
         """Read the bytes of all places."""
         return tuple(place.read(memory) for place in self.places)
 
-    def numbers(self, taken: tuple[bytes, ...]) -> NDArray[np.float64]:
-        """Return what the bytes mean, in the quantity's unit."""
-        found = [place.numbers(data) for place, data in zip(self.places, taken, strict=True)]
-        return np.array([number for each in found for number in each], dtype=np.float64) * self.factor + self.offset
+    def numbers(self, contents: tuple[bytes, ...]) -> NDArray[np.float64]:
+        """Decode the bytes, in the quantity's unit."""
+        numbers = [place.numbers(data) for place, data in zip(self.places, contents, strict=True)]
+        return np.array([number for part in numbers for number in part], dtype=np.float64) * self.factor + self.offset
 
 
 def read_description(quantity: Quantity, described: Described, variables: Variables) -> Reading:
@@ -72,61 +72,63 @@ def read_description(quantity: Quantity, described: Described, variables: Variab
     Raises
     ------
     ConfigError
-        When a path leads nowhere, the unit is none of the quantity's, or these are not as many numbers as it has.
+        When a path leads nowhere, the unit does not fit the quantity, or the count of numbers differs from it.
     """
-    known = ", ".join(unit_words(quantity.unit)) or "none"
+    units = ", ".join(unit_words(quantity.unit)) or "none"
     if described.unit is None and quantity.unit:
-        raise ConfigError(f"unit is missing; write the firmware's own, one of {known}")
+        raise ConfigError(f"unit is missing; write the firmware's own, one of {units}")
     unit = conversion(described.unit or "", quantity.unit)
     if unit is None:
-        raise ConfigError(f"unit {described.unit!r} is no unit of {quantity.key}; write one of: {known}")
+        raise ConfigError(f"unit {described.unit!r} is no unit of {quantity.key}; write one of: {units}")
     places = tuple(variables.place(path, type_=described.type) for path in described.paths)
     count = sum(len(place.scalars) for place in places)
     if count != quantity.size:
-        found = ", ".join(f"{place.path} is {place.type_text}" for place in places)
-        raise ConfigError(f"{quantity.key} is {quantity.size} numbers, and these are {count} ({found})")
+        types = ", ".join(f"{place.path} is {place.type_text}" for place in places)
+        raise ConfigError(f"{quantity.key} is {quantity.size} numbers, and these are {count} ({types})")
     return Reading(places, described.scale * unit.factor, unit.offset)
 
 
 @dataclass(frozen=True, slots=True)
 class _Snapshot:
-    """The bytes of all quantities in one halt, and why some have none."""
+    """Bytes of all quantities in one halt, and the reasons for missing ones."""
 
-    taken: Mapping[Quantity, tuple[bytes, ...]]
+    contents: Mapping[Quantity, tuple[bytes, ...]]
     absent: Mapping[Quantity, str] = field(default_factory=dict)
 
     def changed(self, since: _Snapshot) -> frozenset[Quantity]:
-        """Return what has another value than in an earlier one."""
-        return frozenset(each for each in self.taken if self.taken[each] != since.taken.get(each))
+        """Return the quantities whose bytes differ from an earlier snapshot."""
+        return frozenset(
+            quantity for quantity in self.contents if self.contents[quantity] != since.contents.get(quantity)
+        )
 
 
 class MemoryInterface:
-    """Reads variables of a running board through its debug server.
+    """Reader of a running board's variables through its debug server.
 
-    All values are read in one halt. With a function named, that is at the return of its next call. Without, or when it
-    is not called in time, the firmware may have been in the midst of writing them: they are read again after it has run
-    on, until two readings agree in everything but what changes every time.
+    All values are read in one halt. If the rig names a function, the halt is at the return of its next call. Without
+    one, or if it is not called in time, the firmware may have been writing the values: they are read again after it has
+    run on, until two readings agree in all quantities except those that change every time.
 
     Parameters
     ----------
     client
-        Halted; the firmware runs when this has been made.
+        Client of a halted processor; the firmware runs after construction.
     at_return_of
         Address of a function.
     call_within_s
-        Longest that a call is waited for.
+        Longest wait for a call.
 
     Attributes
     ----------
     offers : frozenset of Quantity
     reads : int
-        Number of readings that were made.
+        Number of readings.
     moving : dict of Quantity to int
-        In how many of them a value never stood still: it is that of the last halt.
+        Number of readings in which a value never stood still, so that the last halt's value was used.
     not_called : int
-        In how many the function was not called in time.
+        Number of readings in which the function was not called in time.
     absent : mapping of Quantity to str
-        Why a quantity had no value in the latest: a pointer on the way was not set.
+        Reason why a quantity had no value in the latest reading: a null pointer on the way.
     """
 
     def __init__(
@@ -148,37 +150,39 @@ class MemoryInterface:
         Raises
         ------
         DebugServerError
-            When the debug server is gone, or does not read what it should.
+            When the debug server is gone, or refuses an address.
         """
         client, began_s = self._client, self._client.now()
         try:
             client.halt()
             snapshot = self._whole()
         except BaseException:
-            with suppress(HiltestError):  # the first error is what counts
+            with suppress(HiltestError):  # the first error is reported
                 self._release()
             raise
         took_s = client.now() - began_s
         self._release()
         self.reads += 1
         self.absent = snapshot.absent
-        values = {each: self._readings[each].numbers(taken) for each, taken in snapshot.taken.items()}
+        values = {
+            quantity: self._readings[quantity].numbers(contents) for quantity, contents in snapshot.contents.items()
+        }
         return Observation(time_s + took_s, values)
 
     def remarks(self) -> tuple[str, ...]:
-        """Return what a reader of the values should know of how they were read; empty where all is plain."""
-        said = [
+        """Return remarks on how the values were read; empty without any."""
+        remarks = [
             f"{quantity.key} never stood still in {count} of {self.reads} readings: it is that of one halt, beside the "
             "others; name the function that writes it under at_return_of"
             for quantity, count in self.moving.items()
         ]
         if self.not_called:
-            said.append(f"in {self.not_called} of {self.reads} readings the function of at_return_of was not called "
+            remarks.append(f"in {self.not_called} of {self.reads} readings the function of at_return_of was not called "
                         f"within {self._call_within_s:g} s: what it writes was read without it")  # fmt: skip
-        return (*said, *(f"{quantity.key} has no value: {reason}" for quantity, reason in self.absent.items()))
+        return (*remarks, *(f"{quantity.key} has no value: {reason}" for quantity, reason in self.absent.items()))
 
     def close(self) -> None:
-        """Hang up; the firmware runs on. Idempotent."""
+        """Disconnect; the firmware runs on. Idempotent."""
         self._client.close()
 
     def _release(self) -> None:
@@ -194,7 +198,7 @@ class MemoryInterface:
         return self._steady()
 
     def _steady(self) -> _Snapshot:
-        """Read until two readings in a row agree, but for what changes in all of them."""
+        """Read until two consecutive readings agree, except for quantities that change in all of them."""
         latest, always = self._snapshot(), self.offers
         for count in range(1, _MOST_READINGS):
             self._client.run_for(APART_S)
@@ -208,19 +212,19 @@ class MemoryInterface:
         return latest
 
     def _snapshot(self) -> _Snapshot:
-        taken: dict[Quantity, tuple[bytes, ...]] = {}
+        contents: dict[Quantity, tuple[bytes, ...]] = {}
         absent: dict[Quantity, str] = {}
         memory = ReadAhead(self._client.read, self._ranges)
         for quantity, reading in self._readings.items():
             try:
-                taken[quantity] = reading.take(memory)
+                contents[quantity] = reading.take(memory)
             except NullPointer as reason:
                 absent[quantity] = str(reason)
             except MemoryRefusedError as refused:
                 if not any(place.beyond for place in reading.places):
                     raise
                 absent[quantity] = f"a pointer leads nowhere: {refused.reason}"
-        return _Snapshot(taken, absent)
+        return _Snapshot(contents, absent)
 
 
 def read_descriptions(
@@ -236,14 +240,14 @@ def read_descriptions(
     Raises
     ------
     ConfigError
-        With the place in the rig, when there is no such quantity, or as `read_description`.
+        With the place in the rig, when there is no such quantity, or for the reasons of `read_description`.
     """
     readings: dict[Quantity, Reading] = {}
     for name, described in values.items():
         try:
             readings[Quantity.named(name)] = read_description(Quantity.named(name), described, variables)
         except KeyError:
-            hint = nearest_names(name, [each.key for each in Quantity])
+            hint = nearest_names(name, [quantity.key for quantity in Quantity])
             raise ConfigError(f"{where(name)}: there is no quantity {name!r}; {hint}") from None
         except ConfigError as error:
             raise ConfigError(f"{where(name)}: {error}") from error

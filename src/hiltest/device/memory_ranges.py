@@ -1,4 +1,4 @@
-"""Reading many places of memory in few packets: each costs a halted processor a millisecond or more over a probe."""
+"""Reading many places of memory in few packets: over a probe each packet halts the processor a millisecond longer."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ from collections.abc import Iterable
 
 from hiltest.device.places import ReadMemory
 
-# What lies so near is read together [bytes]: a packet more costs more than these.
+# Largest gap that is read along [byte]: another packet would cost more.
 _NEAR = 128
 
 
 def together(ranges: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
-    """Return the ranges (address, size) that cover all given ones, near ones as one."""
-    found: list[tuple[int, int]] = []
+    """Return ranges (address, size) that cover all given ones, with near ones merged."""
+    merged: list[tuple[int, int]] = []
     for begin, size in sorted(ranges):
-        if found and begin <= found[-1][0] + found[-1][1] + _NEAR:
-            first, before = found[-1]
-            found[-1] = first, max(before, begin + size - first)
+        if merged and begin <= merged[-1][0] + merged[-1][1] + _NEAR:
+            first, before = merged[-1]
+            merged[-1] = first, max(before, begin + size - first)
         else:
-            found.append((begin, size))
-    return tuple(found)
+            merged.append((begin, size))
+    return tuple(merged)
 
 
 class ReadAhead:
-    """Memory of a halted processor of which some ranges were read at once; others are read when they are asked for.
+    """Memory of a halted processor with some ranges read in advance; others are read on request.
 
     Parameters
     ----------
     memory
-        ``memory(address, size)`` reads.
+        ``memory(address, size)`` reads memory.
     """
 
     def __init__(self, memory: ReadMemory, ranges: Iterable[tuple[int, int]]) -> None:

@@ -1,4 +1,4 @@
-"""Packets as rows of a CSV file, a packet a row."""
+"""Packets as rows of a CSV file, one packet per row."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from hiltest.device.packet_summary import BoardClock
 
 
 class PacketRows:
-    """Lines of a CSV file whose columns bear their units.
+    """Lines of a CSV file with units in the column names.
 
-    A cell is empty where the packet of the row does not have the quantity. A packet without a time stamp has
-    the time of the last one that has one.
+    A cell is empty if the packet of the row does not have the quantity. A packet without a time stamp has the time of
+    the last one that has one.
 
     Parameters
     ----------
     kinds
-        Kinds that get columns; others are left out.
+        Kinds that get columns; others are omitted.
     """
 
     def __init__(self, kinds: Iterable[type[Packet]]) -> None:

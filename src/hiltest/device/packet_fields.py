@@ -1,4 +1,4 @@
-"""Fields of a packet: how each lies in the bytes, and in which unit it is read."""
+"""Fields of a packet: their form in bytes, and their units."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class Sent:
     """Form of a field on the line, little-endian."""
 
     letter: str
-    """Of `struct`: b, B, h, H, i or I."""
+    """Format character of `struct`: b, B, h, H, i or I."""
     count: int = 0
-    """How many of them make the field; 0 for a field that is a number and no tuple."""
+    """Number of elements; 0 for a field that is a number and not a tuple."""
 
     @property
     def form(self) -> str:
-        """The format as `struct` has it."""
+        """Format string of `struct`."""
         return f"{self.count or ''}{self.letter}"
 
 
@@ -40,7 +40,7 @@ Sextuple = Annotated[tuple[int, int, int, int, int, int], Sent("h", 6)]
 
 
 class _Scaled:
-    """A field in its unit: what was sent, divided by what one of the unit is sent as."""
+    """A field in its unit: the transmitted integer divided by the integer of one unit."""
 
     def __init__(self, field: str, per_unit: float, *columns: str) -> None:
         self.field = field
@@ -69,7 +69,7 @@ class ScaledVector(_Scaled):
     def __get__(self, packet: object, owner: type) -> tuple[float, ...]: ...
     def __get__(self, packet: object | None, owner: type) -> tuple[float, ...] | Self:
         """Return the numbers in their unit."""
-        return self if packet is None else tuple(each / self.per_unit for each in getattr(packet, self.field))
+        return self if packet is None else tuple(number / self.per_unit for number in getattr(packet, self.field))
 
 
 def axes(quantity: str, unit: str = "", names: Sequence[str] = "xyz") -> list[str]:
@@ -85,16 +85,16 @@ def axes(quantity: str, unit: str = "", names: Sequence[str] = "xyz") -> list[st
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """What all packets have.
+    """Base of all packets.
 
-    The attributes are the integers as they are sent. Those whose name ends in a unit divide them by their scale.
+    The attributes are the transmitted integers. Those whose name ends in a unit are divided by their scale.
     """
 
     type: ClassVar[int]
     title: ClassVar[str]
-    """Of the kind, and no fields: its type on the line, and what it tells."""
+    """Class constants: the type on the line, and the name of the content."""
     number: UInt8
-    """Counts the packets of all types together, modulo 256."""
+    """Sequence number over packets of all types, modulo 256."""
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:
@@ -102,12 +102,12 @@ class Packet:
         return tuple(name for _, names in _readings(cls) for name in names)
 
     def values(self) -> dict[str, float]:
-        """Return what the packet says, with the units in the names; its number and its time are left out."""
-        found: dict[str, float] = {}
+        """Return the packet's values with units in the names, without its number and time."""
+        values: dict[str, float] = {}
         for attribute, names in _readings(type(self)):
             value = getattr(self, attribute)
-            found.update(zip(names, value if isinstance(value, tuple) else (value,), strict=True))
-        return found
+            values.update(zip(names, value if isinstance(value, tuple) else (value,), strict=True))
+        return values
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,13 +119,13 @@ class TimedPacket(Packet):
 
 
 def per_kind(function: Callable[[type[Packet]], T]) -> Callable[[type[Packet]], T]:
-    """Return a function of a kind of packet that computes its result once for each."""
-    known: dict[type[Packet], T] = {}
+    """Cache a function of a kind of packet."""
+    results: dict[type[Packet], T] = {}
 
     def remembered(kind: type[Packet]) -> T:
-        if kind not in known:
-            known[kind] = function(kind)
-        return known[kind]
+        if kind not in results:
+            results[kind] = function(kind)
+        return results[kind]
 
     return remembered
 
@@ -139,21 +139,21 @@ def sent_fields(kind: type[Packet]) -> tuple[tuple[str, Sent], ...]:
 
 @per_kind
 def layout(kind: type[Packet]) -> struct.Struct:
-    """Return the body of a kind of packet as `struct` has it, with the type before the fields."""
+    """Return the `struct` of a kind's body, with the type before the fields."""
     return struct.Struct("<B" + "".join(sent.form for _, sent in sent_fields(kind)))
 
 
 @per_kind
 def scaled(kind: type[Packet]) -> dict[str, _Scaled]:
     """Return the attributes in units of a kind of packet."""
-    return {name: value for each in reversed(kind.__mro__) for name, value in vars(each).items()
+    return {name: value for base in reversed(kind.__mro__) for name, value in vars(base).items()
             if isinstance(value, _Scaled)}  # fmt: skip
 
 
 @per_kind
 def _readings(kind: type[Packet]) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Return which attribute is read for which columns: in its unit, or a number that has none."""
-    in_unit = {each.field: (name, each.columns) for name, each in scaled(kind).items()}
+    """Return each attribute with its columns: the one in a unit, or the number without one."""
+    in_unit = {attribute.field: (name, attribute.columns) for name, attribute in scaled(kind).items()}
     return tuple(
         in_unit.get(name, (name, (name,)))
         for name, sent in sent_fields(kind)
@@ -167,7 +167,7 @@ def pack(packet: Packet) -> bytes:
     Raises
     ------
     ValueError
-        When a field is beyond what its form holds.
+        When a field exceeds the range of its form.
     """
     numbers: list[int] = []
     for name, _ in sent_fields(type(packet)):

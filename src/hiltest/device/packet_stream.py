@@ -1,4 +1,4 @@
-"""Packets in a stream of bytes, however it is cut and whatever stands between them."""
+"""Packets in a stream of bytes, with any segmentation and any bytes between them."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from hiltest.errors import FrameError, LinkLostError
 from hiltest.link.framing import DELIMITER, ESCAPE, unstuff
 from hiltest.link.ports import SerialPort
 
-# Every byte of the largest body stuffed: a longer run without a delimiter is no packet.
+# Length of the largest body with every byte stuffed: a longer run without a delimiter is no packet.
 _LONGEST_STUFFED = 2 * max(layout(kind).size for kind in KINDS)
-# Bytes that are decoded at once: what is kept for each of them stays within the processor's caches.
+# Bytes that are decoded at once, so that the working memory fits in the processor's caches.
 PIECE = 1 << 18
 _LOOK_EVERY_S = 0.25
 
 
 @per_kind
 def row_type(kind: type[Packet]) -> np.dtype[np.void]:
-    """Return the body of a kind of packet as NumPy has it: the type and the fields as they are sent."""
+    """Return the NumPy type of a kind's body: the type and the transmitted fields."""
     fields = [(name, np.dtype(f"<{sent.letter}"), sent.count) for name, sent in sent_fields(kind)]
     return np.dtype(
         [("type", "u1"), *((name, form, (count,)) if count else (name, form) for name, form, count in fields)]
@@ -40,9 +40,9 @@ class PacketTable:
     kind: type[Packet]
     """Their kind."""
     at: NDArray[np.int64]
-    """Shape (n,). Place of each in the stream: its first byte behind the delimiter."""
+    """Shape (n,). Position of each packet in the stream: its first byte after the delimiter."""
     rows: NDArray[np.void]
-    """Shape (n,). Their fields as they were sent, by name."""
+    """Shape (n,). Their transmitted fields, by name."""
 
     def in_unit(self, name: str) -> NDArray[np.float64]:
         """Return an attribute in its unit, such as ``acceleration_g``: shape (n,) or (n, count)."""
@@ -57,10 +57,10 @@ class PacketTable:
 
 @dataclass(frozen=True, slots=True)
 class PacketBatch:
-    """What a piece of the stream completed."""
+    """Packets that a piece of the stream completed."""
 
     tables: tuple[PacketTable, ...]
-    """Packets by kind, without kinds of which none came."""
+    """Packets by kind, without empty kinds."""
     lost_bytes: int
     """Bytes that belong to no packet. Delimiters are not counted."""
 
@@ -69,7 +69,7 @@ class PacketBatch:
         came = [
             (int(at), packet) for table in self.tables for at, packet in zip(table.at, table.packets(), strict=True)
         ]
-        return [packet for _, packet in sorted(came, key=lambda each: each[0])]
+        return [packet for _, packet in sorted(came, key=lambda entry: entry[0])]
 
     def numbers(self) -> NDArray[np.uint8]:
         """Return the packets' numbers in the order in which they came."""
@@ -81,16 +81,16 @@ class PacketBatch:
 
 
 class PacketDecoder:
-    """Find packets in a stream of bytes that comes in pieces.
+    """Decoder of packets in a stream of bytes that arrives in pieces.
 
-    It begins at the first delimiter, and starts afresh at every one: no bytes whatever stop it. The packets
-    have no check value, so damage that leaves type and length as they were is not seen.
+    It starts at the first delimiter and resynchronises at every one, so no bytes can stop it. The packets have no check
+    value, so damage that preserves type and length is not detected.
 
     Attributes
     ----------
     release : Release or None
-        The one whose packets are found; may be set when it is known. None: packets of all. A packet of one release
-        that loses two bytes may be one of another.
+        Release whose packets are decoded; may be set when it is known; None for all. A packet of one release that loses
+        two bytes may be a packet of another.
 
     Examples
     --------
@@ -108,11 +108,11 @@ class PacketDecoder:
 
     @property
     def unfinished(self) -> int:
-        """Number of bytes since the last delimiter: they may become a packet."""
+        """Number of bytes since the last delimiter, which may become a packet."""
         return len(self._rest)
 
     def feed(self, data: bytes) -> PacketBatch:
-        """Take more bytes and return what they complete."""
+        """Decode more bytes and return the packets that they complete."""
         data = self._rest + data
         array = np.frombuffer(data, np.uint8)
         marks = np.flatnonzero(array == DELIMITER)
@@ -131,7 +131,7 @@ class PacketDecoder:
         return PacketBatch(tuple(tables), lost)
 
     def _keep(self, data: bytes, begin: int) -> int:
-        """Keep what is behind the last delimiter while it can be a packet; return how many bytes are lost."""
+        """Keep the bytes after the last delimiter while they can be a packet; return the number of lost bytes."""
         lost = 0
         if not self._in_step or len(data) - begin > _LONGEST_STUFFED:
             lost = len(data) - begin
@@ -143,7 +143,7 @@ class PacketDecoder:
 
 
 def batches(data: bytes, release: Release | None = None) -> Iterator[PacketBatch]:
-    """Yield what a recording of a release holds, in pieces; bytes after its last delimiter are lost."""
+    """Yield the packets of a recording of a release, in pieces; bytes after its last delimiter are lost."""
     decoder = PacketDecoder(release)
     for begin in range(0, len(data), PIECE):
         yield decoder.feed(data[begin : begin + PIECE])
@@ -154,18 +154,18 @@ def batches(data: bytes, release: Release | None = None) -> Iterator[PacketBatch
 def heard(
     port: SerialPort, decoder: PacketDecoder, *, seconds: float | None, ended: Callable[[], bool]
 ) -> Iterator[PacketBatch]:
-    """Yield what comes over a port, several times a second.
+    """Yield the packets that arrive over a port, several times a second.
 
     Parameters
     ----------
     port
         Open; a port with a clock of its own counts the seconds by that.
     decoder
-        Gets the bytes.
+        Receives the bytes.
     seconds
         How long to listen; None: until `ended`.
     ended
-        Asked a few times a second.
+        Called a few times a second.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def heard(
 
 @dataclass(frozen=True, slots=True)
 class _Pieces:
-    """What stands between delimiters: places in bytes, and in the same bytes as NumPy has them."""
+    """Pieces between delimiters: places in bytes, and the same bytes as a NumPy array."""
 
     data: bytes
     array: NDArray[np.uint8]
@@ -201,30 +201,30 @@ class _Pieces:
 
     @property
     def sizes(self) -> NDArray[np.int64]:
-        """Number of bytes of each."""
+        """Size of each [byte]."""
         return self.stops - self.starts
 
 
 def _tables(pieces: _Pieces, kinds: Sequence[type[Packet]], offset: int) -> tuple[list[PacketTable], int]:
-    """Return the packets among the pieces, and how many bytes they are on the line."""
+    """Return the packets among the pieces, and their number of bytes on the line."""
     pieces = pieces[(pieces.sizes >= 2) & (pieces.sizes <= _LONGEST_STUFFED)]
     escapes = np.flatnonzero(pieces.array == ESCAPE)
     escaped = np.searchsorted(escapes, pieces.stops) - np.searchsorted(escapes, pieces.starts)
-    # An escape takes a byte of its own; that each is a right one is seen when they are undone.
+    # An escape takes one more byte; `_bodies` checks that each is valid.
     types, lengths = pieces.array[pieces.starts], pieces.sizes - escaped
-    tables, taken = [], 0
+    tables, taken_bytes = [], 0
     for kind in kinds:
         mine = pieces[np.flatnonzero((types == kind.type) & (lengths == layout(kind).size))]
         bodies, good = _bodies(mine, layout(kind).size)
         if good.any():
             rows = np.ascontiguousarray(bodies[good]).view(row_type(kind))[:, 0]
             tables.append(PacketTable(kind, mine.starts[good] + offset, rows))
-            taken += int(mine.sizes[good].sum())
-    return tables, taken
+            taken_bytes += int(mine.sizes[good].sum())
+    return tables, taken_bytes
 
 
 def _bodies(pieces: _Pieces, size: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return the bodies without their escapes, and which of them had none but right ones."""
+    """Return the bodies without escapes, and a mask of those whose escapes are all valid."""
     good = np.ones(len(pieces.starts), np.bool_)
     plain = pieces.sizes == size
     bodies = np.zeros((len(good), size), np.uint8)

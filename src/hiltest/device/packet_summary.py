@@ -1,4 +1,4 @@
-"""What came in a stream of packets: counts, rates, and what was lost."""
+"""Summary of a stream of packets: counts, rates, and losses."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from hiltest.device.packets import KINDS, DebugPacket, Release
 
 _US_PER_S = 1_000_000
 _CLOCK = 1 << 32
-# Bursts are 25 or 40 a second. A longer step is a gap, a reset, or a stamp that the line damaged.
+# Bursts come 25 or 40 times a second. A longer step is a gap, a reset, or a damaged time stamp.
 _LONGEST_STEP_US = _US_PER_S
 
 
 class BoardClock:
-    """The board's time from its stamps, which begin again at 0 after 71.6 minutes.
+    """The board's time from its stamps, which wrap to 0 after 71.6 minutes.
 
     A stamp that fits neither the one before nor the one after is damaged, and counts as no time.
 
     Attributes
     ----------
     elapsed_us : int
-        Since the first stamp. What passed until a reset is not known, and counts as nothing.
+        Time since the first stamp. The unknown time before a reset counts as 0.
     resets : int
-        How often the time went back.
+        Number of times that the time went back.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class BoardClock:
         self._doubted: int | None = None
 
     def at(self, time_us: int) -> float:
-        """Take the next stamp and return the time [s] since the first one."""
+        """Add the next stamp; return the time since the first one [s]."""
         if self._last is not None and abs(step := _step_us(self._last, time_us)) <= _LONGEST_STEP_US:
             self._go(step, time_us)
         elif self._doubted is not None and abs(step := _step_us(self._doubted, time_us)) <= _LONGEST_STEP_US:
@@ -53,7 +53,7 @@ class BoardClock:
 
 
 def _step_us(begin_us: int, end_us: int) -> int:
-    """Return the shorter way from one stamp to another, as the clock begins again."""
+    """Return the shortest signed difference of two stamps, as the clock wraps."""
     return (end_us - begin_us + _CLOCK // 2) % _CLOCK - _CLOCK // 2
 
 
@@ -67,7 +67,7 @@ class StreamSummary:
     lost_bytes : int
         Bytes that belong to no packet.
     missing : int
-        Packets that the numbers between two say are missing, at least: numbers begin again after 256.
+        Minimum number of missing packets by their sequence numbers, which wrap after 256.
     clock : BoardClock
         The board's time.
     firmware : int or None
@@ -95,21 +95,21 @@ class StreamSummary:
 
     @property
     def kinds(self) -> tuple[type[Packet], ...]:
-        """The kinds that came, by type."""
+        """Kinds of received packets, by type."""
         return tuple(sorted((kind for kind, count in self.counts.items() if count), key=lambda kind: kind.type))
 
     def rate_hz(self, kind: type[Packet]) -> float | None:
-        """Return how many of a kind came per second of the board; None without time stamps."""
+        """Return the rate of a kind by the board's time [Hz]; None without time stamps."""
         elapsed_s = self.clock.elapsed_us / _US_PER_S
         return (self.counts[kind] - 1) / elapsed_s if elapsed_s and self.counts[kind] > 1 else None
 
     def releases(self) -> list[Release]:
-        """Return the releases that send most of what came: more than one where their kinds are the same."""
-        sent = {each: sum(self.counts[kind] for kind in each.value) for each in Release}
-        return [each for each, count in sent.items() if count and count == max(sent.values())]
+        """Return the releases that explain most packets: more than one if their kinds are the same."""
+        sent = {release: sum(self.counts[kind] for kind in release.value) for release in Release}
+        return [release for release, count in sent.items() if count and count == max(sent.values())]
 
     def release(self) -> Release | None:
-        """Return the release, None while what came does not tell it."""
+        """Return the release; None while the packets do not determine it."""
         releases = self.releases()
         return releases[0] if len(releases) == 1 else None
 
@@ -118,7 +118,7 @@ class StreamSummary:
         if numbers.size:
             before = [] if self._last_number is None else [self._last_number]
             numbers = np.concatenate([before, numbers]).astype(np.int64)
-            # A number that its neighbours leave one place for is damaged, and says nothing of others.
+            # A number that does not fit between consecutive neighbours is damaged, not a sign of missing packets.
             places = np.flatnonzero((numbers[2:] - numbers[:-2]) % 256 == 2)
             numbers[places + 1] = numbers[places] + 1
             self.missing += int(((np.diff(numbers) - 1) % 256).sum())
@@ -126,17 +126,17 @@ class StreamSummary:
 
 
 def summary_of(data: bytes) -> tuple[StreamSummary, Release | None]:
-    """Return the summary of a recording, and its release where the packets tell it.
+    """Return the summary of a recording, and its release if the packets determine it.
 
-    Kinds that another release sends are damage then, and counted as lost.
+    Packets of other releases then count as damaged, and so as lost.
     """
-    summary = _summed(data, None)
+    summary = _summarise(data, None)
     release = summary.release()
     foreign = release is not None and not set(summary.kinds) <= set(release.value)
-    return (_summed(data, release) if foreign else summary), release
+    return (_summarise(data, release) if foreign else summary), release
 
 
-def _summed(data: bytes, release: Release | None) -> StreamSummary:
+def _summarise(data: bytes, release: Release | None) -> StreamSummary:
     summary = StreamSummary()
     for batch in batches(data, release):
         summary.add(batch)
@@ -144,7 +144,7 @@ def _summed(data: bytes, release: Release | None) -> StreamSummary:
 
 
 def _stamps(batch: PacketBatch) -> Iterator[int]:
-    """Yield the time stamps of a batch in the order in which they came, each once."""
+    """Yield the distinct time stamps of a batch in the order of arrival."""
     timed: list[PacketTable] = [table for table in batch.tables if issubclass(table.kind, TimedPacket)]
     if timed:
         order = np.argsort(np.concatenate([table.at for table in timed]))

@@ -1,11 +1,11 @@
 """Packets of NXP's sensor fusion, as its Sensor Fusion Toolbox reads them: releases 4.22, 5.00 and 7.
 
-A packet is ``7E body 7E`` with the byte stuffing of `hiltest.link.framing`; the body is ``u8 type, u8 number``
-and the fields, little-endian. It has no length and no check value: type and length of the body together say
-what it is, in every release.
+A packet is ``7E body 7E`` with the byte stuffing of `hiltest.link.framing`; the body is ``u8 type, u8 number`` and the
+fields, little-endian. It has no length and no check value: type and length of the body together identify the kind, in
+every release.
 
-Columns of a table have names of their own, by which readers of logs find one magnetometer and one gyroscope, the
-uncalibrated ones.
+Table columns have distinct names, by which readers of logs find one magnetometer and one gyroscope, the uncalibrated
+ones.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _FIRST_CELL = 10
 
 
 class Algorithm(IntEnum):
-    """The sensors whose fusion the packets show."""
+    """Sensors whose fusion the packets report."""
 
     ACCELEROMETER = 1
     ACCELEROMETER_MAGNETOMETER = 2
@@ -76,8 +76,8 @@ class MainPacket(TimedPacket):
     acceleration: Vector
     field: Vector
     rate: Vector
-    """Accelerometer, calibrated magnetometer, uncalibrated gyroscope; zeros where the algorithm uses none. 4.22
-    sends the gyroscope's own counts, which are 20 a deg/s of an FXAS21000 only."""
+    """Accelerometer, calibrated magnetometer, uncalibrated gyroscope; zeros where the algorithm uses none. 4.22 sends
+    gyroscope counts, which are 20 per deg/s for an FXAS21000 only."""
     quaternion: Quadruple
     """Orientation, the scalar first."""
     flags: UInt8
@@ -91,12 +91,12 @@ class MainPacket(TimedPacket):
 
     @property
     def algorithm(self) -> Algorithm | None:
-        """The selected algorithm, None for a number that is none."""
+        """Selected algorithm; None for an unknown number."""
         return Algorithm(self.flags & 15) if self.flags & 15 in list(Algorithm) else None
 
     @property
     def frame(self) -> AxisConvention | None:
-        """The convention of axes, None for a number that is none."""
+        """Convention of axes; None for an unknown number."""
         return AxisConvention(self.flags >> 4 & 3) if self.flags >> 4 & 3 in list(AxisConvention) else None
 
     @property
@@ -106,7 +106,7 @@ class MainPacket(TimedPacket):
 
     @property
     def shield(self) -> Shield | None:
-        """The sensor shield, None for a number that is none."""
+        """Sensor shield; None for an unknown number."""
         return Shield(self.board >> 5) if self.board >> 5 in list(Shield) else None
 
 
@@ -164,7 +164,7 @@ class AltitudePacket(TimedPacket):
 
 
 class Shown(Enum):
-    """What the three numbers of a magnetic packet are; the packets show one after the other."""
+    """Content of the three numbers of a magnetic packet; consecutive packets rotate through these."""
 
     STRENGTH = 0
     HARD_IRON = 1
@@ -175,7 +175,7 @@ class Shown(Enum):
     NOTHING = 6
 
 
-# Columns of the three numbers and what one of the unit is sent as; the first of STRENGTH is always 0.
+# Columns of the three numbers, and the integer of one unit; the first of STRENGTH is always 0.
 _SHOWN_COLUMNS: dict[Shown, tuple[tuple[str, ...], int]] = {
     Shown.STRENGTH: (("", "field_strength_uT", "inclination_deg"), 10),
     Shown.HARD_IRON: (tuple(axes("hard_iron", "uT")), 10),
@@ -186,7 +186,7 @@ _SHOWN_COLUMNS: dict[Shown, tuple[tuple[str, ...], int]] = {
 
 
 class _Magnetic(Packet):
-    """What the magnetic packets of all releases have."""
+    """Base of the magnetic packets of all releases."""
 
     __slots__ = ()
     variable_id: int
@@ -194,21 +194,21 @@ class _Magnetic(Packet):
 
     @property
     def shown(self) -> Shown:
-        """What the three numbers are."""
+        """Content of the three numbers."""
         if abs(self.variable_id) >= _FIRST_CELL:
             return Shown.BUFFER_CELL if self.variable_id > 0 else Shown.EMPTY_CELL
         return Shown(self.variable_id) if 0 <= self.variable_id <= 3 else Shown.NOTHING
 
     @property
     def buffer_cell(self) -> int | None:
-        """Cell of the buffer of uncalibrated samples, from 0; None when something else is shown."""
+        """Cell of the buffer of uncalibrated samples, from 0; None for other contents."""
         return abs(self.variable_id) - _FIRST_CELL if self.shown in (Shown.BUFFER_CELL, Shown.EMPTY_CELL) else None
 
     @property
     def shown_values(self) -> dict[str, float]:
-        """The three numbers with their units in the names; empty when nothing is shown, or an empty cell."""
+        """The three numbers with their units in the names; empty for no content or an empty cell."""
         names, per_unit = _SHOWN_COLUMNS.get(self.shown, ((), 1))
-        elsewhere = super().columns()  # 7 sends the strength as a field, and a zero here
+        elsewhere = super().columns()  # release 7 sends the strength as a field, and a zero in this place
         return {
             name: value / per_unit
             for name, value in zip(names, self.variable, strict=False)
@@ -222,7 +222,7 @@ class _Magnetic(Packet):
         return tuple(dict.fromkeys([*super().columns(), *shown]))
 
     def values(self) -> dict[str, float]:
-        """Return what the packet says, with the units in the names."""
+        """Return the packet's values with units in the names."""
         return super().values() | self.shown_values
 
 
@@ -238,7 +238,7 @@ class MagneticPacket422(_Magnetic):
     """Fit error, 0.1 % each."""
     variable_id: Int16
     variable: Vector
-    """What is shown and its three numbers: see `shown` and `shown_values`."""
+    """Kind of content and its three numbers: see `shown` and `shown_values`."""
 
     fit_error_percent = ScaledNumber("fit_error", 10, "fit_error_percent")
 
@@ -308,7 +308,7 @@ class AccelerometerPacket(Packet):
     type = 8
     title = "accelerometer calibration"
     location: Int8
-    """Of the measurement, 0 to 11; 12 is none."""
+    """Index of the measurement, 0 to 11; 12 for none."""
     stored: Vector
     offset: Vector
     gain: Vector
@@ -353,18 +353,18 @@ def encode(packet: Packet) -> bytes:
     Raises
     ------
     ValueError
-        When a field is beyond what its form holds.
+        When a field exceeds the range of its form.
     """
     return b"\x7e" + stuff(pack(packet)) + b"\x7e"
 
 
 def decode(data: bytes) -> Packet:
-    """Return the packet in the bytes between two delimiters; they themselves may be there too.
+    """Decode the packet in the bytes between two delimiters, which may be included.
 
     Raises
     ------
     FrameError
-        When the bytes are none.
+        When the bytes are not a packet.
     """
     body = unstuff(data.removeprefix(b"\x7e").removesuffix(b"\x7e"))
     kind = KIND_OF.get((body[0] if body else 0, len(body)))

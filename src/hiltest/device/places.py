@@ -1,4 +1,4 @@
-"""Where a value lies in memory, and what the bytes there mean."""
+"""Places of values in memory, and the decoding of their bytes."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ ReadMemory: TypeAlias = Callable[[int, int], bytes]
 
 
 class NullPointer(Exception):
-    """A pointer on the way to a value is 0 now."""
+    """Null pointer on the way to a value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scalar:
-    """A number within what a path leads to."""
+    """A number within a value."""
 
     offset: int
-    """Bytes from its beginning, to the first byte that has bits of it."""
+    """Offset of its first byte in the value [byte]."""
     size: int
-    """Bytes to read."""
+    """Number of bytes to read."""
     kind: NumberType
     bits: BitField | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a path leads: an address, through pointers that are read when the value is, and the numbers there."""
+    """Place of a value: an address, pointers that are followed at each reading, and the numbers there."""
 
     path: str
     type_text: str
-    """Type of the value as C has it."""
+    """C type of the value."""
     address: int
-    """Of the value, or of the first pointer."""
+    """Address of the value, or of the first pointer."""
     beyond: tuple[int, ...]
-    """For every pointer, the bytes to add to what it holds."""
+    """Offset to add to the value of each pointer [byte]."""
     scalars: tuple[Scalar, ...]
 
     def read(self, memory: ReadMemory) -> bytes:
@@ -58,34 +58,35 @@ class Place:
 
     @property
     def extent(self) -> tuple[int, int]:
-        """Address and size of what is read first: the value, or the first pointer on the way to it."""
+        """Address and size of the first read: the value, or the first pointer on the way to it."""
         return (self.address, POINTER_BYTES) if self.beyond else (self.address + self._first, self._size)
 
     def numbers(self, data: bytes) -> tuple[float, ...]:
-        """Return the numbers in the bytes that `read` gave; integers stay integers."""
+        """Decode the numbers in the bytes from `read`; integers stay integers."""
         return tuple(
-            decoded(each.kind, data[each.offset - self._first :][: each.size], each.bits) for each in self.scalars
+            decoded(number_at.kind, data[number_at.offset - self._first :][: number_at.size], number_at.bits)
+            for number_at in self.scalars
         )
 
     def shown(self, data: bytes) -> str:
-        """Write the numbers, an enum's with their names."""
+        """Format the numbers, with the names of enumerators."""
         written = [
-            f"{each.kind.labels[int(number)]} ({number})" if number in each.kind.labels else f"{number:g}"
-            for each, number in zip(self.scalars, self.numbers(data), strict=True)
+            f"{number_at.kind.labels[int(number)]} ({number})" if number in number_at.kind.labels else f"{number:g}"
+            for number_at, number in zip(self.scalars, self.numbers(data), strict=True)
         ]
         return ", ".join(written)
 
     @property
     def _first(self) -> int:
-        return min(each.offset for each in self.scalars)
+        return min(number_at.offset for number_at in self.scalars)
 
     @property
     def _size(self) -> int:
-        return max(each.offset + each.size for each in self.scalars) - self._first
+        return max(number_at.offset + number_at.size for number_at in self.scalars) - self._first
 
 
 def scalar(kind: NumberType, offset: int, bits: BitField | None = None) -> Scalar:
-    """Return a number that lies so many bytes from a beginning, or in bits from there on."""
+    """Return a number at an offset, or in bits from there on."""
     if bits is None:
         return Scalar(offset, kind.size, kind)
     return Scalar(offset + bits.first // 8, (bits.first % 8 + bits.bits + 7) // 8, kind, bits)

@@ -1,4 +1,4 @@
-"""The text of a rig for firmware of which only its ELF is known: what was found in it, guesses as comments."""
+"""The text of a rig for firmware that is only known by its ELF, with guesses as comments."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from hiltest.device.quantities import Quantity
 from hiltest.units import unit_words
 from hiltest.virtual.program.elf import FirmwareImage
 
-#: Asks which of several is meant, and returns its number.
+#: Function that asks which of several candidates is meant, and returns its number.
 Choose = Callable[[str, Sequence[str]], int]
 Candidates = Mapping[Quantity, Sequence[Candidate]]
 
-# Functions by which firmware is known; two of them, so that a namesake is none.
+# Functions that identify the firmware; two of them, to exclude namesakes.
 _OURS = frozenset({"command_identity", "command_calibrate", "command_collect", "command_read"})
 _NXP = frozenset({"fRun_9DOF_GBY_KALMAN", "fRun_6DOF_GY_KALMAN", "fInvertMagCal", "feCompassNED", "fInitializeFusion"})
-# Functions that are worth counting, and what only prepares, keeps or shows their work, or has another one.
+# Names of functions that are worth counting, and of those that only prepare, store or show results, or do other work.
 _WORK = re.compile(
     r"\b(?:calibrat\w+|cal|fit|ellipsoid|iron|fusion|fuse|kalman|ekf|madgwick|mahony|ahrs|heading|e ?compass)\b"
 )
@@ -30,14 +30,14 @@ _NO_WORK = re.compile(
     r"\b(?:init\w*|save|load|get|set|erase|print|reset|clear|read|write|send|to|from|adc\d*|clock|irc|osc|handler|irq"
     r"|start|stop|test|config\w*|is|free|acc\w*|gyro\w*|auto)\b"
 )  # fmt: skip
-_MOST_SHOWN = 6  # candidates of a quantity; at a terminal they fit on a screen
+_MOST_SHOWN = 6  # candidates of a quantity, which fit on a screen
 _MOST_COUNTED = 8
 _NOTE_COLUMN, _LONGEST_NOTE = 50, 120
 _WORLD = ("field", "mounting", "turntable", "sensors", "procedure", "world")
 
 
 class Kind(StrEnum):
-    """How firmware is understood; the values are a rig's kinds."""
+    """Interface to firmware; the values are a rig's kinds."""
 
     FSFLK = "fsflk"
     TEXT = "text"
@@ -67,7 +67,7 @@ _WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """Text of a table, empty where there is nothing for it, and whether a heading is in use there."""
+    """Text of a table, empty without candidates, and whether it uses a heading."""
 
     text: str
     has_heading: bool
@@ -75,62 +75,70 @@ class _Table:
 
 @dataclass(frozen=True, slots=True)
 class Proposals:
-    """What an ELF tells of how its firmware can be understood."""
+    """Interfaces that an ELF's names and texts suggest."""
 
     speaks_our_protocol: bool
     kinds: tuple[Kind, ...]
-    """In which it may tell its heading, the surest first."""
+    """Kinds that may give the heading, the surest first."""
     release: str
-    """Of NXP's Sensor Fusion; empty where it is not that."""
+    """Release of NXP's Sensor Fusion; empty for other firmware."""
     lines: Candidates
     variables: Candidates
-    """Best first."""
+    """Candidates, best first."""
     functions: tuple[str, ...]
-    """Those that calibrate, fuse or compute a heading by their names; the largest first."""
+    """Functions that calibrate, fuse or compute a heading by their names, the largest first."""
     remark: str
-    """What hinders to look at all; empty when nothing does."""
+    """Obstacle to reading all debug information; empty without one."""
 
     @property
     def base_rig(self) -> str:
-        """The rig that ships whose world, sensors and turntable are taken: those of NXP's shield, or of ours."""
+        """Packaged rig that provides world, sensors and turntable: for NXP's shield, or for hiltest's."""
         return "nxp-fusion-agm01" if self.release else "text-compass"
 
     @property
     def found(self) -> int:
-        """How many names and texts were found."""
-        return len(self.functions) + sum(len(each) for of in (self.lines, self.variables) for each in of.values())
+        """Number of names and texts that were found."""
+        tables = (self.lines, self.variables)
+        return len(self.functions) + sum(len(candidates) for table in tables for candidates in table.values())
 
 
 def look_at(image: FirmwareImage) -> Proposals:
-    """Look at an ELF's symbols, texts and debug information. Damaged debug information is remarked on."""
+    """Search an ELF's symbols, texts and debug information. Damage to the latter becomes a remark."""
     variables, remark = variable_candidates(image)
     by_line, by_variable = best_first(line_candidates(image)), best_first(variables)
     names = {function.name for function in image.functions}
     is_nxp = len(names & _NXP) > 1
     kinds = {Kind.FSFLK: is_nxp, Kind.TEXT: Quantity.HEADING in by_line, Kind.MEMORY: Quantity.HEADING in by_variable}
-    if is_nxp:  # its variables are in hiltest's own units
-        by_variable = {quantity: [_in_own_unit(each) for each in several] for quantity, several in by_variable.items()}
+    if is_nxp:  # its variables are in hiltest's units
+        by_variable = {
+            quantity: [_with_own_unit(candidate) for candidate in several] for quantity, several in by_variable.items()
+        }
     return Proposals(
         len(names & _OURS) > 1, tuple(kind for kind, may_be in kinds.items() if may_be),
         ("7" if "sfg" in image.symbols else "5.00") if is_nxp else "", by_line, by_variable, _functions(image), remark,
     )  # fmt: skip
 
 
-def _in_own_unit(candidate: Candidate) -> Candidate:
+def _with_own_unit(candidate: Candidate) -> Candidate:
     unit = "" if "int" in candidate.reason else candidate.meaning.quantity.unit
     return replace(candidate, meaning=replace(candidate.meaning, unit=unit))
 
 
 def _functions(image: FirmwareImage) -> tuple[str, ...]:
     largest_first = sorted(image.functions, key=lambda function: -function.size)
-    names = [each.name for each in largest_first if each.size and re.fullmatch(r"[A-Za-z_]\w*", each.name, re.ASCII)]
+    names = [
+        function.name for function in largest_first
+        if function.size and re.fullmatch(r"[A-Za-z_]\w*", function.name, re.ASCII)
+    ]
     words = {name: " ".join(words_of(name)) for name in names}
-    found = [name for name, said in words.items() if _WORK.search(said) and not _NO_WORK.search(said)]
-    return tuple(found[:_MOST_COUNTED])
+    names_of_work = [
+        name for name, its_words in words.items() if _WORK.search(its_words) and not _NO_WORK.search(its_words)
+    ]
+    return tuple(names_of_work[:_MOST_COUNTED])
 
 
 def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
-    """Return how the firmware is understood: the surest, or what is chosen; None where nothing tells a heading."""
+    """Return the interface: the surest one, or the user's choice; None if none gives a heading."""
     kinds = proposals.kinds
     if choose is None or len(kinds) < 2:
         return next(iter(kinds), None)
@@ -147,9 +155,9 @@ def rig_text(
     base
         Text of the rig `Proposals.base_rig`.
     name, firmware
-        Of the rig; path of the ELF from the rig's folder.
+        Name of the rig; path of the ELF from the rig's folder.
     choose
-        None where nobody is there to answer: what is sure is taken.
+        Asks the user; None without a user: only sure candidates are used.
     """
     remark = f"# Not all was seen: {_legible(proposals.remark)}\n" if proposals.remark else ""
     world = [part.strip("\n") for part in base.split("\n\n") if re.search(rf"(?m)^\[(?:{'|'.join(_WORLD)})\]$", part)]
@@ -168,7 +176,7 @@ def rig_text(
 
 
 def _device(proposals: Proposals, kind: Kind | None, choose: Choose | None) -> list[str]:
-    """Return the tables of ``[device]``, those that are not in use as comments."""
+    """Return the tables of ``[device]``, with unused ones as comments."""
     tables = {
         Kind.TEXT: _patterns(proposals.lines, choose if kind is Kind.TEXT else None),
         Kind.MEMORY: _values(proposals.variables, choose if kind is Kind.MEMORY else None),
@@ -181,73 +189,73 @@ def _device(proposals: Proposals, kind: Kind | None, choose: Choose | None) -> l
     else:
         used = _NO_DEVICE
     others = [
-        f'# {_WORDS[other].capitalize()}; with kind = "{other}", or in a list of kinds:\n{_commented(table.text)}'
+        f'# {_WORDS[other].capitalize()}; with kind = "{other}", or in a list of kinds:\n{_comment_out(table.text)}'
         for other, table in tables.items() if table.text
     ]  # fmt: skip
     return [used, *others]
 
 
-def _in_use(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate | None:
-    """Return the candidate that a rig has in use, with its unit; None where all stay comments."""
+def _used_candidate(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate | None:
+    """Return the candidate that the rig uses, with its unit; None if all stay comments."""
     first = candidates[0]
     quantity, is_clear = first.meaning.quantity, first.meaning.is_sure and not first.stated_type
     if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
-        is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # or is it that of the soft iron itself?
-        return _in_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
+        is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # because it may be the soft iron itself
+        return _with_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
     options = [f"{candidate.written}  ({candidate.reason})" for candidate in candidates]
     number = choose(f"{quantity.key} is", [*options, "none of these"])
     if number == len(candidates) or not candidates[number].needs_unit:
         return candidates[number] if number < len(candidates) else None
-    taken, units = candidates[number], unit_words(quantity.unit)
-    number = choose(f"its unit is (of {taken.written})", [*units, "not known, or counts"])
-    return _in_unit(taken, units[number]) if number < len(units) else None
+    candidate, units = candidates[number], unit_words(quantity.unit)
+    number = choose(f"its unit is (of {candidate.written})", [*units, "not known, or counts"])
+    return _with_unit(candidate, units[number]) if number < len(units) else None
 
 
-def _in_unit(candidate: Candidate, unit: str = "") -> Candidate:
-    """Return a candidate in the unit that it is said to have, else in the quantity's own."""
-    known = unit or candidate.meaning.unit or candidate.meaning.quantity.unit
-    return replace(candidate, meaning=replace(candidate.meaning, unit=known))
+def _with_unit(candidate: Candidate, unit: str = "") -> Candidate:
+    """Return a candidate with the given unit, its guessed one, or the quantity's own."""
+    its_unit = unit or candidate.meaning.unit or candidate.meaning.quantity.unit
+    return replace(candidate, meaning=replace(candidate.meaning, unit=its_unit))
 
 
-def _entries(found: Candidates, choose: Choose | None) -> Iterator[tuple[Candidate, str, str]]:
-    """Yield candidates with what makes each a comment, and what is to be known of it."""
-    for quantity, several in found.items():
-        used = _in_use(several[:_MOST_SHOWN], choose)
-        for each in several[:_MOST_SHOWN]:
-            is_used = used is not None and each.written == used.written
+def _entries(candidates: Candidates, choose: Choose | None) -> Iterator[tuple[Candidate, str, str]]:
+    """Yield candidates, each with its comment sign and a note."""
+    for quantity, several in candidates.items():
+        used = _used_candidate(several[:_MOST_SHOWN], choose)
+        for candidate in several[:_MOST_SHOWN]:
+            is_used = used is not None and candidate.written == used.written
             doubt = "or its inverse?" if quantity is Quantity.INVERSE_SOFT_IRON else ""
-            if each.needs_unit and not (is_used and choose is not None):
+            if candidate.needs_unit and not (is_used and choose is not None):
                 doubt = f"{quantity.unit}? it does not say"
-            entry = used if is_used and used is not None else _in_unit(each)
-            yield entry, "" if is_used else "# ", "; ".join(filter(None, (each.reason, doubt)))
+            entry = used if is_used and used is not None else _with_unit(candidate)
+            yield entry, "" if is_used else "# ", "; ".join(filter(None, (candidate.reason, doubt)))
 
 
-def _values(found: Candidates, choose: Choose | None) -> _Table:
+def _values(candidates: Candidates, choose: Choose | None) -> _Table:
     """Return the table ``[device.memory.values]``."""
     lines, has_heading = [], False
-    for each, comment, note in _entries(found, choose):
-        parts = {"path": each.written, "unit": each.meaning.unit, "type": each.stated_type}
+    for candidate, comment, note in _entries(candidates, choose):
+        parts = {"path": candidate.written, "unit": candidate.meaning.unit, "type": candidate.stated_type}
         inner = ", ".join(f"{key} = {json.dumps(text)}" for key, text in parts.items() if text)
-        lines.append(_noted(f"{comment}{each.meaning.quantity.key} = {{ {inner} }}", note))
-        has_heading |= not comment and each.meaning.quantity is Quantity.HEADING
+        lines.append(_add_note(f"{comment}{candidate.meaning.quantity.key} = {{ {inner} }}", note))
+        has_heading |= not comment and candidate.meaning.quantity is Quantity.HEADING
     return _Table("\n".join(["[device.memory.values]", *lines]) if lines else "", has_heading)
 
 
-def _patterns(found: Candidates, choose: Choose | None) -> _Table:
+def _patterns(candidates: Candidates, choose: Choose | None) -> _Table:
     """Return the tables ``[device.text]`` and ``[device.text.values]``."""
     lines, units, has_heading = [], [], False
-    for each, comment, note in _entries(found, choose):
-        pattern = json.dumps(each.written) if "'" in each.written else f"'{each.written}'"
-        lines.append(_noted(f"  {comment}{pattern},", note))
-        if each.meaning.unit:
-            units.append(f'{comment}{each.meaning.quantity.key} = {{ unit = "{each.meaning.unit}" }}')
-        has_heading |= not comment and each.meaning.quantity is Quantity.HEADING
+    for candidate, comment, note in _entries(candidates, choose):
+        pattern = json.dumps(candidate.written) if "'" in candidate.written else f"'{candidate.written}'"
+        lines.append(_add_note(f"  {comment}{pattern},", note))
+        if candidate.meaning.unit:
+            units.append(f'{comment}{candidate.meaning.quantity.key} = {{ unit = "{candidate.meaning.unit}" }}')
+        has_heading |= not comment and candidate.meaning.quantity is Quantity.HEADING
     error = "# error = '^ERROR (?P<error>.*)'             # what a line that reports an error looks like"
     text = ["[device.text]", "patterns = [", *lines, "]", error, "", "[device.text.values]", *dict.fromkeys(units)]
     return _Table("\n".join(text) if lines else "", has_heading)
 
 
-def _noted(line: str, note: str) -> str:
+def _add_note(line: str, note: str) -> str:
     return f"{line:<{_NOTE_COLUMN}}  # {_legible(note)}"
 
 
@@ -255,7 +263,7 @@ def _legible(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)[:_LONGEST_NOTE]
 
 
-def _commented(text: str) -> str:
-    """Return a table as a comment; what is one in it already is none the more."""
+def _comment_out(text: str) -> str:
+    """Return a table as a comment; existing comments stay as they are."""
     bare = re.sub(r"(?m)^( *)# ", r"\1", text)
     return "\n".join(f"# {line}".rstrip() for line in bare.splitlines())

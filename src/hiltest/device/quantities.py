@@ -1,4 +1,4 @@
-"""What firmware says of its board: quantities with their units, and observations of them."""
+"""Quantities that firmware reports, with their units, and observations of them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 
 class Quantity(Enum):
-    """A quantity by the name that a rig gives it; with its unit and how many numbers it is.
+    """A quantity by its name in a rig, with its unit and count of numbers.
 
-    Vectors are in the axes in which the firmware has them; the rig's ``frame`` says which those are.
+    Vectors are in the firmware's axes; the rig's ``frame`` defines them.
     """
 
     HEADING = ("heading", "deg", 1)
@@ -29,7 +29,7 @@ class Quantity(Enum):
     GYROSCOPE = ("gyroscope", "dps", 3)
     GYROSCOPE_CALIBRATED = ("gyroscope_calibrated", "dps", 3)
     TEMPERATURE = ("temperature", "degC", 1)
-    # What the firmware believes of itself.
+    # Values that the firmware estimates about its sensors.
     #: calibrated = inverse_soft_iron @ (raw - hard_iron)
     HARD_IRON = ("hard_iron", "uT", 3)
     INVERSE_SOFT_IRON = ("inverse_soft_iron", "", 9)
@@ -37,7 +37,7 @@ class Quantity(Enum):
     DIP = ("dip", "deg", 1)
     FIT_ERROR = ("fit_error", "%", 1)
     GYROSCOPE_BIAS = ("gyroscope_bias", "dps", 3)
-    #: Not 0 when the magnetometer is calibrated; NXP's number of elements where there is one.
+    #: Not 0 when the magnetometer is calibrated; for NXP, the number of elements of the fit.
     CALIBRATED = ("calibrated", "", 1)
 
     def __init__(self, key: str, unit: str, size: int) -> None:
@@ -47,7 +47,7 @@ class Quantity(Enum):
 
     @classmethod
     def named(cls, key: str) -> Quantity:
-        """Return the quantity of a name.
+        """Return the quantity with a name.
 
         Raises
         ------
@@ -57,7 +57,7 @@ class Quantity(Enum):
         return _BY_KEY[key]
 
 
-_BY_KEY = {each.key: each for each in Quantity}
+_BY_KEY = {quantity.key: quantity for quantity in Quantity}
 
 
 class Moment(StrEnum):
@@ -71,51 +71,51 @@ class Moment(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What was said at once."""
+    """Values that the firmware reported at the same time."""
 
     time_s: float
-    """Time of the board's clock at which it was complete."""
+    """Time of the board's clock at which the observation was complete."""
     values: Mapping[Quantity, NDArray[np.float64]] = field(default_factory=dict)
-    """Shape (size,). In the quantity's unit."""
+    """Shape (size,). Values in the quantity's unit."""
     error: str = ""
-    """What the firmware reports to be wrong; empty when it reports nothing."""
+    """Error that the firmware reports; empty without one."""
     checked: bool = False
-    """Whether it came with a check value, which is right."""
+    """Whether it had a check value, which is correct."""
 
 
 @runtime_checkable
 class StreamInterface(Protocol):
-    """Understands what firmware sends on its line.
+    """Decoder of firmware's output on its line.
 
     Attributes
     ----------
     offers : frozenset of Quantity
-        All that it may ever say.
+        All quantities that it can report.
     not_understood : int
-        Bytes, or lines, of which nothing was understood.
+        Bytes or lines that could not be interpreted.
     """
 
     offers: frozenset[Quantity]
     not_understood: int
 
     def commands(self, moment: Moment) -> bytes:
-        """Return what is to be sent at a moment; may be empty."""
+        """Return the bytes to send at a moment; may be empty."""
 
     def feed(self, data: bytes, time_s: float) -> Sequence[Observation]:
-        """Take bytes that have arrived by a time, however they are cut; return what they complete."""
+        """Decode bytes that have arrived by a time, in any segmentation; return the observations that they complete."""
 
 
 @runtime_checkable
 class PolledInterface(Protocol):
-    """Reads from the outside what firmware knows.
+    """Reader of firmware's values, without its help.
 
     Attributes
     ----------
     offers : frozenset of Quantity
-        All that it reads.
+        All quantities that it reads.
     """
 
     offers: frozenset[Quantity]
 
     def read(self, time_s: float) -> Observation:
-        """Read all of it now."""
+        """Read all quantities now."""

@@ -1,4 +1,4 @@
-"""Firmware that prints lines: what it says of itself."""
+"""Interface to firmware that prints lines."""
 
 from __future__ import annotations
 
@@ -22,46 +22,45 @@ _READY = np.ones(1)
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What was understood of a line."""
+    """Interpretation of a line."""
 
     line: str
-    """As it came."""
+    """Text of the line."""
     values: Mapping[Quantity, NDArray[np.float64]] = field(default_factory=dict)
     error: str = ""
-    """What the firmware reports to be wrong."""
+    """Error that the firmware reports."""
     remark: str = ""
-    """What the line is instead, or what was not understood of it."""
+    """Description of a line without a value, or of the uninterpreted part."""
     understood: bool = False
-    """It has a meaning, be it without a value; or it is the first, of which that is not known."""
+    """Whether the line has a meaning, even without a value; also true for the first line, which may be incomplete."""
     checked: bool = False
-    """It carries a check sum, which is right."""
+    """Whether it has a checksum, which is correct."""
 
 
 class TextInterface:
-    """A `StreamInterface` that understands lines.
+    """A `StreamInterface` for lines of text.
 
-    The first line may be the end of one, so its values are not taken; what it says of errors is. Of a line
-    whose check sum (NMEA 0183) is wrong nothing is taken: it is an error.
+    The first line may be incomplete, so its values are ignored; an error in it counts. A line with a wrong checksum
+    (NMEA 0183) is ignored and counts as an error.
 
     Parameters
     ----------
     form
-        Where fields stand in a line.
+        Form of the lines, which locates fields.
     sources
-        Which fields are which quantity.
+        Fields of each quantity.
     patterns
-        Those of the form.
+        Patterns of the form.
     ready, error
-        Of lines that say that the magnetometer is calibrated, and that something is wrong: the group ``error``, or
-        the whole line.
+        Patterns of lines that report a calibrated magnetometer, and an error: the group ``error``, or the whole line.
     commands
-        What is sent when.
+        Bytes to send at each moment.
 
     Attributes
     ----------
     offers : frozenset of Quantity
     not_understood : int
-        Lines without a meaning; the first one is not among them.
+        Number of lines that could not be interpreted, without the first one.
     """
 
     def __init__(
@@ -70,7 +69,7 @@ class TextInterface:
     ) -> None:  # fmt: skip
         self.offers = frozenset({source.quantity for source in sources} | ({Quantity.CALIBRATED} if ready else set()))
         self.not_understood = 0
-        self._patterns = [*patterns, *(each for each in (ready, error) if each is not None)]
+        self._patterns = [*patterns, *(pattern for pattern in (ready, error) if pattern is not None)]
         self._form = form
         self._sources = sources
         self._ready = ready
@@ -83,11 +82,11 @@ class TextInterface:
 
     @property
     def given_up(self) -> tuple[str, ...]:
-        """Regular expressions that took too long in a line, and find nothing any more."""
+        """Regular expressions that were disabled because they took too long on a line."""
         return tuple(pattern.text for pattern in self._patterns if pattern.given_up)
 
     def remarks(self) -> tuple[str, ...]:
-        """Return what a reader of the values should know; empty where all is plain."""
+        """Return remarks on the values; empty without any."""
         slow = (f"given up, since it took more than a second in a line: {text}" for text in self.given_up)
         refused = (
             f"{quantity.key} not taken {format_count(times, 'time')}: {self._why_refused[quantity]}"
@@ -96,16 +95,16 @@ class TextInterface:
         return (*slow, *refused)
 
     def commands(self, moment: Moment) -> bytes:
-        """Return what is to be sent at a moment; may be empty."""
+        """Return the bytes to send at a moment; may be empty."""
         return self._commands.get(moment, b"")
 
     def feed(self, data: bytes, time_s: float) -> list[Observation]:
-        """Take bytes that have arrived by a time, however they are cut; return what their lines say."""
-        said = [reading for reading in self.readings(data) if reading.values or reading.error]
-        return [Observation(time_s, each.values, each.error, each.checked) for each in said]
+        """Decode bytes that have arrived by a time, in any segmentation; return the observations of their lines."""
+        readings = [reading for reading in self.readings(data) if reading.values or reading.error]
+        return [Observation(time_s, reading.values, reading.error, reading.checked) for reading in readings]
 
     def readings(self, data: bytes) -> list[Reading]:
-        """Take bytes; return every line that they complete, understood or not."""
+        """Decode bytes; return every line that they complete, interpreted or not."""
         readings = [self._read(line) for line in self._splitter.feed(data)]
         self.not_understood += sum(not reading.understood for reading in readings)
         return readings
@@ -118,8 +117,8 @@ class TextInterface:
         intact = is_intact(line)
         if intact is False and not is_first:
             return Reading(line, error=_DAMAGED)
-        found = self._form.find(line)
-        values, refused = self._values(found.fields)
+        match = self._form.find(line)
+        values, refused = self._values(match.fields)
         complaints = [f"{quantity.key}: {why}" for quantity, why in refused.items()]
         if is_first:
             values, complaints = {}, ["the first line may have lost its beginning"]
@@ -129,14 +128,14 @@ class TextInterface:
         if self._ready is not None and self._ready.search(line):
             values[Quantity.CALIBRATED] = _READY
         error = self._error_in(line)
-        understood = bool(values or error or found.is_header or is_first)
-        remarks = complaints or ([] if values or error else [found.remark])
+        understood = bool(values or error or match.is_header or is_first)
+        remarks = complaints or ([] if values or error else [match.remark])
         return Reading(line, values, error, "; ".join(remarks), understood, checked=intact is True)
 
     def _values(
         self, fields: Mapping[str, Sequence[str]]
     ) -> tuple[dict[Quantity, NDArray[np.float64]], dict[Quantity, str]]:
-        """Return the values in the fields of a line, and what is wrong with others."""
+        """Return the valid values in the fields of a line, and the reasons for invalid ones."""
         values: dict[Quantity, NDArray[np.float64]] = {}
         refused: dict[Quantity, str] = {}
         for source in self._sources:

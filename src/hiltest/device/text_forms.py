@@ -1,4 +1,4 @@
-"""Forms of a line: where its fields stand. A field is what was printed, and may be several numbers."""
+"""Forms of a line, which locate its fields. A field is printed text and may hold several numbers."""
 
 from __future__ import annotations
 
@@ -10,71 +10,71 @@ from typing import Any, Protocol
 
 from hiltest.device.text_lines import Pattern
 
-# What separates the numbers of one field.
+# Separator between the numbers of one field.
 _BETWEEN = re.compile(r"[\s,;]+")
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What a form finds in a line."""
+    """Fields that a form finds in a line."""
 
     fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Texts of each field."""
     remark: str = ""
-    """What the line is when no quantity is in it."""
+    """Description of a line without a quantity."""
     is_header: bool = False
-    """It names the columns."""
+    """Whether the line is a header."""
 
 
 class Form(Protocol):
-    """Finds fields in lines."""
+    """Locator of fields in lines."""
 
     def find(self, line: str) -> Found:
         """Return the fields of a line."""
 
 
 class PatternForm:
-    """Fields are groups of regular expressions, of which every one is searched in every line."""
+    """Form whose fields are groups of regular expressions, each searched in every line."""
 
     def __init__(self, patterns: Sequence[Pattern]) -> None:
         self._patterns = patterns
 
     def find(self, line: str) -> Found:
-        """Return the groups of all patterns that match; the first one's, where several have a group of a name."""
+        """Return the groups of all patterns that match; of groups with the same name, the first pattern's."""
         fields: dict[str, list[str]] = {}
         for pattern in self._patterns:
             match = pattern.search(line)
             for name, text in match.groupdict().items() if match else ():
                 if text is not None:
-                    fields.setdefault(name, _apart(text))
+                    fields.setdefault(name, _split_numbers(text))
         return Found(fields, "a pattern matches, and holds no quantity whole" if fields else "no pattern matches")
 
 
 class JsonForm:
-    """A line is a JSON object; fields are values in it by their path, such as ``imu.mag`` or ``imu.mag.0``."""
+    """Form whose lines are JSON objects; fields are values by their path, such as ``imu.mag`` or ``imu.mag.0``."""
 
     def __init__(self, paths: Sequence[str]) -> None:
         self._paths = paths
 
     def find(self, line: str) -> Found:
-        """Return the values at the paths; an array is its elements."""
+        """Return the values at the paths; an array gives its elements."""
         try:
-            # Numbers stay as they are printed: which of them are numbers is seen later, NaN too.
+            # Numbers stay as printed text; they are validated later, NaN included.
             content = json.loads(line, parse_float=str, parse_int=str, parse_constant=str)
         except (ValueError, RecursionError):
             return Found(remark="no JSON")
-        texts = {path: list(_texts(_at(content, path))) for path in self._paths}
+        texts = {path: list(_texts(_value_at(content, path))) for path in self._paths}
         missing = [path for path in self._paths if not texts[path]]
-        return Found({path: each for path, each in texts.items() if each}, f"nothing at {', '.join(missing)}")
+        return Found({path: values for path, values in texts.items() if values}, f"nothing at {', '.join(missing)}")
 
 
-def _apart(text: str) -> list[str]:
+def _split_numbers(text: str) -> list[str]:
     """Return the numbers of a field that was printed as one text."""
     return _BETWEEN.split(text.strip())
 
 
-def _at(content: Any, path: str) -> Any:
-    """Return what is at a path, None for nothing."""
+def _value_at(content: Any, path: str) -> Any:
+    """Return the value at a path; None if there is none."""
     if isinstance(content, dict) and path in content:
         return content[path]
     first, dot, rest = path.partition(".")
@@ -84,34 +84,34 @@ def _at(content: Any, path: str) -> Any:
         inner = content[int(first)]
     else:
         return None
-    return _at(inner, rest) if dot else inner
+    return _value_at(inner, rest) if dot else inner
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """Yield one value, or those of an array, of a matrix row by row."""
+    """Yield one value, or those of an array; a matrix row by row."""
     for row in value if isinstance(value, list) else [value]:
-        for each in row if isinstance(row, list) else [row]:
-            if isinstance(each, str | bool):
-                yield str(each)
+        for cell in row if isinstance(row, list) else [row]:
+            if isinstance(cell, str | bool):
+                yield str(cell)
 
 
 class ColumnForm:
-    """A line is a row of a table; fields are columns by name, or by number from 1.
+    """Form whose lines are rows of a table; fields are columns by name, or by number from 1.
 
     Parameters
     ----------
-    wanted
+    names
         Names or numbers.
     columns
-        Names of all columns; without them the firmware prints them in a line of their own.
+        Names of all columns; if empty, the firmware prints a header line.
     separator
-        Between columns; a blank stands for any number of blanks and tabs.
+        Separator of columns; a blank stands for any number of blanks and tabs.
     """
 
-    def __init__(self, wanted: Sequence[str], columns: Sequence[str], separator: str) -> None:
+    def __init__(self, names: Sequence[str], columns: Sequence[str], separator: str) -> None:
         self._separator = None if separator == " " else separator
-        self._wanted = wanted
-        self._names = {each.lower() for each in wanted if not each.isdecimal()}
+        self._selected = names
+        self._names = {name.lower() for name in names if not name.isdecimal()}
         self._places: dict[str, int] | None = None
         self._width = 0
         if columns or not self._names:
@@ -127,10 +127,10 @@ class ColumnForm:
             return Found(remark=f"no line with the names {', '.join(sorted(self._names))} came yet")
         if self._width and len(cells) != self._width:
             return Found(remark=f"{len(cells)} columns, not {self._width}")
-        fields = {each: _apart(cells[place]) for each, place in self._places.items() if cells[place:]}
+        fields = {name: _split_numbers(cells[place]) for name, place in self._places.items() if cells[place:]}
         return Found(fields, "too few columns")
 
     def _take_header(self, cells: Sequence[str]) -> None:
-        places = {each.lower(): place for place, each in reversed([*enumerate(cells)])}
+        places = {name.lower(): place for place, name in reversed([*enumerate(cells)])}
         self._width = len(cells)
-        self._places = {each: int(each) - 1 if each.isdecimal() else places[each.lower()] for each in self._wanted}
+        self._places = {name: int(name) - 1 if name.isdecimal() else places[name.lower()] for name in self._selected}

@@ -1,4 +1,4 @@
-"""Lines in a stream of bytes, and patterns that are searched in them: neither takes for ever."""
+"""Lines in a stream of bytes, and patterns that are searched in them, both with limits."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ LONGEST_LINE = 1024
 # NMEA 0183, proprietary sentences too: $PFEC,...*hh.
 _WITH_CHECK_SUM = re.compile(r"\s*\$(?P<checked>[^$*]*)\*(?P<sum>[0-9A-Fa-f]{2})\s*")
 _LINE_END = re.compile(rb"[\r\n]")
-# A search that is no mistake takes microseconds; the host may be busy meanwhile.
+# A sensible search takes microseconds; the margin is for a busy host.
 _LONGEST_SEARCH_S = 1.0
 
 
 class LineSplitter:
-    r"""Find lines in bytes that come in pieces; they end with ``\n``, ``\r\n`` or ``\r``.
+    r"""Splitter of bytes that arrive in pieces into lines, which end with ``\n``, ``\r\n`` or ``\r``.
 
     Examples
     --------
@@ -30,14 +30,14 @@ class LineSplitter:
     Attributes
     ----------
     unfinished : bytearray
-        What came since the last end: all of it, or as much as shows that it is too long.
+        Bytes since the last line end, cut if the line is too long.
     """
 
     def __init__(self) -> None:
         self.unfinished = bytearray()
 
     def feed(self, data: bytes) -> Iterator[str | None]:
-        """Yield the lines that bytes complete, without those that are empty; None for one that is too long."""
+        """Yield the non-empty lines that bytes complete; None for one that is too long."""
         *ended, rest = _LINE_END.split(data)
         for piece in ended:
             self._keep(piece)
@@ -54,7 +54,7 @@ class LineSplitter:
 
 
 def is_intact(line: str) -> bool | None:
-    """Say whether a line has the check sum that it carries; None for one that carries none.
+    """Return whether a line's checksum is correct; None for a line without one.
 
     Examples
     --------
@@ -68,12 +68,12 @@ def is_intact(line: str) -> bool | None:
 
 
 class Pattern:
-    """A regular expression that is given up once a search has taken too long.
+    """A regular expression that is disabled once a search has taken too long.
 
     Raises
     ------
     ValueError
-        When it is none.
+        When the text is not a regular expression.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Pattern:
     groups : frozenset of str
         Names of its groups.
     given_up : bool
-        It finds nothing any more.
+        Whether it is disabled.
     """
 
     def __init__(self, text: str) -> None:

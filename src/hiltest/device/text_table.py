@@ -1,4 +1,4 @@
-"""What a rig's table ``[device.text]`` means: an interface, or a mistake by file, line and key."""
+"""Reader of a rig's table ``[device.text]``, which reports mistakes by file, line and key."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hiltest.units import Conversion, conversion, unit_words
 
 
 def text_interface(table: TextDevice, where: Callable[[str], str]) -> TextInterface:
-    """Return what understands the lines.
+    """Return the interface for the lines.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def text_interface(table: TextDevice, where: Callable[[str], str]) -> TextInterf
     """
     try:
         patterns = [_pattern(text, "patterns") for text in table.patterns]
-        sources = [*_sources(table, frozenset().union(*(each.groups for each in patterns)))]
+        sources = [*_sources(table, frozenset().union(*(pattern.groups for pattern in patterns)))]
         for pattern in patterns:
             _refuse_unknown_groups(pattern, sources)
         ready = _pattern(table.ready, "ready") if table.ready is not None else None
@@ -46,30 +46,30 @@ def text_interface(table: TextDevice, where: Callable[[str], str]) -> TextInterf
 def _form(table: TextDevice, patterns: Sequence[Pattern], sources: Sequence[ValueSource]) -> Form:
     if table.format == "lines":
         return PatternForm(patterns)
-    wanted = [name for source in sources for name in source.fields]
-    return JsonForm(wanted) if table.format == "json" else ColumnForm(wanted, table.columns, table.separator)
+    names = [name for source in sources for name in source.fields]
+    return JsonForm(names) if table.format == "json" else ColumnForm(names, table.columns, table.separator)
 
 
 def _sources(table: TextDevice, groups: frozenset[str]) -> Iterator[ValueSource]:
-    """Yield where each quantity is: those of ``values``, and those that groups are named after."""
-    by_key = {each.key: each for each in Quantity}
+    """Yield the source of each quantity: from ``values``, and from groups named after quantities."""
+    by_key = {quantity.key: quantity for quantity in Quantity}
     for key in table.values:
         require(key in by_key, f"values.{key}", f"is no quantity; {nearest_hint(key, [*by_key])}")
     for quantity in Quantity:
         if quantity.key in table.values or groups & {quantity.key, *component_names(quantity)}:
             value = table.values.get(quantity.key, TextValue())
-            names = value.names or _named_after(quantity, table, groups)
+            names = value.names or _fields_named_after(quantity, table, groups)
             _check_names(quantity, names, table, groups)
             yield ValueSource(quantity, names, _conversion(quantity, value))
 
 
-def _named_after(quantity: Quantity, table: TextDevice, groups: frozenset[str]) -> tuple[str, ...]:
-    """Return the fields of a quantity's name."""
+def _fields_named_after(quantity: Quantity, table: TextDevice, groups: frozenset[str]) -> tuple[str, ...]:
+    """Return the fields that are named after a quantity."""
     components = component_names(quantity)
-    known = {"lines": groups, "json": {quantity.key}, "csv": set(table.columns) or set(components)}[table.format]
-    if quantity.key in known:
+    candidates = {"lines": groups, "json": {quantity.key}, "csv": set(table.columns) or set(components)}[table.format]
+    if quantity.key in candidates:
         return (quantity.key,)
-    missing = [name for name in components if name not in known]
+    missing = [name for name in components if name not in candidates]
     place = "patterns" if table.format == "lines" else f"values.{quantity.key}"
     require(not missing, place, f"{quantity.key} has no {', '.join(missing)}: name its fields, or add them")
     return components
@@ -84,13 +84,13 @@ def _check_names(quantity: Quantity, names: Sequence[str], table: TextDevice, gr
             within = 1 <= int(name) <= (len(table.columns) or int(name))
             require(within, place, f"has no column {name}; the first is 1")
         elif table.format == "lines" or table.columns:
-            known = groups if table.format == "lines" else table.columns
-            require(name in known, place, f"{name!r} is in no line; {nearest_hint(name, [*known])}")
+            names_of_lines = groups if table.format == "lines" else table.columns
+            require(name in names_of_lines, place, f"{name!r} is in no line; {nearest_hint(name, [*names_of_lines])}")
 
 
 def _refuse_unknown_groups(pattern: Pattern, sources: Sequence[ValueSource]) -> None:
     used = {name for source in sources for name in source.fields}
-    names = [name for each in Quantity for name in (each.key, *component_names(each))]
+    names = [name for quantity in Quantity for name in (quantity.key, *component_names(quantity))]
     require(bool(pattern.groups), "patterns", f"'{pattern.text}' has no named group, such as (?P<heading>[-0-9.]+)")
     for unknown in sorted(pattern.groups - used):
         raise RigValueError("patterns", f"'{pattern.text}' has the group {unknown!r}, which is no quantity; "
@@ -105,12 +105,12 @@ def _pattern(text: str, key: str) -> Pattern:
 
 
 def _conversion(quantity: Quantity, value: TextValue) -> Conversion:
-    """Return what takes the printed numbers of a quantity to its unit."""
+    """Return the conversion of a quantity's printed numbers to its unit."""
     scale = 1.0 if value.scale is None else value.scale
     if value.unit is None or value.unit.lower() in COUNTS:
         return Conversion(scale)
-    found = conversion(value.unit, quantity.unit)
-    if found is None:
-        known = ", ".join([*unit_words(quantity.unit), "count"])
-        raise RigValueError(f"values.{quantity.key}.unit", f"{value.unit!r} is no unit of it; known: {known}")
-    return Conversion(scale * found.factor, found.offset)
+    converter = conversion(value.unit, quantity.unit)
+    if converter is None:
+        units = ", ".join([*unit_words(quantity.unit), "count"])
+        raise RigValueError(f"values.{quantity.key}.unit", f"{value.unit!r} is no unit of it; known: {units}")
+    return Conversion(scale * converter.factor, converter.offset)

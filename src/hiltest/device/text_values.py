@@ -1,4 +1,4 @@
-"""Values of quantities from the fields of a line: numbers that can be true, each in the quantity's unit."""
+"""Values of quantities from the fields of a line: plausible numbers, each in the quantity's unit."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from hiltest.device.quantities import Quantity
 from hiltest.units import Conversion
 
-# float() would also take nan, infinity, 1_000 and the digits of other scripts.
+# float() would also accept nan, infinity, 1_000 and digits of other scripts.
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
-# What no part measures, by unit: two turns; a tenth of a tesla; the parts for the largest shocks and rates.
+# Magnitudes that no sensor measures, by unit: two turns; a tenth of a tesla; above the sensors for the largest shocks
+# and rates.
 _LARGEST = {"deg": 720.0, "uT": 1e5, "g": 1e3, "dps": 1e5, "degC": 1e3, "%": 1e5, "": 1e6}
 _WORDS = {**dict.fromkeys(("true", "yes", "on"), 1.0), **dict.fromkeys(("false", "no", "off"), 0.0)}
 _AXES = {1: ("",), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z"),
@@ -35,16 +36,16 @@ def component_names(quantity: Quantity) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class ValueSource:
-    """Where the numbers of a quantity are printed."""
+    """Source of a quantity in printed fields."""
 
     quantity: Quantity
     fields: tuple[str, ...]
-    """Hold its numbers, one after the other."""
+    """Fields that hold its numbers, in order."""
     conversion: Conversion
-    """From what is printed to the quantity's unit, scale included."""
+    """Conversion from the printed unit to the quantity's, scale included."""
 
     def value(self, fields: Mapping[str, Sequence[str]]) -> NDArray[np.float64] | str | None:
-        """Return the value in the fields of a line, or why it is none; None when the line has not all of them."""
+        """Return the value in the fields of a line, or the reason why it is invalid; None if a field is missing."""
         if any(name not in fields for name in self.fields):
             return None
         texts = [text for name in self.fields for text in fields[name]]
@@ -59,7 +60,7 @@ class ValueSource:
         return np.array(numbers)
 
     def _number(self, text: str) -> float | str:
-        """Return a number in the quantity's unit, or why it is none."""
+        """Return a number in the quantity's unit, or the reason why it is invalid."""
         word = _WORDS.get(text.lower()) if self.quantity is Quantity.CALIBRATED else None
         if word is not None:
             return word

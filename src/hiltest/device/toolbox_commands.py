@@ -1,4 +1,4 @@
-"""Commands of the Sensor Fusion Toolbox to the firmware: four characters, without end and without answer."""
+"""Commands of the Sensor Fusion Toolbox to the firmware: four characters, without terminator or answer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hiltest.device.packets import Release
 
 
 class ToolboxCommand(Enum):
-    """A command by its name; the value is what is sent."""
+    """A command by its name; the value is the transmitted text."""
 
     RATE_PACKETS_ON = b"VG+ "
     RATE_PACKETS_OFF = b"VG- "
@@ -18,14 +18,14 @@ class ToolboxCommand(Enum):
     ANGLES_PACKETS_OFF = b"RPC-"
     ALTITUDE_PACKETS_ON = b"ALT+"
     ALTITUDE_PACKETS_OFF = b"ALT-"
-    # The algorithm of the packets; one that the firmware was built without changes nothing.
+    # Select the algorithm of the packets; one that the build does not contain has no effect.
     ACCELEROMETER = b"Q3  "
     MAGNETOMETER = b"Q3M "
     GYROSCOPE = b"Q3G "
     ACCELEROMETER_MAGNETOMETER = b"Q6MA"
     ACCELEROMETER_GYROSCOPE = b"Q6AG"
     NINE_AXES = b"Q9  "
-    #: Of the fusion and the magnetic calibration, in 7 of the accelerometer's too.
+    #: Reset of the fusion and the magnetic calibration; in release 7 also of the accelerometer's.
     RESET = b"RST "
     ZERO_DISPLACEMENT = b"RINS"
     SAVE_ALL_CALIBRATIONS = b"SVAC"
@@ -36,7 +36,7 @@ class ToolboxCommand(Enum):
     ERASE_MAGNETIC_CALIBRATION = b"ERMC"
     ERASE_GYROSCOPE_CALIBRATION = b"ERYC"
     ERASE_ACCELEROMETER_CALIBRATION = b"ERGC"
-    # Turn the filter's orientation, to see it return.
+    # Turn the filter's orientation, to watch it recover.
     PERTURB_X_180 = b"180X"
     PERTURB_Y_180 = b"180Y"
     PERTURB_Z_180 = b"180Z"
@@ -61,9 +61,9 @@ class ToolboxCommand(Enum):
     AVERAGE_AT_LOCATION_11 = b"PA11"
 
     def is_known_to(self, release: Release) -> bool:
-        """Say whether a release has the command.
+        """Return whether a release has the command.
 
-        Those of 5.00 are taken to be those of 4.22: the source of its receiver was not to be had.
+        The commands of 5.00 are assumed to be those of 4.22, because the source of its receiver is not public.
         """
         return release is Release.V7 or self in _OF_ALL_RELEASES
 

@@ -1,4 +1,4 @@
-"""Variables of firmware by name, from its debug information: where each lies, or why it lies nowhere."""
+"""Variables of firmware by name, from its debug information: the address of each, or the reason why it has none."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.program.debug_entries import STRUCTURES, children, name_of, next_type, origin_of
 from hiltest.virtual.program.elf import Symbol
 
-# DWARF operations that a location begins or ends with.
+# DWARF operations at the beginning or end of a location.
 _ADDRESS, _PLUS_CONSTANT, _REGISTER, _REGISTER_X = 0x03, 0x23, range(0x50, 0x70), 0x90
 _THREAD_LOCAL = {0x9B, 0xE0}
-_REMOVED = {0, 0xFFFFFFFF}  # what linkers write in place of the address of what they left out
-# Forms of a location that differs from place to place in the code.
+_REMOVED = {0, 0xFFFFFFFF}  # addresses that linkers write for removed variables
+# Forms of a location that varies over the code.
 _LISTS = {"DW_FORM_sec_offset", "DW_FORM_loclistx", "DW_FORM_data4", "DW_FORM_data8"}
 _VOLATILE = "declare it volatile to have it in memory"
 _MOST_NAMED = 8
@@ -38,7 +38,7 @@ class FoundVariable:
 
 
 class _NoPlaceError(Exception):
-    """A variable lies nowhere in memory; the text says why."""
+    """Error for a variable without an address; the text has the reason."""
 
 
 class VariableIndex:
@@ -47,10 +47,11 @@ class VariableIndex:
     Parameters
     ----------
     dwarf
-        As pyelftools reads it.
+        Debug information of pyelftools.
     objects
-        Variables of the symbol table: one at address 0 that is not there was left out by the linker, and a variable
-        whose place only the table knows, as after optimising at link time or from an assembler source, is found there.
+        Variables of the symbol table. The linker has removed a variable at address 0 that the table does not have. The
+        table also has the address of variables whose debug information lacks it, as after link-time optimisation or
+        from an assembler source.
     """
 
     def __init__(self, dwarf: Any, objects: Sequence[Symbol]) -> None:
@@ -60,24 +61,24 @@ class VariableIndex:
 
     @cached_property
     def _by_name(self) -> dict[str, list[tuple[Any, str]]]:
-        """Entries with the file of each, by name, behind its namespaces and class."""
-        scoped = [(scope, entry) for top in self._units for scope, entry in _scoped(top)]
-        # In C++ a definition stands beside its namespace or class, and only its declaration within.
+        """Entries with the file of each, by name with namespaces and class."""
+        scoped = [(scope, entry) for top in self._units for scope, entry in _scoped_entries(top)]
+        # In C++ a definition is outside its namespace or class, which contains only the declaration.
         declared = {entry.offset: scope for scope, entry in scoped if scope}
-        found: dict[str, list[tuple[Any, str]]] = {}
+        by_name: dict[str, list[tuple[Any, str]]] = {}
         for scope, entry in scoped:
             if entry.tag == "DW_TAG_variable":
                 name = declared.get(origin_of(entry).offset, scope) + name_of(entry)
-                found.setdefault(name, []).append((entry, _file_of(entry)))
-        return found
+                by_name.setdefault(name, []).append((entry, _source_file(entry)))
+        return by_name
 
     def find(self, path: VariablePath) -> FoundVariable | None:
-        """Return the variable that a path begins with; None where the debug information has none of its name.
+        """Return the variable at the start of a path; None if the debug information has none of its name.
 
         Raises
         ------
         ConfigError
-            Where there are several, or it lies nowhere in memory.
+            If there are several, or it has no address.
         """
         entries = self._entries(path)
         if path.file and entries:
@@ -85,31 +86,31 @@ class VariableIndex:
             entries = [(entry, file) for entry, file in entries if _same_file(path.file, file)]
             if not entries:
                 raise ConfigError(f"{path.text}: {path.name} is not of {path.file}; it is in {', '.join(files)}")
-        found: dict[int, FoundVariable] = {}
+        variables: dict[int, FoundVariable] = {}
         reasons: list[str] = []
         for entry, file in entries:
             try:
                 address = self._address(entry)
-                found.setdefault(address, FoundVariable(address, next_type(entry), file))
+                variables.setdefault(address, FoundVariable(address, next_type(entry), file))
             except _NoPlaceError as reason:
                 reasons.append(str(reason))
-        if len(found) > 1:
-            places = sorted(f"{each.file} (0x{each.address:08x})" for each in found.values())
-            example = PurePosixPath(min(each.file for each in found.values())).name
+        if len(variables) > 1:
+            places = sorted(f"{variable.file} (0x{variable.address:08x})" for variable in variables.values())
+            example = PurePosixPath(min(variable.file for variable in variables.values())).name
             raise ConfigError(
-                f"{path.text}: {len(found)} variables are called {path.name}: {', '.join(places)}; "
+                f"{path.text}: {len(variables)} variables are called {path.name}: {', '.join(places)}; "
                 f"say which: {example}:{path.name}"
             )
-        if not found and reasons:
-            by_symbol = self._by_symbol(path.name, *entries[0])
+        if not variables and reasons:
+            by_symbol = self._find_by_symbol(path.name, *entries[0])
             if by_symbol is None:
                 raise ConfigError(f"{path.text}: {path.name} {reasons[0]}")
             return by_symbol
-        return next(iter(found.values()), None)
+        return next(iter(variables.values()), None)
 
-    def _by_symbol(self, name: str, entry: Any, file: str) -> FoundVariable | None:
-        """Return a variable at the one symbol of its name and size."""
-        symbols = [each for each in self._objects if each.name == name]
+    def _find_by_symbol(self, name: str, entry: Any, file: str) -> FoundVariable | None:
+        """Return a variable at the only symbol of its name and size."""
+        symbols = [symbol for symbol in self._objects if symbol.name == name]
         kind = next_type(entry)
         if len(symbols) != 1 or symbols[0].size != size_of(read_type(kind)):
             return None
@@ -129,25 +130,26 @@ class VariableIndex:
     def _statics(self) -> list[tuple[str, Any, str]]:
         """Static variables within functions: the function, the entry and its file."""
         return [
-            (name_of(function), entry, _file_of(entry))
+            (name_of(function), entry, _source_file(entry))
             for top in self._units
-            for _, function in _scoped(top) if function.tag == "DW_TAG_subprogram"
-            for entry in _inside(function) if entry.tag == "DW_TAG_variable" and "DW_AT_location" in entry.attributes
+            for _, function in _scoped_entries(top) if function.tag == "DW_TAG_subprogram"
+            for entry in _nested_entries(function)
+            if entry.tag == "DW_TAG_variable" and "DW_AT_location" in entry.attributes
             and _operations(entry)[:1] in ([_ADDRESS], [])
         ]  # fmt: skip
 
     def listed(self) -> Iterator[tuple[str, FoundVariable]]:
-        """Yield every variable that lies in memory, with the path that leads to it."""
+        """Yield every variable in memory, with its path."""
         within = [(f"{function}::{name_of(entry)}", [file]) for function, entry, file in self._statics if function]
         at_top = [(name, [file for _, file in entries]) for name, entries in self._by_name.items()]
         for name, files in [*at_top, *within]:
             for path in (name, *(f"{PurePosixPath(file).name}:{name}" for file in sorted(set(files)))):
                 try:
-                    found = self.find(read_path(path))
+                    variable = self.find(read_path(path))
                 except ConfigError:
-                    continue  # without a name or a place, or of several: then with its file
-                if found is not None:
-                    yield path, found
+                    continue  # without a name or an address, or ambiguous: then by its file
+                if variable is not None:
+                    yield path, variable
                     break
 
     def functions_with(self, name: str) -> list[str]:
@@ -155,8 +157,8 @@ class VariableIndex:
         return sorted({function for function, entry, _ in self._statics if name_of(entry) == name and function})
 
     def nearest(self, name: str) -> str:
-        """Return the names that are most like one, as the end of a sentence."""
-        return nearest_names(name, [each for each in self._by_name if each])
+        """Return the most similar names, as the end of a sentence."""
+        return nearest_names(name, [full_name for full_name in self._by_name if full_name])
 
     def enumerator(self, name: str) -> int:
         """Return the value of an enumerator.
@@ -164,7 +166,7 @@ class VariableIndex:
         Raises
         ------
         ConfigError
-            Where there is none, or several of different values.
+            If there is none, or several of different values.
         """
         values = self._enumerators.get(name, set())
         if len(values) == 1:
@@ -179,30 +181,30 @@ class VariableIndex:
 
     @cached_property
     def _enumerators(self) -> dict[str, set[int]]:
-        found: dict[str, set[int]] = {}
+        values: dict[str, set[int]] = {}
         for top in [*self._units, *self._types]:
-            for _, entry in _scoped(top):
+            for _, entry in _scoped_entries(top):
                 for child in children(entry) if entry.tag == "DW_TAG_enumeration_type" else ():
                     if child.tag == "DW_TAG_enumerator":
-                        found.setdefault(name_of(child), set()).add(child.attributes["DW_AT_const_value"].value)
-        return found
+                        values.setdefault(name_of(child), set()).add(child.attributes["DW_AT_const_value"].value)
+        return values
 
     def definition(self, record: Any) -> Any:
-        """Return the definition of a struct of which a unit has the name only; the entry itself where there is none."""
+        """Return the definition of a struct that a unit only declares; the entry itself if there is none."""
         name = name_of(record)
         for top in self._units if name else ():
-            for _, entry in _scoped(top):
+            for _, entry in _scoped_entries(top):
                 if entry.tag == record.tag and "DW_AT_declaration" not in entry.attributes and name_of(entry) == name:
                     return entry
         return record
 
     def _address(self, entry: Any) -> int:
-        """Read where a variable lies.
+        """Read the address of a variable.
 
         Raises
         ------
         _NoPlaceError
-            Where it lies nowhere in memory.
+            If it has no address.
         """
         attributes = entry.attributes
         if "DW_AT_location" not in attributes:
@@ -224,7 +226,7 @@ class VariableIndex:
         address = _plain_address(operations)
         if address is None:
             raise _NoPlaceError(f"is in pieces or computed, at no address of its own; {_VOLATILE}")
-        if address in _REMOVED and all(each.address != address for each in self._objects):
+        if address in _REMOVED and all(variable.address != address for variable in self._objects):
             raise _NoPlaceError("is not in this firmware: the linker has left it out, because nothing uses it")
         return address
 
@@ -235,7 +237,7 @@ def _operations(entry: Any) -> list[int]:
 
 
 def _plain_address(operations: list[int]) -> int | None:
-    """Return the address of a location that is one, with a constant added or not."""
+    """Return the address of a location that is constant, with or without an added offset."""
     if operations[0] != _ADDRESS or len(operations) < 5:
         return None
     address, rest = int.from_bytes(bytes(operations[1:5]), "little"), operations[5:]
@@ -244,38 +246,38 @@ def _plain_address(operations: list[int]) -> int | None:
     return address + sum((byte & 0x7F) << 7 * number for number, byte in enumerate(rest[1:])) & 0xFFFFFFFF
 
 
-def _scoped(scope: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield what a unit has at its top, and in namespaces, and in classes of C++, with their names before it."""
+def _scoped_entries(scope: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the entries of a unit, its namespaces and its C++ classes, with qualified names."""
     in_cpp = scope.cu.get_top_DIE().attributes.get("DW_AT_language")
     classes = STRUCTURES if in_cpp is not None and in_cpp.value in _CPP else frozenset()
     for entry in children(scope):
         if entry.tag == "DW_TAG_namespace" or (entry.tag in classes and name_of(entry)):
             name = name_of(entry)
-            yield from _scoped(entry, f"{prefix}{name}::" if name else prefix)
+            yield from _scoped_entries(entry, f"{prefix}{name}::" if name else prefix)
         yield prefix, entry
 
 
-def _inside(entry: Any) -> Iterator[Any]:
-    """Yield all entries within one, whatever is between."""
+def _nested_entries(entry: Any) -> Iterator[Any]:
+    """Yield all descendants of an entry."""
     for child in children(entry):
         yield child
-        yield from _inside(child)
+        yield from _nested_entries(child)
 
 
-def _file_of(entry: Any) -> str:
-    """Return the source file in whose unit an entry stands; of one that was optimised at link time, the one before."""
+def _source_file(entry: Any) -> str:
+    """Return the source file of an entry's unit; after link-time optimisation, the original one."""
     return name_of(origin_of(entry).cu.get_top_DIE()) or "a file without a name"
 
 
 def _same_file(written: str, file: str) -> bool:
-    wanted = PurePosixPath(written).parts
-    return PurePosixPath(file).parts[-len(wanted) :] == wanted
+    parts = PurePosixPath(written).parts
+    return PurePosixPath(file).parts[-len(parts) :] == parts
 
 
 def nearest_names(name: str, names: list[str]) -> str:
-    """Return the names most like one, or some where none is, as the end of a sentence."""
-    lower = {each.lower(): each for each in names}
-    scoped = [each for each in names if each.endswith(f"::{name}")]
+    """Return the most similar names, or some if none is similar, as the end of a sentence."""
+    lower = {full_name.lower(): full_name for full_name in names}
+    scoped = [full_name for full_name in names if full_name.endswith(f"::{name}")]
     close = scoped[:3] or [lower[match] for match in get_close_matches(name.lower(), lower, n=3)]
     if close:
         return f"nearest: {', '.join(close)}"

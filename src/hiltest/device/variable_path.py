@@ -1,4 +1,4 @@
-"""Paths to variables as a rig has them: ``sfg.MagCal.fV[0]``, ``filter->state[CHX]``, ``magnetic.c:last``."""
+"""Paths to variables, as in a rig: ``sfg.MagCal.fV[0]``, ``filter->state[CHX]``, ``magnetic.c:last``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hiltest.errors import ConfigError
 
 _LONGEST = 512
 _NAME = r"[A-Za-z_$][A-Za-z0-9_$]*"
-# A file has a dot in its name, a scope (a function or a namespace) has none and two colons behind it.
+# A file has a dot in its name; a scope (a function or a namespace) has none and two colons after it.
 _BEGIN = re.compile(rf"(?:(?P<file>[^:\[\]*]*\.[A-Za-z0-9+]+):(?!:))?(?P<scope>(?:{_NAME}::)*)(?P<name>{_NAME})")
 _NUMBER = r"-?(?:0[xX][0-9a-fA-F]+|[0-9]+)"
 _STEP = re.compile(
@@ -21,7 +21,7 @@ _STEP = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class MemberStep:
-    """A member of a struct or union; of what a pointer points to with ``->``."""
+    """A member of a struct or union, or of a pointer's target with ``->``."""
 
     name: str
     by_pointer: bool
@@ -29,14 +29,14 @@ class MemberStep:
 
 @dataclass(frozen=True, slots=True)
 class IndexStep:
-    """An element by its number, or by the name of an enumerator."""
+    """An element by its number, or by an enumerator's name."""
 
     index: int | str
 
 
 @dataclass(frozen=True, slots=True)
 class DereferenceStep:
-    """What a pointer points to."""
+    """The target of a pointer."""
 
 
 Step: TypeAlias = MemberStep | IndexStep | DereferenceStep
@@ -44,10 +44,10 @@ Step: TypeAlias = MemberStep | IndexStep | DereferenceStep
 
 @dataclass(frozen=True, slots=True)
 class VariablePath:
-    """A variable, and the way from it to a value."""
+    """A variable, and the steps from it to a value."""
 
     text: str
-    """As it was written."""
+    """Text of the path."""
     file: str
     """Source file of a static variable; empty when it is not named."""
     scope: str
@@ -62,7 +62,7 @@ def read_path(text: str) -> VariablePath:
     Raises
     ------
     ConfigError
-        Where it is none.
+        If the text is not a path.
     """
     written = text.strip()
     bare = written.lstrip("* ")
@@ -77,7 +77,7 @@ def read_path(text: str) -> VariablePath:
             raise ConfigError(f"{text!r}: {bare[at:]!r} is not understood; write paths as in C: {_EXAMPLES}")
         steps.append(_step(step))
         at = step.end()
-    dereferences = [DereferenceStep()] * stars  # they bind weaker than what stands behind a name
+    dereferences = [DereferenceStep()] * stars  # they bind weaker than the operators after a name
     scope = begin["scope"].removesuffix("::")
     return VariablePath(text, begin["file"] or "", scope, begin["name"], (*steps, *dereferences))
 

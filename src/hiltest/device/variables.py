@@ -1,4 +1,4 @@
-"""Variables of firmware by their paths: each step of a path leads on to a place, or is refused with a reason."""
+"""Variables of firmware by their paths: each step of a path leads to a place, or is refused with a reason."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.program.debug_entries import without_qualifiers
 from hiltest.virtual.program.elf import FirmwareImage, Symbol
 
-_MOST_NUMBERS = 1024  # of one path; a matrix of 9 is the largest that anything here wants
-_DEEPEST = 16  # anonymous members within each other
+_MOST_NUMBERS = 1024  # numbers of one path; the largest useful one is a matrix of 9
+_DEEPEST = 16  # nesting of anonymous members
 
 
 @dataclass(frozen=True, slots=True)
-class _At:
-    """How far a path has been followed; an offset counts from what the last pointer holds."""
+class _Location:
+    """Position on a path; an offset counts from the last pointer's target."""
 
     kind: CType
     written: str
@@ -40,15 +40,15 @@ class _At:
     beyond: tuple[int, ...] = ()
     bits: BitField | None = None
 
-    def moved(self, by: int, kind: CType, written: str, bits: BitField | None = None) -> _At:
-        """Return a place so many bytes further on."""
+    def moved(self, by: int, kind: CType, written: str, bits: BitField | None = None) -> _Location:
+        """Return a place `by` bytes further on."""
         moved = replace(self, kind=kind, written=self.written + written, bits=bits)
         if self.beyond:
             return replace(moved, beyond=(*self.beyond[:-1], self.beyond[-1] + by))
         return replace(moved, address=self.address + by)
 
-    def followed(self, by: int, kind: CType, written: str) -> _At:
-        """Return what a pointer here leads to, so many bytes further on."""
+    def followed(self, by: int, kind: CType, written: str) -> _Location:
+        """Return the target of the pointer at this place, `by` bytes further on."""
         return replace(self, kind=kind, written=self.written + written, beyond=(*self.beyond, by), bits=None)
 
 
@@ -59,17 +59,17 @@ class Variables:
         self._image = image
 
     def place(self, path: str, *, type_: str | None = None) -> Place:
-        """Find where a path leads.
+        """Return the place of a path.
 
         Parameters
         ----------
         type_
-            Type of the variable, ``float[3]``, where only the symbol table knows it.
+            Type of the variable, such as ``float[3]``, if only the symbol table has it.
 
         Raises
         ------
         ConfigError
-            Where it leads nowhere, with the nearest names, or the debug information is damaged.
+            If the path leads nowhere, with the most similar names, or if the debug information is damaged.
         """
         try:
             read = read_path(path)
@@ -82,7 +82,7 @@ class Variables:
                 scalars = list(self._numbers(at.kind, 0, at.written))
         except ConfigError as error:
             raise ConfigError(f"{self._image.name}: {error}") from error
-        except Exception as error:  # the parser raises whatever damaged debug information makes it meet
+        except Exception as error:  # the parser raises any type of error on damaged debug information
             raise ConfigError(
                 f"{self._image.name}: {path}: the debug information is damaged ({str(error) or type(error).__name__}); "
                 'link again with -g, or name a symbol and state its type: type = "float[3]"'
@@ -94,13 +94,13 @@ class Variables:
         dwarf = self._image.debug_information()
         return None if dwarf is None else VariableIndex(dwarf, self._image.objects)
 
-    def _variable(self, path: VariablePath, type_: str | None) -> _At:
+    def _variable(self, path: VariablePath, type_: str | None) -> _Location:
         if type_ is not None:
-            return self._stated(path, stated_type(type_))
+            return self._locate_by_stated_type(path, stated_type(type_))
         index = self._index
-        found = index.find(path) if index is not None else None
-        if found is not None:
-            return _At(self._read(found.type_entry), path.name, found.address)
+        variable = index.find(path) if index is not None else None
+        if variable is not None:
+            return _Location(self._read(variable.type_entry), path.name, variable.address)
         symbols = self._objects(path.name)
         if symbols:
             raise ConfigError(
@@ -110,17 +110,17 @@ class Variables:
         within = index.functions_with(path.name) if index is not None else []
         if within:
             raise ConfigError(f"{path.text}: {path.name} is within a function; write {within[0]}::{path.name}")
-        names = [each.name for each in self._image.objects]
+        names = [variable.name for variable in self._image.objects]
         hint = index.nearest(path.name) if index is not None else nearest_names(path.name, names)
         raise ConfigError(f"{path.text}: no variable {path.name}; {hint}")
 
     def _objects(self, name: str) -> list[Symbol]:
-        return [each for each in self._image.objects if each.name == name]
+        return [variable for variable in self._image.objects if variable.name == name]
 
-    def _stated(self, path: VariablePath, kind: CType) -> _At:
+    def _locate_by_stated_type(self, path: VariablePath, kind: CType) -> _Location:
         symbols, size = self._objects(path.name), size_of(kind)
         if not symbols:
-            names = [each.name for each in self._image.objects]
+            names = [variable.name for variable in self._image.objects]
             raise ConfigError(f"{path.text}: no symbol {path.name}; {nearest_names(path.name, names)}")
         if len(symbols) > 1:
             places = ", ".join(f"0x{symbol.address:08x}" for symbol in symbols)
@@ -133,10 +133,10 @@ class Variables:
                 f"{path.text}: {kind.text} has {size} bytes, and the symbol {path.name} has {symbols[0].size}; "
                 "state the type of all of it"
             )
-        return _At(kind, path.name, symbols[0].address)
+        return _Location(kind, path.name, symbols[0].address)
 
     def _read(self, entry: object) -> CType:
-        """Read a type; a struct that its unit only declares is taken from where it is defined."""
+        """Read a type; a struct that its unit only declares is read from its definition."""
         kind = read_type(entry)
         if isinstance(kind, RecordType) and kind.size is None and self._index is not None:
             return read_type(self._index.definition(without_qualifiers(entry)))
@@ -144,27 +144,27 @@ class Variables:
 
     # -- steps --------------------------------------------------------------------------------
 
-    def _follow(self, at: _At, step: Step) -> _At:
+    def _follow(self, at: _Location, step: Step) -> _Location:
         if isinstance(step, DereferenceStep):
-            return self._dereferenced(at)
+            return self._dereference(at)
         if isinstance(step, IndexStep):
             return self._element(at, step)
         return self._member(at, step)
 
-    def _dereferenced(self, at: _At) -> _At:
+    def _dereference(self, at: _Location) -> _Location:
         if isinstance(at.kind, ArrayType):
             return at.moved(0, at.kind.element, "[0]")
         if not isinstance(at.kind, PointerType):
             raise ConfigError(f"{at.written} is {at.kind.text}, no pointer; leave out the *")
         return replace(at.followed(0, self._target(at), ""), written=f"*{at.written}")
 
-    def _target(self, at: _At) -> CType:
+    def _target(self, at: _Location) -> CType:
         assert isinstance(at.kind, PointerType)
         if at.kind.target is None:
             raise ConfigError(f"{at.written} is {at.kind.text}: what it points to is not said; it has no value")
         return self._read(at.kind.target)
 
-    def _element(self, at: _At, step: IndexStep) -> _At:
+    def _element(self, at: _Location, step: IndexStep) -> _Location:
         if not isinstance(at.kind, ArrayType | PointerType):
             raise ConfigError(f"{at.written} is {at.kind.text}, no array; leave out [{step.index}]")
         index = step.index if isinstance(step.index, int) else self._enumerator(step.index)
@@ -184,7 +184,7 @@ class Variables:
             raise ConfigError(f"[{name}]: without debug information no enum is known; write a number")
         return self._index.enumerator(name)
 
-    def _member(self, at: _At, step: MemberStep) -> _At:
+    def _member(self, at: _Location, step: MemberStep) -> _Location:
         sign = "->" if step.by_pointer else "."
         if isinstance(at.kind, ArrayType):
             raise ConfigError(f"{at.written} is {at.kind.text}; name an element, {at.written}[0]{sign}{step.name}")
@@ -210,26 +210,26 @@ class Variables:
         return at.moved(by, self._read(member.type_entry), sign + step.name, bits)
 
     def _members_by_name(self, record: RecordType, depth: int) -> Iterator[tuple[str, tuple[int, Member]]]:
-        """Yield the members by name, each with the offset of the struct it stands in; of anonymous ones theirs."""
+        """Yield the members by name, each with the offset of its struct; anonymous ones yield their own members."""
         if depth > _DEEPEST:
             raise ValueError("structs within themselves")
         for member in record.members:
             inner = read_type(member.type_entry) if not member.name else None
             if isinstance(inner, RecordType):
-                for name, (offset, each) in self._members_by_name(inner, depth + 1):
-                    yield name, (member.offset + offset, each)
+                for name, (offset, inner_member) in self._members_by_name(inner, depth + 1):
+                    yield name, (member.offset + offset, inner_member)
             elif member.name:
                 yield member.name, (0, member)
 
     # -- numbers ------------------------------------------------------------------------------
 
     def _numbers(self, kind: CType, offset: int, written: str) -> Iterator[Scalar]:
-        """Yield the numbers that lie in a value, in their order in memory.
+        """Yield the numbers of a value, in their order in memory.
 
         Raises
         ------
         ConfigError
-            Where it is not numbers alone, or too many.
+            If the value does not consist of numbers only, or has too many.
         """
         if isinstance(kind, NumberType):
             yield scalar(kind, offset)
@@ -243,7 +243,7 @@ class Variables:
                 else:
                     yield from self._numbers(inner, offset + member.offset, name)
         else:
-            raise ConfigError(f"{written} is {_refused(kind, written)}")
+            raise ConfigError(f"{written} is {_refusal(kind, written)}")
 
     def _numbers_of_array(self, kind: ArrayType, offset: int, written: str) -> Iterator[Scalar]:
         size = size_of(kind.element)
@@ -253,27 +253,27 @@ class Variables:
         if kind.count * len(first) > _MOST_NUMBERS:
             raise ConfigError(f"{written} is {kind.count * len(first)} numbers; name the elements that are meant")
         for number in range(kind.count):
-            for each in first:
-                yield replace(each, offset=offset + number * size + each.offset)
+            for part in first:
+                yield replace(part, offset=offset + number * size + part.offset)
 
 
 def function_address(image: FirmwareImage, written: str) -> int:
-    """Return where a function begins: ``name``, or ``file.c:name`` for one of several.
+    """Return the address of a function: ``name``, or ``file.c:name`` for one of several.
 
     Raises
     ------
     ConfigError
-        Where there is none of this name, or several.
+        If there is none of this name, or several.
     """
     file, _, name = written.rpartition(":")
-    found = {function.address: image.location_at(function.address).partition(":")[0]
+    files = {function.address: image.location_at(function.address).partition(":")[0]
              for function in image.functions if function.name == name}  # fmt: skip
-    chosen = [address for address, place in found.items() if not file or place == PurePosixPath(file).name]
+    chosen = [address for address, place in files.items() if not file or place == PurePosixPath(file).name]
     if len(chosen) == 1:
         return chosen[0]
-    if found:
-        places = ", ".join(f"{place or 'unknown file'} (0x{address:08x})" for address, place in found.items())
-        example = next((place for place in found.values() if place), "file.c")
+    if files:
+        places = ", ".join(f"{place or 'unknown file'} (0x{address:08x})" for address, place in files.items())
+        example = next((place for place in files.values() if place), "file.c")
         raise ConfigError(f"{image.name}: {written}: {name} is in {places}; say which: {example}:{name}")
     names = [function.name for function in image.functions]
     raise ConfigError(
@@ -282,14 +282,14 @@ def function_address(image: FirmwareImage, written: str) -> int:
     )
 
 
-def _refused(kind: CType, written: str) -> str:
+def _refusal(kind: CType, written: str) -> str:
     if isinstance(kind, PointerType):
         target = read_type(kind.target)
         inner = [member.name for member in target.members if member.name] if isinstance(target, RecordType) else []
         example = f"{written}->{inner[0]}" if inner else f"*{written} or {written}[0]"
         return f"{kind.text}, a pointer: write what it points to, {example}"
     if isinstance(kind, RecordType):
-        what = "a union" if kind.is_union else "of unknown size"
+        reason = "a union" if kind.is_union else "of unknown size"
         names = ", ".join(member.name for member in kind.members[:6] if member.name)
-        return f"{kind.text}, {what}: name a member of it" + (f" ({names})" if names else "")
+        return f"{kind.text}, {reason}: name a member of it" + (f" ({names})" if names else "")
     return f"{kind.text}, which has no value to read"

@@ -65,7 +65,7 @@ def see_protocol(board: Board, _rig: Rig) -> Check:
 def see_sensors(board: Board, rig: Rig) -> Check:
     """Check that the sensors that the rig names answer on their buses."""
     present, absent = [], []
-    for kind, name in board.declared.wanted.items():
+    for kind, name in board.declared.sensor_names.items():
         sensor = next(sensor for sensor in board.sensors if sensor.kind is kind and sensor.name == name)
         place = f"{name} (I2C{sensor.bus} 0x{sensor.address:02X})"
         if sensor.present:

@@ -1,1 +1,1 @@
-"""Firmware put onto a board: what is refused, the drive of its DAPLink or a debug probe, and who answers then."""
+"""Flashing of firmware: refused images, DAPLink's drive or a debug probe, and the check of the identity."""

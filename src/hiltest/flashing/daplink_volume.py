@@ -1,8 +1,8 @@
-"""Drag and drop: a file is written to the drive of a DAPLink, which programs the chip and then mounts its drive anew.
+"""Drag and drop: a file is written to the drive of a DAPLink, which programs the chip and then remounts its drive.
 
-What came of it stands on the drive when that is back: FAIL.TXT says why nothing was programmed, and DETAILS.TXT counts
-how often the drive was mounted (DAPLink's source, ``vfs_user.c`` and ``vfs_manager.c``). All of it is read with bounds:
-the folder may be anything.
+The result is on the remounted drive: FAIL.TXT has the reason of a failure, and DETAILS.TXT counts how often the drive
+was mounted (DAPLink's source, ``vfs_user.c`` and ``vfs_manager.c``). All files are read with size limits, because the
+folder may be anything.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from typing import NamedTuple
 from hiltest.errors import FlashError
 from hiltest.text import legible
 
-# A short name in capitals: with a long one, a drive has two directory entries for it.
+# A short name in capitals, because a long one needs two directory entries.
 FILE_NAME = "HILTEST.HEX"
-# DAPLink gives up on a transfer that stands still after 20 s, stays away for 2.5 s, and then the system mounts it.
+# DAPLink aborts a stalled transfer after 20 s and disappears for 2.5 s; then the system mounts it.
 BACK_WITHIN_S = 60.0
 _LOOK_EVERY_S = 0.1
 _PIECE = 1 << 14
 _READ_MOST, _SAID_MOST = 4096, 500
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is done, and how much of how much."""
+"""Callback with the current task, the amount done, and its total."""
 
 
 class DriveState(NamedTuple):
-    """What a drive says of itself."""
+    """State of a drive in its files."""
 
     details: str
     """Content of DETAILS.TXT."""
     remounts: int | None
-    """How often DAPLink has mounted it; None of a DAPLink that does not count."""
+    """Number of remounts by DAPLink; None for a DAPLink that does not count."""
     stopped: str
-    """Content of ASSERT.TXT, which stays on it until somebody deletes it."""
+    """Content of ASSERT.TXT, which stays on the drive until somebody deletes it."""
 
     @classmethod
     def of(cls, volume: Path) -> DriveState | None:
-        """Read it; None where there is no drive of a DAPLink."""
+        """Read the state of a drive; return None if it is not a DAPLink's."""
         details = _text(volume / "DETAILS.TXT")
         if not details:
             return None
@@ -53,12 +53,12 @@ class DriveState(NamedTuple):
 
     @property
     def unique_id(self) -> str:
-        """The same as the board's serial number on USB; empty where it does not say."""
+        """Unique id, equal to the board's serial number on USB; empty if it is missing."""
         return _field(self.details, "Unique ID")
 
     @property
     def resets_by_itself(self) -> bool:
-        """Whether the firmware starts when it is programmed, as DAPLink is set up unless somebody changed it."""
+        """Whether the firmware starts after programming, which is DAPLink's default."""
         return _field(self.details, "Auto Reset") != "0"
 
 
@@ -66,27 +66,27 @@ def drop(
     content: bytes, volume: Path, *, find: Callable[[], Path | None] = lambda: None, progress: Progress,
     back_within_s: float = BACK_WITHIN_S,
 ) -> DriveState:  # fmt: skip
-    """Have a DAPLink program Intel HEX, and wait until it says what came of it.
+    """Let a DAPLink program Intel HEX, and wait for its result.
 
     Parameters
     ----------
     volume
-        Where its drive is mounted.
+        Mount point of its drive.
     find
-        Returns where it is mounted now: the system may mount it elsewhere when it is back.
+        Returns the present mount point, which may change after a remount.
     back_within_s
-        Longest that the drive may stay away.
+        Longest absence of the drive.
 
     Returns
     -------
     DriveState
-        What the drive says when it is back.
+        State of the remounted drive.
 
     Raises
     ------
     FlashError
-        When there is no drive of a DAPLink, it cannot be written to, DAPLink refused the file, or the drive did not
-        come back.
+        When there is no drive of a DAPLink, it cannot be written, DAPLink refuses the file, or the drive does not
+        return.
     """
     before = DriveState.of(volume)
     _refuse_drive(volume, before)
@@ -94,7 +94,7 @@ def drop(
     failed = _write(volume / FILE_NAME, content, progress)
     began_s = time.monotonic()
     while (waited_s := time.monotonic() - began_s) < back_within_s:
-        for place in dict.fromkeys(each for each in (volume, find()) if each is not None):
+        for place in dict.fromkeys(mount for mount in (volume, find()) if mount is not None):
             after = DriveState.of(place)
             if after is not None and _is_back(place, before, after):
                 _refuse_failure(place, failed, after.stopped if after.stopped != before.stopped else "")
@@ -108,12 +108,12 @@ def drop(
     )
 
 
-def _refuse_drive(volume: Path, found: DriveState | None) -> None:
-    if found is None:
+def _refuse_drive(volume: Path, state: DriveState | None) -> None:
+    if state is None:
         raise FlashError(
             f"{volume} is not the drive of a DAPLink: it has no DETAILS.TXT. Name where it is mounted with --volume"
         )
-    if _field(found.details, "Daplink Mode").lower() == "bootloader":
+    if _field(state.details, "Daplink Mode").lower() == "bootloader":
         raise FlashError(
             f"{volume} is DAPLink's own bootloader, which takes new firmware for the interface chip: unplug the board, "
             "and plug it in again without holding its reset button"
@@ -121,14 +121,14 @@ def _refuse_drive(volume: Path, found: DriveState | None) -> None:
 
 
 def _is_back(volume: Path, before: DriveState, after: DriveState) -> bool:
-    """Whether DAPLink has mounted its drive anew: by its count, or because the file that was written is gone."""
+    """Return whether DAPLink has remounted its drive: by its count, or because the written file is gone."""
     if before.remounts is not None:
         return after.remounts not in (None, before.remounts)
     return not (volume / FILE_NAME).exists()
 
 
 def _write(file: Path, content: bytes, progress: Progress) -> OSError | None:
-    """Write the file through to the drive; return what failed, of which the drive may say more when it is back."""
+    """Write the file through to the drive; return an error, which the remounted drive may explain."""
     try:
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError as error:
@@ -141,7 +141,7 @@ def _write(file: Path, content: bytes, progress: Progress) -> OSError | None:
                 piece = content[start : start + _PIECE]
                 while piece:
                     piece = piece[os.write(descriptor, piece) :]
-                os.fsync(descriptor)  # piece by piece: what the system keeps for later is not programmed yet
+                os.fsync(descriptor)  # after each piece, because buffered data is not programmed yet
                 progress("KiB written", min(start + _PIECE, len(content)) >> 10, len(content) >> 10)
         finally:
             os.close(descriptor)
@@ -151,12 +151,12 @@ def _write(file: Path, content: bytes, progress: Progress) -> OSError | None:
 
 
 def _refuse_failure(volume: Path, failed: OSError | None, stopped: str) -> None:
-    said = _text(volume / "FAIL.TXT")
-    if said or (volume / "FAIL.TXT").exists():
-        raise FlashError(f"{volume}: DAPLink did not program it; FAIL.TXT: {_in_a_line(said) or 'is empty'}")
+    text = _text(volume / "FAIL.TXT")
+    if text or (volume / "FAIL.TXT").exists():
+        raise FlashError(f"{volume}: DAPLink did not program it; FAIL.TXT: {_join_lines(text) or 'is empty'}")
     if stopped:
         raise FlashError(
-            f"{volume}: DAPLink stopped at an error of its own; ASSERT.TXT: {_in_a_line(stopped)}. Delete that file, "
+            f"{volume}: DAPLink stopped at an error of its own; ASSERT.TXT: {_join_lines(stopped)}. Delete that file, "
             "or plug the board in again, and bring its DAPLink up to date (https://daplink.io)"
         )
     if failed is not None:
@@ -164,16 +164,16 @@ def _refuse_failure(volume: Path, failed: OSError | None, stopped: str) -> None:
 
 
 def _field(details: str, name: str) -> str:
-    found = re.search(rf"^{re.escape(name)}:(.*)$", details, re.MULTILINE | re.IGNORECASE)
-    return legible(found[1].strip()) if found else ""
+    match = re.search(rf"^{re.escape(name)}:(.*)$", details, re.MULTILINE | re.IGNORECASE)
+    return legible(match[1].strip()) if match else ""
 
 
-def _in_a_line(text: str) -> str:
+def _join_lines(text: str) -> str:
     return legible("; ".join(line.strip().rstrip(".") for line in text.splitlines() if line.strip()))[:_SAID_MOST]
 
 
 def _text(file: Path) -> str:
-    """Return the beginning of a plain file; empty where there is none."""
+    """Return the beginning of a plain file; empty if there is none."""
     try:
         descriptor = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
@@ -181,7 +181,7 @@ def _text(file: Path) -> str:
     try:
         plain = stat.S_ISREG(os.fstat(descriptor).st_mode)
         return os.read(descriptor, _READ_MOST).decode("utf-8", errors="replace") if plain else ""
-    except OSError:  # the drive is on its way out
+    except OSError:  # the drive is being removed
         return ""
     finally:
         os.close(descriptor)

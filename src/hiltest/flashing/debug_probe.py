@@ -1,4 +1,4 @@
-"""Firmware written to the flash by a debug probe, over pyOCD, which the extra ``hiltest[bench]`` brings."""
+"""Flashing by a debug probe with pyOCD, which the extra ``hiltest[bench]`` installs."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
     Parameters
     ----------
     serial_number
-        Of the board, or its beginning; empty for the one that is there.
+        Serial number of the board, or its beginning; empty for the only one.
     progress
-        Called with what is done, and how much of how much.
+        Callback with the current task, the amount done, and its total.
 
     Returns
     -------
@@ -31,11 +31,11 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
     Raises
     ------
     ConfigError
-        When pyOCD is not installed, or several probes fit.
+        When pyOCD is not installed, or several probes match.
     FlashError
-        When pyOCD cannot reach or program the chip, or something else stands in its flash then.
+        When pyOCD cannot reach or program the chip, or its flash differs afterwards.
     NoBoardError
-        When no probe is plugged in that fits.
+        When no matching probe is plugged in.
     """
     try:
         from pyocd.core.exceptions import Error
@@ -48,7 +48,7 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
             "board's DAPLink is used"
         ) from error
     try:
-        # Not ConnectHelper.session_with_chosen_probe: it waits for a probe, and asks the terminal which one.
+        # Not ConnectHelper.session_with_chosen_probe, because it waits for a probe, and asks on the terminal.
         probes = ConnectHelper.get_all_connected_probes(blocking=False, unique_id=serial_number or None)
         if not probes and serial_number:
             raise FlashError(
@@ -58,7 +58,7 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
         if not probes:
             raise NoBoardError(serial_number, [])
         if len(probes) > 1:
-            raise SeveralBoardsError([each.unique_id for each in probes])
+            raise SeveralBoardsError([probe.unique_id for probe in probes])
         probe = probes[0]
         options = {"target_override": _TARGET, "hide_programming_progress": True}
         with Session(probe, auto_open=False, options=options) as session:
@@ -80,15 +80,15 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
 
 
 class _Delegate:
-    """Has pyOCD read no table of the part's registers, in which nobody looks anything up: it takes seconds."""
+    """Delegate that stops pyOCD from reading the part's register table, which takes seconds."""
 
     def will_init_target(self, target: Any, init_sequence: Any) -> None:
-        """Be asked by pyOCD for changes of what it does at first."""
+        """Change the start sequence of pyOCD, which calls this method."""
         init_sequence.remove_task("load_svd")
 
 
 def _refuse_difference(address: int, written: bytes, read: bytes) -> None:
-    """Compare what was read back; pyOCD opens the flash configuration field, whatever the image has there."""
+    """Compare the bytes read back; pyOCD unlocks the flash configuration field regardless of the image."""
     for at, (want, got) in enumerate(zip(written, read, strict=True), start=address):
         if want != got and at not in FIELD:
             raise FlashError(

@@ -1,4 +1,4 @@
-"""What is to be in the flash of an MK64FN1M0, and what must never be."""
+"""Images for the flash of an MK64FN1M0, and the refusal of dangerous ones."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from hiltest.virtual.processor.memory import FLASH, SRAM
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 from hiltest.virtual.program.image_formats import Chunk
 
-# The flash configuration field (MK64F reference manual, 29.3.1): what the chip protects and secures, at reset.
+# The flash configuration field (MK64F reference manual, 29.3.1): protection and security of the chip at reset.
 FIELD = range(0x400, 0x410)
 _FSEC = 0x40C
 _SEC, _UNSECURED = 0x03, 0x02
 _MEEN, _NO_MASS_ERASE = 0x30, 0x20
-# CMSIS names two files of every program after the part that it is for; what is no Kinetis has other addresses.
+# CMSIS names two files of every program after its part; parts other than Kinetis have other addresses.
 _OF_A_PART = re.compile(r"(?:system|startup)_(MK[A-Z]*[0-9]\w*)\.\w+", re.IGNORECASE)
 _THIS_PART = "MK64F"
 _RECORD = 16
@@ -32,19 +32,19 @@ class FlashImage:
 
     image: FirmwareImage
     chunks: tuple[Chunk, ...]
-    """Address and bytes, ascending, none adjacent."""
+    """Addresses and bytes, ascending and not adjacent."""
 
     @property
     def size(self) -> int:
-        """How many bytes are written."""
+        """Number of bytes to write."""
         return sum(len(data) for _, data in self.chunks)
 
     def contains(self, text: bytes) -> bool:
-        """Whether bytes stand in it."""
+        """Return whether the image contains these bytes."""
         return any(text in data for _, data in self.chunks)
 
     def intel_hex(self) -> bytes:
-        """Return it as Intel HEX: unlike in a raw binary, what is cut off or damaged on its way is noticed."""
+        """Return the image as Intel HEX, in which truncation and damage are detected, unlike in a raw binary."""
         return b"".join(self._records())
 
     def _records(self) -> Iterator[bytes]:
@@ -62,7 +62,7 @@ class FlashImage:
 
 
 def load_flash_image(path: Path) -> FlashImage:
-    """Read an ELF, Intel HEX or raw binary, and refuse what is not for this chip or would lock it.
+    """Read an ELF, Intel HEX or raw binary, and refuse an image that is not for this chip or would lock it.
 
     Raises
     ------
@@ -73,14 +73,14 @@ def load_flash_image(path: Path) -> FlashImage:
     image = load_image(path)
     _refuse_other_part(image)
     chunks = _chunks(image)
-    stack, entry = struct.unpack("<2I", _bytes_at(chunks, 0, 8))
+    stack, entry = struct.unpack("<2I", _read_bytes(chunks, 0, 8))
     refuse_wrong_vectors(image, stack, entry)
-    _refuse_lock(image, _bytes_at(chunks, FIELD.start, len(FIELD), missing=b""))
+    _refuse_lock(image, _read_bytes(chunks, FIELD.start, len(FIELD), missing=b""))
     return FlashImage(image, chunks)
 
 
 def _refuse_other_part(image: FirmwareImage) -> None:
-    parts = {found[1] for source_name in image.source_names if (found := _OF_A_PART.fullmatch(source_name))}
+    parts = {match[1] for source_name in image.source_names if (match := _OF_A_PART.fullmatch(source_name))}
     others = sorted(part for part in parts if not part.upper().startswith(_THIS_PART))
     if others:
         raise ConfigError(
@@ -90,17 +90,19 @@ def _refuse_other_part(image: FirmwareImage) -> None:
 
 
 def _chunks(image: FirmwareImage) -> tuple[Chunk, ...]:
-    """Return what is to be written, with adjacent segments joined."""
+    """Return the bytes to write, with adjacent segments joined."""
     base, size = FLASH
     joined: list[tuple[int, bytearray]] = []
-    for segment in sorted((each for each in image.segments if each.data), key=lambda segment: segment.address):
+    for segment in sorted(
+        (candidate for candidate in image.segments if candidate.data), key=lambda segment: segment.address
+    ):
         first, end = segment.address, segment.address + len(segment.data)
         if first < base or end > base + size:
             raise ConfigError(
                 f"{image.name}: built for another chip, or for RAM: {len(segment.data)} bytes belong at 0x{first:08x}, "
                 f"and the MK64FN1M0 has {size >> 10} KiB of flash at {base}"
             )
-        if not _in_memories(segment.run_address, segment.run_size):
+        if not _is_in_memories(segment.run_address, segment.run_size):
             raise ConfigError(
                 f"{image.name}: built for another chip: {segment.run_size} bytes run at 0x{segment.run_address:08x}, "
                 f"where the MK64FN1M0 has neither flash nor SRAM (0x{SRAM[0]:08x}, {SRAM[1] >> 10} KiB)"
@@ -115,12 +117,12 @@ def _chunks(image: FirmwareImage) -> tuple[Chunk, ...]:
     return tuple((address, bytes(data)) for address, data in joined)
 
 
-def _in_memories(address: int, size: int) -> bool:
+def _is_in_memories(address: int, size: int) -> bool:
     return any(base <= address and address + size <= base + room for base, room in (FLASH, SRAM))
 
 
-def _bytes_at(chunks: tuple[Chunk, ...], address: int, size: int, missing: bytes | None = None) -> bytes:
-    """Return bytes of one chunk; `missing`, or zeros, where they are not all there."""
+def _read_bytes(chunks: tuple[Chunk, ...], address: int, size: int, missing: bytes | None = None) -> bytes:
+    """Return bytes of one chunk; `missing`, or zeros, if it does not contain all of them."""
     for base, data in chunks:
         if base <= address and address + size <= base + len(data):
             return data[address - base : address - base + size]
@@ -128,7 +130,7 @@ def _bytes_at(chunks: tuple[Chunk, ...], address: int, size: int, missing: bytes
 
 
 def _refuse_lock(image: FirmwareImage, field: bytes) -> None:
-    """Refuse what would shut out debugger and DAPLink at the next reset."""
+    """Refuse a field that would lock out debugger and DAPLink at the next reset."""
     place = f"the flash configuration field at 0x{FIELD.start:x}"
     mend = f"link it as the board's start-up code has it, FSEC (0x{_FSEC:x}) = 0xFE"
     if not field:

@@ -1,4 +1,4 @@
-"""A board is flashed while nobody else has it, and then asked who it is."""
+"""Flashing of a board under its lock, and the check of its identity afterwards."""
 
 from __future__ import annotations
 
@@ -28,36 +28,37 @@ from hiltest.link.session import FIRMWARE_NAME, Session
 from hiltest.rig import Rig
 from hiltest.text import format_number
 
-# Firmware starts within a second of its reset; a port that went away is back, and looked at by the system, in a few.
+# Time for the restart: firmware starts within a second of its reset; a port that disappeared is available again in a
+# few seconds.
 ANSWERS_WITHIN_S = 10.0
 _ASK_AGAIN_S = 0.2
 _BAUD = 115_200
-_ID_DIGITS = 8  # of a build id that say which it is
+_ID_DIGITS = 8  # digits that identify a build
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A board that may be flashed, as far as it is known."""
+    """A board that may be flashed, with the known facts."""
 
     port: str | None
     """Its serial port."""
     board: UsbBoard | None
-    """Where it is plugged into this machine."""
+    """USB device of the board on this machine."""
     volume: Path | None
-    """Where the drive of its DAPLink is mounted."""
+    """Mount point of its DAPLink's drive."""
     baud: int = _BAUD
     rig: Rig | None = None
 
     @property
     def serial_number(self) -> str:
-        """Of the board; empty where it is not known."""
+        """Serial number of the board; empty if unknown."""
         return self.board.serial_number if self.board else ""
 
     @property
     def place(self) -> str:
-        """What the lock of the board is named after."""
+        """Name of the board's lock."""
         of_port = place_of(self.port) if self.port else None
         if of_port or self.serial_number:
             return of_port or self.serial_number
@@ -65,24 +66,24 @@ class Target:
         return (drive.unique_id if drive else "") or os.path.realpath(self.volume or "pyocd")
 
     def mounted_at(self) -> Path | None:
-        """Return where the drive is mounted now."""
-        found = (board.volume for board in find_boards() if board.serial_number == self.serial_number)
-        return next((volume.path for volume in found if volume), None)
+        """Return the present mount point of the drive."""
+        volumes = (board.volume for board in find_boards() if board.serial_number == self.serial_number)
+        return next((volume.path for volume in volumes if volume), None)
 
 
 @dataclass(frozen=True, slots=True)
 class Flashed:
-    """What was done to a board."""
+    """Result of flashing a board."""
 
     serial_number: str
-    """Empty where it is not known."""
+    """Empty if it is not known."""
     identity: Identity | None
-    """Of the firmware that answered afterwards; None where nothing was asked."""
+    """Identity of the firmware afterwards; None if it was not asked."""
     said: str
-    """What is known of who runs on it now."""
+    """Remark on the firmware that now runs."""
 
     def sentence(self, image: FlashImage, target: Target) -> str:
-        """Say it for people."""
+        """Return the result as a sentence."""
         board = f"board {self.serial_number}" if self.serial_number else f"the board on {target.port or target.volume}"
         return f"{Path(image.image.name).name}: {format_number(image.size)} bytes flashed onto {board}; {self.said}"
 
@@ -90,16 +91,16 @@ class Flashed:
 def find_target(
     *, rig: Rig | None = None, port: str | None = None, volume: Path | None = None, by_probe: bool = False
 ) -> Target:
-    """Find the board that is to be flashed.
+    """Find the board to flash.
 
     Parameters
     ----------
     port
-        Wins over the rig's; without either it is the one board that is plugged in.
+        Port in place of the rig's; if neither is set, the only board that is plugged in.
     volume
-        Where the drive of its DAPLink is mounted, where that is not to be looked for.
+        Mount point of its DAPLink's drive, instead of a search.
     by_probe
-        Whether a debug probe does it, which need not be a DAPLink.
+        Whether to use a debug probe, which need not be a DAPLink.
 
     Raises
     ------
@@ -118,10 +119,12 @@ def find_target(
     board: UsbBoard | None = None
     if url is not None and not url.startswith("usb:"):
         real = os.path.realpath(url) if "://" not in url else None
-        board = next((each for each in find_boards() if real in {os.path.realpath(port) for port in each.ports}), None)
+        board = next(
+            (board for board in find_boards() if real in {os.path.realpath(port) for port in board.ports}), None
+        )
     elif url is None and volume is not None:
         drive = DriveState.of(volume)
-        board = next((each for each in find_boards() if drive and each.serial_number == drive.unique_id), None)
+        board = next((board for board in find_boards() if drive and board.serial_number == drive.unique_id), None)
     else:
         try:
             board = choose_board((url or "").partition("://")[2].strip("/"))
@@ -136,32 +139,32 @@ def find_target(
 
 
 def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress: Progress) -> Flashed:
-    """Put an image onto a board, and check that it is what answers then.
+    """Flash an image, and check that the board then answers with its identity.
 
     Parameters
     ----------
     by_probe
-        Whether a debug probe does it, over pyOCD; by default it is dropped onto the drive of the board's DAPLink.
+        Whether to use a debug probe with pyOCD; by default the image is copied to the drive of the board's DAPLink.
     progress
-        Called with what is done, and how much of how much.
+        Callback with the current task, the amount done, and its total.
 
     Raises
     ------
     PortRefusedError
         When another process has the board.
     FlashError
-        When it could not be programmed, or nothing answers afterwards.
+        When it cannot be programmed, or nothing answers afterwards.
     VersionMismatchError
         When other firmware answers afterwards.
     ConfigError
-        As `program`.
+        See `program`.
     """
     with BoardLock(target.place, rig=target.rig.name if target.rig else "", name=target.port or target.serial_number):
         serial_number, hint = target.serial_number, ""
         if by_probe:
             serial_number = program(image, serial_number, progress=progress)
         else:
-            after = drop(image.intel_hex(), _volume_of(target), find=target.mounted_at, progress=progress)
+            after = drop(image.intel_hex(), _find_volume(target), find=target.mounted_at, progress=progress)
             serial_number = serial_number or after.unique_id
             hint = "" if after.resets_by_itself else " Press its reset button: its DAPLink does not start firmware."
         if not image.contains(FIRMWARE_NAME.encode()) or (target.rig is not None and target.rig.own_language):
@@ -177,10 +180,10 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
             raise FlashError(
                 f"{image.image.name} was programmed, but does not say that it runs: {error}{hint}"
             ) from error
-        return Flashed(serial_number, identity, _compared(identity, image, target.port))
+        return Flashed(serial_number, identity, _identity_remark(identity, image, target.port))
 
 
-def _volume_of(target: Target) -> Path:
+def _find_volume(target: Target) -> Path:
     if target.volume is not None:
         return target.volume
     if target.board is None:
@@ -197,7 +200,7 @@ def _volume_of(target: Target) -> Path:
 
 
 def _ask(port: str, target: Target) -> Identity:
-    """Ask who answers, again and again while nobody does."""
+    """Ask for the identity, repeatedly until the board answers."""
     until_s = time.monotonic() + ANSWERS_WITHIN_S
     while True:
         try:
@@ -211,14 +214,14 @@ def _ask(port: str, target: Target) -> Identity:
             time.sleep(_ASK_AGAIN_S)
 
 
-def _compared(identity: Identity, image: FlashImage, port: str) -> str:
+def _identity_remark(identity: Identity, image: FlashImage, port: str) -> str:
     answers = f"{identity.name} {identity.version} build {identity.build_id} answers"
-    wanted = image.image.build_id
-    if not wanted:
+    build_id = image.image.build_id
+    if not build_id:
         return f"{answers}; the image says no build to compare it with"
-    if len(identity.build_id) < _ID_DIGITS or not wanted.startswith(identity.build_id.lower()):
+    if len(identity.build_id) < _ID_DIGITS or not build_id.startswith(identity.build_id.lower()):
         raise VersionMismatchError(
-            f"{image.image.name} is build {wanted[:16]}, and on {port} {answers}: it is another board's port, or the "
+            f"{image.image.name} is build {build_id[:16]}, and on {port} {answers}: it is another board's port, or the "
             "chip still runs what it had"
         )
     return f"{answers}: what was flashed runs"

@@ -1,4 +1,4 @@
-"""The calibration of a whole IMU as a file: its contents, the board that it is of, and the same numbers for C."""
+"""The calibration of a complete IMU as a file: its contents, the check of its board, and a C header."""
 
 from __future__ import annotations
 

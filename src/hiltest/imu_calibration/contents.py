@@ -1,6 +1,6 @@
 """Contents of a calibration file. It states frame, formulas and units, which are always the same.
 
-Plain data: what is no number, contradicts itself or means something else is refused as it is made.
+Plain data: the constructors refuse invalid numbers, contradictions and other conventions.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ FRAME: Literal["body: x forward, y right, z down; accelerometer counts are gravi
 MICROTESLA_PER_COUNT = 0.1
 
 _STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
-# Of a matrix whose rows are as long as each other, 1: below this the axes are one plane in float32.
+# Smallest determinant of a matrix with normalised rows: below it the axes lie in one plane in float32.
 _SMALLEST_VOLUME = 1e-6
-# Counts and microtesla are written with as many digits as a double has.
+# Tolerance between counts and microtesla, which are written with a double's digits.
 _SAME = 1e-9
 _UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
 _HEX = re.compile(r"[0-9a-f]+")
@@ -42,7 +42,7 @@ class FigureOfMerit:
 
 @dataclass(frozen=True, slots=True)
 class MadeOn:
-    """The board that a calibration is of."""
+    """The board of a calibration."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     kind: Literal["virtual", "real"]
@@ -50,13 +50,14 @@ class MadeOn:
     firmware: str
     version: str
     build_id: str
-    """Counts are this firmware's: its name must be the same, its build may be another."""
+    """Firmware that defines the counts: its name must match, its build may differ."""
     unique_id: str
-    """Id of the chip, hexadecimal. All virtual boards have the same."""
+    """Id of the chip, hexadecimal. All virtual boards share one."""
     rig: str
-    """Name of the rig it was made with."""
+    """Name of the rig."""
     world_sha256: str | None
-    """Digest of the simulated world without its noise, which distinguishes virtual boards. None on a port."""
+    """Digest of the simulated world without its noise, which distinguishes virtual boards; None for a board on a
+    port."""
 
     def __post_init__(self) -> None:
         if not _HEX.fullmatch(self.unique_id):
@@ -75,20 +76,20 @@ class MagnetometerUnits:
 
 @dataclass(frozen=True, slots=True)
 class MagnetometerPart:
-    """Counts to a field of norm 1."""
+    """Conversion of counts to a field of norm 1."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     sensor: str
     method: str
     n: int
-    """Points that the method used."""
+    """Number of points that the method used."""
     formula: Literal["unit_field = soft_iron * (counts - hard_iron)"]
     soft_iron: Matrix
-    """[1/count]."""
+    """Soft iron [1/count]."""
     hard_iron: Triple
-    """[counts]."""
+    """Hard iron [counts]."""
     hard_iron_ut: Triple
-    """The same [uT]."""
+    """Hard iron [uT]."""
     units: MagnetometerUnits
     figures: tuple[FigureOfMerit, ...]
 
@@ -113,7 +114,7 @@ class AccelerometerUnits:
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerPart:
-    """Counts to gravity: `gain`, 3 rows of 3 [g/count]; `offset` (3,) [counts]; `n` poses."""
+    """Conversion of counts to gravity: `gain`, 3 rows of 3 [g/count]; `offset` (3,) [counts]; `n` poses."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     sensor: str
@@ -140,7 +141,7 @@ class GyroscopeUnits:
 
 @dataclass(frozen=True, slots=True)
 class GyroscopePart:
-    """Counts to rates: `matrix`, 3 rows of 3 [dps/count]; `bias` (3,) [counts]; `n` samples at rest."""
+    """Conversion of counts to rates: `matrix`, 3 rows of 3 [dps/count]; `bias` (3,) [counts]; `n` samples at rest."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     sensor: str
@@ -168,16 +169,16 @@ class ImuCalibration:
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     schema: Literal["hiltest.imu-calibration/1"]
     hiltest: str
-    """Version that made it."""
+    """Version of hiltest that wrote it."""
     made_utc: str
-    """ISO 8601, to the second."""
+    """Time of the calibration, ISO 8601, to the second."""
     frame: Literal["body: x forward, y right, z down; accelerometer counts are gravity-positive"]
     temperature_degc: float | None
-    """Temperature of the gyroscope's die when it was made; its offset is not trimmed. None without a gyroscope."""
+    """Temperature of the gyroscope's die, with untrimmed offset; None without a gyroscope."""
     made_on: MadeOn
     accelerometer: AccelerometerPart | None
     gyroscope: GyroscopePart | None
-    """None where that sensor was not calibrated."""
+    """Calibrations of the sensors; None if a sensor was not calibrated."""
     magnetometer: MagnetometerPart
 
     def __post_init__(self) -> None:
@@ -186,8 +187,8 @@ class ImuCalibration:
 
 
 def triple(values: object) -> Triple:
-    """Return three numbers of an array as they stand in a file."""
-    x, y, z = (float(each) for each in np.asarray(values, dtype=np.float64).reshape(3))
+    """Return three numbers of an array for a file."""
+    x, y, z = (float(value) for value in np.asarray(values, dtype=np.float64).reshape(3))
     return (x, y, z)
 
 
@@ -198,7 +199,7 @@ def matrix(values: object) -> Matrix:
 
 
 def _check(name: str, rows: Matrix, offset: Triple) -> None:
-    """Refuse what the board cannot hold as float32, and a matrix that has lost an axis."""
+    """Refuse numbers beyond float32, and a matrix with dependent axes."""
     linear = np.array(rows, dtype=np.float64)
     if np.abs([*linear.ravel(), *offset]).max() > np.finfo(np.float32).max:
         raise ValueError("a number is larger than a float32 can be")

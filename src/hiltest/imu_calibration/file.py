@@ -1,4 +1,4 @@
-"""Reading and writing a calibration file, JSON that is hostile until it is parsed; and its numbers as a C header."""
+"""Reader and writer of calibration files, which are untrusted JSON; and of their numbers as a C header."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hiltest.errors import ConfigError
 from hiltest.imu_calibration.contents import SCHEMA, ImuCalibration, Matrix, Triple
 from hiltest.strict_json import JsonFile, read_json, shown
 
-# A file is some 4 kB: more is not one of ours.
+# Largest size: a calibration file has some 4 kB.
 _LARGEST_BYTES = 1_000_000
-# A list of numbers alone, which stands on one line. No string has a line break behind a bracket.
+# A list of only numbers, which is written on one line. No string has a line break after a bracket.
 _NUMBERS = re.compile(r"\[\n([^\[\]{}]*?)\n\s*\]")
 _OTHERWISE = "calibrate again: hiltest calibrate"
 _GUARD = "HILTEST_IMU_CALIBRATION_H"
@@ -33,7 +33,7 @@ class CalibrationFile:
 def to_json(calibration: ImuCalibration) -> str:
     """Return the text of a calibration file."""
     text = json.dumps(asdict(calibration), indent=1, ensure_ascii=False, allow_nan=False)
-    return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
+    return _NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text) + "\n"
 
 
 def load_calibration(path: Path) -> CalibrationFile:
@@ -42,25 +42,25 @@ def load_calibration(path: Path) -> CalibrationFile:
     Raises
     ------
     ConfigError
-        If it cannot be read, is no such file, or has a number, unit, frame or formula that means something else;
-        says which, and what to do.
+        If it cannot be read, is not a calibration file, or has another number, unit, frame or formula; the message has
+        the place and a remedy.
     """
     file = read_json(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
     _check_schema(file)
-    return CalibrationFile(path, file.sha256, _validated(file))
+    return CalibrationFile(path, file.sha256, _validate(file))
 
 
 def _check_schema(file: JsonFile) -> None:
-    path, found = file.path, file.schema
-    if found == SCHEMA:
+    path, schema = file.path, file.schema
+    if schema == SCHEMA:
         return
-    if str(found).partition("/")[0] == SCHEMA.partition("/")[0]:
-        raise ConfigError(f"{path}: schema is {found!r}, this hiltest reads {SCHEMA!r}; use the version that wrote it, "
-                          f"or {_OTHERWISE}")
-    raise ConfigError(f"{path}: no calibration of an IMU: its schema is {shown(found)}, not {SCHEMA!r}; {_OTHERWISE}")
+    if str(schema).partition("/")[0] == SCHEMA.partition("/")[0]:
+        raise ConfigError(f"{path}: schema is {schema!r}, this hiltest reads {SCHEMA!r}; use the version that wrote "
+                          f"it, or {_OTHERWISE}")
+    raise ConfigError(f"{path}: no calibration of an IMU: its schema is {shown(schema)}, not {SCHEMA!r}; {_OTHERWISE}")
 
 
-def _validated(file: JsonFile) -> ImuCalibration:
+def _validate(file: JsonFile) -> ImuCalibration:
     from pydantic import TypeAdapter, ValidationError
 
     try:
@@ -71,7 +71,7 @@ def _validated(file: JsonFile) -> ImuCalibration:
         raise ConfigError(f"{file.path}: {_complaint(place, first['type'], first['msg'], first['input'])}") from error
 
 
-def _complaint(place: str, kind: str, message: str, given: object) -> str:
+def _complaint(place: str, kind: str, message: str, value: object) -> str:
     if kind in ("missing", "missing_argument"):
         return f"{place} is missing; {_OTHERWISE}"
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
@@ -79,10 +79,10 @@ def _complaint(place: str, kind: str, message: str, given: object) -> str:
     message = message.removeprefix("Value error, ")
     if kind == "value_error":
         return f"{place + ': ' if place else ''}{message}; {_OTHERWISE}"
-    said = f"{place}: {message[0].lower()}{message[1:]}, not {shown(given)}"
+    text = f"{place}: {message[0].lower()}{message[1:]}, not {shown(value)}"
     if kind == "literal_error":
-        return f"{said}; nothing is converted: {_OTHERWISE}"
-    return f"{said}; {_OTHERWISE}"
+        return f"{text}; nothing is converted: {_OTHERWISE}"
+    return f"{text}; {_OTHERWISE}"
 
 
 def to_header(calibration: ImuCalibration) -> str:
@@ -98,12 +98,12 @@ def to_header(calibration: ImuCalibration) -> str:
         parts.append(_part("gyroscope", gyroscope.sensor, gyroscope.method, gyroscope.formula, [
             ("matrix", gyroscope.units.matrix, gyroscope.matrix), ("bias", gyroscope.units.bias, gyroscope.bias),
         ]))
-    made = calibration.made_on
+    origin = calibration.made_on
     lines = [
         "/*",
         f" * Calibration of an IMU by hiltest {comment_text(calibration.hiltest)}, {calibration.made_utc}.",
-        f" * Board: chip {made.unique_id}, firmware {comment_text(made.firmware)} build {comment_text(made.build_id)}, "
-        f"rig {comment_text(made.rig)}.",
+        f" * Board: chip {origin.unique_id}, firmware {comment_text(origin.firmware)} build "
+        f"{comment_text(origin.build_id)}, rig {comment_text(origin.rig)}.",
         f" * Frame: {calibration.frame}.",
         " * Matrices are row by row; every product is matrix times column.",
         " */",
@@ -123,5 +123,5 @@ def _part(
     name: str, sensor: str, method: str, formula: str, numbers: Sequence[tuple[str, str, Matrix | Triple]]
 ) -> str:
     lines = [f"/* {comment_text(sensor)}, {comment_text(method)}: {formula} */"]
-    lines += [c_constant(f"{name}_{what}", values, unit) for what, unit, values in numbers]
+    lines += [c_constant(f"{name}_{quantity}", values, unit) for quantity, unit, values in numbers]
     return "\n".join([*lines, ""])

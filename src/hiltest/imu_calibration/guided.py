@@ -1,4 +1,4 @@
-"""Calibration of the whole IMU in one procedure: each step is announced, and a refused one can be done again."""
+"""Calibration of the complete IMU in one procedure: each step is announced, and a refused one can be repeated."""
 
 from __future__ import annotations
 
@@ -58,49 +58,49 @@ Done = TypeVar("Done")
 
 
 class Guide(Protocol):
-    """Interface to the person who is led through the procedure."""
+    """Interface to the person who is guided through the procedure."""
 
-    def begin(self, step: int, of: int, what: str) -> None:
+    def begin(self, step: int, of: int, task: str) -> None:
         """Announce a step."""
 
     def found(self, part: str, method: str, figures: tuple[FigureOfMerit, ...]) -> None:
         """Report the result of a step."""
 
     def again(self, why: str) -> bool:
-        """Report why a step was refused; return whether it is done once more."""
+        """Report why a step was refused; return whether to repeat it."""
 
 
 def calibrate_imu(
     board: Board, turntable: Turntable, rig: Rig, *, guide: Guide, made_utc: str, calibrator: str,
     progress: Progress | None = None,
 ) -> ImuCalibration:
-    """Calibrate every sensor of a board, in the order in which they need each other.
+    """Calibrate every sensor of a board, in the order of their dependencies.
 
     Parameters
     ----------
     turntable
-        An operator is asked; motors turn without a question.
+        Turntable: an operator is asked, motors turn automatically.
     rig
-        Says which steps, how many points and how many seconds.
+        Rig with the steps, the number of points and the durations.
     made_utc
-        The time that the calibration gets, ISO 8601.
+        Time to record in the calibration, ISO 8601.
     calibrator
         Magnetometer calibrator of the firmware; `DPI` also uses gravity.
 
     Raises
     ------
     ConfigError
-        When `dpi` is asked for, and the rig asks for no calibration of the accelerometer.
+        When the calibrator is `dpi`, and the rig has no calibration of the accelerometer.
     CalibrationError
-        When a step's data supports no calibration and it is not done again; says why.
+        When a step's data allows no calibration and it is not repeated; the message has the reason.
     SensorFaultError
-        When a sensor gives what no sound one does, as near a magnet, and the step is not done again.
+        When a sensor returns values that no intact one does, as near a magnet, and the step is not repeated.
     SensorAbsentError
         When a sensor is missing.
     BoardResetError
-        When the board was reset, and with it what the steps so far have stored.
+        When a reset of the board has cleared the results of earlier steps.
     """
-    led = _Led(board, turntable, rig, guide, progress)
+    led = _GuidedSteps(board, turntable, rig, guide, progress)
     if calibrator == DPI and not led.has_faces:
         raise ConfigError(
             f"{DPI} holds the magnetometer against a calibrated accelerometer, and {rig.path} asks for none: set "
@@ -115,8 +115,8 @@ def calibrate_imu(
     )
 
 
-class _Led:
-    """The steps, each with the same board, table, rig and guide."""
+class _GuidedSteps:
+    """Steps of the procedure on one board, table, rig and guide."""
 
     def __init__(
         self, board: Board, turntable: Turntable, rig: Rig, guide: Guide, progress: Progress | None
@@ -126,11 +126,11 @@ class _Led:
 
     @property
     def has_faces(self) -> bool:
-        """Whether the rig asks for the six faces and says how true they are."""
+        """Whether the rig has the six faces and declares their uncertainty."""
         return self._rig.faces is not None and self._rig.procedure.accelerometer_calibration == "six-position"
 
     def step(self, part: str, do: Callable[[], Done]) -> Done:
-        """Announce a step and do it, again and again while its data is refused and the guide wants it once more."""
+        """Announce a step and perform it, repeatedly while its data is refused and the guide wants to repeat it."""
         self._step += 1
         self._guide.begin(self._step, 2 + self.has_faces, part)
         return self._until_good(do)
@@ -142,19 +142,19 @@ class _Led:
                 self._board.session.refuse_reset()
                 return done
             except (CalibrationError, SensorFaultError) as error:
-                self._board.session.refuse_reset()  # which then is why
+                self._board.session.refuse_reset()  # because a reset may be the reason
                 if not self._guide.again(str(error)):
                     raise
 
     def accelerometer(self) -> AccelerometerPart:
-        """Put the board on its six faces; of those that are refused only these again."""
+        """Put the board on its six faces, and repeat only refused ones."""
         faces = self._rig.faces
         assert faces is not None
         run = measure_six_positions(
             self._board, self._turntable, uncertainty_deg=faces.uncertainty_deg, progress=self._progress,
             again=lambda error: self._guide.again(str(error)),
         )
-        store_accelerometer(self._board, run.fit, [UNCALIBRATED_SLOT])  # what `dpi` corrects gravity by
+        store_accelerometer(self._board, run.fit, [UNCALIBRATED_SLOT])  # used by `dpi`
         part = AccelerometerPart(
             sensor=self._board.sensor(SensorKind.ACCELEROMETER).name, method=run.method, n=len(run.counts),
             formula="gravity_g = gain * (counts - offset)", gain=matrix(run.fit.gain), offset=triple(run.fit.offset),
@@ -167,7 +167,7 @@ class _Led:
         return part
 
     def gyroscope(self) -> tuple[GyroscopePart, float]:
-        """Rest, and where the rig asks for it turn about each axis; return the die's temperature, too [degC]."""
+        """Rest, and turn about each axis if the rig asks for it; return also the die's temperature [degC]."""
         turns = self._rig.procedure.gyroscope_calibration == "turns"
         part, degc = self._turns() if turns else self._rests()
         self._guide.found("gyroscope", part.method, part.figures)
@@ -185,14 +185,14 @@ class _Led:
 
     def _turns(self) -> tuple[GyroscopePart, float]:
         turns = [self._until_good(partial(self._turn, axis)) for axis in (Axis.Z, Axis.X, Axis.Y)]
-        found = fit_on_board(self._board, turns, uncertainty_deg=self._rig.turntable.uncertainty_deg)
+        fit = fit_on_board(self._board, turns, uncertainty_deg=self._rig.turntable.uncertainty_deg)
         figures = (
             FigureOfMerit("error of the rests after", max(turn.bias_error_dps for turn in turns), "dps"),
-            FigureOfMerit("uncertainty of scale", found.scale_uncertainty_percent, "%"),
-            FigureOfMerit("uncertainty of axes", found.misalignment_uncertainty_deg, "deg"),
+            FigureOfMerit("uncertainty of scale", fit.scale_uncertainty_percent, "%"),
+            FigureOfMerit("uncertainty of axes", fit.misalignment_uncertainty_deg, "deg"),
         )
         last = turns[-1].after
-        part = self._gyroscope_part("rests and turns", found.fit, last.n, figures)
+        part = self._gyroscope_part("rests and turns", fit.fit, last.n, figures)
         return part, float(last.die_temperature_degc)
 
     def _turn(self, axis: Axis) -> MeasuredTurn:
@@ -220,13 +220,13 @@ class _Led:
         if calibrator == DPI:
             run = fit_tumble(self._board, tumble, slot=1, dip_deg=self._rig.field.dip_deg).run
         else:
-            found = run_calibrators(self._board, tumble, calibrators=[calibrator], n=n, progress=self._progress)
-            run = found[calibrator]
-        figures = _figures_of(run, tumble)
+            runs = run_calibrators(self._board, tumble, calibrators=[calibrator], n=n, progress=self._progress)
+            run = runs[calibrator]
+        figures = _fit_figures(run, tumble)
         verdict, reasons = rate(figures)
         if verdict is Acceptance.REFUSED:
-            seen = f"{100 * tumble.coverage:.0f} % of the sphere was seen"
-            raise CalibrationError(f"magnetometer refused: {reasons[0].meaning} ({seen})")
+            coverage = f"{100 * tumble.coverage:.0f} % of the sphere was seen"
+            raise CalibrationError(f"magnetometer refused: {reasons[0].meaning} ({coverage})")
         part = MagnetometerPart(
             sensor=self._board.sensor(SensorKind.MAGNETOMETER).name, method=run.calibrator, n=n,
             formula="unit_field = soft_iron * (counts - hard_iron)", soft_iron=matrix(run.soft_iron),
@@ -243,7 +243,7 @@ class _Led:
         return part
 
 
-def _figures_of(run: CalibratorRun, tumble: Tumble) -> FitFigures:
+def _fit_figures(run: CalibratorRun, tumble: Tumble) -> FitFigures:
     """Return the figures that rate a calibration, as in `hiltest fit`."""
     points = tumble.points
     if not run.usable:

@@ -1,4 +1,4 @@
-"""A calibration file's numbers in the board, so that the board answers under them."""
+"""Storage of a calibration file's numbers on the board, so that its answers use them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NAME = "calibration"
 
 
 def store_calibration(board: Board, calibration: ImuCalibration, slot: int) -> dict[str, int]:
-    """Put magnetometer and accelerometer calibration into a slot; return the slot by its name."""
+    """Store magnetometer and accelerometer calibration in a slot; return the slot by its name."""
     board.session.request(ClearCalibration(slot))
     magnetometer, accelerometer = calibration.magnetometer, calibration.accelerometer
     board.session.request(SetCalibration(slot, magnetometer.soft_iron, magnetometer.hard_iron))
@@ -32,7 +32,7 @@ def store_calibration(board: Board, calibration: ImuCalibration, slot: int) -> d
 
 @contextmanager
 def gyroscope_calibrated_by(board: Board, part: GyroscopePart) -> Iterator[None]:
-    """Let the board, which has one gyroscope calibration, have a file's, and its own again afterwards."""
+    """Give the board a file's gyroscope calibration for the time of the context, and restore its own afterwards."""
     own = board.session.request(GetGyroscope())
     board.session.request(SetGyroscope(part.matrix, part.bias))
     try:
@@ -47,15 +47,15 @@ def gyroscope_bias_error_dps(board: Board, part: GyroscopePart, *, seconds: floa
     Raises
     ------
     BoardMovedError, SamplesLostError
-        When it was no rest: to and fro, a motion's mean would be as good as none.
+        When the board moved: the mean of a motion to and fro could hide it.
     """
     with gyroscope_calibrated_by(board, part):
         rest = rest_gyroscope(board, seconds=seconds)
     return float(np.abs(np.array(part.matrix) @ rest.corrected_mean).max())
 
 
-def field_norm_rms_percent(known: KnownAngles, calibration: ImuCalibration) -> float:
-    """Return how far the corrected field is from norm 1 at the known angles, rms over the poses [%]."""
+def field_norm_rms_percent(known_angles: KnownAngles, calibration: ImuCalibration) -> float:
+    """Return the deviation of the corrected field's norm from 1 at the known angles, rms over the poses [%]."""
     part = calibration.magnetometer
-    corrected = (known.magnetometer - np.array(part.hard_iron)) @ np.array(part.soft_iron).T
-    return rms([100.0 * (float(np.linalg.norm(each)) - 1.0) for each in corrected])
+    corrected = (known_angles.magnetometer - np.array(part.hard_iron)) @ np.array(part.soft_iron).T
+    return rms([100.0 * (float(np.linalg.norm(vector)) - 1.0) for vector in corrected])

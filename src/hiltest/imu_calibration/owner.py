@@ -1,4 +1,4 @@
-"""The board that a calibration was made on, and the refusal of every other."""
+"""Identification of a calibration's board, and the refusal of every other one."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def made_on(board: Board, rig: Rig) -> MadeOn:
 
 
 def world_sha256(rig: Rig) -> str | None:
-    """Return a hash of a virtual board's sensors and their world; None where it is unknown.
+    """Return a hash of a virtual board's sensors and their world; None if unknown.
 
-    The field belongs to it, since the hard iron is of this place. The seed does not: it is noise.
+    The field is included, because the hard iron depends on the place. The seed is not, because it only changes noise.
     """
     if rig.world is None:
         return None
@@ -41,7 +41,7 @@ def refuse_another_board(file: CalibrationFile, board: Board | CompassBoard, rig
     Raises
     ------
     ConfigError
-        If it is not; says in what they differ, and what to do.
+        If it is not; the message has the differences, and a remedy.
     """
     if isinstance(board, CompassBoard):
         raise ConfigError(f"{file.path}: a calibration is stored by hiltest's protocol, and the firmware of rig "
@@ -54,13 +54,13 @@ def refuse_another_board(file: CalibrationFile, board: Board | CompassBoard, rig
 
 
 def _differences(calibration: ImuCalibration, board: Board, rig: Rig) -> Iterator[str]:
-    made, here = calibration.made_on, made_on(board, rig)
-    if made.firmware != here.firmware:
-        yield f"it was made with firmware {made.firmware!r}, whose counts are its own; here is {here.firmware!r}"
-    if made.unique_id != here.unique_id:
-        yield f"it was made on the chip with unique id {made.unique_id}, this one has {here.unique_id}"
-    if here.unique_id == VIRTUAL_UNIQUE_ID.hex():
-        yield from _another_world(made, here)
+    original, present = calibration.made_on, made_on(board, rig)
+    if original.firmware != present.firmware:
+        yield f"it was made with firmware {original.firmware!r}, whose counts are its own; here is {present.firmware!r}"
+    if original.unique_id != present.unique_id:
+        yield f"it was made on the chip with unique id {original.unique_id}, this one has {present.unique_id}"
+    if present.unique_id == VIRTUAL_UNIQUE_ID.hex():
+        yield from _world_differences(original, present)
     parts = {
         SensorKind.ACCELEROMETER: calibration.accelerometer, SensorKind.GYROSCOPE: calibration.gyroscope,
         SensorKind.MAGNETOMETER: calibration.magnetometer,
@@ -70,10 +70,12 @@ def _differences(calibration: ImuCalibration, board: Board, rig: Rig) -> Iterato
             yield f"it calibrates the {kind.name.lower()} {part.sensor!r}, this rig uses {used!r}"
 
 
-def _another_world(made: MadeOn, here: MadeOn) -> Iterator[str]:
-    """Tell virtual boards apart, whose chips are all the same: by their worlds, or else by the rigs' names."""
-    if made.world_sha256 and here.world_sha256:
-        if made.world_sha256 != here.world_sha256:
-            yield f"it was made in the world of rig {made.rig!r} as that was then; that of {here.rig!r} is another"
-    elif made.rig != here.rig:
-        yield f"it was made on the virtual board of rig {made.rig!r}, this one is of {here.rig!r}"
+def _world_differences(original: MadeOn, present: MadeOn) -> Iterator[str]:
+    """Yield differences of virtual boards, whose chips are equal: by their worlds, or else by the rigs' names."""
+    if original.world_sha256 and present.world_sha256:
+        if original.world_sha256 != present.world_sha256:
+            yield (
+                f"it was made in the world of rig {original.rig!r} as that was then; that of {present.rig!r} is another"
+            )
+    elif original.rig != present.rig:
+        yield f"it was made on the virtual board of rig {original.rig!r}, this one is of {present.rig!r}"

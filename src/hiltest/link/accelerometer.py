@@ -20,7 +20,7 @@ _NO_POSE = 255
 
 @dataclass(frozen=True)
 class SetAccelerometer(Plain):
-    """Give a slot an accelerometer calibration; its magnetometer calibration stays."""
+    """Store an accelerometer calibration in a slot; its magnetometer calibration stays."""
 
     code = 0x16
     command = "SET_ACCELEROMETER"
@@ -36,7 +36,7 @@ class SetAccelerometer(Plain):
 
 @dataclass(frozen=True)
 class GetAccelerometer(Request[AccelerometerFit]):
-    """Read a slot's accelerometer calibration; there always is one."""
+    """Read a slot's accelerometer calibration, which always exists."""
 
     code = 0x17
     command = "GET_ACCELEROMETER"
@@ -51,7 +51,7 @@ class GetAccelerometer(Request[AccelerometerFit]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitAccelerometerReply:
-    """Result and cost of a fit; no cost when the core counts no cycles."""
+    """Result and cost of a fit; no cost without a cycle counter."""
 
     solution: AccelerometerSolution
     cost: RunCost | None
@@ -71,11 +71,11 @@ class FitAccelerometerReply:
 
 @dataclass(frozen=True)
 class FitAccelerometer(Request[FitAccelerometerReply]):
-    """Fit an accelerometer calibration to the first n poses, counting cycles; it is put into no slot."""
+    """Fit an accelerometer calibration to the first n poses, and count cycles; no slot changes."""
 
     code = 0x1C
     command = "FIT_ACCELEROMETER"
-    # Without a counter the fit is as good, and its cost is None.
+    # Without a counter the fit is still valid, and its cost is None.
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     n: int
     method: str
@@ -85,5 +85,5 @@ class FitAccelerometer(Request[FitAccelerometerReply]):
 
 
 def read_accelerometer(fields: FieldReader) -> AccelerometerFit:
-    """Read gain and offset, as every message has them."""
+    """Read gain and offset in the form of all messages."""
     return AccelerometerFit(fields.reals(9, "gain").reshape(3, 3), fields.reals(3, "offset"))

@@ -13,7 +13,7 @@ from hiltest.link.request import Request, within
 
 
 class DpiSource(IntEnum):
-    """Data that is fitted; the values are those of the protocol."""
+    """Data to fit; the values are those of the protocol."""
 
     PAIRS = 0
     POSES = 1
@@ -21,20 +21,20 @@ class DpiSource(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DpiReply:
-    """A calibration against gravity, and what it rests on."""
+    """A calibration against gravity, and its data."""
 
     fit: FitStatus
     calibration: CalibrationReply
     coverage: float
-    """Largest pivot that attitudes all round would have over the one there is."""
+    """Largest ratio of the pivot for attitudes in all directions to the actual one."""
     n_used: int
     """Rows of the least squares."""
     dip_deg: float | None
     strength_counts: float | None
     standard_error: float | None
-    """As the data have them; None where they say nothing."""
+    """Dip and strength from the data; None if undetermined."""
     cost: RunCost | None
-    """None when the core counts no cycles."""
+    """Cost; None without a cycle counter."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> DpiReply:
@@ -51,28 +51,29 @@ class DpiReply:
 
 @dataclass(frozen=True)
 class FitDpi(Request[DpiReply]):
-    """Calibrate by the dot product with gravity, of the accelerometer as a slot has it calibrated."""
+    """Calibrate by the dot product with gravity, from the accelerometer with a slot's calibration."""
 
     code = 0x1D
     command = "FIT_DPI"
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     n: int
-    """The first so many points, or poses."""
+    """Number of points or poses, from the first on."""
     slot: int
-    """Slot of the accelerometer calibration that is used."""
+    """Slot of the accelerometer calibration."""
     source: DpiSource = field(default=DpiSource.PAIRS, kw_only=True)
     dip_deg: float | None = field(default=None, kw_only=True)
-    """Inclination of the field, positive where it points down; without it, it is estimated."""
+    """Inclination of the field, positive down; None to estimate it."""
 
     def payload(self) -> bytes:
-        given = self.dip_deg is not None
+        has_dip = self.dip_deg is not None
         return struct.pack(
-            "<BHBBf", self.source, within(self.n, 1, 0xFFFF, "rows"), self.slot, given, self.dip_deg if given else 0.0
+            "<BHBBf", self.source, within(self.n, 1, 0xFFFF, "rows"), self.slot, has_dip,
+            self.dip_deg if has_dip else 0.0
         )
 
     @property
     def board_time_s(self) -> float:
-        """Room for 120 million cycles [s]."""
+        """Time for 120 million cycles [s]."""
         return 1.0
 
 

@@ -1,4 +1,4 @@
-"""Read the fields of a payload one after the other, trusting none of them."""
+"""Read the fields of a payload in order, and validate each."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ E = TypeVar("E", bound=IntEnum)
 
 
 class FieldReader:
-    """A cursor over a payload; every refusal says which field, where and why.
+    """A cursor over a payload; errors name the field, its position and the reason.
 
     Parameters
     ----------
     data
         The payload.
-    what
+    message
         Name of the message, for errors.
     """
 
-    def __init__(self, data: bytes, what: str) -> None:
+    def __init__(self, data: bytes, message: str) -> None:
         self._data = data
-        self._what = what
+        self._message = message
         self._offset = 0
 
     def number(self, form: str, field: str) -> int:
@@ -46,7 +46,7 @@ class FieldReader:
             raise self._error(field, at, f"{value} is no {kind.__name__}") from None
 
     def flag(self, field: str) -> bool:
-        """Return the next byte as a truth value; only 0 and 1 are one."""
+        """Return the next byte as a truth value; only 0 and 1 are valid."""
         at = self._offset
         value = self.number("B", field)
         if value > 1:
@@ -54,7 +54,7 @@ class FieldReader:
         return value == 1
 
     def text(self, field: str) -> str:
-        """Return the next string: a length byte, then that many ASCII characters that can be printed."""
+        """Return the next string: a length byte, then that many printable ASCII characters."""
         length = self.number("B", f"length of {field}")
         at = self._offset
         raw = self._take(length, field)
@@ -67,7 +67,7 @@ class FieldReader:
         return float(self.reals(1, field)[0])
 
     def reals_if_any(self, count: int, field: str) -> NDArray[np.float64] | None:
-        """Return the next `count` float32, or None when all are NaN: "there is no number"."""
+        """Return the next `count` float32, or None if all are NaN, which means "no value"."""
         if all(math.isnan(value) for value in self._unpack(f"<{count}f", field)):
             return None
         self._offset -= 4 * count
@@ -89,11 +89,11 @@ class FieldReader:
 
     @property
     def left(self) -> int:
-        """Bytes that are not read yet."""
+        """Number of bytes that are not read yet."""
         return len(self._data) - self._offset
 
     def end(self) -> None:
-        """Check that no byte is left."""
+        """Check that no byte remains."""
         if self.left:
             raise self._error("end", self._offset, f"{self.left} bytes too many")
 
@@ -107,7 +107,7 @@ class FieldReader:
         return self._data[self._offset - count : self._offset]
 
     def _error(self, field: str, at: int, problem: str) -> ProtocolError:
-        return ProtocolError(f"{self._what}: {field} at byte {at} of {len(self._data)}: {problem}")
+        return ProtocolError(f"{self._message}: {field} at byte {at} of {len(self._data)}: {problem}")
 
 
 T = TypeVar("T", np.float64, np.int16)

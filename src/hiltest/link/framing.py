@@ -1,10 +1,9 @@
 """Frames on the serial line: byte stuffing, length, type, sequence number and CRC-32.
 
-On the wire a frame is ``7E body 7E``; inside the body 7E travels as ``7D 5E`` and
-7D as ``7D 5D``. The body is ``u8 type, u8 sequence, u16 length, payload, u32 crc``,
-little-endian, and the CRC (IEEE 802.3, as in `zlib.crc32`) covers everything
-before it. Two delimiters back to back are an empty frame and mean nothing, so a
-sender may start with one to end whatever noise came before.
+On the wire a frame is ``7E body 7E``; inside the body 7E travels as ``7D 5E`` and 7D as ``7D 5D``. The body is ``u8
+type, u8 sequence, u16 length, payload, u32 crc``, little-endian, and the CRC (IEEE 802.3, as in `zlib.crc32`) covers
+everything before it. Two consecutive delimiters are an empty frame, which is ignored, so a sender may start with one to
+terminate preceding noise.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ _ESCAPED_DELIMITER, _ESCAPED_ESCAPE = b"\x7d\x5e", b"\x7d\x5d"
 _HEADER = struct.Struct("<BBH")
 _CHECK = struct.Struct("<I")
 _OVERHEAD = _HEADER.size + _CHECK.size
-# Every byte of the largest body stuffed: a longer run without a delimiter is noise.
+# Length of the largest body with every byte stuffed: a longer run without a delimiter is noise.
 _MAX_STUFFED = 2 * (MAX_PAYLOAD + _OVERHEAD)
 
 
@@ -37,12 +36,12 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class DamagedFrame:
-    """Bytes between two delimiters that are no frame."""
+    """Bytes between two delimiters that are not a frame."""
 
     reason: str
-    """What is wrong with them."""
+    """Reason why they are not a frame."""
     data: bytes
-    """The bytes as they arrived, delimiters left out."""
+    """Bytes as received, without delimiters."""
 
 
 def stuff(body: bytes) -> bytes:
@@ -62,8 +61,7 @@ def unstuff(data: bytes) -> bytes:
     Raises
     ------
     FrameError
-        When an escape is followed by anything but 5D or 5E, or by nothing, or
-        when a delimiter stands inside.
+        When an escape is not followed by 5D or 5E, or the data contains a delimiter.
     """
     escapes = data.count(_ESCAPED_DELIMITER) + data.count(_ESCAPED_ESCAPE)
     if data.count(ESCAPE) != escapes or DELIMITER in data:
@@ -114,18 +112,17 @@ def decode_body(data: bytes) -> Frame:
         raise FrameError(f"length field says {length}, frame carries {len(body) - _OVERHEAD} payload bytes")
     if length > MAX_PAYLOAD:
         raise FrameError(f"payload of {length} bytes; at most {MAX_PAYLOAD} are allowed")
-    (said,) = _CHECK.unpack_from(body, len(body) - _CHECK.size)
-    found = zlib.crc32(body[: -_CHECK.size])
-    if said != found:
-        raise FrameError(f"check value 0x{said:08x}, bytes give 0x{found:08x}")
+    (sent_crc,) = _CHECK.unpack_from(body, len(body) - _CHECK.size)
+    computed_crc = zlib.crc32(body[: -_CHECK.size])
+    if sent_crc != computed_crc:
+        raise FrameError(f"check value 0x{sent_crc:08x}, bytes give 0x{computed_crc:08x}")
     return Frame(kind, sequence, body[_HEADER.size : -_CHECK.size])
 
 
 class FrameDecoder:
-    """Find frames in a stream of bytes, however it is cut into pieces.
+    """Decoder of frames in a stream of bytes, with any segmentation.
 
-    Damage never stops it: bytes that are no frame come out as `DamagedFrame`, and
-    the next delimiter starts afresh.
+    Damage never stops it: invalid bytes become a `DamagedFrame`, and the next delimiter resynchronises.
     """
 
     def __init__(self) -> None:
@@ -133,23 +130,23 @@ class FrameDecoder:
         self._too_long = False
 
     def feed(self, data: bytes) -> list[Frame | DamagedFrame]:
-        """Take more bytes and return what they complete, in order."""
-        found: list[Frame | DamagedFrame] = []
+        """Decode more bytes and return the items that they complete, in order."""
+        items: list[Frame | DamagedFrame] = []
         *complete, rest = data.split(bytes([DELIMITER]))
         for piece in complete:
             self._keep(piece)
             if self._pending:
-                found.append(self._finish())
+                items.append(self._finish())
         self._keep(rest)
-        return found
+        return items
 
     @property
     def unfinished(self) -> bytes:
-        """Bytes that have arrived since the last delimiter."""
+        """Bytes since the last delimiter."""
         return bytes(self._pending)
 
     def reset(self) -> None:
-        """Forget an unfinished frame."""
+        """Discard an unfinished frame."""
         self._pending.clear()
         self._too_long = False
 

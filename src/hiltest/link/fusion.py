@@ -12,7 +12,7 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Request, Timed, within
 
-#: Records that the board keeps, and how many of them one reply holds.
+#: Capacity of the board's record buffer, and records per reply.
 MAX_FUSION_RECORDS = 1024
 MAX_FUSION_READ = 36
 _MAX_READINGS = 512
@@ -27,17 +27,17 @@ class StepCosts:
     """Cost of the steps of one kind."""
 
     steps: int
-    """How many there were."""
+    """Number of steps."""
     largest: RunCost | None
-    """The dearest of them; None when the core counts no cycles."""
+    """Cost of the most expensive step; None without a cycle counter."""
     mean_cycles: float | None
-    """Mean over all steps."""
+    """Mean cost over all steps."""
 
     @classmethod
     def parse(cls, fields: FieldReader, name: str) -> StepCosts:
-        """Read the costs; an empty step of no cycles is a counter that is not there."""
+        """Read the costs; an overhead of 0 cycles means that there is no counter."""
         steps, largest, total, overhead = (
-            fields.number("I", f"{name}: {what}") for what in ("steps", "largest", "total", "overhead")
+            fields.number("I", f"{name}: {quantity}") for quantity in ("steps", "largest", "total", "overhead")
         )
         if not overhead:
             return cls(steps, None, None)
@@ -49,14 +49,14 @@ class FusionSummary:
     """Summary of a run of the filter."""
 
     began_us: int
-    """On the board's clock."""
+    """Duration by the board's clock."""
     records: int
-    """Kept on the board."""
+    """Number of records on the board."""
     no_attitude: int
     accelerated: int
-    """Corrections left out: no TRIAD, and gravity that was not 1 g."""
+    """Skipped corrections: without a TRIAD solution, and with gravity unlike 1 g."""
     bad_steps: int
-    """Predictions left out."""
+    """Skipped predictions."""
     overruns: int
     """Samples lost unread."""
     predicted: StepCosts
@@ -79,12 +79,12 @@ class FusionRecords:
     """Attitudes at corrections, as quaternions (x, y, z, w), body to north-east-down."""
 
     time_us: NDArray[np.int64]
-    """Shape (n,). Since the run began."""
+    """Shape (n,). Time since the start of the run."""
     fused: Quaternions
     measured: Quaternions
     turned: Quaternions
-    """Shape (n, 4). The filter's; accelerometer and magnetometer alone, NaN where they showed none; gyroscope
-    alone. In steps of 1/32767, 0.0035 degrees."""
+    """Shape (n, 4). Attitudes of the filter; of accelerometer and magnetometer alone, NaN without one; of the gyroscope
+    alone. Their resolution is 1/32767, 0.0035 degrees."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FusionRecords:
@@ -101,7 +101,7 @@ class FusionRecords:
 
     @classmethod
     def joined(cls, parts: list[FusionRecords]) -> FusionRecords:
-        """Put the records of several replies one after the other."""
+        """Concatenate the records of several replies."""
         fused, measured, turned = (
             np.concatenate([getattr(part, name) for part in parts]) for name in ("fused", "measured", "turned")
         )
@@ -110,21 +110,21 @@ class FusionRecords:
 
 @dataclass(frozen=True)
 class FusionStart(Timed, Request[Quaternions]):
-    """Take the first attitude from the resting board; answers it as a quaternion (x, y, z, w)."""
+    """Take the first attitude from the resting board; the reply is a quaternion (x, y, z, w)."""
 
     code = 0x22
     command = "FUSION_START"
     slot: int
-    """Slot of the calibrations that are used."""
+    """Slot of the calibrations."""
     every: int
-    """One in so many corrections is kept."""
+    """Number of corrections per record."""
     readings: int
-    """Averaged for the first attitude."""
+    """Number of readings that are averaged for the first attitude."""
     rate_dps_rthz: float
     tilt_deg: float
     heading_deg: float
     gate_g: float
-    """As `hiltest.orientation.fusion.FusionNoise` has them."""
+    """See `hiltest.orientation.fusion.FusionNoise`."""
 
     def payload(self) -> bytes:
         every, readings = within(self.every, 1, 255, "corrections"), within(self.readings, 1, _MAX_READINGS, "readings")
@@ -155,7 +155,7 @@ class FusionRun(Request[FusionSummary]):
 
 @dataclass(frozen=True)
 class FusionRead(Request[FusionRecords]):
-    """Read what a run has kept; fewer records when no more are there."""
+    """Read the records of a run; the reply has fewer if there are no more."""
 
     code = 0x24
     command = "FUSION_READ"

@@ -1,4 +1,4 @@
-"""Lines and answers with a motor controller that speaks Grbl 1.1."""
+"""Lines to a motor controller with Grbl 1.1, and its answers."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import serial
 from hiltest.errors import TurntableError
 from hiltest.link.ports import SerialPort
 
-# An Arduino restarts when its port is opened, and is silent for 2 s.
+# Startup time: an Arduino restarts when its port is opened, and is silent for 2 s.
 _START_S = 6.0
-# Grbl answers within some 20 ms; the rest is for networks and busy hosts.
+# Timeout of an answer: Grbl answers within some 20 ms; the rest is for networks and busy hosts.
 _ANSWER_S = 5.0
-# A table that shows the same position for so long while it should turn does not turn.
+# Time without a change of position after which a moving table counts as stuck.
 _STALLED_S = 10.0
-# No move of a turntable takes so long.
+# Longest duration of a move.
 _LONGEST_S = 600.0
 _LOOK_EVERY_S = 0.25
 _QUIET_S = 0.2
@@ -46,23 +46,23 @@ class GrblStatus:
 
 
 class GrblLine:
-    """The host's end of the line to a Grbl controller. Every wait has an end.
+    """The host's end of the line to a Grbl controller. Every wait has a timeout.
 
     Parameters
     ----------
     port
-        Open, reads limited to some 50 ms. This object closes it.
+        Open port with reads limited to some 50 ms. This object closes it.
 
     Raises
     ------
     TurntableError
-        When nothing on the port answers as Grbl does.
+        When no Grbl controller answers on the port.
     """
 
     def __init__(self, port: SerialPort) -> None:
         self._port = port
         self._partial = b""
-        self._owed: list[str] = []  # lines that were sent and are not answered yet
+        self._owed: list[str] = []  # sent lines that are not answered yet
         try:
             self._synchronise()
         except TurntableError:
@@ -75,19 +75,19 @@ class GrblLine:
         Parameters
         ----------
         moving
-            The answer comes when the table stands: it is waited for as long as the table turns.
+            Whether the answer comes at standstill, so that the wait lasts as long as the table turns.
 
         Raises
         ------
         TurntableError
-            On another answer than ``ok``, on none in time, and when the line breaks.
+            When the answer is not ``ok`` or is late, or when the line breaks.
         """
         self._settle()
         self._write(f"{line}\n".encode("ascii"))
         return self._answer(line, moving=moving)
 
     def begin(self, *lines: str) -> None:
-        """Send lines and do not wait for their answers; whatever is asked next waits for them first."""
+        """Send lines without waiting for their answers; the next `ask` waits for them first."""
         self._settle()
         for line in lines:
             self._write(f"{line}\n".encode("ascii"))
@@ -102,16 +102,16 @@ class GrblLine:
         began_s = looked_s = time.monotonic()
         patience_s = _STALLED_S if moving else _ANSWER_S
         gives_up_s = began_s + patience_s
-        told: list[str] = []
+        texts: list[str] = []
         last: GrblStatus | None = None
         while time.monotonic() < min(gives_up_s, began_s + _LONGEST_S):
             for text in self._read():
                 if text == "ok":
-                    return told
+                    return texts
                 self._refuse_trouble(line, text)
                 status = _status(text)
                 if status is None:
-                    told.append(text)
+                    texts.append(text)
                 elif last is None or status.position != last.position:
                     last, gives_up_s = status, time.monotonic() + patience_s
             if moving and time.monotonic() - looked_s > _LOOK_EVERY_S:
@@ -121,7 +121,7 @@ class GrblLine:
         raise self._error(f"no answer to {line!r} within {patience_s:g} s{where}. Is it powered, and not held?")
 
     def status(self) -> GrblStatus:
-        """Ask where the table is.
+        """Query the table's position.
 
         Raises
         ------
@@ -136,21 +136,21 @@ class GrblLine:
 
     def settings(self) -> dict[int, float]:
         """Return the controller's settings by number."""
-        found = [_SETTING.match(text) for text in self.ask("$$")]
-        return {int(each[1]): float(each[2]) for each in found if each}
+        matches = [_SETTING.match(text) for text in self.ask("$$")]
+        return {int(match[1]): float(match[2]) for match in matches if match}
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()
 
     def _synchronise(self) -> None:
-        """Wait for a controller, and let it finish what others have begun."""
+        """Wait for a controller, and let it finish commands of other programs."""
         if self._report(_START_S) is None:
             raise self._error(
                 f"nothing answered '?' as Grbl 1.1 does within {_START_S:g} s. Is it the turntable's port, "
                 "at 115200 baud, and is $10=1 set?"
             )
-        # Ends a line that another program left unfinished; the answer to it does not matter.
+        # Terminates a line that another program left unfinished; the answer to it is ignored.
         self._write(b"\n")
         quiet_since_s = began_s = time.monotonic()
         while time.monotonic() - quiet_since_s < _QUIET_S and time.monotonic() - began_s < _START_S:
@@ -177,7 +177,7 @@ class GrblLine:
             raise self._error(f"{line!r} was answered by {text}: {meaning}")
 
     def _read(self) -> list[str]:
-        """Return the lines that have ended within one read slice."""
+        """Return the lines that are completed within one read slice."""
         try:
             self._partial += self._port.read_until(b"\n")
         except (serial.SerialException, OSError) as error:
@@ -192,10 +192,10 @@ class GrblLine:
         except (serial.SerialException, OSError) as error:
             raise self._error(f"lost: {error}. Check cable and power, then run again") from error
 
-    def _error(self, what: str) -> TurntableError:
-        return TurntableError(f"turntable on {self._port.name}: {what}")
+    def _error(self, message: str) -> TurntableError:
+        return TurntableError(f"turntable on {self._port.name}: {message}")
 
 
 def _status(text: str) -> GrblStatus | None:
-    found = _STATUS.match(text)
-    return GrblStatus(found[1], (float(found[2]), float(found[3]), float(found[4]))) if found else None
+    match = _STATUS.match(text)
+    return GrblStatus(match[1], (float(match[2]), float(match[3]), float(match[4]))) if match else None

@@ -19,7 +19,7 @@ from hiltest.link.request import Plain, Request, Timed, within
 MAX_REST = 4096
 MAX_TURN = 12_000
 MAX_LOG = 128
-#: Samples at either end of a turn that have a sum of their own.
+#: Number of samples at either end of a turn with a separate sum.
 EDGE_SAMPLES = 20
 
 
@@ -42,15 +42,15 @@ class StillnessKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Stillness:
-    """Whether a rest was one."""
+    """Result of the test of a rest."""
 
     kind: StillnessKind
     axis: Axis
-    """Where the first window that is not still is furthest from it."""
+    """Axis of the largest deviation in the first window that is not still."""
     first: int
-    """Sample with which that window begins, from 0."""
+    """First sample of that window, from 0."""
     amount: float
-    """How far its mean is from that before, with sign, or its spread [counts]."""
+    """Change of its mean from the samples before, or its spread [counts]."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> Stillness:
@@ -61,7 +61,7 @@ class Stillness:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Times of the first and last sample, by the board's clock [s]; `lost` when the part's FIFO ran over."""
+    """Times of the first and last sample, by the board's clock [s]; `lost` if the part's FIFO overflowed."""
 
     first_s: float
     last_s: float
@@ -69,12 +69,12 @@ class Span:
 
     @property
     def middle_s(self) -> float:
-        """Half way between first and last sample [s]."""
+        """Midpoint of first and last sample [s]."""
         return 0.5 * (self.first_s + self.last_s)
 
     @property
     def duration_s(self) -> float:
-        """From the first sample to the last [s]."""
+        """Time from the first sample to the last [s]."""
         return self.last_s - self.first_s
 
     @classmethod
@@ -135,7 +135,7 @@ class IntegrateGyroscopeReply:
 
 @dataclass(frozen=True, slots=True)
 class LogGyroscopeReply:
-    """Samples without a gap between them; `span` is of all since the log began, but its `lost` of these alone."""
+    """Samples without a gap; `span` covers all since the start of the log, but its `lost` only these."""
 
     samples: Counts
     die_temperature_degc: int
@@ -183,7 +183,7 @@ class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
 
 @dataclass(frozen=True)
 class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
-    """Add up n samples of the gyroscope without a gap."""
+    """Sum n samples of the gyroscope without a gap."""
 
     code: ClassVar[int] = 0x1E
     command: ClassVar[str] = "INTEGRATE_GYROSCOPE"
@@ -196,7 +196,7 @@ class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
 
 @dataclass(frozen=True)
 class LogGyroscope(Timed, Request[LogGyroscopeReply]):
-    """Take the next n samples, 0 those that wait; with `go_on` those that follow the last request's."""
+    """Read the next n samples, with 0 the waiting ones; with `go_on` those after the last request's."""
 
     code: ClassVar[int] = 0x25
     command: ClassVar[str] = "LOG_GYROSCOPE"
@@ -210,7 +210,7 @@ class LogGyroscope(Timed, Request[LogGyroscopeReply]):
 
 @dataclass(frozen=True)
 class FitGyroscope(Request[FitGyroscopeReply]):
-    """Fit the matrix to turns, counting cycles."""
+    """Fit the matrix to turns, and count cycles."""
 
     code: ClassVar[int] = 0x1F
     command: ClassVar[str] = "FIT_GYROSCOPE"
@@ -252,7 +252,7 @@ class GetGyroscope(Request[GyroscopeFit]):
 
 def _turn_field(turn: GyroscopeTurn) -> bytes:
     return struct.pack(
-        "<3f3iHI3f3ff", *turn.turned_deg, *(int(each) for each in turn.total), turn.n, round(1e6 * turn.duration_s),
+        "<3f3iHI3f3ff", *turn.turned_deg, *(int(total) for total in turn.total), turn.n, round(1e6 * turn.duration_s),
         *turn.bias_before, *turn.bias_after, turn.share,
     )  # fmt: skip
 

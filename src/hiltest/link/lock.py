@@ -1,7 +1,7 @@
-"""One process at a time has a board: a lock on a file, which the system gives back at any end of the process.
+"""Exclusive use of a board by one process: a lock on a file, which the system releases when the process ends.
 
-The lock is on a file of its own and not on the serial device, so that it holds while the board is flashed: then no
-port is open, and the device may vanish and come back. The file says who has the board.
+The lock is on a separate file and not on the serial device, so that it persists while the board is flashed: then no
+port is open, and the device may vanish and return. The file names the holder.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ from urllib.parse import quote
 from hiltest.errors import PortRefusedError
 from hiltest.text import legible
 
-# Where programs of all users lock devices (FHS 3.0, 5.9); the folder for temporary files may differ between them.
+# Folder in which programs of all users lock devices (FHS 3.0, 5.9); the folder for temporary files may differ between
+# users.
 _LOCKS_OF_ALL = Path("/run/lock")
 _LONGEST_NAME, _LONGEST_COMMAND, _LONGEST_FILE = 200, 300, 4096
-# A holder writes who it is right after it has the lock; until then the file may name an earlier one.
+# Time to wait for the holder's entry: it is written right after locking; until then the file may name an earlier
+# holder.
 _LOOKS, _LOOK_EVERY_S = 10, 0.02
 
 
@@ -45,9 +47,9 @@ class Holder:
 
     @classmethod
     def this_process(cls, rig: str) -> Holder:
-        """Return what is to be said of this process."""
+        """Return the description of this process."""
         program = Path(sys.argv[0])
-        name = program.parent.name if program.name == "__main__.py" else program.name  # of python -m
+        name = program.parent.name if program.name == "__main__.py" else program.name  # run by python -m
         command = shlex.join([name, *sys.argv[1:]])[:_LONGEST_COMMAND]
         try:
             user = getpass.getuser()
@@ -57,7 +59,7 @@ class Holder:
 
     @classmethod
     def parse(cls, text: bytes) -> Holder | None:
-        """Return what a lock file says, which anybody may have written; None when it is nothing."""
+        """Parse a lock file, which anybody may have written; return None if it is invalid."""
         try:
             content = json.loads(text)
             words = [legible(str(content[name]))[:_LONGEST_COMMAND] for name in ("user", "command", "since", "rig")]
@@ -67,10 +69,10 @@ class Holder:
 
     @property
     def is_running(self) -> bool:
-        """Whether there is such a process."""
+        """Whether the process exists."""
         try:
             os.kill(self.pid, 0)
-        except PermissionError:  # somebody else's
+        except PermissionError:  # another user's process
             return True
         except (OSError, OverflowError):
             return False
@@ -82,23 +84,23 @@ class Holder:
 
 
 class BoardLock:
-    """The sole use of a board, from here until `release` or the end of the process.
+    """Exclusive use of a board, from construction until `release` or the end of the process.
 
-    The process that has it may take it again, as flashing does for the port that it opens afterwards.
+    The process that has it may lock it again, as flashing does for the port that it opens afterwards.
 
     Parameters
     ----------
     place
-        What stands for the board, the same however it is named: serial number, device or address.
+        Canonical identity of the board: serial number, device or address.
     rig
-        Name of the rig, for who asks.
+        Name of the rig, for messages to other processes.
     name
-        What messages call the board; by default its place.
+        Name of the board in messages; by default its place.
 
     Raises
     ------
     PortRefusedError
-        When another process has it; it says which. Or when there is no folder for locks.
+        When another process has the board, which the message names; or when there is no folder for locks.
     """
 
     def __init__(self, place: str, *, rig: str = "", name: str | None = None) -> None:
@@ -121,7 +123,7 @@ class BoardLock:
         self.release()
 
     def release(self) -> None:
-        """Give the board back, if this process took it no more often. Idempotent."""
+        """Release the board, unless this process has locked it more than once. Idempotent."""
         with _GUARD:
             if self._released:
                 return
@@ -131,7 +133,7 @@ class BoardLock:
             if held.count:
                 return
             del _HELD[self._file]
-            with suppress(OSError):  # somebody else's file stays; it then names nobody who runs
+            with suppress(OSError):  # another user's file stays; it then names a process that has ended
                 os.unlink(self._file)
             os.close(held.descriptor)
 
@@ -139,7 +141,7 @@ class BoardLock:
         """Return the descriptor of the locked file."""
         while True:
             try:
-                descriptor = _opened(self._file)
+                descriptor = _open_file(self._file)
             except OSError as error:
                 raise PortRefusedError(
                     self._name, f"it cannot be locked with {self._file}: {error.strerror or error}",
@@ -147,15 +149,15 @@ class BoardLock:
                 ) from error  # fmt: skip
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if not _is_at(descriptor, self._file):  # its holder removed it after we had opened it
+                if not _is_at(descriptor, self._file):  # its holder removed it after this process opened it
                     os.close(descriptor)
                     continue
                 os.ftruncate(descriptor, 0)
                 os.pwrite(descriptor, json.dumps(asdict(holder)).encode(), 0)
             except BlockingIOError:
-                said = _said_of_holder(descriptor)
+                owner = _holder_text(descriptor)
                 os.close(descriptor)
-                raise PortRefusedError(self._name, said, "Wait until it ends, or end it, then run again.") from None
+                raise PortRefusedError(self._name, owner, "Wait until it ends, or end it, then run again.") from None
             except BaseException:
                 os.close(descriptor)
                 raise
@@ -164,13 +166,13 @@ class BoardLock:
 
 @dataclass(slots=True)
 class _Held:
-    """A lock of this process, and how often it has been taken."""
+    """A lock of this process, and its count."""
 
     descriptor: int
     count: int = 1
 
 
-# The garbage collector may close a port, and so release a lock, in the middle of any of the above.
+# Reentrant, because the garbage collector may close a port, and so release a lock, during any of the above.
 _GUARD = threading.RLock()
 _HELD: dict[Path, _Held] = {}
 
@@ -179,15 +181,15 @@ def _folder() -> Path:
     return _LOCKS_OF_ALL if os.access(_LOCKS_OF_ALL, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
 
 
-def _opened(file: Path) -> int:
+def _open_file(file: Path) -> int:
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
     while True:
-        # Not created at once: in a folder of all users Linux refuses that for a file of another one.
+        # Opened without O_CREAT first, because in a shared folder Linux refuses that flag for another user's file.
         with suppress(FileNotFoundError):
             return os.open(file, flags)
         with suppress(FileExistsError):
             descriptor = os.open(file, flags | os.O_CREAT | os.O_EXCL, 0o666)
-            os.fchmod(descriptor, 0o666)  # whatever the umask: the next one to use the board may be another user
+            os.fchmod(descriptor, 0o666)  # regardless of the umask: the next user may be another one
             return descriptor
 
 
@@ -198,7 +200,7 @@ def _is_at(descriptor: int, file: Path) -> bool:
         return False
 
 
-def _said_of_holder(descriptor: int) -> str:
+def _holder_text(descriptor: int) -> str:
     for _ in range(_LOOKS):
         holder = Holder.parse(os.pread(descriptor, _LONGEST_FILE, 0))
         if holder is not None and holder.is_running:

@@ -1,4 +1,4 @@
-"""Requests to the firmware, typed, each with its reply."""
+"""Typed requests to the firmware, each with its reply."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MAX_AVERAGE = 512
 
 @dataclass(frozen=True)
 class Sync(Request[SyncReply]):
-    """Ask for a nonce back: frames before it answer older requests."""
+    """Request the return of a nonce: frames before it answer older requests."""
 
     code = 0x01
     command = "SYNC"
@@ -49,7 +49,7 @@ class Sync(Request[SyncReply]):
 
 @dataclass(frozen=True)
 class Identify(Request[Identity]):
-    """Ask which firmware this is."""
+    """Query the identity of the firmware."""
 
     code = 0x02
     command = "IDENTITY"
@@ -57,7 +57,7 @@ class Identify(Request[Identity]):
 
 @dataclass(frozen=True)
 class Sensors(Request[tuple[SensorInfo, ...]]):
-    """Ask which sensors answer."""
+    """Query the sensors and whether they answer."""
 
     code = 0x03
     command = "SENSORS"
@@ -68,7 +68,7 @@ class Sensors(Request[tuple[SensorInfo, ...]]):
 
 @dataclass(frozen=True)
 class Select(Plain):
-    """Make a sensor the one of its kind, and configure it."""
+    """Select a sensor for its kind, and configure it."""
 
     code = 0x04
     command = "SELECT"
@@ -105,9 +105,9 @@ class Collect(Timed, Request[CollectReply]):
 
 @dataclass(frozen=True)
 class Upload(Request[int]):
-    """Add points from the host; `first` is the number stored so far. Answers the number stored.
+    """Add points from the host; `first` is the number stored so far. The reply is the new number.
 
-    A row is x, y, z of the magnetometer, or pairs: those and x, y, z of the accelerometer.
+    A row is x, y, z of the magnetometer, optionally followed by x, y, z of the accelerometer.
     """
 
     code = 0x07
@@ -149,7 +149,7 @@ class ClearPoints(Plain):
 
 @dataclass(frozen=True)
 class TimeRange(Request[RunCost | None]):
-    """Keep the range of the first n points once more, counting cycles; None when the core counts none."""
+    """Recompute the range of the first n points, and count cycles; None without a counter."""
 
     code = 0x27
     command = "TIME_RANGE"
@@ -165,11 +165,11 @@ class TimeRange(Request[RunCost | None]):
 
 @dataclass(frozen=True)
 class Calibrate(Request[CalibrateReply]):
-    """Run a calibrator over the first n points, counting cycles; at most so many iterations, 0 for its own limit."""
+    """Run a calibrator over the first n points, and count cycles; `iterations` is a limit, 0 for its own."""
 
     code = 0x0A
     command = "CALIBRATE"
-    # Without a counter the fit is as good, and its cost is None.
+    # Without a counter the fit is still valid, and its cost is None.
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     n: int
     calibrator: str
@@ -181,7 +181,7 @@ class Calibrate(Request[CalibrateReply]):
 
     @property
     def board_time_s(self) -> float:
-        """Room for a calibrator of 500 million cycles on a 120 MHz core [s]."""
+        """Time for a calibrator of 500 million cycles on a 120 MHz core [s]."""
         return 4.2
 
 
@@ -227,7 +227,7 @@ class ClearCalibration(Plain):
 
 @dataclass(frozen=True)
 class Average(Timed, Request[AverageReply]):
-    """Average new samples of magnetometer and accelerometer; attitude under the calibrations of each slot in a mask."""
+    """Average new samples of magnetometer and accelerometer, and compute the attitude for each slot in a mask."""
 
     code = 0x0E
     command = "AVERAGE"
@@ -243,7 +243,7 @@ class Average(Timed, Request[AverageReply]):
 
 @dataclass(frozen=True)
 class LinkStatistics(Request[LinkCounters]):
-    """Ask for the counters of the firmware's line."""
+    """Query the counters of the firmware's line."""
 
     code = 0x10
     command = "LINK_STATISTICS"
@@ -251,7 +251,7 @@ class LinkStatistics(Request[LinkCounters]):
 
 @dataclass(frozen=True)
 class Reset(Plain):
-    """Ask for a reset; the answer comes before it."""
+    """Request a reset; the answer precedes it."""
 
     code = 0x11
     command = "RESET"

@@ -1,4 +1,4 @@
-"""Open serial ports by URL, and say what is wrong when one cannot be opened."""
+"""Open serial ports by URL, with clear errors if one cannot be opened."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from serial.tools import list_ports as _list_ports
 from hiltest.errors import BenchError, ConfigError, PortNotFoundError, PortRefusedError
 from hiltest.link.lock import BoardLock
 
-# How long one read may wait before the session looks at its deadline again.
+# Timeout of one read, after which the session checks its deadline.
 READ_SLICE_S = 0.05
-# A host that cannot get 1 KiB out at 115200 baud in this time has a line that takes nothing.
+# Write timeout: a line that does not accept 1 KiB at 115200 baud in this time is blocked.
 WRITE_TIMEOUT_S = 2.0
-# What is behind these is in this process, for it alone.
+# Schemes whose boards are in this process, and so need no lock.
 _INSIDE = frozenset({"hil", "loop"})
 
 
 class SerialPort(Protocol):
     """The part of pyserial's port that a session uses.
 
-    A port with its own clock also has ``now() -> float`` [s]; the session's
-    deadlines then run on it. It is virtual unless ``clock`` says otherwise, as of a recorded one.
+    A port with its own clock also has ``now() -> float`` [s]; the session's deadlines then use it. It is virtual unless
+    ``clock`` says otherwise, as for a recorded port.
     """
 
     name: str
 
     def read_until(self, expected: bytes) -> bytes:
-        """Return bytes up to and including `expected`, fewer when the read slice is over."""
+        """Return bytes up to and including `expected`, fewer at the end of the read slice."""
 
     def write(self, data: bytes) -> int | None:
         """Send bytes."""
 
     def reset_input_buffer(self) -> None:
-        """Drop what has arrived and was not read."""
+        """Drop the unread bytes."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
 
 
 def list_ports() -> tuple[str, ...]:
@@ -50,10 +50,10 @@ def list_ports() -> tuple[str, ...]:
 
 
 def place_of(device: str) -> str | None:
-    """Return what stands for the board on a port, the same for every name of the port; None inside this process.
+    """Return the canonical identity of the board on a port; None for one in this process.
 
-    That is the serial number of a USB device, since the device behind a name may change while the board is flashed, or
-    else the device that links lead to; of a URL, host and port.
+    This is the serial number of a USB device, because its device name may change while the board is flashed; otherwise
+    the device that links lead to; for a URL, host and port.
     """
     if device.lower().startswith("hwgrep:"):
         device = _closed_port(device).port
@@ -61,12 +61,12 @@ def place_of(device: str) -> str | None:
         url = urlsplit(device)
         return None if url.scheme in _INSIDE else url.netloc.rpartition("@")[2].lower() or device
     real = os.path.realpath(device)
-    serial_numbers = (each.serial_number for each in _list_ports.comports() if os.path.realpath(each.device) == real)
+    serial_numbers = (port.serial_number for port in _list_ports.comports() if os.path.realpath(port.device) == real)
     return next(serial_numbers, None) or real
 
 
 def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
-    """Open a serial port for this process alone: the board behind it is locked until the port is closed.
+    """Open a serial port for exclusive use: the board behind it is locked until the port is closed.
 
     Parameters
     ----------
@@ -75,20 +75,20 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
     baud
         Line speed.
     rig
-        Name of the rig, for others that want the board.
+        Name of the rig, for messages to other processes that want the board.
 
     Raises
     ------
     ConfigError
-        When the URL's scheme is not known.
+        When the URL's scheme is unknown.
     PortNotFoundError
-        When the device does not exist; lists those that do.
+        When the device does not exist; the message lists the existing ones.
     PortRefusedError
-        When it exists and may not be used: permissions, or another program has it, or the board.
+        When it exists and may not be used: by permissions, or because another program has it or the board.
     BenchError
         When it cannot be opened for another reason.
     """
-    # pyserial's RFC 2217 client refuses to open with a write timeout; what it writes goes to TCP's buffer.
+    # pyserial's RFC 2217 client refuses to open with a write timeout; its output goes to TCP's buffer.
     over_rfc2217 = url.lower().startswith(("rfc2217:", "labgrid:"))
     write_timeout_s = None if over_rfc2217 else WRITE_TIMEOUT_S
     port = _closed_port(url, baudrate=baud, timeout=READ_SLICE_S, write_timeout=write_timeout_s)
@@ -111,7 +111,7 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
 
 
 def _closed_port(url: str, **settings: Any) -> Any:
-    """Return the port of a device or a URL without opening it; ``hwgrep://`` looks for its device here."""
+    """Return the port of a device or a URL without opening it; ``hwgrep://`` is resolved here."""
     try:
         return serial.serial_for_url(url, do_not_open=True, **settings)
     except (ValueError, re.error) as error:
@@ -121,7 +121,7 @@ def _closed_port(url: str, **settings: Any) -> Any:
 
 
 def _release_when_closed(port: Any, lock: BoardLock) -> None:
-    """Bind the lock to the port: by its class, since a function of its own would keep the port from its end."""
+    """Release the lock when the port is closed: by a subclass, as an instance attribute would keep it alive."""
 
     class Locked(type(port)):  # type: ignore[misc]
         def close(self) -> None:

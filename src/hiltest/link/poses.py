@@ -20,7 +20,7 @@ _MAX_READINGS = 512
 
 @dataclass(frozen=True, slots=True)
 class AddPoseReply:
-    """The pose that was added: its index in the buffer, and what was averaged for it."""
+    """The added pose: its index in the buffer, and its averages."""
 
     index: int
     average: AverageReply
@@ -35,7 +35,7 @@ class AddPoseReply:
 
 @dataclass(frozen=True)
 class AddPose(Timed, Request[AddPoseReply]):
-    """Average n new samples of magnetometer and accelerometer, and keep the means as one more still pose."""
+    """Average n new samples of magnetometer and accelerometer, and store the means as another still pose."""
 
     code = 0x18
     command = "ADD_POSE"
@@ -72,7 +72,7 @@ class ClearPoses(Plain):
 
 @dataclass(frozen=True, eq=False)
 class UploadPoses(Request[int]):
-    """Add poses from the host; `first` is the number stored so far. Answers the number stored."""
+    """Add poses from the host; `first` is the number stored so far. The reply is the new number."""
 
     code = 0x1B
     command = "UPLOAD_POSES"
@@ -88,7 +88,7 @@ class UploadPoses(Request[int]):
 
 
 def read_pose(fields: FieldReader) -> StillPose:
-    """Read one pose of a buffer's part."""
+    """Read one pose."""
     face, readings = fields.choice(Face, "face"), fields.number("H", "readings")
     magnetometer = fields.reals(3, "magnetometer mean")
     magnetometer_spread = fields.reals_if_any(3, "magnetometer spread")

@@ -25,7 +25,7 @@ MICROTESLA_PER_COUNT = 0.1
 G_PER_COUNT = 1.0 / 8192.0
 DPS_PER_COUNT = 1.0 / 16.0
 SAMPLE_RATE_HZ = 200.0
-"""Output rate that the firmware sets up FXOS8700CQ (each of its two sensors) and FXAS21002C for."""
+"""Output rate that the firmware configures for FXOS8700CQ (each of its two sensors) and FXAS21002C."""
 
 
 class Status(IntEnum):
@@ -119,7 +119,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class SensorInfo:
-    """One sensor the firmware knows, and whether it answered."""
+    """A sensor that the firmware supports, and whether it answered."""
 
     sensor_id: int
     kind: SensorKind
@@ -156,9 +156,9 @@ class ReadReply:
     counts: Counts
     """Shape (n, 3). Body-frame counts."""
     overruns: int
-    """Samples the sensor replaced before they were read."""
+    """Samples that the sensor overwrote before they were read."""
     die_temperature_degc: int
-    """As the part gives it, uncalibrated."""
+    """Temperature from the part, uncalibrated."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> ReadReply:
@@ -172,7 +172,7 @@ class ReadReply:
 
 @dataclass(frozen=True, slots=True)
 class CollectReply:
-    """State of the point buffer after collecting: its range per axis [counts]."""
+    """State of the point buffer after collecting, with its range per axis [counts]."""
 
     stored: int
     minimum: Counts
@@ -221,20 +221,20 @@ class CalibrationReply:
 
 @dataclass(frozen=True, slots=True)
 class RunCost:
-    """Core cycles of a run without, and of, the empty call."""
+    """Core cycles of a run without the empty call, and of the empty call."""
 
     cycles: int
     overhead_cycles: int
 
     @classmethod
     def parse(cls, fields: FieldReader) -> RunCost | None:
-        """Read the cost; None for an empty call of no cycles, as only a counter that is not there counts it."""
+        """Read the cost; None for an empty call of 0 cycles, which means that there is no counter."""
         cycles, overhead_cycles = fields.number("I", "cycles"), fields.number("I", "overhead cycles")
         return cls(cycles, overhead_cycles) if overhead_cycles else None
 
 
 class CostedReply(Protocol):
-    """A reply that says what the work it is of has cost; None where the core counts no cycles."""
+    """A reply with the cost of its work; None without a cycle counter."""
 
     @property
     def cost(self) -> RunCost | None:
@@ -242,7 +242,7 @@ class CostedReply(Protocol):
 
 
 class CostedSteps(Protocol):
-    """A reply that says what each of several calls has cost; None where the core counts no cycles."""
+    """A reply with the cost of each of several calls; None without a cycle counter."""
 
     @property
     def costs(self) -> tuple[RunCost, ...] | None:
@@ -255,13 +255,13 @@ class CalibrateReply:
 
     fit: FitStatus
     is_sphere: bool
-    """The calibration is the sphere fit that stands in for a refused ellipsoid."""
+    """Whether the calibration is the sphere fit in place of a refused ellipsoid."""
     iterations: int
     calibration: CalibrationReply
     coverage: float
-    """Largest M_ii / d_i over the pivots; 0 when the calibrator has no such number."""
+    """Largest M_ii / d_i over the pivots; 0 for calibrators without it."""
     cost: RunCost | None
-    """None when the core counts no cycles."""
+    """Cost; None without a cycle counter."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> CalibrateReply:
@@ -308,7 +308,7 @@ class SlotHeading:
 
 @dataclass(frozen=True, slots=True)
 class AverageReply:
-    """Means of n new samples of magnetometer and accelerometer, and the heading under each slot asked for."""
+    """Means of n new samples of magnetometer and accelerometer, and the heading for each requested slot."""
 
     n: int
     magnetometer: Statistic

@@ -1,7 +1,7 @@
 """A request: bytes for the board, and the type of its reply.
 
-A reply's payload is a status byte and, when that is one of the request's
-`answered_with`, the data that its `parse` reads.
+A reply's payload is a status byte and, if that is one of the request's `answered_with`, the data that its `parse`
+reads.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _HINTS = {
 
 @dataclass(frozen=True)
 class Request(Generic[R]):
-    """A request; `R` is what its reply parses to."""
+    """A request; `R` is the type of its parsed reply."""
 
     code: ClassVar[int]
     command: ClassVar[str]
-    # What a reply with data may say: most requests are either done or not.
+    # Statuses of replies with data; most requests have only OK.
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK})
     _reply: ClassVar[Any]
 
@@ -42,14 +42,14 @@ class Request(Generic[R]):
         return b""
 
     def __init_subclass__(cls) -> None:
-        """Remember the class in ``Request[...]``."""
+        """Store the class in ``Request[...]``."""
         super().__init_subclass__()
         for base in cls.__dict__.get("__orig_bases__", ()):
             if get_origin(base) is Request:
                 (cls._reply,) = get_args(base)
 
     def parse(self, fields: FieldReader) -> R:
-        """Read the data of an OK reply: by the `parse` of its class, where a request does not say how."""
+        """Read the data of an OK reply, by default with the `parse` of its class."""
         reply: R = self._reply.parse(fields)
         return reply
 
@@ -61,7 +61,7 @@ class Request(Generic[R]):
 
 @dataclass(frozen=True)
 class Plain(Request[None]):
-    """A request answered by its status alone."""
+    """A request whose reply is only a status."""
 
     def parse(self, fields: FieldReader) -> None:
         """Read nothing."""
@@ -69,7 +69,7 @@ class Plain(Request[None]):
 
 @dataclass(frozen=True)
 class Timed:
-    """Part of a request that waits for samples, `timeout_us` at most in all."""
+    """Mixin of requests that wait for samples, at most `timeout_us` in total."""
 
     timeout_us: int = field(default=5_000_000, kw_only=True)
 
@@ -87,7 +87,7 @@ def decode_reply(request: Request[R], payload: bytes) -> R:
     DeviceError
         When the board answers with an error status.
     ProtocolError
-        When the payload is no reply to this request; says which field and where.
+        When the payload is not a reply to this request; the message names the field and its position.
     """
     fields = FieldReader(payload, f"reply to {request.command}")
     status = fields.choice(Status, "status")
@@ -105,7 +105,7 @@ def name_field(name: str) -> bytes:
 
 
 def within(value: int, lowest: int, highest: int, unit: str) -> int:
-    """Return a value that the protocol takes; `ValueError` says the range of another."""
+    """Return a value if it is in range; otherwise raise a `ValueError` with the range."""
     if not lowest <= value <= highest:
         raise ValueError(f"{value} {unit}; the protocol takes {lowest} to {highest}")
     return value

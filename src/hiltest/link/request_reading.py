@@ -103,9 +103,9 @@ def _upload_poses(fields: FieldReader) -> poses.UploadPoses:
 
 def _fit_dpi(fields: FieldReader) -> dpi.FitDpi:
     source, n = fields.choice(dpi.DpiSource, "source"), fields.number("H", "n")
-    slot, given = fields.number("B", "slot"), fields.flag("dip given")
+    slot, has_dip = fields.number("B", "slot"), fields.flag("dip given")
     dip_deg = fields.real("dip")
-    return dpi.FitDpi(n, slot, source=source, dip_deg=dip_deg if given else None)
+    return dpi.FitDpi(n, slot, source=source, dip_deg=dip_deg if has_dip else None)
 
 
 def _fusion_start(fields: FieldReader) -> fusion.FusionStart:
@@ -174,7 +174,7 @@ _BY_CODE = {kind.code: kind for kind in _READERS}
 
 
 def command_of(code: int) -> str:
-    """Name a request's type, empty when there is none of that code."""
+    """Return the name of a request's type; empty for an unknown code."""
     kind = _BY_CODE.get(code)
     return kind.command if kind else ""
 
@@ -185,7 +185,7 @@ def read_request(frame: Frame) -> Request[Any]:
     Raises
     ------
     ProtocolError
-        When its type is no request's, or its payload does not fit.
+        When its type is unknown, or its payload does not fit.
     """
     kind = _BY_CODE.get(frame.type)
     if kind is None:

@@ -11,7 +11,7 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Request, within
 
-#: In the order of the protocol.
+#: Names of the sequences, in the order of the protocol.
 SEQUENCES = (
     "data", "divide", "load_chain", "loads", "stores", "stores_by_register", "load_behind_store",
     "store_behind_load", "load_store_pairs", "load_multiple", "store_multiple", "branch_not_taken", "branch_taken",
@@ -34,16 +34,16 @@ class SequencePlace(IntEnum):
     SRAM = 0
     FLASH = 1
     FLASH_ALONE = 2
-    """Flash, with cache, prefetch and buffers of its controller switched off meanwhile."""
+    """Flash, with cache, prefetch and buffers of its controller off."""
     FLASH_WITHOUT_CACHE = 3
     FLASH_WITHOUT_PREFETCH = 4
 
 
 @dataclass(frozen=True)
 class TimeSequence(Request[RunCost | None]):
-    """Run a sequence of instructions that resides in the firmware; None when the core counts no cycles.
+    """Run a sequence of instructions of the firmware; the reply is None without a cycle counter.
 
-    Its cost is that of its first half. The overhead is a run of its second half, which begins and ends as the whole.
+    The cost is that of its first half. The overhead is a run of its second half, which begins and ends like the whole.
     """
 
     code: ClassVar[int] = 0x26
@@ -51,9 +51,9 @@ class TimeSequence(Request[RunCost | None]):
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
 
     sequence: int
-    """Its place in `SEQUENCES`."""
+    """Index in `SEQUENCES`."""
     place: SequencePlace = SequencePlace.SRAM
-    """Where it runs from."""
+    """Memory that it runs from."""
 
     def payload(self) -> bytes:
         """Return sequence and place."""
@@ -61,5 +61,5 @@ class TimeSequence(Request[RunCost | None]):
         return struct.pack("<BB", self.sequence, self.place)
 
     def parse(self, fields: FieldReader) -> RunCost | None:
-        """Read what its first half cost, and a run of the second."""
+        """Read the cost of its first half, and of a run of the second."""
         return RunCost.parse(fields)

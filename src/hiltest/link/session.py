@@ -1,8 +1,7 @@
 """Requests and replies over a port: sequence numbers, deadlines, bounded retries.
 
-The clock is the port's own when it has one (`now`): a virtual board's deadlines are
-virtual, so they are met or missed the same way on every host. Wall time then only
-guards against a board that computes without end.
+The clock is the port's own when it has one (`now`): a virtual board's deadlines are virtual, so they are met or missed
+in the same way on every host. Wall time then only guards against an endless computation.
 """
 
 from __future__ import annotations
@@ -38,14 +37,16 @@ from hiltest.text import is_text, legible
 R = TypeVar("R")
 
 FIRMWARE_NAME = "hiltest-frdm-k64f"
-# The longest frame takes 0.18 s at 115200 baud, each way; the rest is for USB and operating system.
+# Reply deadline: the longest frame takes 0.18 s at 115200 baud in each direction; the rest is for USB and operating
+# system.
 REPLY_DEADLINE_S = 1.0
 ATTEMPTS = 3
-# A board on a real clock cannot exceed it within its deadlines; a virtual one that computes without end can.
+# Wall-time limit: a board on a real clock cannot exceed it within its deadlines; a virtual one in an endless
+# computation can.
 WALL_GUARD_S = 30.0
-# A virtual board that works for a second may take so much longer on a busy machine; 0.4 s on an idle one.
+# Wall time per second of a virtual board's work on a busy machine; it is 0.4 s on an idle one.
 _WALL_A_BOARD_SECOND = 4.0
-# Late answers to that many earlier requests are dropped; a stranger number is an error.
+# Number of earlier requests whose late answers are dropped; any other number is an error.
 _STALE_SEQUENCES = 16
 _HEARD_KEPT = 256
 _SHOWN_CHARACTERS = 80
@@ -59,27 +60,27 @@ class RequestOutcome(StrEnum):
     ERROR = "error"
 
 
-def _a_line(heard: bytes) -> str:
-    """Return a whole line of what came, where there is one: the first and the last may be cut."""
+def _whole_line(heard: bytes) -> str:
+    """Return a complete received line, if there is one: the first and the last may be cut."""
     lines = [line for line in heard.decode("utf-8", errors="replace").splitlines() if line]
     return legible(lines[len(lines) // 2])[:_SHOWN_CHARACTERS] if lines else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One sending of one request."""
+    """One attempt of one request."""
 
     command: str
     sequence: int
     number: int
-    """1 for the first attempt of a request."""
+    """Number of the attempt, from 1."""
     sent_s: float
     ended_s: float
-    """Board clock."""
+    """Times by the board's clock."""
     outcome: RequestOutcome
     damaged: int
     stale: int
-    """Frames that arrived while waiting and were damaged, or answered an earlier request."""
+    """Number of frames that arrived meanwhile and were damaged, or answered an earlier request."""
 
 
 class Session:
@@ -90,15 +91,15 @@ class Session:
     port
         Open. The session closes it.
     transcript
-        Gets every byte, both ways, but those of `refuse_reset`.
+        Receives every byte, in both directions, except those of `refuse_reset`.
     nonce_seed
-        Makes the nonces a function of the seed, as a reproducible run needs. On a
-        line that others used before us leave it out: then they are random.
+        Seed of the nonces, for a reproducible run. On a line that other programs have used, omit it: then they are
+        random.
 
     Attributes
     ----------
     on_reply : callable
-        Told the data of each reply, before who asked is.
+        Called with the data of each reply, before `request` returns it.
     """
 
     def __init__(
@@ -124,7 +125,7 @@ class Session:
         self.on_reply: Callable[[object], None] = lambda _reply: None
         self._damaged = 0
         self._stale = 0
-        self._answered = 0  # since the latest look at what the board has carried out
+        self._answered = 0  # replies since the latest check of the board's count of executed requests
         self._carried_out = 0
 
     @property
@@ -133,24 +134,24 @@ class Session:
         return sum(attempt.number == 2 for attempt in self.attempts)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()
 
     def synchronise(self) -> None:
-        """Discard what is on the line until the board returns a nonce of ours.
+        """Discard all bytes on the line until the board returns this session's nonce.
 
         Raises
         ------
         SyncError
-            When it does not.
+            When it does not return the nonce.
         VersionMismatchError
-            When it speaks another protocol version, or prints text.
+            When it has another protocol version, or prints text.
         """
         self._port.reset_input_buffer()
         self._decoder.reset()
         self._heard.clear()
         for number in range(1, self._attempts_allowed + 1):
-            # A fresh nonce each time: an old answer must not pass for a new one.
+            # A fresh nonce each time, because an old answer must not pass for a new one.
             request = Sync(self._nonces.getrandbits(32))
             frame = Frame(request.code, 0, request.payload())
             payload = self._attempt(request, frame, number, self._reply_deadline_s, resync=True)
@@ -162,9 +163,9 @@ class Session:
             heard = bytes(self._heard)
             if is_text(heard):
                 raise VersionMismatchError(
-                    f"nothing on {self._port.name} answers in hiltest's protocol, but text comes: {_a_line(heard)!r}. "
-                    "Firmware that speaks its own language is judged with a [device] table in the rig: "
-                    "docs/text-compass.md"
+                    f"nothing on {self._port.name} answers in hiltest's protocol, but text comes: "
+                    f"{_whole_line(heard)!r}. Firmware that speaks its own language is judged with a [device] table "
+                    "in the rig: docs/text-compass.md"
                 )
             raise SyncError(self._port.name, heard, self._attempts_allowed)
         if self.protocol_version != PROTOCOL_VERSION:
@@ -180,7 +181,7 @@ class Session:
         Raises
         ------
         OtherFirmwareError
-            When it is another firmware.
+            When it is other firmware.
         """
         identity = self.request(Identify())
         if identity.name != firmware_name:
@@ -196,7 +197,7 @@ class Session:
         Parameters
         ----------
         deadline_s
-            For each attempt; by default the session's, and what the board may spend on the request.
+            Deadline of each attempt; by default the session's plus the board's time for the request.
 
         Raises
         ------
@@ -207,7 +208,7 @@ class Session:
         LinkLostError
             When the port breaks.
         ProtocolError
-            When what arrives is no reply to this request.
+            When the reply does not fit this request.
         """
         allowed_s = self._reply_deadline_s + message.board_time_s if deadline_s is None else deadline_s
         frame = self.next_frame(message)
@@ -220,21 +221,21 @@ class Session:
                 reply = decode_reply(message, payload)
                 self.on_reply(reply)
                 return reply
-        raise DeviceTimeoutError(message.command, allowed_s, self.clock, self._found(), self.noise())
+        raise DeviceTimeoutError(message.command, allowed_s, self.clock, self._firmware_activity(), self.noise())
 
     def refuse_reset(self) -> None:
-        """Check that the board is still the one that was synchronised, with all that it has stored since.
+        """Check that the board was not reset since it was synchronised.
 
-        The board counts the requests that it has carried out since it started, each once however often it was sent:
-        after a reset those are fewer than it has answered.
+        The board counts the requests that it has executed since its start, each once regardless of repetitions: after a
+        reset the count is below the number of answers.
 
         Raises
         ------
         BoardResetError
-            When it was reset, by whatever.
+            When it was reset, for any reason.
         """
         if self._answered:
-            with self._untold():
+            with self._pause_transcript():
                 counted = self.request(LinkStatistics())
             carried_out, expected = counted.frames - counted.repeated, self._carried_out + self._answered
             if carried_out < expected:
@@ -242,8 +243,8 @@ class Session:
             self._answered, self._carried_out = 0, carried_out
 
     @contextmanager
-    def _untold(self) -> Iterator[None]:
-        """Keep an exchange out of the transcript: it is none of those that a test, which it follows, has asked for."""
+    def _pause_transcript(self) -> Iterator[None]:
+        """Exclude an exchange from the transcript, because it follows a test and is not part of it."""
         transcript, self.transcript = self.transcript, None
         try:
             yield
@@ -251,9 +252,9 @@ class Session:
             self.transcript = transcript
 
     def noise(self, since: int = 0) -> str:
-        """Say what the line has lost or changed since an attempt: what was right when the same was sent again.
+        """Describe the bytes that the line has lost or changed since an attempt: failures that a repetition cured.
 
-        Firmware at fault fails the same way each time. Empty where nothing was.
+        Empty without any. Faulty firmware fails in the same way each time.
         """
         attempts = self.attempts[since:]
         again = sum(attempt.number > 1 and attempt.outcome is RequestOutcome.ANSWERED for attempt in attempts)
@@ -271,11 +272,11 @@ class Session:
         return Frame(code, self._sequence, payload)
 
     def send_raw(self, data: bytes) -> None:
-        """Put bytes on the line as they are: damaged frames, for link checks."""
+        """Send bytes unchanged: damaged frames, for link checks."""
         self._write(data)
 
     def listen(self, seconds: float) -> Frame | None:
-        """Return the next intact frame, None when none comes in that time."""
+        """Return the next intact frame; None on a timeout."""
         end_s = self.now() + seconds
         while self.now() < end_s:
             for item in self._receive():
@@ -284,7 +285,7 @@ class Session:
         return None
 
     def exchange_raw(self, frame: Frame, *, deadline_s: float = REPLY_DEADLINE_S) -> Frame | None:
-        """Send one frame once and return the frame that comes back under its number, None when none does."""
+        """Send one frame once and return the frame with the same number; None on a timeout."""
         self._write(encode_frame(frame))
         end_s = self.now() + deadline_s
         while (reply := self.listen(end_s - self.now())) is not None:
@@ -295,7 +296,7 @@ class Session:
     def _attempt(
         self, message: Request[R], frame: Frame, number: int, allowed_s: float, *, resync: bool = False
     ) -> bytes | None:
-        """Send once and wait; the reply's payload, or None when the deadline passed."""
+        """Send once and wait; return the reply's payload, or None on a timeout."""
         sent_s = self.now()
         self._damaged = self._stale = 0
         outcome = RequestOutcome.ERROR
@@ -323,11 +324,11 @@ class Session:
                 elif self._answers(item, message, sequence):
                     return item.payload
             if self.clock == "virtual" and time.monotonic() > wall_end_s:
-                raise DeviceTimeoutError(message.command, guard_s, "wall", self._found())
+                raise DeviceTimeoutError(message.command, guard_s, "wall", self._firmware_activity())
         return None
 
-    def _found(self) -> str:
-        """Return what the firmware is doing, where the port knows."""
+    def _firmware_activity(self) -> str:
+        """Return a description of the firmware's activity, if the port knows it."""
         look: Callable[[], str] | None = getattr(self._port, "position", None)
         return look() if look else ""
 
@@ -367,7 +368,7 @@ class Session:
 
 
 def _is_echo(frame: Frame, request: Request[R]) -> bool:
-    """Say whether a frame returns the nonce of a SYNC request, whatever else it carries."""
+    """Return whether a frame returns the nonce of a SYNC request, regardless of its other content."""
     return frame.type == request.code | REPLY_BIT and len(frame.payload) == 7 and (
         frame.payload[0] == Status.OK and frame.payload[1:5] == request.payload()
     )

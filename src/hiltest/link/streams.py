@@ -17,7 +17,7 @@ MAX_FEED = 80
 
 
 class StreamStatus(IntEnum):
-    """Whether a stream calibrator took a point, or why not; the values are those of the protocol."""
+    """Status of a point for a stream calibrator; the values are those of the protocol."""
 
     OK = 0
     OUT_OF_RANGE = 1
@@ -27,24 +27,24 @@ class StreamStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class StreamStepsReply:
-    """Cost of points that were fed to a stream calibrator, or removed."""
+    """Cost of points that a stream calibrator processed or removed."""
 
     status: StreamStatus
-    """OK, or why the point after the last taken one was refused; nothing was done with it."""
+    """OK, or the reason why the next point was refused, without effect."""
     taken: int
-    """Points taken."""
+    """Number of points."""
     costs: tuple[RunCost, ...] | None
-    """One for each point taken, in order; None when the core counts no cycles."""
+    """One cost per point, in order; None without a cycle counter."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> StreamStepsReply:
-        """Read the reply; an empty call of no cycles is a counter that is not there."""
+        """Read the reply; an overhead of 0 cycles means that there is no counter."""
         status = fields.choice(StreamStatus, "stream status")
         overhead_cycles = fields.number("I", "overhead cycles")
-        taken = fields.number("B", "points taken")
-        cycles = [fields.number("I", "cycles") for _ in range(taken)]
+        count = fields.number("B", "points taken")
+        cycles = [fields.number("I", "cycles") for _ in range(count)]
         costs = tuple(RunCost(cycle, overhead_cycles) for cycle in cycles) if overhead_cycles else None
-        return cls(status, taken, costs)
+        return cls(status, count, costs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,23 +53,23 @@ class StreamStateReply:
 
     fit: FitStatus
     is_sphere: bool
-    """The calibration is a sphere: the ellipsoid was refused, or not tried yet."""
+    """Whether the calibration is a sphere: the ellipsoid was refused, or not tried yet."""
     is_solving: bool
-    """A solver is at work, some of its slices done."""
+    """Whether a solver is in progress, with some of its slices done."""
     iterations: int
     calibration: CalibrationReply
     coverage: float
-    """As CALIBRATE answers it; 0 when the calibrator has no such number."""
+    """Same number as in CALIBRATE's reply; 0 for calibrators without it."""
     held: int
-    """Points that the fit is, or would be, made of."""
+    """Number of points of the present or a next fit."""
     elements: int
-    """Unknowns of the solver whose calibration this is: 4, 7 or 10; 0 when there is but one solver."""
+    """Number of unknowns of the solver of this calibration: 4, 7 or 10; 0 with a single solver."""
     accepted: int
-    """Calibrations taken over since the reset."""
+    """Number of accepted calibrations since the reset."""
     fit_error_percent: float | None
-    """The calibrator's own measure of its calibration; None when it has none."""
+    """The calibrator's own quality figure; None without one."""
     cost: RunCost | None
-    """Cost of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles."""
+    """Cost of this answer, including the fit of a calibrator that fits on request. None without a cycle counter."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> StreamStateReply:
@@ -91,7 +91,7 @@ class StreamStateReply:
 
 @dataclass(frozen=True)
 class StreamReset(Plain):
-    """Let a stream calibrator forget all points; `sliced` solvers do one slice of their work a point."""
+    """Clear all points of a stream calibrator; with `sliced` its solvers do one slice of their work per point."""
 
     code = 0x12
     command = "STREAM_RESET"
@@ -104,9 +104,9 @@ class StreamReset(Plain):
 
 @dataclass(frozen=True)
 class _StreamSteps(Request[StreamStepsReply]):
-    """Points of the board's buffer, one step each."""
+    """Request for one step per point of the board's buffer."""
 
-    # Without a counter the points are taken all the same, and their cost is None.
+    # Without a counter the points are still processed, and their cost is None.
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     stream: str
     first: int
@@ -117,7 +117,7 @@ class _StreamSteps(Request[StreamStepsReply]):
         return struct.pack("<HB", within(self.first, 0, 0xFFFF, "points"), count) + name_field(self.stream)
 
     def parse(self, fields: FieldReader) -> StreamStepsReply:
-        """Read the reply; `ProtocolError` when it took more points than were sent, or fewer without a reason."""
+        """Read the reply; raise a `ProtocolError` if it has more points than were sent, or fewer without a reason."""
         reply = StreamStepsReply.parse(fields)
         if reply.taken > self.count or (reply.taken == self.count) != (reply.status is StreamStatus.OK):
             raise ProtocolError(
@@ -128,19 +128,19 @@ class _StreamSteps(Request[StreamStepsReply]):
 
     @property
     def board_time_s(self) -> float:
-        """Room for a million cycles a point on a 120 MHz core [s]."""
+        """Time for a million cycles per point on a 120 MHz core [s]."""
         return self.count / 120.0
 
 
 class StreamFeed(_StreamSteps):
-    """Give points of the board's buffer to a stream calibrator, counting the cycles of each."""
+    """Feed points of the board's buffer to a stream calibrator, and count the cycles of each."""
 
     code = 0x13
     command = "STREAM_FEED"
 
 
 class StreamRemove(_StreamSteps):
-    """Take points of the board's buffer back from a stream calibrator, counting the cycles of each."""
+    """Remove points of the board's buffer from a stream calibrator, and count the cycles of each."""
 
     code = 0x14
     command = "STREAM_REMOVE"
@@ -148,7 +148,7 @@ class StreamRemove(_StreamSteps):
 
 @dataclass(frozen=True)
 class StreamState(Request[StreamStateReply]):
-    """Ask a streaming calibrator for its state."""
+    """Query the state of a streaming calibrator."""
 
     code = 0x15
     command = "STREAM_STATE"

@@ -20,7 +20,7 @@ _BYTES_SHOWN = 32
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
+class _TimedItem:
     """A frame, or damaged bytes, with the time of its last byte."""
 
     time_s: float
@@ -39,32 +39,34 @@ def trace_lines(transcript: Transcript) -> Iterator[str]:
             yield _line(entry.time_s, entry.direction, "", entry.data.decode(errors="replace"))
             continue
         for item in decoders[entry.direction].feed(entry.data):
-            yield _shown(_Seen(entry.time_s, entry.direction, item), asked)
+            yield _format_item(_TimedItem(entry.time_s, entry.direction, item), asked)
     for direction, decoder in decoders.items():
         if decoder.unfinished:
             yield f"{'':>14}  {direction}       unfinished: {_hex(decoder.unfinished)}"
 
 
 def frames_in_words(data: bytes) -> str:
-    """Return what the bytes of one write ask for: commands with their fields, a text, or hexadecimal digits."""
-    said = [_what(Direction.TO_BOARD, item, {}) for item in FrameDecoder().feed(data)]
+    """Describe the bytes of one write: commands with their fields, a text, or hexadecimal digits."""
+    descriptions = [_describe(Direction.TO_BOARD, item, {}) for item in FrameDecoder().feed(data)]
     text = data.decode("latin-1")
-    return "; ".join(said) or (repr(text) if data and text.isascii() and text.rstrip().isprintable() else _hex(data))
+    if descriptions:
+        return "; ".join(descriptions)
+    return repr(text) if data and text.isascii() and text.rstrip().isprintable() else _hex(data)
 
 
-def _shown(seen: _Seen, asked: dict[int, Request[Any]]) -> str:
-    sequence = "" if isinstance(seen.item, DamagedFrame) else str(seen.item.sequence)
-    return _line(seen.time_s, seen.direction, sequence, _what(seen.direction, seen.item, asked))
+def _format_item(item: _TimedItem, asked: dict[int, Request[Any]]) -> str:
+    sequence = "" if isinstance(item.item, DamagedFrame) else str(item.item.sequence)
+    return _line(item.time_s, item.direction, sequence, _describe(item.direction, item.item, asked))
 
 
-def _what(direction: Direction, item: Frame | DamagedFrame, asked: dict[int, Request[Any]]) -> str:
+def _describe(direction: Direction, item: Frame | DamagedFrame, asked: dict[int, Request[Any]]) -> str:
     if isinstance(item, DamagedFrame):
         return f"damaged: {item.reason}; {_hex(item.data)}"
     return _request(item, asked) if direction is Direction.TO_BOARD else _reply(item, asked)
 
 
-def _line(time_s: float, direction: Direction, sequence: str, what: str) -> str:
-    return f"{time_s:14.6f}  {direction}  {sequence:>3}  {what}"
+def _line(time_s: float, direction: Direction, sequence: str, text: str) -> str:
+    return f"{time_s:14.6f}  {direction}  {sequence:>3}  {text}"
 
 
 def _request(frame: Frame, asked: dict[int, Request[Any]]) -> str:
@@ -89,8 +91,8 @@ def _reply(frame: Frame, asked: dict[int, Request[Any]]) -> str:
         return f"{name} {error.status}"
     except ProtocolError as error:
         return f"{name} not understood: {error}; {_hex(frame.payload)}"
-    what = _fields(answer) if is_dataclass(answer) else _value(answer) if answer is not None else ""
-    return f"{name} OK {what}".rstrip()
+    text = _fields(answer) if is_dataclass(answer) else _value(answer) if answer is not None else ""
+    return f"{name} OK {text}".rstrip()
 
 
 def _fields(record: Any) -> str:
@@ -114,7 +116,7 @@ def _value(value: Any) -> str:
 def _numbers(array: np.ndarray[Any, Any]) -> str:
     flat = array.ravel().tolist()
     more = f", ... {' x '.join(map(str, array.shape))} in all" if len(flat) > _NUMBERS_SHOWN else ""
-    return f"[{', '.join(_value(each) for each in flat[:_NUMBERS_SHOWN])}{more}]"
+    return f"[{', '.join(_value(number) for number in flat[:_NUMBERS_SHOWN])}{more}]"
 
 
 def _hex(data: bytes) -> str:

@@ -1,12 +1,12 @@
-"""Bytes on the line in both directions, with the time of the board's clock; and of a recorded run all else.
+"""Bytes on the line in both directions, with the time of the board's clock; and the other questions of a recorded run.
 
 On disk a transcript is JSON lines: a header with schema and clock, then one entry a
 line, ``{"t": seconds, "dir": ">", "hex": "7e01..."}``, or ``{"t": seconds, "mark": "text"}``.
 
 The transcript of a recorded run has the run in its header, under ``recorded``, and two more kinds of entry: a question
-to the bench that is no bytes, with its answer, ``{"t": seconds, "call": "stage.turn_to", "given": {...}, "gives": ...,
+to the bench other than bytes, with its answer, ``{"t": seconds, "call": "stage.turn_to", "given": {...}, "gives": ...,
 "until": seconds}`` (or ``raises``), and a reading of the host's clock, ``{"t": seconds, "dir": "@"}``. A read of the
-line that brought nothing is there too. A file whose name ends in ``.gz`` is compressed with gzip.
+line without bytes is recorded too. A file whose name ends in ``.gz`` is compressed with gzip.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from hiltest.strict_json import parse_json, read_bounded
 
 SCHEMA = "hiltest.transcript/1"
 END = "end"
-"""Text of the mark with which the transcript of a recorded run ends."""
+"""Text of the mark at the end of a recorded run's transcript."""
 
-_LARGEST_BYTES = 256 << 20  # two bytes of text for one of the line: three hours at 115 200 baud, without a pause
-_FIRST_LINE = 2  # of an entry: the header has the first
+_LARGEST_BYTES = 256 << 20  # two bytes of text per byte of the line: three hours at 115 200 baud, without a pause
+_FIRST_LINE = 2  # line of the first entry, after the header
 _GZIP = b"\x1f\x8b"
-_ENTRY_BYTES = 8  # an entry's time, in what a transcript may hold: single bytes must not cost nothing
+_ENTRY_BYTES = 8  # bytes that an entry's time counts towards the limit, so that single-byte entries are bounded too
 
 
 class Direction(StrEnum):
@@ -50,7 +50,7 @@ class Direction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TranscriptEntry:
-    """Bytes that were written or read in one piece, the text of a mark, a call as JSON; a clock's reading has none."""
+    """Bytes that were written or read in one piece, the text of a mark, a call as JSON, or a clock's reading."""
 
     time_s: float
     direction: Direction
@@ -63,15 +63,14 @@ class Transcript:
     Parameters
     ----------
     clock
-        ``virtual`` or ``wall``: what `TranscriptEntry.time_s` counts. The session that fills an
-        empty one says it.
+        ``virtual`` or ``wall``: clock of `TranscriptEntry.time_s`. The session that fills an empty transcript sets it.
 
     Attributes
     ----------
     recorded : dict or None
-        Of a recorded run, what its header says of it; not checked.
+        Description of a recorded run from its header, unchecked.
     sha256 : str
-        Of the file that it was read from.
+        Digest of the file that it was read from.
     """
 
     def __init__(self, clock: str = "", entries: Iterable[TranscriptEntry] = ()) -> None:
@@ -85,11 +84,11 @@ class Transcript:
         self.entries.append(TranscriptEntry(time_s, direction, data))
 
     def mark(self, time_s: float, text: str) -> None:
-        """Note something beside the bytes, such as the name of a test."""
+        """Add a note between the bytes, such as the name of a test."""
         self.add(time_s, Direction.MARK, text.encode())
 
     def placed(self) -> Iterator[tuple[int, str, TranscriptEntry]]:
-        """Yield each mark and entry with its line in the file, and the latest mark: the test that it belongs to."""
+        """Yield each entry with its line in the file, and the latest mark, which is its test."""
         test = ""
         for line, entry in enumerate(self.entries, _FIRST_LINE):
             if entry.direction is Direction.MARK:
@@ -104,12 +103,12 @@ class Transcript:
 
     @classmethod
     def read(cls, path: Path) -> Transcript:
-        """Read what `write` wrote.
+        """Read a file from `write`.
 
         Raises
         ------
         ConfigError
-            When the file is no transcript; names file, line and what is wrong.
+            When the file is not a transcript; the message has file, line and reason.
         """
         content = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a transcript (JSON lines)")
         try:
@@ -130,17 +129,17 @@ class Transcript:
 
 
 class LatestTranscript(Transcript):
-    """A transcript that forgets what is old, so that it never grows beyond a size.
+    """A transcript of bounded size that drops its oldest entries.
 
     Parameters
     ----------
     most_bytes
-        How many bytes of the line are kept; the entries are bounded with them.
+        Maximum number of bytes of the line, which also bounds the entries.
 
     Attributes
     ----------
     dropped_bytes : int
-        What was forgotten since `restart`.
+        Number of bytes that were dropped since `restart`.
     """
 
     def __init__(self, *, most_bytes: int) -> None:
@@ -151,13 +150,13 @@ class LatestTranscript(Transcript):
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything."""
+        """Clear all entries."""
         self._latest.clear()
         self._weight = 0
         self.dropped_bytes = 0
 
     def add(self, time_s: float, direction: Direction, data: bytes) -> None:
-        """Append an entry, and forget the oldest that no longer fit."""
+        """Append an entry, and drop the oldest that no longer fit."""
         self._latest.append(TranscriptEntry(time_s, direction, data))
         self._weight += len(data) + _ENTRY_BYTES
         while self._weight > self._most_bytes and len(self._latest) > 1:
@@ -167,16 +166,16 @@ class LatestTranscript(Transcript):
 
 
 class TranscriptFile:
-    """The file of a transcript that grows: what has happened is in it, whatever ends the program.
+    """The file of a growing transcript, which is complete up to any end of the program.
 
     Parameters
     ----------
     path
-        Compressed where its name ends in ``.gz``.
+        Path; compressed if its name ends in ``.gz``.
     clock
-        As `Transcript` has it.
+        See `Transcript`.
     recorded
-        Of a recorded run.
+        Description of a recorded run.
 
     Raises
     ------
@@ -189,8 +188,8 @@ class TranscriptFile:
         try:
             self._bytes = path.open("wb")
         except OSError as error:
-            raise self._refused(error) from error
-        # Without name and time: equal transcripts are equal files.
+            raise self._write_error(error) from error
+        # Without name and time, so that equal transcripts are equal files.
         packed = gzip.GzipFile("", "wb", fileobj=self._bytes, mtime=0) if path.name.endswith(".gz") else self._bytes
         self._file = io.TextIOWrapper(packed, encoding="utf-8")
         about = {} if recorded is None else {"recorded": recorded}
@@ -201,11 +200,11 @@ class TranscriptFile:
         self._write(_line(entry))
 
     def flush(self) -> None:
-        """Give what was added to the system."""
+        """Flush added entries to the system."""
         try:
             self._file.flush()
         except OSError as error:
-            raise self._refused(error) from error
+            raise self._write_error(error) from error
 
     def close(self) -> None:
         """Close the file. Idempotent."""
@@ -213,7 +212,7 @@ class TranscriptFile:
             with self._bytes:
                 self._file.close()
         except OSError as error:
-            raise self._refused(error) from error
+            raise self._write_error(error) from error
 
     def __enter__(self) -> Self:
         return self
@@ -227,14 +226,14 @@ class TranscriptFile:
         try:
             self._file.write(line + "\n")
         except OSError as error:
-            raise self._refused(error) from error
+            raise self._write_error(error) from error
 
-    def _refused(self, error: OSError) -> ConfigError:
+    def _write_error(self, error: OSError) -> ConfigError:
         return ConfigError(f"cannot write {self._path}: {error.strerror or error}; name another file")
 
 
 def _text(content: bytes, path: Path) -> bytes:
-    """Return what a file holds, uncompressed; of one that was cut, as by SIGKILL, what is there."""
+    """Return the uncompressed content of a file; of a truncated one, as after SIGKILL, the intact part."""
     if not content.startswith(_GZIP):
         return content
     unzip = zlib.decompressobj(wbits=31)
@@ -258,7 +257,7 @@ def _line(entry: TranscriptEntry) -> str:
 
 
 def call_entry(time_s: float, call: Mapping[str, Any]) -> TranscriptEntry:
-    """Return the entry of a question that is no bytes, with its answer; `call` begins with its name."""
+    """Return the entry of a question other than bytes, with its answer; `call` begins with its name."""
     text = json.dumps(call, allow_nan=False)
     return TranscriptEntry(time_s, Direction.CALL, text.encode())
 

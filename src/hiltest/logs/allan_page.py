@@ -22,27 +22,27 @@ from hiltest.text import format_count
 
 SCHEMA = "hiltest.allan/1"
 HEADER = ("column", "figure", "value", "68 % interval")
-# What is finer than that share of a period is the clock's own resolution.
+# Share of a period below which deviations are the clock's resolution.
 _JITTER = 0.1
-# Units of N, density, B, K and the curve, and what one of the log's is in them.
+# Units of N, density, B, K and the curve, and the factor from the log's unit to them.
 _IN_DEGREES = (("deg/rth", 60.0), ("mdps/rtHz", 1000.0), ("deg/h", 3600.0), ("deg/h/rth", 3600.0 * 60.0))
 _IN_COUNTS = (("count/rtHz", 1.0), ("count/rtHz", 1.0), ("count", 1.0), ("count/rts", 1.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number that is printed, drawn and in the JSON."""
+    """A number that is printed, drawn and in the JSON."""
 
     key: str
     name: str
-    """In the JSON, and for people."""
+    """Key in the JSON, and name for people."""
     found: Estimate | None
-    """None when it is not seen in the noise."""
+    """Estimate; None if it is hidden in the noise."""
     unit: str
     at_most: float | None = None
-    """What it is at most when it is not seen, where that is known."""
+    """Upper bound if it is hidden, if known."""
     at_s: float | None = None
-    """Averaging time that it is of."""
+    """Averaging time that it applies to."""
 
     @property
     def cells(self) -> tuple[str, str, str]:
@@ -50,45 +50,45 @@ class Number:
         at = "" if self.at_s is None else f" at {self.at_s:.4g} s"
         if self.found is None:
             return self.name, "not seen" if self.at_most is None else f"at most {self.at_most:.4g} {self.unit}", ""
-        found = self.found
-        return self.name, f"{found.value:.4g} {self.unit}{at}", f"{found.low:.4g} to {found.high:.4g}"
+        estimate = self.found
+        return self.name, f"{estimate.value:.4g} {self.unit}{at}", f"{estimate.low:.4g} to {estimate.high:.4g}"
 
     @property
     def content(self) -> dict[str, Any]:
-        """What the JSON has."""
+        """Content for the JSON."""
         value, low, high = (None, None, None) if self.found is None else (
             self.found.value, self.found.low, self.found.high
         )  # fmt: skip
         more = {"at_most": self.at_most, "at_s": self.at_s}
         return {"value": value, "low": low, "high": high, "unit": self.unit,
-                **{key: each for key, each in more.items() if each is not None}}  # fmt: skip
+                **{key: value for key, value in more.items() if value is not None}}  # fmt: skip
 
 
 def numbers(log: RateLog, reading: AllanReading) -> tuple[Number, ...]:
-    """Return what was read off one curve."""
+    """Return the numbers from one curve."""
     (walk, per_walk), (density, per_density), (rate, per_rate), (rate_walk, per_rate_walk) = (
         _IN_DEGREES if log.in_degrees else _IN_COUNTS
     )
     at_most = None if reading.bias_instability else per_rate * reading.bias_instability_at_most
     return (
-        Number("angle_random_walk", "angle random walk N", _in(reading.angle_random_walk, per_walk), walk),
+        Number("angle_random_walk", "angle random walk N", _scaled(reading.angle_random_walk, per_walk), walk),
         Number("noise_density", "noise density, one-sided",
-               _in(reading.angle_random_walk, math.sqrt(2.0) * per_density), density),
-        Number("bias_instability", "bias instability B", _in(reading.bias_instability, per_rate), rate, at_most),
-        Number("rate_random_walk", "rate random walk K", _in(reading.rate_random_walk, per_rate_walk), rate_walk),
-        Number("lowest", "lowest", _in(reading.lowest, per_rate), rate, at_s=reading.lowest_at_s),
+               _scaled(reading.angle_random_walk, math.sqrt(2.0) * per_density), density),
+        Number("bias_instability", "bias instability B", _scaled(reading.bias_instability, per_rate), rate, at_most),
+        Number("rate_random_walk", "rate random walk K", _scaled(reading.rate_random_walk, per_rate_walk), rate_walk),
+        Number("lowest", "lowest", _scaled(reading.lowest, per_rate), rate, at_s=reading.lowest_at_s),
     )  # fmt: skip
 
 
 def table(log: RateLog, curve: AllanCurve) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each number of each column, as `HEADER` says."""
+    """Yield a row for each number of each column, with the columns of `HEADER`."""
     for name, reading in zip(log.columns, curve.readings, strict=True):
         for number in numbers(log, reading):
             yield name, *number.cells
 
 
 def headline(log: RateLog) -> str:
-    """Return the heading: file, samples and rate, what its time stamps are like and what is missing."""
+    """Return the heading: file, samples and rate, quality of its time stamps, and gaps."""
     n, seconds = len(log.rates), len(log.rates) / log.rate_hz
     jitter = f", jitter {1000.0 * log.jitter_s:.3g} ms" if log.jitter_s * log.rate_hz > _JITTER else ""
     part = f"{log.path}: {n} samples at {log.rate_hz:.6g} Hz{jitter}, {seconds:.0f} s"
@@ -130,16 +130,16 @@ def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
 
 
 def figure(log: RateLog, curve: AllanCurve, axis: int) -> Figure:
-    """Draw the deviations of one column with their intervals, and the slopes that were fitted, both logarithmic."""
+    """Draw the deviations of one column with their intervals and the fitted slopes, on logarithmic axes."""
     read = numbers(log, curve.readings[axis])
     walk, _, instability, rate_walk, lowest = read
     per_unit = 3600.0 if log.in_degrees else 1.0
     tau_s, deviation, low, high = curve.tau_s, *(
-        per_unit * each[:, axis] for each in (curve.deviation, curve.low, curve.high)
+        per_unit * bound[:, axis] for bound in (curve.deviation, curve.low, curve.high)
     )
     drawn = Figure(
         title=f"Allan deviation of {log.columns[axis]}",
-        description="; ".join(": ".join(each.cells[:2]) for each in read),
+        description="; ".join(": ".join(number.cells[:2]) for number in read),
         x_label="averaging time [s]", y_label=f"Allan deviation [{lowest.unit}]",
         x_range=(float(tau_s[0]), float(tau_s[-1])), y_range=(float(low.min()) / 1.5, float(high.max()) * 1.5),
         width=560.0, height=400.0, log_x=True, log_y=True,
@@ -167,5 +167,5 @@ def figure(log: RateLog, curve: AllanCurve, axis: int) -> Figure:
     return drawn
 
 
-def _in(estimate: Estimate | None, factor: float) -> Estimate | None:
+def _scaled(estimate: Estimate | None, factor: float) -> Estimate | None:
     return None if estimate is None else estimate.scaled(factor)

@@ -1,4 +1,4 @@
-"""Units that readings cannot be in, and which they may be in: asked about, and never changed."""
+"""Questions about implausible units of readings, with the likely one; units are never changed automatically."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from hiltest.recordings.columns import MICROTESLA, Unit
 from hiltest.units import GRAVITIES, AccelerationUnit
 
-# Of the earth's field at its surface [uT], with room for iron and scale: what a fit is rated by.
+# Range of the earth's field at its surface [uT], with a margin for iron and scale, as in the rating of a fit.
 _EARTH_UT = (20.0, 70.0)
 _AS_COUNTS = "--unit counts takes them as they are, and checks no strength"
-# What one of a unit is [uT], and what to do where readings are in it.
+# Size of each unit [uT], and the remedy if readings are in it.
 _FIELDS = {
     "uT": (1.0, "--unit uT says so"),
     "gauss": (100.0, "--unit gauss says so"),
@@ -22,25 +22,25 @@ _FIELDS = {
     "nT": (1e-3, _AS_COUNTS),
     "mT": (1e3, _AS_COUNTS),
 }  # fmt: skip
-# A median about 1 g, however the board is turned or shaken by hand; the next unit is a factor of ten off.
+# Plausible range of the median [g], under any turning or shaking by hand; the next unit is a factor of ten off.
 _GRAVITY_G = (0.7, 1.4)
 
 
 def asked_of_field(strength: float, unit: Unit, unit_from: str) -> Iterator[str]:
-    """Yield a question where a field's strength is not the earth's, and would be in another unit.
+    """Yield a question if a field's strength is not the earth's, but would be in another unit.
 
     Parameters
     ----------
     strength
-        In `unit`.
+        Strength in `unit`.
     unit_from
-        As in `hiltest.logs.samples.Samples`: counts are asked about only where nothing says that they are counts.
+        See `hiltest.logs.samples.Samples`: there is no question about counts that are declared.
     """
     low, high = _EARTH_UT
     size_ut = MICROTESLA[unit]
     if size_ut is None:
-        yield from (f"A strength of {strength:.3g} would be the earth's in {each}." for each in Unit
-                    if unit_from == "assumed" and low <= (MICROTESLA[each] or 0.0) * strength <= high)
+        yield from (f"A strength of {strength:.3g} would be the earth's in {other}." for other in Unit
+                    if unit_from == "assumed" and low <= (MICROTESLA[other] or 0.0) * strength <= high)
     elif not low <= size_ut * strength <= high:
         yield from (
             f"The field's strength is {strength:.3g} {unit}, and the earth's is {low:g} to {high:g} uT. Are these "
@@ -49,14 +49,14 @@ def asked_of_field(strength: float, unit: Unit, unit_from: str) -> Iterator[str]
 
 
 def asked_of_gravity(acceleration: NDArray[np.float64], unit: AccelerationUnit, then: str) -> Iterator[str]:
-    """Yield a question where an accelerometer does not read 1 g in the median, and would in another unit.
+    """Yield a question if an accelerometer does not read 1 g in the median, but would in another unit.
 
     Parameters
     ----------
     acceleration : shape (n, 3)
-        In `unit`; rows with NaN do not count.
+        Readings in `unit`; rows with NaN are ignored.
     then
-        What to do where it is the other unit, which is put in for {}.
+        Remedy if it is the other unit, which replaces {}.
     """
     lengths = np.linalg.norm(acceleration, axis=1)
     lengths = lengths[np.isfinite(lengths)]
@@ -65,7 +65,7 @@ def asked_of_gravity(acceleration: NDArray[np.float64], unit: AccelerationUnit, 
     if low <= (GRAVITIES[unit] or math.nan) * middle <= high:
         return
     for other, size_g in GRAVITIES.items():
-        # A thousand counts for 1 g are as likely as mg.
+        # A thousand counts per g are as likely as mg.
         if size_g is not None and {unit, other} != {AccelerationUnit.COUNTS, AccelerationUnit.MG} and low <= (
             size_g * middle
         ) <= high:

@@ -1,4 +1,4 @@
-"""Samples as the firmware takes them: int16 counts, at most as many as its buffer holds."""
+"""Samples for the firmware: int16 counts, at most the capacity of its buffer."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Array = NDArray[np.float64]
 
 _COUNTS_PER_UT = 10.0
 _INT16 = 32_767.0
-# Half of the widest range [count]. Below, rounding is more than 0.3 % of it; above, noise may leave int16.
+# Limits of half the widest range [count]. Below, rounding is more than 0.3 % of it; above, noise may exceed int16.
 _COARSEST, _WIDEST = 100.0, 32_000.0
-# What a range outside of those is scaled to: rounding is then 0.01 % of it.
+# Half range to which others are scaled: rounding is then 0.01 % of it.
 _CHOSEN = 3_200.0
-# Readings that points for a firmware are chosen from: with some 40 for each the choice is as even as from more.
+# Number of readings from which points for a firmware are chosen: 40 per point give as even a choice as more.
 _CANDIDATES = 20_000
 
 
@@ -30,11 +30,11 @@ class CountScale:
     per_unit: float
     """Counts per unit of the samples."""
     origin: Array
-    """Shape (3,). In the unit of the samples; zero unless the readings lie too far out for int16."""
+    """Shape (3,). Origin in the unit of the samples; zero unless the readings exceed int16."""
 
     @classmethod
     def of(cls, samples: Samples) -> Self:
-        """Choose the scale: the firmware's own 0.1 uT, or raw counts unchanged, where that fits."""
+        """Choose the scale: the firmware's own 0.1 uT, or unchanged raw counts, if that fits."""
         low, high = samples.points.min(axis=0), samples.points.max(axis=0)
         half = float((high - low).max()) / 2.0
         microtesla = samples.microtesla
@@ -50,12 +50,12 @@ class CountScale:
         return 1.0 / self.per_unit
 
     def unrounded(self, points: ArrayLike) -> Array:
-        """Return readings as counts with their fractions, shape (n, 3)."""
+        """Return readings as fractional counts, shape (n, 3)."""
         counts: Array = (np.asarray(points, dtype=np.float64) - self.origin) * self.per_unit
         return counts
 
     def counts(self, points: ArrayLike) -> NDArray[np.int16]:
-        """Return readings as the firmware takes them, shape (n, 3)."""
+        """Return readings as int16 counts, shape (n, 3)."""
         return np.rint(self.unrounded(points)).astype(np.int16)
 
     def in_unit(self, fit: MagnetometerFit) -> MagnetometerFit:
@@ -69,23 +69,23 @@ class CountScale:
 
 
 def evenly_on_sphere(points: Array, most: int, centre: Array) -> NDArray[np.intp]:
-    """Return which points to take, at most so many, so that their directions lie as far apart as they can.
+    """Return the indexes of at most `most` points whose directions are as far apart as possible.
 
     Parameters
     ----------
     points : shape (n, 3)
     centre : shape (3,)
-        Where directions are seen from.
+        Origin of the directions.
 
     Returns
     -------
     ndarray of int, rising
-        All where there are no more than that.
+        Indexes; all of them if there are no more.
 
     Notes
     -----
     Farthest-point sampling (Gonzalez, Clustering to minimize the maximum intercluster distance, 1985) of a long log's
-    readings at a uniform stride: each point taken is the one whose nearest taken direction is farthest.
+    readings at a uniform stride: each next point is the one whose nearest chosen direction is farthest.
     """
     if len(points) <= most:
         return np.arange(len(points))
@@ -94,9 +94,9 @@ def evenly_on_sphere(points: Array, most: int, centre: Array) -> NDArray[np.intp
         candidates = np.arange(len(points))
     away = points[candidates] - centre
     directions = away / np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)[:, None]
-    nearest, taken = np.full(len(candidates), -2.0), [0]
-    while len(taken) < most:
-        np.maximum(nearest, directions @ directions[taken[-1]], out=nearest)
-        nearest[taken[-1]] = np.inf
-        taken.append(int(nearest.argmin()))
-    return np.sort(candidates[taken])
+    nearest, chosen = np.full(len(candidates), -2.0), [0]
+    while len(chosen) < most:
+        np.maximum(nearest, directions @ directions[chosen[-1]], out=nearest)
+        nearest[chosen[-1]] = np.inf
+        chosen.append(int(nearest.argmin()))
+    return np.sort(candidates[chosen])

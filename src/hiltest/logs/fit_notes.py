@@ -1,4 +1,4 @@
-"""What a reader of a fit of recorded samples should know, in sentences."""
+"""Notes for readers of a fit of recorded samples, in sentences."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from hiltest.logs.asked_units import asked_of_field
 from hiltest.logs.fit_result import SampleFit
 from hiltest.recordings.columns import MICROTESLA, Unit
 
-# Runs of left out readings that a sentence names.
+# Number of runs of omitted readings that a sentence names.
 _NAMED_RUNS = 8
 
 
 def notes(fit: SampleFit) -> Iterator[str]:
-    """Yield what a reader of a fit should know, a sentence each."""
+    """Yield notes on a fit, one sentence each."""
     if MICROTESLA[Unit(fit.unit)] is None:
         why = "The header names no unit that is known: taken as counts" if fit.unit_from == "assumed" else "Counts"
         yield f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
-    # A shape that is no ellipsoid may have another radius than the field's.
+    # The radius of a shape other than an ellipsoid may differ from the field's strength.
     undetermined = fit.best.shape is not None or any(
         reason.figure == "condition" and reason.verdict is Acceptance.REFUSED for reason in fit.best.reasons
     )
@@ -50,9 +50,9 @@ def notes(fit: SampleFit) -> Iterator[str]:
         )
     if fit.best.shape is not None:
         return
-    used, left = fit.calibrators[0].n_used, fit.n_left
-    if used != left:
-        yield f"The board got {used} of {left} points, as many as it takes, chosen evenly on the sphere."
+    used, n_left = fit.calibrators[0].n_used, fit.n_left
+    if used != n_left:
+        yield f"The board got {used} of {n_left} points, as many as it takes, chosen evenly on the sphere."
     if fit.firmware is not None:
         shifted = " from the middle of their range" if any(fit.firmware.count_origin) else ""
         yield (
@@ -62,7 +62,7 @@ def notes(fit: SampleFit) -> Iterator[str]:
 
 
 def _coverage_notes(fit: SampleFit) -> Iterator[str]:
-    """Yield what the samples show of the sphere, and what would make the calibration good."""
+    """Yield notes on the coverage of the sphere, and on how to improve it."""
     best = fit.best
     if best.turn is not None:
         yield (

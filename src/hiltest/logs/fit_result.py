@@ -1,4 +1,4 @@
-"""Result of a fit of recorded samples: every calibrator's, and what was fitted to."""
+"""Result of a fit of recorded samples: of every calibrator, with the samples."""
 
 from __future__ import annotations
 
@@ -24,49 +24,49 @@ class Turn:
     """A turn in a plane."""
 
     axis: str
-    """Axis of the sensor that it turned about, ``x``, ``y`` or ``z``."""
+    """Axis of the sensor nearest to the axis of the turn, ``x``, ``y`` or ``z``."""
     tilt_deg: float
-    """Angle between that axis and the one that it turned about."""
+    """Angle between that axis and the axis of the turn."""
     arc_deg: float
-    """A full turn less the largest gap."""
+    """A full turn minus the largest gap."""
 
 
 @dataclass(frozen=True, slots=True)
 class GravityFigures:
-    """What gravity says of one calibration, and the accelerometer's calibration that belongs to it."""
+    """Figures of one calibration against gravity, and the accelerometer calibration that belongs to it."""
 
     held_out_dip_deg: float | None = None
-    """How far the dip of pairs that the fit has not seen is from that of those it has, rms; None where parts of the
-    log determine no calibration."""
+    """Difference in dip between held-out pairs and the fitted ones, rms; None if parts of the log determine no
+    calibration."""
     dip_deg: float | None = None
-    """Angle of the field to the plane across gravity, 0 to 90; None without a calibration, as everything behind it."""
+    """Angle between the field and the horizontal plane, 0 to 90; None without a calibration, like all fields below."""
     rotation_deg: float | None = None
     """Angle of the rotation in soft_iron."""
     accelerometer_offset: Triple | None = None
-    """In the unit of the accelerometer's readings."""
+    """Offset in the unit of the accelerometer's readings."""
     accelerometer_gain: Matrix | None = None
     """Symmetric: ``gravity = gain @ (reading - offset)`` has length 1, in the sign of the readings."""
 
 
 @dataclass(frozen=True, slots=True)
 class AgainstGravity:
-    """Whether the accelerometer of a log shows how the magnetometer's axes lie."""
+    """Use of a log's accelerometer as a reference for the magnetometer's axes."""
 
     n_pairs: int
-    """Rows with readings of both that are fitted."""
+    """Number of fitted rows with readings of both sensors."""
     unit: str
-    """Of the accelerometer's readings."""
+    """Unit of the accelerometer's readings."""
     gravity_spread_percent: float | None = None
-    """Standard deviation of the length of its calibrated readings; None where they make no ellipsoid."""
+    """Standard deviation of the length of its calibrated readings; None if they make no ellipsoid."""
     dip_spread_deg: float | None = None
     largest_dip_spread_deg: float | None = None
-    """Standard deviation of the dip in these pairs, and what is allowed of it."""
+    """Standard deviation of the dip in these pairs, and its limit."""
     norms_held_out_dip_deg: float | None = None
-    """As `GravityFigures.held_out_dip_deg`, of ellipsoids that each sensor got for itself."""
+    """`GravityFigures.held_out_dip_deg` for separate ellipsoids of the two sensors."""
     axes: str = ""
-    """What seems wrong with the magnetometer's axes; empty where nothing is."""
+    """Likely mistake in the magnetometer's axes; empty without one."""
     unused: str = ""
-    """Why nothing was calibrated against gravity; empty where something was."""
+    """Reason why gravity was not used; empty if it was."""
 
     @property
     def gain_unit(self) -> str:
@@ -80,21 +80,21 @@ class CalibratorFit:
 
     name: str
     status: str
-    """How the fit ended, in words."""
+    """Result of the fit, in words."""
     verdict: Acceptance
     reasons: tuple[Reason, ...]
-    """Why it is not good."""
+    """Reasons why it is not good."""
     n_used: int
-    """Points that the calibrator got. The figures are over all samples."""
+    """Number of points of the calibrator. The figures are over all samples."""
     hard_iron: Triple | None = None
-    """None without a calibration, as everything behind it."""
+    """Hard iron; None without a calibration, like all fields below."""
     soft_iron: Matrix | None = None
-    """Determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples. Symmetric,
-    unless `gravity` is there: then it takes readings to the axes of the accelerometer."""
+    """Determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples. Symmetric, unless
+    `gravity` is present: then it converts readings to the axes of the accelerometer."""
     radius: float | None = None
     """Length of the corrected readings."""
     residual_percent: float | None = None
-    """rms of the corrected lengths about the radius."""
+    """rms deviation of the corrected lengths from the radius."""
     coverage: float | None = None
     """Part of the sphere that the corrected points cover, 0 to 1; None for a turn."""
     axis_ratio: float | None = None
@@ -102,26 +102,27 @@ class CalibratorFit:
     direction_error_deg: float | None = None
     direction_spread_deg: float | None = None
     direction_bias_deg: float | None = None
-    """Predicted from the points' own noise, rms over the sphere, or over a turn; the first is both others together."""
+    """Direction errors predicted from the points' noise, rms over the sphere, or over a turn; the first combines the
+    others."""
     shape: Shape | None = None
-    """None for a calibrator's."""
+    """Fitted shape; None for a calibrator."""
     turn: Turn | None = None
-    """What samples in a plane show; None for an ellipsoid and what is part of a sphere."""
+    """Turn in a plane; None for an ellipsoid or a part of a sphere."""
     host_difference_deg: float | None = None
-    """Angle, rms over the sphere, between a board's calibration and that of the float64 reference from all samples."""
+    """rms angle over the sphere between a board's calibration and the float64 reference's from all samples."""
     iterations: int = 0
-    """Sweeps of the firmware's solver, 0 for a closed form."""
+    """Sweeps of the firmware's solver; 0 for a closed form."""
     cycles: int | None = None
-    """Core cycles of the run; None where they are not counted."""
+    """Core cycles of the run; None if they are not counted."""
     cycle_band: CycleRange | None = None
-    """Uncertainty range of the cycles; None where it is unknown."""
+    """Uncertainty range of the cycles; None if unknown."""
     gravity: GravityFigures | None = None
-    """Of a calibration against gravity, on the host."""
+    """Figures of a calibration against gravity, on the host."""
 
 
 @dataclass(frozen=True, slots=True)
 class FirmwareUsed:
-    """Firmware that ran, and the scale of the samples that it was given."""
+    """Firmware that ran, and the scale of its samples."""
 
     name: str
     version: str
@@ -129,13 +130,13 @@ class FirmwareUsed:
     sha256: str | None
     """Digest of the ELF file."""
     cycle_model: str
-    """What the cycles mean."""
+    """Cycle model."""
     count_step: float
-    """What one count stands for, in the unit of the samples."""
+    """Size of one count, in the unit of the samples."""
     count_origin: Triple
-    """The reading that is sent as zero counts."""
+    """Reading that is sent as zero counts."""
     rounding_rms: float
-    """What rounding to whole counts moved a reading by, per axis, in the unit of the samples."""
+    """rms rounding error per axis, in the unit of the samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,42 +153,42 @@ class SampleFit:
     n_repeated: int
     """Readings; rows without three finite numbers; readings equal to the one before and not dropped."""
     robust: str
-    """``tukey``: what repeats the reading before it, and what is no part of the ellipsoid, was left out. ``none``:
-    nothing was."""
+    """``tukey``: repetitions of the previous reading and outliers of the ellipsoid were omitted. ``none``: no readings
+    were."""
     n_dropped: int
-    """Readings that are no part of the ellipsoid."""
+    """Number of outliers of the ellipsoid."""
     dropped: tuple[tuple[int, int], ...]
-    """First and last line of each run of them; numbers from 1 of readings that are from no file."""
+    """First and last line of each run of them; without a file, numbers of readings from 1."""
     in_order: bool
-    """False where a reading is as far from the next one as from any other: the order of the rows carries no time."""
+    """Whether the rows are in the order of time: false if a reading is as far from the next one as from any other."""
     change: FieldChange | None
-    """Where the hard iron changed by a step."""
+    """Step of the hard iron."""
     condition: float
-    """Condition of the samples, whatever the calibrator."""
+    """Condition of the samples, for any calibrator."""
     hole: Hole | None
     """Largest cap of the sphere without a sample, seen from the best calibration's centre; None without one, and
     for a turn."""
     field_ut: float | None
-    """Strength of the field, where it was given."""
+    """Declared strength of the field."""
     on: str
     """``virtual`` or ``host``."""
     firmware: FirmwareUsed | None
     calibrators: tuple[CalibratorFit, ...]
     notes: tuple[str, ...]
-    """What a reader should know, a sentence each."""
+    """Notes, one sentence each."""
     gravity: AgainstGravity | None = None
-    """None where the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
+    """None if the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
 
     @property
     def n_left(self) -> int:
-        """Readings that are not left out."""
+        """Number of readings that are not omitted."""
         return self.n_in - self.n_dropped - (self.n_repeated if self.robust != "none" else 0)
 
     @property
     def best(self) -> CalibratorFit:
         """The calibrator that `best_of` finds, or one against gravity with as good a verdict.
 
-        It has the smallest dip held out, if that is smaller than with norms alone.
+        It has the smallest held-out dip error, if that is smaller than with norms alone.
         """
         alone = best_of([calibrator for calibrator in self.calibrators if calibrator.gravity is None])
         norms = None if self.gravity is None else self.gravity.norms_held_out_dip_deg

@@ -1,4 +1,4 @@
-"""An accelerometer's calibration from the rests of a log, or from its readings in motion, whatever their unit."""
+"""An accelerometer's calibration from the rests of a log, or from its readings in motion, in any unit."""
 
 from __future__ import annotations
 
@@ -35,9 +35,10 @@ Reals = NDArray[np.float64]
 
 SIX_POSITION, ELLIPSOID, MOVING = METHODS = ("six-position", "ellipsoid", "moving")
 AUTO = "auto"
-# Laid down by hand within 3 degrees, the part's axes within 2 more, an offset of 50 mg 3 more.
+# Largest angle to a face: 3 degrees of placement by hand, 2 of the part's axes, 3 for an offset of 50 mg.
 _FACE_COSINE = float(np.cos(np.radians(8.0)))
-# Readings in motion that are fitted, evenly on the sphere: a minute at rest weighs no more than a turn.
+# Maximum number of fitted readings in motion, evenly on the sphere, so that a minute at rest weighs no more than a
+# turn.
 _MOST_FITTED = 2_000
 _REFUSALS = {
     AccelerometerStatus.TOO_FEW_POSES: "fewer than 9 rests, and not the six faces: lay it down in more poses",
@@ -49,10 +50,10 @@ _ONLY_FACES = (
     "in at least 9 poses, or use --method six-position"
 )
 
-# An accelerometer that is off by e turns a heading by up to e tan(dip), 1.9 e at a dip of 62 degrees: 1 degree is the 2
-# that the thesis allows any calibrator, and a quarter of it leaves the rest to the magnetometer.
+# An accelerometer error e turns a heading by up to e tan(dip), 1.9 e at a dip of 62 degrees: 1 degree uses up the 2
+# degrees that the thesis allows a calibrator, and a quarter of it leaves the rest to the magnetometer.
 BOUNDS = (
-    # Nine unknowns; nine rests leave nothing, eighteen the error to 24 %.
+    # Nine unknowns: nine rests leave no residual, eighteen determine the error to 24 %.
     Bound("rests", "", 10.0, Acceptance.POOR,
           "every ellipsoid through nine is exact, and shows nothing of its error; lay it down in more poses",
           below=True),
@@ -64,7 +65,7 @@ BOUNDS = (
           "a large part of the sphere is missing; turn the sensor all round"),
     Bound("spread_after_percent", "%", 20.0, Acceptance.REFUSED,
           "the readings do not lie on an ellipsoid: wrong columns, or nothing but shocks"),
-    # Of single readings 5 % are 3 degrees. Rests of a part that is in order agree to 0.1 %.
+    # For single readings 5 % are 3 degrees. Rests of an intact part agree to 0.1 %.
     Bound("spread_after_percent", "%", 5.0, Acceptance.POOR,
           "what the motion itself accelerates by is no noise beside gravity; turn it more slowly, or lay it down"),
     Bound("spread_after_percent", "%", 0.5, Acceptance.FAIR,
@@ -90,39 +91,39 @@ class AccelerometerResult:
     """One of `METHODS`."""
     rests: int
     faces: tuple[Face, ...]
-    """Faces that were found, by the axis on which gravity is read, with its sign."""
+    """Detected faces, by the axis that reads gravity, with its sign."""
     verdict: Acceptance
     reasons: tuple[Reason, ...]
-    """Why it is not good."""
+    """Reasons why it is not good."""
     fit: AccelerometerFit | None
-    """``gravity_g = gain @ (reading - offset)``, in the unit of the log. None when it was refused."""
+    """``gravity_g = gain @ (reading - offset)``, in the unit of the log; None if it was refused."""
     refused: str
-    """Why, empty when it was not."""
+    """Reason for the refusal; empty without one."""
     spread_before_percent: float = 0.0
     spread_after_percent: float = 0.0
-    """Standard deviation of norms over their mean [%], of the rests or of the readings in motion that were fitted:
-    of readings, counts about the middle of their range; and of what is calibrated, the same as before when it was
-    refused."""
+    """Standard deviation of norms over their mean [%], of the fitted rests or readings in motion: uncalibrated, with
+    counts relative to the middle of their range; and calibrated, which equals the former after a refusal."""
     residual_mg: float = 0.0
     """rms residual over the fit's own poses."""
     faces_askew_deg: float | None = None
-    """rms about each axis; None but for six faces."""
+    """rms misalignment about each axis; only for six faces, otherwise None."""
     direction_error_deg: float | None = None
-    """Predicted error of gravity's direction, rms over the sphere; a rotation that norms cannot see is not in it."""
+    """Predicted error of gravity's direction, rms over the sphere, without a rotation, which norms cannot show."""
     left_out: int = 0
-    """Readings in motion that are far from the ellipsoid of the others."""
+    """Number of outliers among the readings in motion."""
 
 
 def fit_accelerometer(log: ImuLog, rests: Sequence[Interval], method: str = AUTO) -> AccelerometerResult:
-    """Fit the six faces, if they are all there and most of the rests are on one, or else the ellipsoid of the rests.
+    """Fit the six faces, if all are present and most rests are on one of them; otherwise the ellipsoid of the rests.
 
     Parameters
     ----------
     method
-        One of `METHODS`, or `AUTO`: where the rests determine nothing, the ellipsoid of all readings, in motion.
+        One of `METHODS`, or `AUTO`, which falls back to the ellipsoid of all readings in motion if the rests determine
+        nothing.
     """
     if not len(log.acceleration):
-        return _refused(ELLIPSOID if method == AUTO else method, 0, (), "no accelerometer in the log")
+        return _refused_result(ELLIPSOID if method == AUTO else method, 0, (), "no accelerometer in the log")
     if method == MOVING:
         return _fit_moving(log, len(rests))
     result = _fit_rests(log, rests, method)
@@ -134,62 +135,64 @@ def fit_accelerometer(log: ImuLog, rests: Sequence[Interval], method: str = AUTO
 
 def _fit_rests(log: ImuLog, rests: Sequence[Interval], method: str) -> AccelerometerResult:
     if not rests:
-        return _refused(ELLIPSOID if method == AUTO else method, 0, (), "no rest of a second was found")
+        return _refused_result(ELLIPSOID if method == AUTO else method, 0, (), "no rest of a second was found")
     means = np.array([log.acceleration[rest.start : rest.end].mean(axis=0) for rest in rests])
-    zero, per_g = _nominal(log, means)
+    zero, per_g = _nominal_range(log, means)
     nominal = COUNTS_PER_G / per_g * (means - zero)
-    faces = [_face(each) for each in nominal]
-    found = tuple(sorted(set(faces) - {Face.NONE}))
+    faces = [_face(mean) for mean in nominal]
+    face_set = tuple(sorted(set(faces) - {Face.NONE}))
     if method == AUTO:
         on_a_face = sum(face is not Face.NONE for face in faces)
-        method = SIX_POSITION if found == FACES and 2 * on_a_face > len(faces) else ELLIPSOID
+        method = SIX_POSITION if face_set == FACES and 2 * on_a_face > len(faces) else ELLIPSOID
     before = _spread_percent(np.linalg.norm(nominal, axis=1))
-    if method == ELLIPSOID and found == FACES and Face.NONE not in faces:
-        return _refused(method, len(rests), found, _ONLY_FACES, before)
+    if method == ELLIPSOID and face_set == FACES and Face.NONE not in faces:
+        return _refused_result(method, len(rests), face_set, _ONLY_FACES, before)
     counts = [rest.end - rest.start for rest in rests]
     solution = (
-        fit_six_position(_joined(nominal, faces, counts)) if method == SIX_POSITION
-        else fit_ellipsoid([_pose(each, Face.NONE) for each in nominal])
+        fit_six_position(_mean_poses(nominal, faces, counts)) if method == SIX_POSITION
+        else fit_ellipsoid([_pose(mean, Face.NONE) for mean in nominal])
     )
     if solution.status is not AccelerometerStatus.OK:
-        return _refused(method, len(rests), found, _refusal(solution), before)
+        return _refused_result(method, len(rests), face_set, _refusal(solution), before)
     fit = AccelerometerFit(solution.fit.gain * COUNTS_PER_G / per_g, solution.fit.offset * per_g / COUNTS_PER_G + zero)
     askew_deg = solution.faces_askew_deg if method == SIX_POSITION else None
-    # Two elements of an axis turn it.
+    # Two elements of an axis define its rotation.
     error_deg = math.sqrt(2.0) * axes_uncertainty_deg(askew_deg) if askew_deg is not None else _error_deg(means, fit)
-    return _rated(AccelerometerResult(
-        method, len(rests), found, Acceptance.GOOD, (), fit, "", before,
+    return _rate_result(AccelerometerResult(
+        method, len(rests), face_set, Acceptance.GOOD, (), fit, "", before,
         _spread_percent(np.linalg.norm(fit.gravity_g(means), axis=1)), solution.residual_mg, askew_deg, error_deg,
     ), means)  # fmt: skip
 
 
 def _fit_moving(log: ImuLog, rests: int) -> AccelerometerResult:
-    """Fit the ellipsoid that the readings agree on; what the motion itself accelerates by is noise about it."""
+    """Fit the ellipsoid that the readings agree on; accelerations of the motion are noise about it."""
     readings = log.acceleration
     left_out = outliers(readings)
-    kept = readings[~(left_out | repeats(readings))]
-    about = fit_direct(kept)
-    used = kept[evenly_on_sphere(kept, _MOST_FITTED, about.hard_iron if about.has_fit else np.median(kept, axis=0))]
-    found = fit_corrected(used)
-    if found.status is not FitStatus.ELLIPSOID:
-        return _refused(MOVING, rests, (), "in motion, too, the readings show too little of the sphere")
-    fit = AccelerometerFit(found.soft_iron, found.hard_iron)
-    zero, _ = _nominal(log, used)
+    moving = readings[~(left_out | repeats(readings))]
+    about = fit_direct(moving)
+    used = moving[evenly_on_sphere(
+        moving, _MOST_FITTED, about.hard_iron if about.has_fit else np.median(moving, axis=0)
+    )]
+    corrected = fit_corrected(used)
+    if corrected.status is not FitStatus.ELLIPSOID:
+        return _refused_result(MOVING, rests, (), "in motion, too, the readings show too little of the sphere")
+    fit = AccelerometerFit(corrected.soft_iron, corrected.hard_iron)
+    zero, _ = _nominal_range(log, used)
     norms = np.linalg.norm(fit.gravity_g(used), axis=1)
     residual_mg = 1000.0 * float(np.sqrt(np.mean((norms - 1.0) ** 2)))
-    return _rated(AccelerometerResult(
+    return _rate_result(AccelerometerResult(
         MOVING, rests, (), Acceptance.GOOD, (), fit, "", _spread_percent(np.linalg.norm(used - zero, axis=1)),
-        _spread_percent(norms), residual_mg, None, _error_deg(used, fit, unbiased=found.iterations > 0),
+        _spread_percent(norms), residual_mg, None, _error_deg(used, fit, unbiased=corrected.iterations > 0),
         int(left_out.sum()),
     ), used, len(readings))  # fmt: skip
 
 
-def _rated(result: AccelerometerResult, fitted: Reals, readings: int = 0) -> AccelerometerResult:
-    """Return a result with its verdict on what it was fitted to, without the fit where that is a refusal."""
+def _rate_result(result: AccelerometerResult, fitted: Reals, readings: int = 0) -> AccelerometerResult:
+    """Return a result with its verdict, without the fit if it is refused."""
     assert result.fit is not None
     verdict, reasons = rate_by(BOUNDS, {
         "rests": float(result.rests) if result.method == ELLIPSOID else None,
-        # Rests are exact enough to do with fewer sides: their direction error says how well.
+        # Rests are accurate enough to need fewer sides: their direction error is the criterion.
         "condition": ellipsoid_condition(fitted) if result.method == MOVING else None,
         "spread_after_percent": result.spread_after_percent, "axis_ratio": float(np.linalg.cond(result.fit.gain)),
         "left_out_percent": 100.0 * result.left_out / readings if readings else None,
@@ -197,11 +200,11 @@ def _rated(result: AccelerometerResult, fitted: Reals, readings: int = 0) -> Acc
     })  # fmt: skip
     if verdict is Acceptance.REFUSED:
         why = next(reason.meaning for reason in reasons if reason.verdict is verdict)
-        return _refused(result.method, result.rests, result.faces, why, result.spread_before_percent, reasons)
+        return _refused_result(result.method, result.rests, result.faces, why, result.spread_before_percent, reasons)
     return replace(result, verdict=verdict, reasons=reasons)
 
 
-def _refused(
+def _refused_result(
     method: str, rests: int, faces: tuple[Face, ...], why: str, spread_percent: float = 0.0,
     reasons: tuple[Reason, ...] = (),
 ) -> AccelerometerResult:  # fmt: skip
@@ -211,17 +214,17 @@ def _refused(
 
 
 def _error_deg(readings: Reals, fit: AccelerometerFit, *, unbiased: bool = False) -> float | None:
-    """Return the predicted error of gravity's direction, as of a magnetometer's field; None where it is not known."""
+    """Return the predicted error of gravity's direction, computed like a magnetometer's; None if unknown."""
     ellipsoid = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, fit.gain, fit.offset)
     predicted = predicted_direction_error(readings, ellipsoid, unbiased=unbiased)
     return None if predicted is None else predicted.rms_deg
 
 
-def _nominal(log: ImuLog, means: Reals) -> tuple[Reals, float]:
-    """Return the readings' zero, and what 1 g reads; for counts the middle and half of their range."""
-    known = GRAVITIES[log.acceleration_unit]
-    if known is not None:
-        return np.zeros(3), 1.0 / known
+def _nominal_range(log: ImuLog, means: Reals) -> tuple[Reals, float]:
+    """Return the readings' zero, and the reading of 1 g; for counts, the middle and half of their range."""
+    gravity_units = GRAVITIES[log.acceleration_unit]
+    if gravity_units is not None:
+        return np.zeros(3), 1.0 / gravity_units
     low, high = means.min(axis=0), means.max(axis=0)
     half = float((high - low).mean()) / 2.0
     return (low + high) / 2.0, half if half > 0.0 else 1.0
@@ -232,17 +235,17 @@ def _face(mean: Reals) -> Face:
     return next((face for face in FACES if float(along @ face.gravity_g) > _FACE_COSINE), Face.NONE)
 
 
-def _joined(nominal: Reals, faces: Sequence[Face], counts: Sequence[int]) -> list[StillPose]:
-    """Return one pose a face: all of its rests together."""
+def _mean_poses(nominal: Reals, faces: Sequence[Face], counts: Sequence[int]) -> list[StillPose]:
+    """Return one pose per face, the mean of its rests."""
     poses = []
     for face in sorted(set(faces) - {Face.NONE}):
-        of_face = [index for index, each in enumerate(faces) if each is face]
+        of_face = [index for index, index_face in enumerate(faces) if index_face is face]
         poses.append(_pose(np.average(nominal[of_face], axis=0, weights=[counts[index] for index in of_face]), face))
     return poses
 
 
 def _pose(mean: Reals, face: Face) -> StillPose:
-    # It was found still by what the log itself has of noise, which need not be that of the part on the board.
+    # Stillness was judged by the log's own noise, which may differ from that of the board's part.
     return StillPose(np.zeros(3), np.zeros(3), mean, np.zeros(3), 1, face)
 
 

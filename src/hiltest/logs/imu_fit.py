@@ -1,4 +1,4 @@
-"""A log and all that was made of it: for people, as JSON (schema ``hiltest.fit-imu/1``), and as a C header."""
+"""Results from a log: for people, as JSON (schema ``hiltest.fit-imu/1``), and as a C header."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ class ImuLogFit:
     intervals: Intervals
     accelerometer: AccelerometerResult
     gyroscope: GyroscopeResult | None
-    """None without a gyroscope in the log, or a rest."""
+    """Gyroscope calibration; None without a gyroscope or a rest in the log."""
     rates: tuple[SteadyRate, ...] | None = None
-    """Parts that turned at a known rate; None when none was said."""
+    """Parts that turned at a known rate; None without a declared rate."""
 
     @property
     def scales(self) -> dict[str, SteadyRate]:
-        """By axis, the longest part that shows its scale."""
-        used = [each for each in self.rates or () if each.scale is not None]
-        return {each.axis: each for each in sorted(used, key=lambda rate: rate.end_s - rate.start_s)}
+        """Longest part that shows the scale of each axis."""
+        used = [rate for rate in self.rates or () if rate.scale is not None]
+        return {rate.axis: rate for rate in sorted(used, key=lambda rate: rate.end_s - rate.start_s)}
 
     @property
     def complete(self) -> bool:
@@ -68,7 +68,7 @@ class ImuLogFit:
 
     @property
     def verdict(self) -> Acceptance:
-        """What the worst sensor of the log is good for."""
+        """Verdict of the worst sensor of the log."""
         verdicts = [self.accelerometer.verdict] if len(self.log.acceleration) else []
         if self.log.rate is not None:
             verdicts.append(Acceptance.REFUSED if self.gyroscope is None else self.gyroscope.verdict)
@@ -84,16 +84,16 @@ def fit_imu_log(
     Parameters
     ----------
     method
-        Of the accelerometer.
+        Method for the accelerometer.
     turn_deg
         Angle of each whole turn.
     bias : shape (3,)
-        Of the gyroscope, from another log, in the unit of this one.
+        Bias of the gyroscope from another log, in the unit of this one.
     rpm
-        Rate of a turntable, in revolutions a minute, wherever the log turns steadily.
+        Rate of a turntable, in revolutions per minute, for the parts with steady rotation.
     """
     accelerometer = fit_accelerometer(log, intervals.rests, method)
-    rests = intervals.rests if intervals.found else _found_rests(log)
+    rests = intervals.rests if intervals.found else _rests_text(log)
     at_rest = rest_rate(log, rests) if bias is None else bias
     parts = steady_parts(log, at_rest, rpm=rpm) if rpm is not None else ()
     gyroscope = fit_gyroscope(
@@ -105,15 +105,15 @@ def fit_imu_log(
     return ImuLogFit(log, intervals, accelerometer, gyroscope, rates)
 
 
-def _found_rests(log: ImuLog) -> tuple[Interval, ...]:
+def _rests_text(log: ImuLog) -> tuple[Interval, ...]:
     try:
         return found_intervals(log).rests
     except ConfigError:
-        return ()  # annotations may be of a log that is too short to find any
+        return ()  # an annotated log may be too short to find any
 
 
 def print_fit(fit: ImuLogFit, console: Console) -> None:
-    """Print what was found in the log, the calibration of each sensor, and each refusal with its reason."""
+    """Print the rests and turns of the log, the calibration of each sensor, and each refusal with its reason."""
     log, rests = fit.log, fit.intervals.rests
     length_s = log.time_s[-1] - log.time_s[0]
     console.print(escape(f"{', '.join(log.files)}: {len(log.time_s)} samples, {length_s:.1f} s; {len(rests)} rests, "
@@ -125,7 +125,7 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
     if fit.gyroscope is not None:
         _print_gyroscope(fit.gyroscope, log.rate_unit, console)
         for rate in fit.rates or ():
-            console.print(escape(f"  {_rate(rate, log.rate_unit)}"), soft_wrap=True)
+            console.print(escape(f"  {_rate_sentence(rate, log.rate_unit)}"), soft_wrap=True)
         if fit.rates == ():
             console.print("  no scale: nothing turns steadily for a revolution beside a rest. Let it rest, then turn "
                           "for ten seconds or more, or give --bias-from", style="yellow", soft_wrap=True)
@@ -139,12 +139,12 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
 def _print_accelerometer(result: AccelerometerResult, unit: str, console: Console) -> None:
     faces = " ".join(face_name(face) for face in result.faces) or "none"
     left_out = f", {result.left_out} readings left out" if result.method == MOVING else ""
-    found = f"{result.rests} rests, faces {faces}{left_out}"
-    console.print(escape(f"accelerometer, {result.method}: {result.verdict}; {found}"), soft_wrap=True)
+    summary = f"{result.rests} rests, faces {faces}{left_out}"
+    console.print(escape(f"accelerometer, {result.method}: {result.verdict}; {summary}"), soft_wrap=True)
     if result.fit is None:
         console.print(escape(f"  refused: {result.refused}"), style="bold red", soft_wrap=True)
         return
-    grid = _grid((f"gain [{_per('g', unit)}]", _matrix(result.fit.gain)),
+    grid = _grid((f"gain [{_per_reading('g', unit)}]", _matrix(result.fit.gain)),
                  (f"offset [{unit}]", _triple(result.fit.offset)),
                  ("spread of norms, before [%]", f"{result.spread_before_percent:.3f}"),
                  ("spread of norms, after [%]", f"{result.spread_after_percent:.4f}"),
@@ -162,10 +162,10 @@ def _print_gyroscope(result: GyroscopeResult, unit: str, console: Console) -> No
     console.print(escape(f"gyroscope: {verdict}{result.n} samples at rest, {used} turns"), soft_wrap=True)
     rows = [(f"bias [{unit}]", _triple(result.bias)), (f"spread of the rests [{unit}]", f"{result.bias_spread:.3g}")]
     if result.fit is not None:
-        rows.insert(0, (f"matrix [{_per('deg/s', unit)}]", _matrix(result.fit.matrix)))
+        rows.insert(0, (f"matrix [{_per_reading('deg/s', unit)}]", _matrix(result.fit.matrix)))
     console.print(_grid(*rows))
     for turn in result.turns:
-        console.print(escape(f"  {_turn(turn, unit)}"), soft_wrap=True)
+        console.print(escape(f"  {_turn_sentence(turn, unit)}"), soft_wrap=True)
     _print_reasons(result.reasons, console)
     if result.fit is None:
         console.print(escape(f"  no matrix: {result.refused}"), style="yellow", soft_wrap=True)
@@ -176,7 +176,7 @@ def _print_reasons(reasons: tuple[Reason, ...], console: Console) -> None:
         console.print(escape(f"  {reason_line(reason)}"), soft_wrap=True)
 
 
-def _turn(turn: TurnResult, unit: str) -> str:
+def _turn_sentence(turn: TurnResult, unit: str) -> str:
     """Return one turn as a sentence."""
     name = f" {turn.name}" if turn.name else ""
     integral = "counts s" if unit == "counts" else "deg"
@@ -187,23 +187,23 @@ def _turn(turn: TurnResult, unit: str) -> str:
     return f"{words}, taken for {turn.turned_deg:+.0f} deg; {turn.left_deg:.3f} deg left"
 
 
-def _rate(rate: SteadyRate, unit: str) -> str:
+def _rate_sentence(rate: SteadyRate, unit: str) -> str:
     """Return one steady rate as a sentence."""
     words = (f"rate, {rate.start_s:.1f} to {rate.end_s:.1f} s: {_triple(rate.reading)} {unit}, "
              f"{rate.askew_deg:.1f} deg off {rate.axis}")
     if rate.scale is None:
         return f"{words}, refused: {rate.refused}"
-    per = _per("deg/s", unit).removeprefix("1")
+    per = _per_reading("deg/s", unit).removeprefix("1")
     return f"{words}; scale of {rate.axis}: {rate.scale:.6g} +- {rate.uncertainty:.1g} {per}".rstrip()
 
 
 def to_json(fit: ImuLogFit) -> str:
-    """Return all of it as JSON."""
+    """Return the results as JSON."""
     return json.dumps(contents(fit), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def contents(fit: ImuLogFit) -> dict[str, Any]:
-    """Return what the JSON has."""
+    """Return the content of the JSON."""
     log, accelerometer, gyroscope = fit.log, fit.accelerometer, fit.gyroscope
     return {
         "schema": SCHEMA, "hiltest": __version__, "verdict": fit.verdict, "complete": fit.complete,
@@ -243,20 +243,21 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
 
 
 def to_header(fit: ImuLogFit) -> str:
-    """Return what was calibrated as a C header: C11, float, no code."""
+    """Return the calibrations as a C header: C11, float, no code."""
     parts = []
     if fit.accelerometer.fit is not None:
-        unit, found = fit.log.acceleration_unit, fit.accelerometer.fit
-        parts += [f"/* {ACCELEROMETER_FORMULA} */", c_constant("accelerometer_gain", found.gain, _per("g", unit)),
-                  c_constant("accelerometer_offset", found.offset, unit), ""]
+        unit, gravity_fit = fit.log.acceleration_unit, fit.accelerometer.fit
+        parts += [f"/* {ACCELEROMETER_FORMULA} */",
+                  c_constant("accelerometer_gain", gravity_fit.gain, _per_reading("g", unit)),
+                  c_constant("accelerometer_offset", gravity_fit.offset, unit), ""]
     if fit.gyroscope is not None:
         gyroscope, rate_unit = fit.gyroscope, fit.log.rate_unit
         formula = GYROSCOPE_FORMULA if gyroscope.fit is not None else "reading - bias"
         parts += [f"/* {formula} */", c_constant("gyroscope_bias", gyroscope.bias, rate_unit)]
         if gyroscope.fit is not None:
-            parts.append(c_constant("gyroscope_matrix", gyroscope.fit.matrix, _per("deg/s", rate_unit)))
+            parts.append(c_constant("gyroscope_matrix", gyroscope.fit.matrix, _per_reading("deg/s", rate_unit)))
         parts += [
-            c_constant(f"gyroscope_scale_{axis}", rate.scale, _per("deg/s", rate_unit))
+            c_constant(f"gyroscope_scale_{axis}", rate.scale, _per_reading("deg/s", rate_unit))
             for axis, rate in sorted(fit.scales.items()) if rate.scale is not None
         ]
         parts.append("")
@@ -264,11 +265,13 @@ def to_header(fit: ImuLogFit) -> str:
     return _HEADER.format(version=comment_text(__version__), files=files, parts="\n".join(parts))
 
 
-def _per(what: str, unit: str) -> str:
-    """Return the unit of a gain: what of one reading."""
-    if unit == what:
+def _per_reading(numerator: str, unit: str) -> str:
+    """Return the unit of a gain: the numerator per reading."""
+    if unit == numerator:
         return "1"
-    return f"{what}/count" if unit == "counts" else f"({what})/({unit})" if "/" in unit else f"{what}/{unit}"
+    if unit == "counts":
+        return f"{numerator}/count"
+    return f"({numerator})/({unit})" if "/" in unit else f"{numerator}/{unit}"
 
 
 def _grid(*rows: tuple[str, str]) -> Table:

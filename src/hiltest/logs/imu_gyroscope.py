@@ -19,15 +19,16 @@ from hiltest.units import DEGREES_PER_SECOND
 Reals = NDArray[np.float64]
 
 WHOLE_DEG = 360.0
-# Gravity before and behind a turn about the vertical: a table that is level within 1.5 degrees moves it by 3.
+# Largest angle between gravity before and after a turn about the vertical: a table that is level within 1.5 degrees
+# changes it by 3.
 _SAME_GRAVITY_DEG = 4.0
-# The sensor's own axes are off by less.
+# Tolerance of the sensor's own axes.
 _ABOUT_VERTICAL_DEG = 15.0
-# What an uncalibrated part's scale may be off; the next number of whole turns is at least half of one away.
+# Largest scale error of an uncalibrated part; the next number of whole turns is at least half a turn away.
 _SCALE = 0.15
-# Less than that is a table that was touched.
+# Smaller rotations mean a table that was touched.
 _A_TURN_AT_ALL = 0.2
-_LONGEST_GAP = 5.0  # in samples
+_LONGEST_GAP = 5.0  # largest gap in samples
 _REFUSALS = {
     TurnsStatus.TOO_FEW: "fewer than three whole turns about the vertical were found",
     TurnsStatus.TOO_SMALL: "a turn is smaller than 90 degrees",
@@ -35,7 +36,8 @@ _REFUSALS = {
     TurnsStatus.SINGULAR: "the readings of the turns lie in one plane: an axis of the gyroscope is dead",
 }
 
-# Of the shipped rigs' whole turns 0.1 % are the limit; a hand that meets the edge of a table is good to a degree.
+# The limit for whole turns in the packaged rigs is 0.1 %; a hand that aligns with a table's edge is accurate to a
+# degree.
 BOUNDS = (
     Bound("turns", "", 4.0, Acceptance.FAIR,
           "three turns are met exactly: a fourth would show how good the matrix is", below=True),
@@ -51,20 +53,20 @@ class TurnResult:
     """One motion that may be a whole turn."""
 
     name: str
-    """As annotated, else empty."""
+    """Name of the annotation, otherwise empty."""
     start_s: float
     end_s: float
-    """In the log."""
+    """Interval in the log."""
     bias: tuple[float, float, float]
-    """Its own: of the rests beside it, in the unit of the log."""
+    """Bias from the adjacent rests, in the unit of the log."""
     integral: tuple[float, float, float]
-    """Integral of the rate without its bias: degrees, or counts times seconds."""
+    """Integral of the rate minus its bias: degrees, or counts times seconds."""
     turned_deg: float
-    """What it was taken for, about the vertical upward as accelerometers have it; 0 when it was refused."""
+    """Assumed angle, about the upward vertical of the accelerometer; 0 if it was refused."""
     left_deg: float
     """Difference between that and the calibrated integral; 0 without a calibration."""
     refused: str
-    """Why, empty when it was used."""
+    """Reason for the refusal; empty if it was used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,20 +74,20 @@ class GyroscopeResult:
     """Calibration of the gyroscope from a log."""
 
     n: int
-    """Samples at rest."""
+    """Number of samples at rest."""
     bias: Reals
     """Shape (3,). Their mean, in the unit of the log."""
     bias_spread: float
-    """Standard deviation of the rests' own means about it, largest axis."""
+    """Standard deviation of the rests' means, largest axis."""
     fit: GyroscopeFit | None
-    """``rate_dps = matrix @ (reading - bias)``. None without three turns; the bias holds then as well."""
+    """``rate_dps = matrix @ (reading - bias)``; None without three turns; the bias is still valid."""
     turns: tuple[TurnResult, ...]
     verdict: Acceptance
-    """On the matrix; refused where there is only the bias."""
+    """Verdict on the matrix; refused with a bias only."""
     reasons: tuple[Reason, ...]
-    """Why it is not good."""
+    """Reasons why it is not good."""
     refused: str
-    """Why there is no matrix, empty when there is."""
+    """Reason why there is no matrix; empty with one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,24 +108,24 @@ def fit_gyroscope(
     accelerometer
         Calibration from the same log.
     turn_deg
-        Angle of each turn, done once or several times; counts alone do not show it.
+        Angle of each turn, performed once or several times; counts alone do not show it.
     rests
-        Where the log rests beside annotated turns, found in it: a turn's own bias is that of the rests beside it.
+        Rests that were found in the log beside annotated turns, from which a turn's bias is taken.
     bias : shape (3,)
-        From another log, in the unit of this one; it then holds for all turns.
+        Bias from another log, in the unit of this one, for all turns.
     steady
-        What turned at a table's rate, and is no whole turn.
+        Parts that turned at a table's rate, which are not whole turns.
 
     Returns
     -------
     GyroscopeResult or None
-        None when the log has no gyroscope, or neither a rest nor a bias.
+        Result; None if the log has no gyroscope, or neither a rest nor a bias.
 
     Notes
     -----
-    A turn is between two rests with the same gravity, its integral along it: then the vertical, which the calibrated
-    accelerometer tells in its own axes, is what it turned about. Both sensors then have the same axes. The sense is
-    that of the readings: a gyroscope that is mirrored as a whole looks like a turn the other way.
+    A turn is between two rests with the same gravity, and its integral is along gravity: then its axis is the vertical,
+    which the calibrated accelerometer measures in its own axes. Both sensors then have the same axes. The direction is
+    that of the readings: a mirrored gyroscope looks like a turn in the other direction.
     """
     if log.rate is None or not (intervals.rests or bias is not None):
         return None
@@ -136,43 +138,43 @@ def fit_gyroscope(
         why = "without an accelerometer the axes of the turns are unknown"
         return GyroscopeResult(n, bias, spread, None, (), Acceptance.REFUSED, (), why)
     motions = _candidates(log, intervals, accelerometer, bias, rests, own=own)
-    times_s = [(log.time_s[each.start], log.time_s[each.end - 1]) for each in steady]
+    times_s = [(log.time_s[interval.start], log.time_s[interval.end - 1]) for interval in steady]
     meant = [motion for motion in motions if not any(
         motion.result.start_s < end_s and start_s < motion.result.end_s for start_s, end_s in times_s
     )]  # fmt: skip
     candidates = _whole_turns(log, meant, turn_deg)
     used = [candidate for candidate in candidates if not candidate.result.refused]
-    found = fit_turns([_about_vertical(each) for each in used])
-    if found.status is not TurnsStatus.OK:
+    fit = fit_turns([_vertical_turn(candidate) for candidate in used])
+    if fit.status is not TurnsStatus.OK:
         turns = tuple(candidate.result for candidate in candidates)
-        return GyroscopeResult(n, bias, spread, None, turns, Acceptance.REFUSED, (), _REFUSALS[found.status])
-    turns = tuple(replace(candidate.result, left_deg=_left_deg(candidate, found.matrix)) for candidate in candidates)
-    left = [100.0 * turn.left_deg / abs(turn.turned_deg) for turn in turns if not turn.refused]
-    verdict, reasons = rate_by(BOUNDS, {"turns": float(len(left)), "left_percent": max(left)})
-    return GyroscopeResult(n, bias, spread, GyroscopeFit(found.matrix, bias), turns, verdict, reasons, "")
+        return GyroscopeResult(n, bias, spread, None, turns, Acceptance.REFUSED, (), _REFUSALS[fit.status])
+    turns = tuple(replace(candidate.result, left_deg=_left_deg(candidate, fit.matrix)) for candidate in candidates)
+    left_percent = [100.0 * turn.left_deg / abs(turn.turned_deg) for turn in turns if not turn.refused]
+    verdict, reasons = rate_by(BOUNDS, {"turns": float(len(left_percent)), "left_percent": max(left_percent)})
+    return GyroscopeResult(n, bias, spread, GyroscopeFit(fit.matrix, bias), turns, verdict, reasons, "")
 
 
 def _candidates(
     log: ImuLog, intervals: Intervals, accelerometer: AccelerometerFit, bias: Reals, rests: Sequence[Interval], *,
     own: bool,
 ) -> list[_Candidate]:  # fmt: skip
-    """Return the motions that leave gravity where it was."""
-    found = []
+    """Return the motions that do not change gravity."""
+    candidates = []
     around = zip(intervals.rests, intervals.rests[1:], strict=False) if intervals.found else [
         (turn, turn) for turn in intervals.motions
     ]
     for motion, (before, after) in zip(intervals.motions, around, strict=True):
-        first, last = (_gravity(log, accelerometer, each) for each in (before, after))
+        first, last = (_gravity(log, accelerometer, interval) for interval in (before, after))
         if first @ last > np.cos(np.radians(_SAME_GRAVITY_DEG)):
             beside = beside_of(motion, intervals.rests if intervals.found else rests) if own else ()
-            biases = [_rate(log, each) for each in beside] or [bias]
-            found.append(_candidate(log, motion, (biases[0], biases[-1]), first + last))
-    return found
+            biases = [_rate(log, interval) for interval in beside] or [bias]
+            candidates.append(_candidate(log, motion, (biases[0], biases[-1]), first + last))
+    return candidates
 
 
 def _candidate(log: ImuLog, motion: Interval, bias: Sequence[Reals], up: Reals) -> _Candidate:
     samples = _rates(log)[motion.start : motion.end]
-    # A sample stands for the period about it: from half a period before the first to half a one behind the last.
+    # A sample represents the period about it: from half a period before the first to half a period after the last.
     steps_s = np.diff(log.time_s[motion.start : motion.end])
     duration_s = float(steps_s.sum())
     turn = GyroscopeTurn(np.zeros(3), samples.sum(axis=0), len(samples), duration_s, bias[0], bias[1])
@@ -187,19 +189,19 @@ def _candidate(log: ImuLog, motion: Interval, bias: Sequence[Reals], up: Reals) 
 
 
 def _whole_turns(log: ImuLog, candidates: Sequence[_Candidate], turn_deg: float) -> list[_Candidate]:
-    """Return the candidates with their number of turns, or the reason why they are none, without what hardly turned."""
+    """Return the candidates with their number of turns or a refusal, without those that hardly turned."""
     lengths = [float(np.linalg.norm(candidate.result.integral)) for candidate in candidates]
     whole = turn_deg
     if DEGREES_PER_SECOND[log.rate_unit] is None:
         turned = [length for length in lengths if length > _A_TURN_AT_ALL * max(lengths)]
         whole = float(np.median(turned)) if turned else 1.0
     turns, used = [], 0
-    for each, length in zip(candidates, lengths, strict=True):
+    for candidate, length in zip(candidates, lengths, strict=True):
         if length < _A_TURN_AT_ALL * whole:
             continue
-        along = float(np.array(each.result.integral) @ each.up) / length
+        along = float(np.array(candidate.result.integral) @ candidate.up) / length
         times = max(1, round(length / whole))
-        refused = each.result.refused
+        refused = candidate.result.refused
         if not refused and abs(along) < np.cos(np.radians(_ABOUT_VERTICAL_DEG)):
             refused = "not about the vertical"
         if not refused and abs(length / (times * whole) - 1.0) > _SCALE:
@@ -208,22 +210,22 @@ def _whole_turns(log: ImuLog, candidates: Sequence[_Candidate], turn_deg: float)
             refused = f"{MAX_TURNS} are enough"
         used += not refused
         turned_deg = 0.0 if refused else float(np.copysign(times * turn_deg, along))
-        turns.append(replace(each, result=replace(each.result, turned_deg=turned_deg, refused=refused)))
+        turns.append(replace(candidate, result=replace(candidate.result, turned_deg=turned_deg, refused=refused)))
     return turns
 
 
-def _about_vertical(each: _Candidate) -> GyroscopeTurn:
-    return replace(each.turn, turned_deg=each.result.turned_deg * each.up)
+def _vertical_turn(candidate: _Candidate) -> GyroscopeTurn:
+    return replace(candidate.turn, turned_deg=candidate.result.turned_deg * candidate.up)
 
 
-def _left_deg(each: _Candidate, matrix: Reals) -> float:
-    if each.result.refused:
+def _left_deg(candidate: _Candidate, matrix: Reals) -> float:
+    if candidate.result.refused:
         return 0.0
-    return float(np.linalg.norm(matrix @ each.turn.integral - each.result.turned_deg * each.up))
+    return float(np.linalg.norm(matrix @ candidate.turn.integral - candidate.result.turned_deg * candidate.up))
 
 
 def _gravity(log: ImuLog, accelerometer: AccelerometerFit, interval: Interval) -> Reals:
-    """Return the direction of the mean gravity; a turn about the vertical leaves it where it is."""
+    """Return the direction of the mean gravity, which a turn about the vertical does not change."""
     mean = accelerometer.gravity_g(log.acceleration[interval.start : interval.end].mean(axis=0))
     unit: Reals = mean / np.linalg.norm(mean)
     return unit

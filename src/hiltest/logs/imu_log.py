@@ -31,10 +31,10 @@ Reals = NDArray[np.float64]
 
 # Five hours at 100 Hz.
 MAX_ROWS = 2_000_000
-# A log that is slower does not see a turn, and its column of time is more likely in another unit.
+# Longest period: a slower log does not show a turn, and its column of time is more likely in another unit.
 _SLOWEST_HZ = 5.0
 _FASTEST_HZ = 1e5
-# Nanoseconds of 3000 years: the largest time that a clock gives.
+# Largest time of a clock: 3000 years in nanoseconds.
 _LATEST = 1e20
 
 
@@ -47,7 +47,7 @@ class LogColumns:
     """``a,b,c``."""
     time: str | None = None
     labels: str | None = None
-    """A column that says what each row is of."""
+    """Column with a label for each row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,17 +56,17 @@ class ImuLog:
 
     files: tuple[str, ...]
     time_s: Reals
-    """Shape (n,). Increasing [s]."""
+    """Shape (n,). Increasing times [s]."""
     acceleration: Reals
-    """Shape (n, 3). In `acceleration_unit`, axes of the sensor; no row when nothing was logged of an accelerometer."""
+    """Shape (n, 3). Readings in `acceleration_unit`, axes of the sensor; no rows without an accelerometer."""
     rate: Reals | None
-    """Shape (n, 3), or None. In `rate_unit`. None when nothing was logged of a gyroscope."""
+    """Shape (n, 3), or None. Readings in `rate_unit`; None without a gyroscope."""
     acceleration_unit: AccelerationUnit
     rate_unit: RateUnit
     labels: tuple[str, ...] | None = None
-    """What each row says that it is of."""
+    """Label of each row."""
     notes: tuple[str, ...] = ()
-    """What was skipped, recognised or assumed in the files, a sentence each."""
+    """Remarks on skipped, recognised or assumed content of the files, one sentence each."""
 
     @property
     def period_s(self) -> float:
@@ -88,27 +88,28 @@ def read_imu_log(
     gyroscope_path
         Log of the gyroscope, with the same rows.
     columns
-        By default what the headers say; a table of three or four columns without a header is x, y, z with time before.
+        Columns, by default from the headers; a table of three or four columns without a header is x, y, z, after an
+        optional time.
     rate_hz
         Sampling rate; by default from the column of time.
     acceleration_unit, rate_unit
-        By default what the headers say, else counts.
+        Units, by default from the headers, otherwise counts.
     gyroscope_alone
-        Whether a log of the gyroscope alone will do.
+        Whether a log of only the gyroscope is accepted.
 
     Raises
     ------
     ConfigError
-        When there is no such table, or a cell in it is no number; names file, line and column.
+        When there is no such table, or a cell in it is not a number; the message has file, line and column.
     """
     first = _Table(path, columns.labels)
-    found = first.axes(
+    place = first.axes(
         columns.accelerometer, ACCELEROMETER_STEM, "--accelerometer-columns", "accelerometer", alone=not gyroscope_alone
     )
-    alone = found is None and gyroscope_alone and gyroscope_path is None
-    if found is None and not alone:
+    alone = place is None and gyroscope_alone and gyroscope_path is None
+    if place is None and not alone:
         raise first.no_axes("accelerometer", "--accelerometer-columns")
-    places: tuple[int, ...] = found or ()
+    places: tuple[int, ...] = place or ()
     second = first if gyroscope_path is None else _Table(gyroscope_path, None)
     others = second.axes(
         columns.gyroscope, GYROSCOPE_STEM, "--gyroscope-columns", "gyroscope", alone=alone or second is not first
@@ -130,13 +131,13 @@ def read_imu_log(
     if acceleration_unit is None and places:
         notes += asked_of_gravity(acceleration, unit, "--accelerometer-unit {} says so")
     return ImuLog(
-        tuple(str(each) for each in (path, gyroscope_path) if each), time_s, acceleration, rate, unit,
+        tuple(str(name) for name in (path, gyroscope_path) if name), time_s, acceleration, rate, unit,
         other_unit or RateUnit.COUNTS, first.labels, tuple(notes),
     )  # fmt: skip
 
 
 class _Table:
-    """A table whose header is read; its numbers can be read once."""
+    """A table with its header read; its numbers can be read once."""
 
     def __init__(self, path: Path, labels: str | None) -> None:
         self.path, self._table = path, open_table(path)
@@ -149,17 +150,17 @@ class _Table:
         return self._table.notes
 
     def axes(
-        self, wanted: str | None, pattern: re.Pattern[str], option: str, sensor: str, *, alone: bool = True
+        self, named: str | None, pattern: re.Pattern[str], option: str, sensor: str, *, alone: bool = True
     ) -> tuple[int, int, int] | None:
-        """Return the places of x, y and z; of a table without a header only when it is of this sensor alone."""
-        if wanted is not None:
-            return named_columns(wanted, self.headers, self.width, option=option)
-        found = {stem: places for stem, places in axis_triples(self.headers).items() if pattern.search(stem)}
-        if len(found) > 1:
-            choices = " or ".join(",".join(self.names(places)) for places in found.values())
+        """Return the places of x, y and z; for a table without a header, only if it has this sensor alone."""
+        if named is not None:
+            return named_columns(named, self.headers, self.width, option=option)
+        triples = {stem: places for stem, places in axis_triples(self.headers).items() if pattern.search(stem)}
+        if len(triples) > 1:
+            choices = " or ".join(",".join(self.names(places)) for places in triples.values())
             raise ConfigError(f"{self.path}: more than one {sensor}: choose with {option} {choices}")
-        if found:
-            return next(iter(found.values()))
+        if triples:
+            return next(iter(triples.values()))
         if alone and not self.headers and len(self._table.places) in (3, 4):
             return (0, 1, 2) if len(self._table.places) == 3 else (1, 2, 3)
         return None
@@ -170,10 +171,10 @@ class _Table:
                            "by name or by number from 1")
 
     def read(self, time: str | None, rate_hz: float | None, places: list[int]) -> tuple[Reals, Reals]:
-        """Return the times [s] and the readings, one row a sample."""
+        """Return the times [s] and the readings, one row per sample."""
         place, scale_s = (None, 1.0) if rate_hz is not None else self._time(time)
-        wanted = places if place is None else [place, *places]
-        names = self.names(wanted)
+        columns = places if place is None else [place, *places]
+        names = self.names(columns)
         values, labels = array("d"), []
         sensors = [places[first : first + 3] for first in range(0, len(places), 3)]
         one_a_row = False
@@ -185,18 +186,18 @@ class _Table:
             if one_a_row and all(filled):
                 raise ConfigError(f"{self.path}:{row.line}: both sensors in a row, and before rows of one each")
             absent = {at for at in places if one_a_row and not filled[places.index(at) // 3]}
-            numbers = self._numbers(row, wanted, names, place, absent)
+            numbers = self._numbers(row, columns, names, place, absent)
             if place is not None and len(values):
-                before = values[-len(wanted)]
+                before = values[-len(columns)]
                 if numbers[0] < before or (numbers[0] == before and not one_a_row):
                     raise ConfigError(f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not behind "
                                       f"{before:g}; cut the log there, or give --rate")
             values.extend(numbers)
             if self._label is not None:
                 labels.append(row.cells[self._label])
-            if len(values) > MAX_ROWS * len(wanted):
+            if len(values) > MAX_ROWS * len(columns):
                 raise ConfigError(f"{self.path}: more than {MAX_ROWS} rows; cut the file")
-        read = np.frombuffer(values, dtype=np.float64).reshape(-1, len(wanted))
+        read = np.frombuffer(values, dtype=np.float64).reshape(-1, len(columns))
         if len(read) < 2:
             raise ConfigError(f"{self.path}: {len(read)} rows of numbers: no log")
         if self._label is not None:
@@ -204,7 +205,7 @@ class _Table:
         if rate_hz is not None:
             return np.arange(len(read)) / rate_hz, read
         if one_a_row:
-            read = self._joined(read)
+            read = self._join(read)
         time_s = scale_s * read[:, 0]
         step_s = float(np.median(np.diff(time_s)))
         if not 1.0 / _FASTEST_HZ <= step_s <= 1.0 / _SLOWEST_HZ:
@@ -213,39 +214,41 @@ class _Table:
         return time_s, read[:, 1:]
 
     def _numbers(
-        self, row: TableRow, wanted: Sequence[int], names: Sequence[str], time: int | None, absent: Collection[int]
+        self, row: TableRow, columns: Sequence[int], names: Sequence[str], time: int | None, absent: Collection[int]
     ) -> list[float]:
-        """Return a row's time and readings; only what is absent may be no number."""
+        """Return a row's time and readings; only cells of absent sensors may be empty."""
         numbers = []
-        for at, name in zip(wanted, names, strict=True):
-            what, largest = ("time", _LATEST) if at == time else ("reading of an IMU", LARGEST_READING)
-            value = number_in(self.path, row, at, name, what=what, largest=largest)
+        for at, name in zip(columns, names, strict=True):
+            quantity, largest = ("time", _LATEST) if at == time else ("reading of an IMU", LARGEST_READING)
+            value = number_in(self.path, row, at, name, quantity=quantity, largest=largest)
             if not math.isfinite(value) and at not in absent:
                 raise ConfigError(f"{self.path}:{row.line}: column {name}: no number; a turn cannot be summed over "
                                   "a gap: cut the log there")
             numbers.append(value)
         return numbers
 
-    def _joined(self, read: Reals) -> Reals:
+    def _join(self, read: Reals) -> Reals:
         rows, joined = at_the_gyroscope_s(read[:, 0], read[:, 1:])
         time = read[rows, 0]
         if len(time) < 2 or not bool((np.diff(time) > 0.0).all()):
             raise ConfigError(f"{self.path}: rows of one sensor each, and of the gyroscope no two at different times "
                               "among those of the accelerometer: no log of both")
         if self.labels is not None:
-            self.labels = tuple(label for label, taken in zip(self.labels, rows.tolist(), strict=True) if taken)
+            self.labels = tuple(label for label, is_used in zip(self.labels, rows.tolist(), strict=True) if is_used)
         return np.column_stack([time, joined])
 
-    def _time(self, wanted: str | None) -> tuple[int, float]:
-        if wanted is not None:
-            place = column_index(wanted, self.headers, self.width, option="--time")
+    def _time(self, named: str | None) -> tuple[int, float]:
+        if named is not None:
+            place = column_index(named, self.headers, self.width, option="--time")
             return place, (seconds_of(self.headers[place]) or 1.0 if self.headers else 1.0)
         if not self.headers and len(self._table.places) == 4:
             return 0, 1.0
-        found = [(place, scale) for place, name in enumerate(self.headers) if (scale := seconds_of(name)) is not None]
-        if len(found) != 1:
-            raise ConfigError(f"{self.path}: {len(found) or 'no'} columns of time; give --rate in Hz, or --time")
-        return found[0]
+        candidates = [
+            (place, scale) for place, name in enumerate(self.headers) if (scale := seconds_of(name)) is not None
+        ]
+        if len(candidates) != 1:
+            raise ConfigError(f"{self.path}: {len(candidates) or 'no'} columns of time; give --rate in Hz, or --time")
+        return candidates[0]
 
 
 def _check_pairs(path: Path, other: Path, time_s: Reals, other_time_s: Reals) -> None:
@@ -260,26 +263,26 @@ def _check_pairs(path: Path, other: Path, time_s: Reals, other_time_s: Reals) ->
 
 
 def filled_of(cells: Sequence[str], sensors: Sequence[Sequence[int]]) -> list[bool]:
-    """Say of each sensor, given as the places of its columns, whether a row has something of it."""
+    """Return for each sensor, given as the places of its columns, whether a row has values of it."""
     return [any(cells[place] for place in places) for places in sensors]
 
 
 def at_the_gyroscope_s(time_s: Reals, readings: Reals) -> tuple[NDArray[np.bool_], Reals]:
-    """Join both sensors at the times of the gyroscope, whose every sample counts in a turn.
+    """Join both sensors at the times of the gyroscope, because a turn needs its every sample.
 
     Parameters
     ----------
     time_s : shape (n,)
-        Not decreasing.
+        Times, not decreasing.
     readings : shape (n, 6)
-        Readings of accelerometer and gyroscope; NaN for the sensor that the row has not.
+        Readings of accelerometer and gyroscope; NaN for a sensor that is not in the row.
 
     Returns
     -------
     rows : ndarray of bool, shape (n,)
-        Those of the gyroscope that are between two of the accelerometer.
+        Mask of gyroscope rows that are between two accelerometer rows.
     joined : ndarray, shape (sum(rows), 6)
-        These, with the acceleration from the line between its neighbours.
+        These rows, with linearly interpolated acceleration.
     """
     of_gyroscope = np.isfinite(readings[:, 3])
     others_s, others = time_s[~of_gyroscope], readings[~of_gyroscope, :3]

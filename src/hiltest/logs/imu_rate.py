@@ -1,4 +1,4 @@
-"""Scales of a gyroscope's axes from a turntable that turns at a known, constant rate."""
+"""Scales of a gyroscope's axes from a turntable at a known, constant rate."""
 
 from __future__ import annotations
 
@@ -17,61 +17,62 @@ from hiltest.units import DEGREES_PER_SECOND
 Reals = NDArray[np.float64]
 
 DPS_PER_RPM = 6.0
-# Means of a second; a turntable's rate wavers by a tenth of a percent or two, and one that still gathers speed by more.
+# Largest variation of one-second means: a turntable's rate varies by one or two tenths of a percent, an accelerating
+# one by more.
 _WINDOW_S = 1.0
 _STEADY = 0.005
-# A mean scatters by a standard error of the noise; of some hundred windows none by four.
+# Allowance for noise in standard errors, which no mean among a few hundred windows exceeds.
 _SCATTER = 4.0
-# As for rests: a spread that is this much larger than the quietest tenth is motion.
+# Factor over the quietest tenth above which a spread is motion, as for rests.
 _MOTION = 2.5
-# What does not turn is noise, however it is averaged.
+# Rates below this are noise.
 _ABOVE_NOISE = 10.0
-# Where it turns at all it turns by more than half of the fastest.
+# Fraction of the fastest rate above which the table counts as turning.
 _TURNS = 0.5
-# Beyond, the rate is shared between axes that each have a scale of their own.
+# Largest angle: beyond it, the rate is shared between axes with different scales.
 _ALONG_DEG = 15.0
-# What an uncalibrated part's scale may be off.
+# Largest scale error of an uncalibrated part.
 _SCALE = 0.15
-# Of readings with noise few are the largest; of those beyond a range all.
+# Fraction of readings at the maximum above which the range was exceeded: with noise, few readings are the largest.
 _AT_THE_END = 0.5
 _AXES = "xyz"
 
 
 @dataclass(frozen=True, slots=True)
 class SteadyRate:
-    """One part of a log that turned at the known rate."""
+    """A part of a log that turned at the known rate."""
 
     start_s: float
     end_s: float
-    """In the log."""
+    """Interval in the log."""
     reading: tuple[float, float, float]
-    """Median of the means of a second, without the bias, in the unit of the log."""
+    """Median of one-second means minus the bias, in the unit of the log."""
     axis: str
-    """x, y or z: the axis along which it lay."""
+    """Nearest axis: x, y or z."""
     askew_deg: float
     """Angle of the reading from that axis."""
     scale: float | None
-    """``rate_dps = scale * (reading - bias)`` of that axis; None when it was refused."""
+    """``rate_dps = scale * (reading - bias)`` of that axis; None if it was refused."""
     uncertainty: float
-    """Standard uncertainty of the scale, the turntable's own rate taken as exact."""
+    """Standard uncertainty of the scale, for an exact rate of the turntable."""
     refused: str
-    """Why, empty when it was used."""
+    """Reason for the refusal; empty if it was used."""
 
 
 def steady_parts(log: ImuLog, bias: Reals, *, rpm: float) -> tuple[Interval, ...]:
-    """Find where a log turns steadily, for one revolution or longer.
+    """Find the parts of a log with steady rotation, for one revolution or longer.
 
     Parameters
     ----------
     bias : shape (3,)
         Reading at rest.
     rpm
-        Revolutions a minute.
+        Revolutions per minute.
 
     Returns
     -------
     tuple of Interval
-        Of each part between two stops the longest in which means of a second stay within 0.5 %.
+        For each part between two stops, the longest interval in which one-second means stay within 0.5 %.
     """
     if log.rate is None:
         return ()
@@ -82,7 +83,7 @@ def steady_parts(log: ImuLog, bias: Reals, *, rpm: float) -> tuple[Interval, ...
     means = (sums[size:] - sums[:-size]) / size
     speed = np.linalg.norm(means, axis=1)
     turns = speed > _TURNS * float(speed.max())
-    found = []
+    parts = []
     for start, end in _runs(turns):
         if end - start < size:
             continue
@@ -95,14 +96,15 @@ def steady_parts(log: ImuLog, bias: Reals, *, rpm: float) -> tuple[Interval, ...
         first, last = max(_runs(steady), key=lambda run: run[1] - run[0], default=(start, start))
         part = Interval(first, last + size - 1)
         if part.end - part.start >= 60.0 / rpm / log.period_s:
-            found.append(part)
-    return tuple(found)
+            parts.append(part)
+    return tuple(parts)
 
 
 def rest_rate(log: ImuLog, rests: Sequence[Interval] = ()) -> Reals:
-    """Return roughly what the gyroscope reads at rest, shape (3,): in its rests, or of a log that turns for longer.
+    """Return the gyroscope's approximate reading at rest, shape (3,): in its rests, or if it mostly turns.
 
-    That is what the quietest seconds read nearest to zero, and of counts, whose zero is anywhere, the first of them.
+    In the latter case it is the reading nearest to zero of the quietest seconds; for counts, whose zero is unknown, the
+    first of them.
     """
     readings = log.rate if log.rate is not None else np.zeros((1, 3))
     if rests:
@@ -123,16 +125,16 @@ def fit_rates(
     Parameters
     ----------
     parts
-        From `steady_parts`.
+        Parts from `steady_parts`.
     rests
-        A part's own bias is that of the rests beside it.
+        Rests, from which a part's bias is taken.
     bias : shape (3,)
-        Without a rest.
+        Bias for parts without a rest.
 
     Notes
     -----
-    The scale is the rate over the length of the reading: a part that lies askew by some degrees shares the rate among
-    axes, whose scales differ by little, and the length is the same.
+    The scale is the rate over the length of the reading: a misalignment of some degrees shares the rate among axes with
+    similar scales, and the length does not change.
     """
     return tuple(_rate(log, part, rests, bias, DPS_PER_RPM * rpm) for part in parts)
 
@@ -144,14 +146,14 @@ def _rate(log: ImuLog, part: Interval, rests: Sequence[Interval], bias: Reals, r
     samples = readings[part.start : part.end]
     size = min(len(samples), max(2, round(_WINDOW_S / log.period_s)))
     seconds = samples[: len(samples) // size * size].reshape(-1, size, 3).mean(axis=1)
-    # The median: a table may gather speed for longer than was cut off.
+    # The median, because a table may accelerate for longer than was cut off.
     reading = np.median(seconds, axis=0) - biases.mean(axis=0)
     length = float(np.linalg.norm(reading))
     axis = int(np.argmax(np.abs(reading)))
     askew_deg = math.degrees(math.acos(min(1.0, abs(float(reading[axis])) / length)))
     scale = rate_dps / length
     along = seconds @ (reading / length)
-    # A median is by the root of pi / 2 less certain than a mean.
+    # The standard error of a median is that of a mean times the root of pi / 2.
     scatter = float(along.std(ddof=1)) * math.sqrt(math.pi / 2.0 / len(along)) if len(along) > 1 else _STEADY * length
     drift = float(np.ptp(biases @ (reading / length))) / 2.0
     farthest = np.abs(samples[:, axis]).max()
@@ -170,13 +172,13 @@ def _rate(log: ImuLog, part: Interval, rests: Sequence[Interval], bias: Reals, r
 
 
 def beside_of(part: Interval, rests: Sequence[Interval]) -> tuple[Interval, ...]:
-    """Return the last rest that begins before a part, and the first that ends behind it, where there are such."""
+    """Return the last rest that begins before a part, and the first that ends after it, if they exist."""
     before = [rest for rest in rests if rest.start < part.start and rest.end < part.end]
     behind = [rest for rest in rests if rest.end > part.end and rest.start > part.start]
     return (*before[-1:], *behind[:1])
 
 
 def _runs(which: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return where runs of true begin and end."""
+    """Return the start and end of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]).astype(np.int8))).tolist()
     return list(pairwise(edges))[::2]

@@ -1,4 +1,4 @@
-"""Rests and turns in a log: found in the readings, or annotated."""
+"""Rests and turns in a log: detected in the readings, or annotated."""
 
 from __future__ import annotations
 
@@ -18,29 +18,30 @@ from hiltest.units import DEGREES_PER_SECOND, GRAVITIES
 
 Reals = NDArray[np.float64]
 
-# A second at rest, seen as a whole: shorter rests show less than the noise of a means leaves.
+# Length of a window: the mean of a shorter rest has too much noise.
 _WINDOW_S = 1.0
-# The quietest tenth of all windows is at rest; a spread that is this much larger is motion. Of 100 samples the spread
-# of noise scatters by 7 %; of logs tried, the smallest motion is 20 times the noise.
+# The quietest tenth of all windows is at rest; a spread larger by this factor is motion. With 100 samples the spread of
+# noise scatters by 7 %; in the tested logs, the smallest motion is 20 times the noise.
 _QUIETEST = 10.0
 _MOTION = 2.5
-# A log without a rest has a quietest tenth too. Noise and a table's vibrations are below these; a hand that holds the
-# sensor, and a sensor that is turned, are above. Of counts, beside how far the whole log goes.
+# Absolute limits, because a log without a rest has a quietest tenth too. Noise and a table's vibrations are below
+# these; a hand-held or turning sensor is above. For counts, the limit is relative to the range of the log.
 _RESTLESS_G = 0.03
 _RESTLESS_DPS = 3.0
 _RESTLESS_PART = 0.05
-# And no sensor is quieter than this part of it: what a log without any noise leaves is rounding.
+# Lower bound of the noise relative to it: a log without noise only has rounding.
 _ROUNDING = 1e-4
-# An even turn has no spread: its mean rate is off by more than this many spreads of the noise. A bias drifts by less.
+# A steady turn has no spread: it is detected if its mean rate is off by more than this many spreads of the noise. A
+# bias drifts by less.
 _TURNING = 5.0
-# Annotations name their turns.
+# Words in the names of annotated turns.
 _TURN_WORDS = ("rot", "turn")
 _LARGEST_LIST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """Samples `start` to `end` - 1 of a log, and its name; empty when it was found."""
+    """Samples `start` to `end` - 1 of a log, and its name; empty if it was detected."""
 
     start: int
     end: int
@@ -52,20 +53,20 @@ class Intervals:
     """Rests and motions of a log."""
 
     rests: tuple[Interval, ...]
-    """In the order of their time."""
+    """Rests in the order of time."""
     motions: tuple[Interval, ...]
-    """Between two rests when they were found, with one before and one behind each; turns by their names otherwise."""
+    """Motions between two detected rests, or annotated turns."""
     found: bool
-    """Whether they were found in the readings; otherwise they are annotations."""
+    """Whether they were detected in the readings; otherwise they are annotations."""
 
 
 def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals:
-    """Find the rests of a log by itself: where neither sensor moves, for a second at least.
+    """Detect the rests of a log: intervals of at least a second in which neither sensor moves.
 
     Parameters
     ----------
     rest_rate : shape (3,)
-        What the gyroscope reads at rest; by default what it reads most of the time that nothing scatters.
+        Reading of the gyroscope at rest; by default its median over windows without spread.
 
     Raises
     ------
@@ -98,14 +99,14 @@ def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals
 
 
 def listed_intervals(log: ImuLog, path: Path) -> Intervals:
-    """Read annotations: a JSON object of names, each with the sample it starts at and the one it ends before.
+    """Read annotations: a JSON object of names, each with its first sample and the one after its last.
 
     Names with ``rot`` or ``turn`` in them are turns, all others rests: ``{"x_p": {"start": 540, "end": 1271}, ...}``.
 
     Raises
     ------
     ConfigError
-        When it is no such file, or a sample is not in the log.
+        When the file is invalid, or a sample is not in the log.
     """
     content = read_bounded(path, largest_bytes=_LARGEST_LIST_BYTES, otherwise="name a list of intervals (JSON)")
     try:
@@ -114,17 +115,17 @@ def listed_intervals(log: ImuLog, path: Path) -> Intervals:
         raise ConfigError(f"{path}: no JSON: {error}") from error
     if not isinstance(parsed, dict) or not parsed:
         raise ConfigError(f'{path}: no list of intervals; write {{"x_up": {{"start": 540, "end": 1271}}, ...}}')
-    return _named([_listed(log, path, name, entry) for name, entry in parsed.items()])
+    return _name_intervals([_interval_entry(log, path, name, entry) for name, entry in parsed.items()])
 
 
 def labelled_intervals(log: ImuLog) -> Intervals:
-    """Take the intervals from the log's own column of labels: a run of rows with the same one is one interval."""
+    """Read the intervals from the log's column of labels: a run of rows with the same label is one interval."""
     labels = np.array(log.labels or (), dtype=object)
     edges = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist(), len(labels)]
-    return _named([Interval(first, last, str(labels[first])) for first, last in pairwise(edges)])
+    return _name_intervals([Interval(first, last, str(labels[first])) for first, last in pairwise(edges)])
 
 
-def _listed(log: ImuLog, path: Path, name: str, entry: object) -> Interval:
+def _interval_entry(log: ImuLog, path: Path, name: str, entry: object) -> Interval:
     start, end = (entry.get("start"), entry.get("end")) if isinstance(entry, dict) else (None, None)
     if not isinstance(start, int) or not isinstance(end, int):
         raise ConfigError(f"{path}: {name}: needs start and end, two numbers of samples")
@@ -133,7 +134,7 @@ def _listed(log: ImuLog, path: Path, name: str, entry: object) -> Interval:
     return Interval(start, end, name)
 
 
-def _named(intervals: Sequence[Interval]) -> Intervals:
+def _name_intervals(intervals: Sequence[Interval]) -> Intervals:
     turns: list[Interval] = []
     rests: list[Interval] = []
     for interval in intervals:
@@ -151,7 +152,7 @@ def _quiet(spread: Reals, restless: float) -> float:
 
 
 def _restless(unit: float | None, limit: float, values: Reals) -> float:
-    """Return the spread that no rest has, in the unit of the values."""
+    """Return the upper limit of a rest's spread, in the unit of the values."""
     if unit is not None:
         return limit / unit
     return _RESTLESS_PART * float(np.linalg.norm(values - np.median(values, axis=0), axis=1).max())

@@ -1,4 +1,4 @@
-"""Readings of a log that no calibrator gets: those that repeat, and those that belong to no ellipsoid."""
+"""Readings of a log that are omitted for all calibrators: repetitions, and outliers of the ellipsoid."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from hiltest.logs.span import rows
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeftOut:
-    """What is left out of samples."""
+    """Omitted readings of samples."""
 
     samples: Samples
-    """All of them."""
+    """All samples."""
     robust: bool
-    """Whether anything is left out at all."""
+    """Whether readings are omitted at all."""
     repeated: Mask
-    """Shape (n,). Equal to the reading before, so none of its own, and not dropped."""
+    """Shape (n,). Mask of readings that equal the previous one and are not dropped."""
     dropped: Mask
-    """Shape (n,). No part of the ellipsoid of the others."""
+    """Shape (n,). Mask of outliers of the others' ellipsoid."""
 
     @property
     def rest(self) -> Samples:
-        """The samples that calibrators get."""
+        """Samples for the calibrators."""
         if not self.robust:
             return self.samples
         return rows(self.samples, ~(self.repeated | self.dropped))
 
     @property
     def dropped_percent(self) -> float:
-        """Dropped readings, of those that repeat none."""
+        """Dropped readings, relative to those that are not repetitions [%]."""
         own = ~repeats(self.samples.points)
         return 100.0 * float((self.dropped & own).sum()) / float(own.sum())
 
     @property
     def dropped_lines(self) -> tuple[tuple[int, int], ...]:
-        """First and last line of each run of dropped readings; numbers from 1 where the samples are from no file."""
+        """First and last line of each run of dropped readings; without a file, numbers from 1."""
         places = np.flatnonzero(self.dropped)
         if not len(places):
             return ()
@@ -52,7 +52,7 @@ class LeftOut:
 
 
 def left_out(samples: Samples, *, robust: bool = True) -> LeftOut:
-    """Say which readings of samples no calibrator should get, none where not robust."""
+    """Determine the readings to omit from samples; none if not robust."""
     repeated = repeats(samples.points)
     dropped = outliers(samples.points) if robust else np.zeros_like(repeated)
     return LeftOut(samples, robust, repeated & ~dropped, dropped)

@@ -1,4 +1,4 @@
-"""A folder of logs: the fit of each, and how well parts of it agree beside what was predicted."""
+"""A folder of logs: the fit of each, and the agreement of its parts compared with the prediction."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from hiltest.logs.sample_fit import fit_on_host
 from hiltest.logs.samples import Samples, read_samples
 from hiltest.recordings.columns import Unit
 
-# A log in two parts: its first and its second half, or the odd and the even ones of so many pieces.
+# Divisions of a log: first and second half, or odd and even pieces.
 CUTS = {"halves": 2, "tenths": 10}
-# Two readings in each of the 20 blocks of a part, so that its error is that of the blocks.
+# Minimum number of readings: two in each of the 20 blocks of a part, whose spread gives its error.
 _FEWEST = 40
 _LARGEST_CONDITION = next(
     bound.limit for bound in BOUNDS if bound.figure == "condition" and bound.verdict is Acceptance.REFUSED
@@ -37,15 +37,15 @@ class Agreement:
     """Calibrations of two parts of a log."""
 
     cut: str
-    """Name in `CUTS`."""
+    """Name of the division in `CUTS`."""
     difference_deg: float
-    """Angle between what both make of the same readings, rms over the sphere."""
+    """Angle between the same readings under both calibrations, rms over the sphere."""
     predicted_deg: float
-    """That angle from the predicted spread of each. Bias is in both alike."""
+    """Predicted angle from the spread of each. Bias is equal in both."""
 
     @property
     def ratio(self) -> float:
-        """The one over the other: above 1 the prediction is too good."""
+        """Measured over predicted angle: above 1 the prediction is too optimistic."""
         return self.difference_deg / self.predicted_deg if self.predicted_deg > 0.0 else math.inf
 
 
@@ -54,12 +54,12 @@ class LogFit:
     """A file of a folder."""
 
     name: str
-    """Its path from the folder."""
+    """Path relative to the folder."""
     fit: SampleFit | None = None
     agreements: tuple[Agreement, ...] = ()
-    """None of a part that determines no ellipsoid."""
+    """Agreement of each division whose parts determine ellipsoids."""
     unread: str = ""
-    """Why it could not be read; empty where it was."""
+    """Reason why it could not be read; empty if it was."""
 
 
 def fit_folder(
@@ -67,14 +67,14 @@ def fit_folder(
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Iterator[LogFit]:  # fmt: skip
     """Fit the logs below a folder on the host, in the order of their names; see `read_samples` and `fit_on_host`."""
-    paths = sorted(each for each in folder.rglob("*") if each.is_file())
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
     for done, path in enumerate(paths):
         if progress is not None:
             progress("logs", done, len(paths))
         name = str(path.relative_to(folder))
         try:
             samples = read_samples(path, columns=columns, unit=unit)
-            # Of calibrations against gravity parts would show less than the dip held out.
+            # For calibrations against gravity, parts would show less than the held-out dip.
             fit = fit_on_host(replace(samples, acceleration=None), robust=robust)
             yield LogFit(name, fit, agreements(samples, fit.best.name, robust=robust))
         except ConfigError as error:
@@ -82,12 +82,12 @@ def fit_folder(
 
 
 def agreements(samples: Samples, calibrator: str, *, robust: bool = True) -> tuple[Agreement, ...]:
-    """Return how far a calibrator's results of two parts of the samples are from each other, for each cut."""
+    """Return the difference between a calibrator's results on two parts of the samples, for each division."""
     if calibrator not in REFERENCES:
         return ()
     points = left_out(samples, robust=robust).rest.points
-    found = (_agreement(points, calibrator, cut) for cut in CUTS)
-    return tuple(each for each in found if each is not None)
+    results = (_agreement(points, calibrator, cut) for cut in CUTS)
+    return tuple(result for result in results if result is not None)
 
 
 def _agreement(points: NDArray[np.float64], name: str, cut: str) -> Agreement | None:

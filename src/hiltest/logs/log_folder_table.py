@@ -1,4 +1,4 @@
-"""Logs of a folder for people: a row each, and how well predictions held."""
+"""Table of a folder's logs for people: one row each, and the accuracy of predictions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from rich.text import Text
 from hiltest.logs.log_folder import CUTS, Agreement, LogFit
 from hiltest.logs.sample_fit_table import STYLES, WIDTH
 
-# A prediction within a factor of two is one to rely on; one that is off by more than the last says too little.
+# A prediction within a factor of two is reliable; one beyond the last value is useless.
 _RIGHT, _FAR_TOO_GOOD = (0.5, 2.0), 2.5
 
 
 def print_folder(logs: Sequence[LogFit], console: Console) -> None:
-    """Print a row for each log, how often its prediction held, and which files are no logs."""
+    """Print a row for each log, the accuracy of predictions, and the files that are not logs."""
     grid = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading in ("log", "readings", "verdict", "best"):
         grid.add_column(heading, justify="right" if heading == "readings" else "left", overflow="fold")
@@ -33,7 +33,7 @@ def print_folder(logs: Sequence[LogFit], console: Console) -> None:
                 escape(best.name), error, *_ratios(log),
             )  # fmt: skip
     console.print(grid, width=min(WIDTH, console.width))
-    for line in _summary([found for log in logs for found in log.agreements]):
+    for line in _summary([agreement for log in logs for agreement in log.agreements]):
         console.print(line, soft_wrap=True)
     for log in logs:
         if log.unread:
@@ -41,17 +41,17 @@ def print_folder(logs: Sequence[LogFit], console: Console) -> None:
 
 
 def _ratios(log: LogFit) -> list[str]:
-    found = {agreement.cut: agreement.ratio for agreement in log.agreements}
-    return [f"{found[cut]:.2f}" if cut in found else "-" for cut in CUTS]
+    by_cut = {agreement.cut: agreement.ratio for agreement in log.agreements}
+    return [f"{by_cut[cut]:.2f}" if cut in by_cut else "-" for cut in CUTS]
 
 
-def _summary(found: Sequence[Agreement]) -> list[str]:
-    if not found:
+def _summary(agreements: Sequence[Agreement]) -> list[str]:
+    if not agreements:
         return []
     low, high = _RIGHT
-    right = sum(low <= each.ratio <= high for each in found)
-    far = sum(each.ratio > _FAR_TOO_GOOD for each in found)
+    right = sum(low <= agreement.ratio <= high for agreement in agreements)
+    far = sum(agreement.ratio > _FAR_TOO_GOOD for agreement in agreements)
     return [
         "halves, tenths: angle between the best calibrator's results of two parts of a log, over the predicted one;",
-        f"{low:g} to {high:g} in {right} of {len(found)} cases, above {_FAR_TOO_GOOD:g} in {far}",
+        f"{low:g} to {high:g} in {right} of {len(agreements)} cases, above {_FAR_TOO_GOOD:g} in {far}",
     ]

@@ -1,4 +1,4 @@
-"""A log of angular rates from a file: which columns, in which unit, how fast, and without a gap."""
+"""A log of angular rates from a file: columns, unit, sampling rate, and the longest part without a gap."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ Reals = NDArray[np.float64]
 MAX_ROWS = 20_000_000
 _AXES = 3
 _LARGEST = 1e9  # deg/s or counts: no sensor's reading
-# Nanoseconds of 3000 years: the largest time that a clock gives.
+# Largest time of a clock: 3000 years in nanoseconds.
 _LATEST = 1e20
-# Of sampling: what is slower or faster has its time in another unit.
+# Range of sampling rates: outside, the time must be in another unit.
 _RATES_HZ = (1e-3, 1e6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RateLog:
-    """The longest part of a log that has no gap."""
+    """The longest part of a log without a gap."""
 
     path: Path
     columns: tuple[str, ...]
-    """Names, or numbers from 1."""
+    """Names of the columns, or numbers from 1."""
     rates: Reals
-    """Shape (n, columns). In deg/s, or in counts when that is the unit."""
+    """Shape (n, columns). Rates in deg/s, or in counts if that is the unit."""
     unit: RateUnit
     """Unit of the file."""
     rate_hz: float
     rows: int
-    """Rows of the whole file; `len(rates)` of them are the part."""
+    """Number of rows of the whole file, of which the part has `len(rates)`."""
     gaps: int
-    """Where samples are missing, in the whole file."""
+    """Number of gaps in the whole file."""
     start_s: float = 0.0
-    """First sample of the part, after the first row of the file."""
+    """Time of the part's first sample after the file's first row."""
     jitter_s: float = 0.0
-    """By how much a time stamp of the part is off an even rate, at most."""
+    """Largest deviation of the part's time stamps from an even rate."""
     notes: tuple[str, ...] = ()
-    """What was skipped, recognised or assumed in the file, a sentence each."""
+    """Remarks on skipped, recognised or assumed content of the file, one sentence each."""
 
     @property
     def in_degrees(self) -> bool:
@@ -78,30 +78,30 @@ def read_rate_log(
     Parameters
     ----------
     path
-        As `hiltest.recordings.table.open_table` takes it.
+        File, see `hiltest.recordings.table.open_table`.
     columns
-        Up to three, ``a,b,c``: names or numbers from 1; by default those that the header calls a gyroscope's.
+        Up to three columns, ``a,b,c``: names or numbers from 1; by default the header's gyroscope columns.
     unit
-        By default what the header says.
+        Unit, by default from the header.
     otherwise
-        For a header that says none; an error by default.
+        Unit for a header without one; by default an error.
     time
-        Column with the time; by default one called time, timestamp or t, in the unit its name ends with, else s.
+        Column of time; by default one called time, timestamp or t, in the unit at the end of its name, otherwise s.
     rate_hz
-        Sampling rate of a file without time; the rows are then believed to be without a gap.
+        Sampling rate of a file without time, whose rows are assumed to have no gap.
     first_s, last_s
-        First instant to take, and first one not to, after the first row.
+        Start and end (exclusive) of the time to read, after the first row.
 
     Raises
     ------
     ConfigError
-        When there is no such table in the file; names file, row and column.
+        When there is no such table in the file; the message has file, row and column.
     """
     table = open_table(path, fewest=1)
     headers = table.headers
     try:
         layout = _layout(headers, table.width, columns, None if rate_hz else time, want_time=rate_hz is None)
-        found = unit or _unit_of(layout.names if headers else (), otherwise)
+        file_unit = unit or _header_unit(layout.names if headers else (), otherwise)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     times, values = _numbers(table, layout)
@@ -112,9 +112,9 @@ def read_rate_log(
     if rate_hz is None:
         _check_steps(path, time_s[part])
     found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
-    rates = values[part] * (DEGREES_PER_SECOND[found] or 1.0)
+    rates = values[part] * (DEGREES_PER_SECOND[file_unit] or 1.0)
     return RateLog(
-        path, layout.names, rates, found, found_hz, len(values), breaks, float(time_s[part.start]), jitter_s,
+        path, layout.names, rates, file_unit, found_hz, len(values), breaks, float(time_s[part.start]), jitter_s,
         table.notes,
     )
 
@@ -126,18 +126,18 @@ def rest_bias(path: Path, unit: RateUnit, *, written: RateUnit | None = None, co
     Parameters
     ----------
     unit
-        Of the log that the bias is for.
+        Unit of the log that needs the bias.
     written
-        Of the file; by default what its header says, else `unit`.
+        Unit of the file; by default from its header, otherwise `unit`.
     columns, time, rate_hz
-        As for `read_rate_log`.
+        See `read_rate_log`.
 
     Raises
     ------
     ConfigError
-        When the file is no log of three axes, or only one of both units is counts.
+        When the file is not a log of three axes, or only one of both units is counts.
     CalibrationError
-        When it moved.
+        When the sensor moved.
     """
     log = read_rate_log(path, columns=columns, unit=written, otherwise=unit, time=time, rate_hz=rate_hz)
     check_rest(log)
@@ -150,12 +150,12 @@ def rest_bias(path: Path, unit: RateUnit, *, written: RateUnit | None = None, co
 
 
 def check_rest(log: RateLog) -> None:
-    """Refuse a log that was moved.
+    """Refuse a log of a moved sensor.
 
     Raises
     ------
     CalibrationError
-        Names the instant, and what to take instead.
+        When the sensor moved; the message has the instant, and the part to use instead.
     """
     motion = first_motion(log.rates, rate_hz=log.rate_hz)
     if motion is None:
@@ -173,12 +173,12 @@ def _layout(
     headers: Sequence[str], width: int, columns: str | None, time: str | None, *, want_time: bool
 ) -> _Layout:
     if columns is not None:
-        wanted = [name.strip() for name in next(csv.reader([columns], skipinitialspace=True), [])]
-        places = tuple(column_index(name, headers, width, option="--columns") for name in wanted)
+        requested = [name.strip() for name in next(csv.reader([columns], skipinitialspace=True), [])]
+        places = tuple(column_index(name, headers, width, option="--columns") for name in requested)
         if not 1 <= len(places) <= 3 or len(set(places)) != len(places):
             raise ConfigError(f"--columns {columns}: give one to three different columns")
     else:
-        places = _guessed(headers)
+        places = _guessed_columns(headers)
     names = tuple(headers[place] if headers else str(place + 1) for place in places)
     at, seconds = _time_column(headers, width, time) if want_time else (None, 1.0)
     if at in places:
@@ -186,7 +186,7 @@ def _layout(
     return _Layout(places, names, at, seconds)
 
 
-def _guessed(headers: Sequence[str]) -> tuple[int, ...]:
+def _guessed_columns(headers: Sequence[str]) -> tuple[int, ...]:
     triples = [places for stem, places in axis_triples(headers).items() if GYROSCOPE_STEM.search(stem)]
     if len(triples) != 1:
         shown = ", ".join(headers) or "without a header"
@@ -198,7 +198,7 @@ def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[
     if time is not None:
         at = column_index(time, headers, width, option="--time")
         return at, (seconds_of(headers[at]) if headers else None) or 1.0
-    times = [(at, seconds) for at, each in enumerate(headers) if (seconds := seconds_of(each)) is not None]
+    times = [(at, seconds) for at, header in enumerate(headers) if (seconds := seconds_of(header)) is not None]
     if len(times) != 1:
         raise ConfigError(
             "no column is called time, or more than one is; name it with --time, or say how fast it was sampled with "
@@ -207,13 +207,13 @@ def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[
     return times[0]
 
 
-def _unit_of(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
+def _header_unit(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
     units = {RATE_WORDS[word] for word in (name_and_unit(name)[1] for name in names) if word in RATE_WORDS}
     if not units and otherwise is not None:
         return otherwise
     if len(units) != 1:
-        what = "no unit" if not units else "different units"
-        raise ConfigError(f"the columns {', '.join(names)} name {what}; say it: --unit {' or '.join(RateUnit)}")
+        problem = "no unit" if not units else "different units"
+        raise ConfigError(f"the columns {', '.join(names)} name {problem}; say it: --unit {' or '.join(RateUnit)}")
     return units.pop()
 
 
@@ -240,12 +240,12 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
     return np.frombuffer(times, dtype=np.float64), np.frombuffer(values, dtype=np.float64).reshape(-1, count)
 
 
-def _value(path: Path, line: int, cell: str, name: str, what: str, *, largest: float = _LARGEST) -> float:
+def _value(path: Path, line: int, cell: str, name: str, quantity: str, *, largest: float = _LARGEST) -> float:
     if not is_number(cell) or not math.isfinite(float(cell)):
         comma = "; decimals need a point, not a comma" if is_number(cell.replace(",", ".")) and "," in cell else ""
         raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is not a number{comma}")
     if abs(float(cell)) > largest:
-        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is no {what}")
+        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is no {quantity}")
     return float(cell)
 
 

@@ -23,19 +23,19 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 class Rating:
-    """Rates calibrations of the same samples.
+    """Rater of calibrations of the same samples.
 
     Parameters
     ----------
     samples
-        What is not left out.
+        Samples without omitted ones.
     change
-        Step of the hard iron in the whole log.
+        Step of the hard iron in the complete log.
 
     Attributes
     ----------
     condition : float
-        Of the samples, whatever the calibrator.
+        Condition of the samples, for any calibrator.
     """
 
     def __init__(self, samples: Samples, change: FieldChange | None) -> None:
@@ -44,36 +44,36 @@ class Rating:
         self.condition = self._predicted[1].condition
 
     def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
-        """Return what a calibrator made of the points it used; `fit` is in the unit of the samples."""
+        """Rate a calibrator's result on the points it used; `fit` is in the unit of the samples."""
         predicted = self._predictions(used).of(fit, unbiased=is_unbiased(name, fit.iterations))
         figures = FitFigures(fit.status, condition=self.condition, n=len(used))
-        return self._rated(name, fit, figures, predicted)
+        return self._rate_fit(name, fit, figures, predicted)
 
     def _predictions(self, used: Array) -> ErrorPrediction:
-        """Return that of the points that calibrators get: of one board, or of the host, they are the same."""
+        """Return the prediction for the calibrators' points, which are the same for one board or for the host."""
         if self._predicted[0] is not used:
             self._predicted = used, ErrorPrediction(used)
         return self._predicted[1]
 
     def shape(self, shape: Shape, field: float | None, left_out_percent: float) -> CalibratorFit:
-        """Return what a shape makes of the samples, with the field's strength where it is known, in their unit."""
-        found = fit_shape(self._samples.points, shape, field=field)
-        strong = found.error_strong_iron
+        """Fit and rate a shape, with the field's strength in the samples' unit if it is known."""
+        shape_fit = fit_shape(self._samples.points, shape, field=field)
+        strong = shape_fit.error_strong_iron
         figures = FitFigures(
-            found.fit.status, n=len(self._samples.points), shape=shape,
+            shape_fit.fit.status, n=len(self._samples.points), shape=shape,
             left_out_percent=left_out_percent, strong_iron_deg=None if strong is None else strong.rms_deg,
         )
-        rated = self._rated(str(shape), found.fit, figures, found.error)
-        if found.plane is None or found.arc_deg is None:
+        rated = self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error)
+        if shape_fit.plane is None or shape_fit.arc_deg is None:
             return replace(rated, shape=shape)
-        # A turn covers no part of the sphere.
-        turn = Turn(found.plane.axis, found.plane.tilt_deg, found.arc_deg)
+        # A turn does not cover an area of the sphere.
+        turn = Turn(shape_fit.plane.axis, shape_fit.plane.tilt_deg, shape_fit.arc_deg)
         return replace(rated, shape=shape, coverage=None, turn=turn)
 
-    def _rated(
+    def _rate_fit(
         self, name: str, fit: MagnetometerFit, figures: FitFigures, predicted: DirectionError | None
     ) -> CalibratorFit:
-        """Return a calibration with what is known of it beyond `figures`."""
+        """Return a rated calibration, with further figures besides `figures`."""
         n_used = figures.n or 0
         if not fit.has_fit:
             verdict, reasons = rate(figures)
@@ -86,7 +86,7 @@ class Rating:
             figures,
             residual_percent=residual_of_corrected_percent(corrected),
             axis_ratio=float(np.linalg.cond(fit.soft_iron)),
-            # That of a turn is the part of the field in its plane, which may be any.
+            # The radius of a turn is the field's component in its plane, which may have any size.
             radius_ut=microtesla * radius if whole and microtesla is not None else None,
             direction_error_deg=None if predicted is None else predicted.rms_deg,
             change_percent=None if self._change is None else self._change.percent,

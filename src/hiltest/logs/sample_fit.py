@@ -28,7 +28,7 @@ from hiltest.logs.span import field_change, in_order_of_time
 if TYPE_CHECKING:
     from hiltest.boards.board import Board
 
-#: What to run instead of one calibrator by its name: those of the board, and all that have a reference as well.
+#: Selections instead of one calibrator's name: those of the board, and also all with a reference.
 BOARD, ALL = "board", "all"
 
 
@@ -43,16 +43,16 @@ def fit_on_host(
     calibrator
         A name, `BOARD` or `ALL`.
     robust
-        Leave out what `hiltest.logs.left_out.left_out` finds.
+        Whether to omit the readings of `hiltest.logs.left_out.left_out`.
     any_shape
-        Where all calibrators are refused, fit the shape that the samples allow, if that is not refused.
+        Whether to fit the shape that the samples allow if all calibrators are refused.
     field_ut
-        Strength of the field, where it is known.
+        Strength of the field, if it is known.
 
     Raises
     ------
     ConfigError
-        When a calibrator has no reference, or the unit of the samples is not known and that of the field is.
+        When a calibrator has no reference, or the field is given and the unit of the samples is unknown.
     """
     of_groups = {BOARD: FIRMWARE - FASTER - FOR_COMPARISON, ALL: REFERENCES.keys() - FASTER}
     names = sorted(of_groups.get(calibrator, {calibrator}))
@@ -76,44 +76,45 @@ def fit_on_board(
     board: Board, samples: Samples, calibrator: str = BOARD, *, robust: bool = True, any_shape: bool = True,
     field_ut: float | None = None,
 ) -> SampleFit:  # fmt: skip
-    """Run a board's calibrators over samples, as many as it takes, chosen evenly on the sphere.
+    """Run a board's calibrators over its capacity of samples, chosen evenly on the sphere.
 
     Parameters
     ----------
     board
-        Its point buffer is replaced.
+        Board whose point buffer is replaced.
     calibrator
-        A name as in the board's identity, `BOARD`, or `ALL`: then the references of those that it has not, too.
+        A name as in the board's identity, `BOARD`, or `ALL`, which adds the references of calibrators that the board
+        lacks.
     robust, any_shape, field_ut
-        As for `fit_on_host`; a shape is the host's.
+        See `fit_on_host`; a shape is fitted on the host.
 
     Returns
     -------
     SampleFit
-        Its figures are over all samples that are not left out, so that a verdict is that of the whole file; only the
-        predicted direction error is that of the points which the calibrator got.
+        Result with figures over all samples that are not omitted, so that a verdict applies to the whole file; only the
+        predicted direction error is that of the calibrator's points.
 
     Raises
     ------
     ConfigError
         When the firmware has no such calibrator.
     """
-    from hiltest.procedures.calibrate import calibrate_once  # 0.1 s, which a fit on the host need not wait for
+    from hiltest.procedures.calibrate import calibrate_once  # takes 0.1 s, which a fit on the host does not need
     from hiltest.procedures.cycles import upload_points
 
-    known = board.identity.calibrators
+    calibrators = board.identity.calibrators
     several = calibrator in (BOARD, ALL)
-    if not several and calibrator not in known:
-        raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(known)}")
+    if not several and calibrator not in calibrators:
+        raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(calibrators)}")
     log = _Log(samples, robust, field_ut)
-    kept, scale = log.kept, CountScale.of(log.kept)
-    counts = scale.unrounded(kept.points)
+    rest, scale = log.kept, CountScale.of(log.kept)
+    counts = scale.unrounded(rest.points)
     about = fit_direct(counts)
-    centre = scale.in_unit(about).hard_iron if about.has_fit else kept.points.mean(axis=0)
-    used = kept.points[evenly_on_sphere(kept.points, board.identity.max_points, centre)]
+    centre = scale.in_unit(about).hard_iron if about.has_fit else rest.points.mean(axis=0)
+    used = rest.points[evenly_on_sphere(rest.points, board.identity.max_points, centre)]
     upload_points(board, scale.counts(used))
     fits = []
-    several_names = [name for name in known if calibrator == ALL or name not in FOR_COMPARISON]
+    several_names = [name for name in calibrators if calibrator == ALL or name not in FOR_COMPARISON]
     for name in several_names if several else [calibrator]:
         fit, cost = calibrate_once(board, name, len(used))
         result = log.rating.calibrator(name, scale.in_unit(fit), used)
@@ -122,7 +123,7 @@ def fit_on_board(
         fits.append(replace(result, cycles=cost.cycles if cost else None, cycle_band=band,
                             host_difference_deg=_difference_deg(fit, whole)))
     if calibrator == ALL:
-        others = sorted(REFERENCES.keys() - FASTER - set(known))
+        others = sorted(REFERENCES.keys() - FASTER - set(calibrators))
         fits += [log.reference(name, scale, counts) for name in others]
     rounding = scale.counts(used) / scale.per_unit + scale.origin - used
     firmware = FirmwareUsed(
@@ -135,7 +136,7 @@ def fit_on_board(
 
 
 class _Log:
-    """A log that is being fitted: what of it is left, and how calibrations of that are rated."""
+    """A log during its fit: the remaining samples, and the rating of calibrations."""
 
     def __init__(self, samples: Samples, robust: bool, field_ut: float | None) -> None:
         if field_ut is not None and samples.microtesla is None:
@@ -148,31 +149,31 @@ class _Log:
 
     @property
     def field(self) -> float | None:
-        """Strength of the field in the unit of the samples; None where it is not known."""
+        """Strength of the field in the unit of the samples; None if it is not known."""
         microtesla = self._samples.microtesla
         return None if self._field_ut is None or microtesla is None else self._field_ut / microtesla
 
     def reference(self, name: str, scale: CountScale, counts: Array) -> CalibratorFit:
-        """Return what a reference makes of the log in counts."""
+        """Fit a reference to the log in counts, and rate it."""
         return self.rating.calibrator(name, scale.in_unit(reference(name)(counts)), self.kept.points)
 
     def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
-        """Return what a shape makes of the log."""
+        """Fit a shape to the log, and rate it."""
         return self.rating.shape(shape, field, self._gone.dropped_percent)
 
     def with_shape(self, fits: Sequence[CalibratorFit]) -> Sequence[CalibratorFit]:
-        """Return fits with that of the shape that the samples allow, where they are all refused and it is not."""
+        """Add the fit of the allowed shape if all fits are refused and it is not."""
         if best_of(fits).verdict is not Acceptance.REFUSED:
             return fits
         shape = allowed_shape(self.kept.points)
-        # How much of the field lies in the plane of a turn is not known.
+        # The field's component in the plane of a turn is unknown.
         rated = self.shape(shape, self.field if shape.axes == 3 else None)
         return fits if rated.verdict is Acceptance.REFUSED else [*fits, rated]
 
     def fit(
         self, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit], *, gravity: bool = False
     ) -> SampleFit:
-        """Return the result, with calibrations against gravity where these are asked for and not all are refused."""
+        """Return the result, with calibrations against gravity if they are requested and not all fits are refused."""
         samples, gone, best = self._samples, self._gone, best_of(fits)
         log: AgainstGravity | None = None
         against: list[CalibratorFit] = []
@@ -192,7 +193,7 @@ class _Log:
 
 
 def _difference_deg(fit: MagnetometerFit, whole: MagnetometerFit | None) -> float | None:
-    """Return the angle between a board's calibration and that of all samples; None where one is no ellipsoid's."""
+    """Return the angle between a board's calibration and that of all samples; None if one is not an ellipsoid."""
     if whole is None or {fit.status, whole.status} != {FitStatus.ELLIPSOID}:
         return None
     return direction_difference_rms_deg(fit, whole)

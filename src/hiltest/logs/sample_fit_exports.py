@@ -50,7 +50,7 @@ static const float magnetometer_radius = {radius};
 {accelerometer}
 #endif
 """
-# In the place of `_AXES` and `_SYMMETRIC` where gravity was used.
+# Replacements of `_AXES` and `_SYMMETRIC` if gravity was used.
 _GRAVITY_AXES = "corrected in the accelerometer's axes; soft_iron turns it"
 _GRAVITY = """\
 Calibrated against gravity: the dip of readings that it was not fitted to varies by {dip:.2f} deg. For that the
@@ -115,15 +115,15 @@ def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
 
 
 def _gravity_words(fit: SampleFit) -> dict[str, str]:
-    """Return what a header says of axes, of heading and of the accelerometer."""
-    found, turn = fit.best.gravity, fit.best.turn
-    if found is None or fit.gravity is None or not found.accelerometer_offset or not found.accelerometer_gain:
+    """Return a header's texts about axes, heading and accelerometer."""
+    gravity, turn = fit.best.gravity, fit.best.turn
+    if gravity is None or fit.gravity is None or not gravity.accelerometer_offset or not gravity.accelerometer_gain:
         caution = _SYMMETRIC if turn is None else _TURN.format(axis=turn.axis)
         return {"axes": _AXES, "caution": caution, "accelerometer": ""}
-    caution = _GRAVITY.format(dip=found.held_out_dip_deg, columns=", ".join(map(comment_text, fit.columns)))
+    caution = _GRAVITY.format(dip=gravity.held_out_dip_deg, columns=", ".join(map(comment_text, fit.columns)))
     accelerometer = _ACCELEROMETER.format(
-        unit=fit.gravity.unit, gain_unit=fit.gravity.gain_unit, offset=_row(found.accelerometer_offset),
-        gain=_rows(found.accelerometer_gain),
+        unit=fit.gravity.unit, gain_unit=fit.gravity.gain_unit, offset=_row(gravity.accelerometer_offset),
+        gain=_rows(gravity.accelerometer_gain),
     )  # fmt: skip
     return {"axes": _GRAVITY_AXES, "caution": caution, "accelerometer": accelerometer}
 

@@ -25,11 +25,11 @@ from hiltest.report.svg import Figure
 Array = NDArray[np.float64]
 
 _TONES = {Acceptance.GOOD: "good", Acceptance.FAIR: "warn", Acceptance.POOR: "warn", Acceptance.REFUSED: "bad"}
-# More dots than this hide each other, and make the file large.
+# Maximum number of dots: more would overlap, and make the file large.
 _DRAWN = 2000
 _SIZE, _WIDE = 300.0, 920.0
 _LEFT_OUT = "series-3 hollow"
-# Readings further out than so many half ranges are drawn about their own middle.
+# Distance in half ranges beyond which readings are drawn about their own middle.
 _FAR = 6.0
 
 
@@ -37,7 +37,7 @@ def fit_page(fit: SampleFit, samples: Samples) -> str:
     """Return the page of a fit of samples."""
     return render(
         "sample_fit.html.j2", package="hiltest.logs", told=[*told_reasons(fit), *fit.notes],
-        fit=fit, tone=_TONES[fit.best.verdict], tables=figure_tables(fit), pictures=_pictures(fit, samples),
+        fit=fit, tone=_TONES[fit.best.verdict], tables=figure_tables(fit), pictures=_draw_rows(fit, samples),
         version=__version__,
     )
 
@@ -47,22 +47,24 @@ def write_page(fit: SampleFit, samples: Samples, path: Path) -> None:
     write_asked_for(path, fit_page(fit, samples))
 
 
-def _pictures(fit: SampleFit, samples: Samples) -> list[list[Figure]]:
-    """Return rows of drawings: the cloud before and from three sides, then what is left in time and on the sphere."""
-    dropped = _dropped(fit, samples)
-    corrected = _corrected(fit.best, samples.points)
+def _draw_rows(fit: SampleFit, samples: Samples) -> list[list[Figure]]:
+    """Return rows of figures: the uncorrected cloud, three views of the corrected one, and residuals."""
+    dropped = _dropped_mask(fit, samples)
+    corrected = _corrected_points(fit.best, samples.points)
     if corrected is None:
-        return [[_before(fit, samples.points, dropped)]]
-    after = [_after(_drawn(corrected[~dropped]), fit.best.name, axes) for axes in ("xy", "xz", "yz")]
-    seen = [[_before(fit, samples.points, dropped), *after], [_lengths(corrected, dropped, samples, fit.change)]]
-    # A turn in a plane covers nothing of the sphere.
+        return [[_draw_readings(fit, samples.points, dropped)]]
+    after = [_after(_thin_out(corrected[~dropped]), fit.best.name, axes) for axes in ("xy", "xz", "yz")]
+    rows = [
+        [_draw_readings(fit, samples.points, dropped), *after], [_draw_lengths(corrected, dropped, samples, fit.change)]
+    ]
+    # A turn in a plane does not cover an area of the sphere.
     if fit.best.turn is None:
-        seen.append([coverage_map(corrected[~dropped], _drawn(corrected[~dropped]), fit.hole)])
-    return seen
+        rows.append([coverage_map(corrected[~dropped], _thin_out(corrected[~dropped]), fit.hole)])
+    return rows
 
 
-def _dropped(fit: SampleFit, samples: Samples) -> Mask:
-    """Say of each of the samples whether the fit left it out."""
+def _dropped_mask(fit: SampleFit, samples: Samples) -> Mask:
+    """Return a mask of the samples that the fit omitted."""
     lines = np.arange(1, len(samples.points) + 1) if samples.lines is None else samples.lines
     dropped = np.zeros(len(lines), dtype=bool)
     for first, last in fit.dropped:
@@ -70,23 +72,23 @@ def _dropped(fit: SampleFit, samples: Samples) -> Mask:
     return dropped
 
 
-def _drawn(points: Array) -> Array:
-    """Return every so many of the points, few enough to draw."""
+def _thin_out(points: Array) -> Array:
+    """Return a subset of the points, few enough to draw."""
     return points[:: max(1, -(-len(points) // _DRAWN))]
 
 
-def _corrected(best: CalibratorFit, points: Array) -> Array | None:
-    """Return the corrected points in units of the radius, None without a calibration."""
+def _corrected_points(best: CalibratorFit, points: Array) -> Array | None:
+    """Return the corrected points in units of the radius; None without a calibration."""
     if best.soft_iron is None or best.hard_iron is None or best.radius is None:
         return None
     corrected: Array = (points - best.hard_iron) @ np.array(best.soft_iron).T / best.radius
     return corrected
 
 
-def _before(fit: SampleFit, points: Array, dropped: Mask) -> Figure:
-    """Draw the readings beside the sphere that they should be, or about their own middle where zero is far away."""
-    kept, best = points[~dropped], fit.best
-    corners = [kept.min(axis=0)[:2], kept.max(axis=0)[:2]]
+def _draw_readings(fit: SampleFit, points: Array, dropped: Mask) -> Figure:
+    """Draw the readings with the ideal sphere, or about their own middle if zero is far away."""
+    used_points, best = points[~dropped], fit.best
+    corners = [used_points.min(axis=0)[:2], used_points.max(axis=0)[:2]]
     half = float((corners[1] - corners[0]).max()) / 2.0 or 1.0
     near = float(np.abs(corners).max()) < _FAR * half
     radius = best.radius if near and best.radius is not None and best.radius < _FAR * half else None
@@ -105,10 +107,10 @@ def _before(fit: SampleFit, points: Array, dropped: Mask) -> Figure:
     if radius is not None:
         figure.circle((0, 0), radius, "sphere")
         figure.key.append(KeyEntry("the sphere it should be", "sphere"))
-    figure.dots(_pairs(*_drawn(kept)[:, :2].T), "samples")
+    figure.dots(_pairs(*_thin_out(used_points)[:, :2].T), "samples")
     inside = (np.abs(points[:, :2] - (x, y)) <= reach).all(axis=1) & dropped
     if inside.any():
-        figure.series("left out", _pairs(*_drawn(points[inside])[:, :2].T), mark=Mark.CROSS, mark_style=_LEFT_OUT)
+        figure.series("left out", _pairs(*_thin_out(points[inside])[:, :2].T), mark=Mark.CROSS, mark_style=_LEFT_OUT)
     return figure
 
 
@@ -125,7 +127,7 @@ def _after(points: Array, name: str, axes: str) -> Figure:
     return figure
 
 
-def _lengths(corrected: Array, dropped: Mask, samples: Samples, change: FieldChange | None) -> Figure:
+def _draw_lengths(corrected: Array, dropped: Mask, samples: Samples, change: FieldChange | None) -> Figure:
     """Draw the corrected lengths in time, or in the order of the file: a disturbance shows as a step."""
     lengths = 100.0 * (np.linalg.norm(corrected, axis=1) - 1.0)
     at, unit = instants(samples)
@@ -139,15 +141,17 @@ def _lengths(corrected: Array, dropped: Mask, samples: Samples, change: FieldCha
     )  # fmt: skip
     figure.level(0, "zero")
     both = np.column_stack([at, lengths])
-    figure.dots(_pairs(*_drawn(both[~dropped]).T), "samples")
+    figure.dots(_pairs(*_thin_out(both[~dropped]).T), "samples")
     for start, end in pairwise(np.arange(BLOCKS + 1) * (len(at) - 1) // BLOCKS):
-        kept = lengths[start : end + 1][~dropped[start : end + 1]]
-        if len(kept):
-            figure.line([(float(at[start]), float(kept.mean())), (float(at[end]), float(kept.mean()))], "end")
+        used_lengths = lengths[start : end + 1][~dropped[start : end + 1]]
+        if len(used_lengths):
+            figure.line(
+                [(float(at[start]), float(used_lengths.mean())), (float(at[end]), float(used_lengths.mean()))], "end"
+            )
     figure.key.append(KeyEntry(f"mean of a {BLOCKS}th: the blocks of the direction error", "end"))
     if dropped.any():
-        # At the edge where they are further out.
-        out = np.clip(_drawn(both[dropped]), (-np.inf, -reach), (np.inf, reach))
+        # Clipped to the edge of the figure.
+        out = np.clip(_thin_out(both[dropped]), (-np.inf, -reach), (np.inf, reach))
         figure.series("left out", _pairs(*out.T), mark=Mark.CROSS, mark_style=_LEFT_OUT)
     if change is not None:
         figure.upright(change.at, "the field changed", "limit")

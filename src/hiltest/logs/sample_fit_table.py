@@ -26,19 +26,19 @@ _NAMES = {
     "left_out_percent": "left out", "left_percent": "left of a turn",
 }  # fmt: skip
 WIDTH = 80
-# Columns of calibrators that fit beside each other; more are rows, and on a page tables.
+# Number of calibrators that fit as columns; more become rows, or on a page several tables.
 _MOST_COLUMNS = 5
-# Nearly the same for all calibrators, or of the board alone.
+# Figures that are nearly equal for all calibrators, or only exist on a board.
 _OF_SAMPLES = ("coverage [%]", "condition of the samples", "from all samples [deg]")
-# No one reads more of them.
+# Maximum number of sentences.
 _MOST_DECIMALS = 8
 
 
 def print_fit(fit: SampleFit, console: Console) -> None:
-    """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
+    """Print a summary of the samples, a table of calibrators, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
-    shown = _shown(fit)
+    shown = _select_shown(fit)
     grid = _grid(shown) if len(shown.calibrators) <= _MOST_COLUMNS else _grid_of_rows(shown)
     console.print(grid, width=min(WIDTH, console.width))
     if fit.gravity is not None and not fit.gravity.unused:
@@ -47,15 +47,16 @@ def print_fit(fit: SampleFit, console: Console) -> None:
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
     for style, sentences in (("", told_reasons(fit)), ("dim", iter(fit.notes))):
-        for each in sentences:
-            folded = Text(each, style=style).wrap(console, int(columns)) if columns.isdecimal() else [Text(each, style)]
+        for sentence in sentences:
+            text = Text(sentence, style=style)
+            folded = text.wrap(console, int(columns)) if columns.isdecimal() else [text]
             console.print(*folded, sep="\n", soft_wrap=not console.is_terminal)
 
 
-def _shown(fit: SampleFit) -> SampleFit:
-    """Return a fit without what has a table of its own, and without calibrators that a shape stands in for.
+def _select_shown(fit: SampleFit) -> SampleFit:
+    """Return a fit without results that have a separate table, and without calibrators that a shape replaces.
 
-    These are all refused, for one reason.
+    The latter are all refused for one reason.
     """
     if fit.best.shape:
         return replace(fit, calibrators=(fit.best,), firmware=None)
@@ -67,14 +68,14 @@ def _grid(fit: SampleFit) -> Table:
     grid.add_column("")
     for calibrator in fit.calibrators:
         grid.add_column(escape(calibrator.name), justify="right")
-    grid.add_row("verdict", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fit.calibrators))
+    grid.add_row("verdict", *(Text(result.verdict, style=STYLES[result.verdict]) for result in fit.calibrators))
     for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
     return grid
 
 
 def _grid_of_rows(fit: SampleFit) -> Table:
-    """Return a row for each calibrator, with the figures that tell one from another."""
+    """Return a table with a row per calibrator and the figures that differ."""
     (kind, kinds), *_ = _kind_rows(fit)
     figures = [row for row in _number_rows(fit) if row[0] not in _OF_SAMPLES]
     cycles = [("cycles", [format_number(calibrator.cycles) for calibrator in fit.calibrators])] if fit.firmware else []
@@ -83,22 +84,24 @@ def _grid_of_rows(fit: SampleFit) -> Table:
         grid.add_column(label, no_wrap=label != kind)
     for label, _ in (*figures, *cycles):
         grid.add_column(escape(label.removeprefix("direction ").replace(" ", "\n")), justify="right", no_wrap=True)
-    for index, each in enumerate(fit.calibrators):
+    for index, result in enumerate(fit.calibrators):
         cells = (kinds[index], *(cells[index] for _, cells in (*figures, *cycles)))
-        grid.add_row(escape(each.name), Text(each.verdict, style=STYLES[each.verdict]), *map(escape, cells))
+        grid.add_row(escape(result.name), Text(result.verdict, style=STYLES[result.verdict]), *map(escape, cells))
     return grid
 
 
 def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
-    """Return what the accelerometer shows of rotations, beside the norms alone, which show none."""
-    grid, fits = Table(box=SIMPLE_HEAD, pad_edge=False), [each for each in fit.calibrators if each.gravity is not None]
+    """Return a table of fits against gravity beside norms alone, which cannot show a rotation."""
+    grid, fits = Table(box=SIMPLE_HEAD, pad_edge=False), [
+        result for result in fit.calibrators if result.gravity is not None
+    ]
     grid.add_column(f"against gravity, {log.n_pairs} pairs")
-    for name in ("norms alone", *(each.name for each in fits)):
+    for name in ("norms alone", *(result.name for result in fits)):
         grid.add_column(escape(name), justify="right")
-    grid.add_row("verdict", "", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fits))
+    grid.add_row("verdict", "", *(Text(result.verdict, style=STYLES[result.verdict]) for result in fits))
     (label, spreads), *others = _gravity_rows(fits)
     grid.add_row(escape(label), _number(log.norms_held_out_dip_deg, ".2f"), *spreads)
-    for label, cells in (*others, ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits])):
+    for label, cells in (*others, ("residual [%]", [_number(result.residual_percent, ".2f") for result in fits])):
         grid.add_row(escape(label), "", *cells)
     return grid
 
@@ -114,7 +117,7 @@ def _gravity_rows(fits: Sequence[CalibratorFit]) -> list[tuple[str, list[str]]]:
 
 @dataclass(frozen=True, slots=True)
 class FigureTable:
-    """Figures of some calibrators beside each other: of each row a label, and a text for each calibrator."""
+    """Figures of some calibrators as columns: each row has a label, and a text per calibrator."""
 
     caption: str
     fits: tuple[CalibratorFit, ...]
@@ -122,7 +125,7 @@ class FigureTable:
 
 
 def figure_tables(fit: SampleFit) -> list[FigureTable]:
-    """Return the figures of a fit, hard and soft iron among them; those against gravity apart, as six do not fit."""
+    """Return the figures of a fit with hard and soft iron; those against gravity separately, because six do not fit."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
     norms = tuple(calibrator for calibrator in fit.calibrators if calibrator.gravity is None)
     tables = []
@@ -132,7 +135,7 @@ def figure_tables(fit: SampleFit) -> list[FigureTable]:
         further = ", continued" if first else ""
         tables.append(FigureTable(f"What each calibrator fits to the samples{further}", part.calibrators, rows))
     if fit.gravity is not None and not fit.gravity.unused:
-        against = replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity), firmware=None)
+        against = replace(fit, calibrators=tuple(result for result in fit.calibrators if result.gravity), firmware=None)
         caption = "Against gravity"
         if fit.gravity.norms_held_out_dip_deg is not None:
             caption += f"; with norms alone the dip varies by {fit.gravity.norms_held_out_dip_deg:.2f} deg"
@@ -158,13 +161,13 @@ def _iron_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
 def _number_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     fits = fit.calibrators
     return [
-        (f"radius [{fit.unit}]", [_number(each.radius, ".4g") for each in fits]),
-        ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits]),
-        ("coverage [%]", [_number(each.coverage and 100 * each.coverage, ".0f") for each in fits]),
-        ("axis ratio", [_number(each.axis_ratio, ".3f") for each in fits]),
+        (f"radius [{fit.unit}]", [_number(result.radius, ".4g") for result in fits]),
+        ("residual [%]", [_number(result.residual_percent, ".2f") for result in fits]),
+        ("coverage [%]", [_number(result.coverage and 100 * result.coverage, ".0f") for result in fits]),
+        ("axis ratio", [_number(result.axis_ratio, ".3f") for result in fits]),
         ("condition of the samples", [_number(fit.condition, ".4g")] * len(fits)),
-        ("direction error [deg]", [_number(each.direction_error_deg, ".2f") for each in fits]),
-        *([("from all samples [deg]", [_number(each.host_difference_deg, ".2f") for each in fits])]
+        ("direction error [deg]", [_number(result.direction_error_deg, ".2f") for result in fits]),
+        *([("from all samples [deg]", [_number(result.host_difference_deg, ".2f") for result in fits])]
           if fit.firmware is not None else []),
     ]  # fmt: skip
 
@@ -173,19 +176,19 @@ def _cycle_rows(fit: SampleFit, label: str) -> list[tuple[str, list[str]]]:
     if fit.firmware is None:
         return []
     fits = fit.calibrators
-    rows = [(label, ["not counted" if each.cycles is None else format_number(each.cycles) for each in fits])]
-    if any(each.cycle_band for each in fits):
-        rows.append(
-            ("cycles, lowest", [format_number(each.cycle_band.low if each.cycle_band else None) for each in fits])
-        )
-        rows.append(
-            ("cycles, highest", [format_number(each.cycle_band.high if each.cycle_band else None) for each in fits])
-        )
+    rows = [(label, ["not counted" if result.cycles is None else format_number(result.cycles) for result in fits])]
+    if any(result.cycle_band for result in fits):
+        rows.append((
+            "cycles, lowest", [format_number(result.cycle_band.low if result.cycle_band else None) for result in fits]
+        ))
+        rows.append((
+            "cycles, highest", [format_number(result.cycle_band.high if result.cycle_band else None) for result in fits]
+        ))
     return rows
 
 
 def _best(fit: SampleFit) -> list[str]:
-    """Return hard and soft iron of the best calibrator: those of all would not fit beside each other."""
+    """Return hard and soft iron of the best calibrator only, because all would not fit."""
     best = fit.best
     lines = [f"cycles counted by {fit.firmware.cycle_model}"] if fit.firmware and best.shape is None else []
     if best.hard_iron is not None and best.soft_iron is not None:
@@ -197,40 +200,40 @@ def _best(fit: SampleFit) -> list[str]:
 
 
 def _accelerometer(fit: SampleFit) -> list[str]:
-    """Return the accelerometer's calibration, without which one against gravity is worth nothing."""
-    found = fit.best.gravity
-    if found is None or fit.gravity is None or not found.accelerometer_gain or not found.accelerometer_offset:
+    """Return the accelerometer's calibration, which a calibration against gravity needs."""
+    gravity = fit.best.gravity
+    if gravity is None or fit.gravity is None or not gravity.accelerometer_gain or not gravity.accelerometer_offset:
         return []
-    offset = " ".join(format(value, ".4g") for value in found.accelerometer_offset)
+    offset = " ".join(format(value, ".4g") for value in gravity.accelerometer_offset)
     units = escape(f"[{fit.gravity.unit}]"), escape(f"[{fit.gravity.gain_unit}]")
     return [
         f"  in the axes of the accelerometer: offset {units[0]} {offset}; gain {units[1]}",
-        *(f"  {' '.join(format(value, '9.4g') for value in row)}" for row in found.accelerometer_gain),
+        *(f"  {' '.join(format(value, '9.4g') for value in row)}" for row in gravity.accelerometer_gain),
     ]
 
 
 def told_reasons(fit: SampleFit) -> Iterator[str]:
-    """Yield each reason once, with the calibrators that it is of where it is not of all.
+    """Yield each reason once, with its calibrators if it does not apply to all.
 
-    Of calibrators that a shape stands in for only why they are all refused is told.
+    For calibrators that a shape replaces, only the common reason is given.
     """
-    found: dict[tuple[object, ...], list[tuple[str, Reason]]] = {}
+    by_reason: dict[tuple[object, ...], list[tuple[str, Reason]]] = {}
     for calibrator in fit.calibrators:
         for reason in calibrator.reasons:
             same = (reason.figure, reason.threshold, reason.unit, reason.verdict, reason.meaning)
-            found.setdefault(same, []).append((calibrator.name, reason))
+            by_reason.setdefault(same, []).append((calibrator.name, reason))
     count, best = len(fit.calibrators), fit.best
-    for named in found.values():
+    for named in by_reason.values():
         names, values = [name for name, _ in named], [reason.value for _, reason in named]
-        told = len(names) == count - 1 and named[0][1].verdict is Acceptance.REFUSED
-        if best.shape and best.name not in names and not told:
+        is_common = len(names) == count - 1 and named[0][1].verdict is Acceptance.REFUSED
+        if best.shape and best.name not in names and not is_common:
             continue
         line = reason_line(named[0][1], values[:1] if len(set(values)) == 1 else values)
         yield line if len(names) == count and len(set(values)) == 1 else f"{', '.join(names)}: {line}"
 
 
 def reason_line(reason: Reason, values: Sequence[float | str] = ()) -> str:
-    """Return one reason of a verdict as a sentence, of one calibrator or with the `values` of several."""
+    """Return one reason of a verdict as a sentence, for one calibrator or with the `values` of several."""
     if isinstance(reason.value, str) or isinstance(reason.threshold, str):
         if reason.figure == "shape":
             return f"fitted by '{reason.value}', not by '{reason.threshold}' ({reason.verdict}): {reason.meaning}."
@@ -238,7 +241,7 @@ def reason_line(reason: Reason, values: Sequence[float | str] = ()) -> str:
     shown = ", ".join(f"{value:.4g}" for value in values or (reason.value,))
     name = _NAMES[reason.figure]
     side = "above" if reason.value > reason.threshold else "below"
-    unit = f" {reason.unit}" if reason.unit and reason.figure != "n" else ""  # a number of points has said it
+    unit = f" {reason.unit}" if reason.unit and reason.figure != "n" else ""  # the text already counts points
     limit = f"{reason.threshold:g}{unit} ({reason.verdict})"
     return f"{name} {shown}{unit} is {side} {limit}: {reason.meaning}{'' if reason.meaning.endswith('?') else '.'}"
 
@@ -247,13 +250,13 @@ def _number(value: float | None, how: str) -> str:
     return "-" if value is None else format(value, how)
 
 
-def _hard_iron(each: CalibratorFit) -> str:
-    """Return an offset with the resolution of four digits of the radius, however large the offset is."""
-    if each.hard_iron is None or not each.radius:
+def _hard_iron(fit: CalibratorFit) -> str:
+    """Format an offset with a resolution of four digits of the radius, regardless of its size."""
+    if fit.hard_iron is None or not fit.radius:
         return "-"
-    decimals = max(0, 3 - math.floor(math.log10(each.radius)))
+    decimals = max(0, 3 - math.floor(math.log10(fit.radius)))
     how = f".{decimals}f" if decimals <= _MOST_DECIMALS else ".4g"
-    return " ".join(format(value, how) for value in each.hard_iron)
+    return " ".join(format(value, how) for value in fit.hard_iron)
 
 
 def _row(values: tuple[float, float, float]) -> str:

@@ -33,7 +33,7 @@ Reals = NDArray[np.float64]
 # 24 MB of numbers, and three hours of a sensor at 80 Hz.
 MAX_ROWS = 1_000_000
 _AXES = 3
-# Nanoseconds of 3000 years: the largest time that a clock gives.
+# Largest time of a clock: 3000 years in nanoseconds.
 _LATEST = 1e20
 
 
@@ -43,46 +43,46 @@ class Samples:
 
     path: Path
     points: Reals
-    """Shape (n, 3). In `unit`, sensor frame, in the order of the file."""
+    """Shape (n, 3). Readings in `unit`, sensor frame, in the order of the file."""
     unit: Unit
     unit_from: str
-    """``option``, ``header``, or ``assumed`` when neither names it."""
+    """Source of the unit: ``option``, ``header``, or ``assumed``."""
     columns: tuple[str, str, str]
     """Names of the three columns, or their numbers from 1."""
     skipped: int
-    """Rows without three finite numbers."""
+    """Number of rows without three finite numbers."""
     lines: NDArray[np.int64] | None = None
-    """Shape (n,), or None. Line of the file of each sample. None: not from a file."""
+    """Shape (n,), or None. Line of each sample in the file; None without a file."""
     time_s: Reals | None = None
-    """Shape (n,), or None. Time of each sample, not decreasing [s]. None where no column is one of time, or its
-    times go back."""
+    """Shape (n,), or None. Time of each sample, not decreasing [s]; None without a column of time, or if it
+    decreases."""
     acceleration: Reals | None = None
-    """Shape (n, 3), or None. What the accelerometer read in the same rows, in `acceleration_unit`, its own axes;
-    NaN in a row without three numbers of it. None where the file has none."""
+    """Shape (n, 3), or None. Accelerometer readings of the same rows, in `acceleration_unit`, its own axes; NaN in a
+    row without three numbers. None without an accelerometer."""
     acceleration_unit: AccelerationUnit = AccelerationUnit.COUNTS
     preamble: int = 0
-    """Lines before the table that are no part of it."""
+    """Number of lines before the table."""
     start: float = 0.0
-    """Of a part of a log: how long after the log's first reading it begins [s], or after how many without times."""
+    """Start of a part after the log's first reading [s], or as a number of readings without times."""
     notes: tuple[str, ...] = ()
-    """What was skipped, recognised or assumed in the file, a sentence each."""
+    """Remarks on skipped, recognised or assumed content of the file, one sentence each."""
 
     @property
     def microtesla(self) -> float | None:
-        """Size of one `unit` [uT], None when it is unknown."""
+        """Size of one `unit` [uT]; None if unknown."""
         return MICROTESLA[self.unit]
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Which columns are what."""
+    """Columns of a table and their meaning."""
 
     places: tuple[int, int, int]
     names: tuple[str, str, str]
     accelerometer: tuple[int, ...]
     accelerometer_names: tuple[str, ...]
     strict: bool
-    """Whether a cell of the accelerometer that is no number is refused: where an option names its columns."""
+    """Whether to refuse accelerometer cells that are not numbers, because an option names the columns."""
     time: tuple[int, float] | None
     notes: tuple[str, ...]
 
@@ -95,18 +95,18 @@ def read_samples(
     Parameters
     ----------
     path
-        As `hiltest.recordings.table.open_table` takes it.
+        File, see `hiltest.recordings.table.open_table`.
     columns
-        ``a,b,c``, names or numbers from 1; by default those that the header calls a magnetometer's.
+        ``a,b,c``, names or numbers from 1; by default the header's magnetometer columns.
     unit
-        By default what the header says, else counts.
+        Unit, by default from the header, otherwise counts.
     accelerometer_columns
-        As `columns`; by default those that the header calls an accelerometer's, where these are three.
+        Like `columns`; by default the header's accelerometer columns, if there are three.
 
     Raises
     ------
     ConfigError
-        When there is no such table in the file; names file, line and column.
+        When there is no such table in the file; the message has file, line and column.
     """
     table = open_table(path)
     try:
@@ -141,8 +141,8 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
     if accelerometer_columns is not None:
         accelerometer = named_columns(accelerometer_columns, headers, width, option="--accelerometer-columns")
     else:
-        triples = [each for stem, each in axis_triples(headers).items()
-                   if ACCELEROMETER_STEM.search(stem) and not set(each) & set(places)]
+        triples = [triple for stem, triple in axis_triples(headers).items()
+                   if ACCELEROMETER_STEM.search(stem) and not set(triple) & set(places)]
         accelerometer = triples[0] if len(triples) == 1 else ()
     times = [(place, scale_s) for place, header in enumerate(headers)
              if (scale_s := seconds_of(header)) is not None and place not in places]
@@ -152,16 +152,16 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
 
 
 def _acceleration_unit(layout: _Layout) -> AccelerationUnit:
-    """Return the unit that the header names; only its ratio to itself matters, so an unknown one is as good."""
+    """Return the unit in the header; only ratios matter, so an unknown unit is sufficient."""
     try:
-        found = unit_in_headers(layout.accelerometer_names, ACCELERATION_WORDS, "--accelerometer-columns")
+        unit = unit_in_headers(layout.accelerometer_names, ACCELERATION_WORDS, "--accelerometer-columns")
     except ConfigError:
         return AccelerationUnit.COUNTS
-    return found or AccelerationUnit.COUNTS
+    return unit or AccelerationUnit.COUNTS
 
 
 def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], int]:
-    """Return a row a sample: x, y, z, the accelerometer's where there is one, the time; their lines; rows skipped."""
+    """Return one row per sample: x, y, z, the accelerometer's if present, the time; their lines; the skipped rows."""
     path, values, lines, skipped = table.path, array("d"), array("q"), 0
     places, largest = [*layout.places, *layout.accelerometer], [LARGEST_READING] * (_AXES + len(layout.accelerometer))
     if layout.time is not None:
@@ -174,7 +174,7 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], i
             _refuse_too_many(path, lines)
             continue
         reading = [
-            number_in(path, row, place, name, what="magnetometer reading")
+            number_in(path, row, place, name, quantity="magnetometer reading")
             for place, name in zip(layout.places, layout.names, strict=True)
         ]
         if not all(map(math.isfinite, reading)):
@@ -198,13 +198,13 @@ def _refuse_too_many(path: Path, lines: Sized) -> None:
 
 def _acceleration(path: Path, row: TableRow, layout: _Layout) -> list[float]:
     if layout.strict:
-        return [number_in(path, row, place, name, what="accelerometer reading")
+        return [number_in(path, row, place, name, quantity="accelerometer reading")
                 for place, name in zip(layout.accelerometer, layout.accelerometer_names, strict=True)]
     return [number_or_nan(row.cells[place], LARGEST_READING) for place in layout.accelerometer]
 
 
 def _rising(times: Reals, column: tuple[int, float] | None) -> Reals | None:
-    """Return times in seconds, of arrival without a column; None where one is missing or before the one before it."""
+    """Return times in seconds, of arrival without a column; None if one is missing or they decrease."""
     if not bool((np.diff(times, prepend=times[0]) >= 0.0).all()):
         return None
     return times if column is None else times * column[1]

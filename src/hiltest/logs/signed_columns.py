@@ -15,18 +15,20 @@ from hiltest.recordings.columns import Unit
 def read_signed_samples(
     path: Path, *, columns: str | None = None, unit: Unit | None = None, accelerometer_columns: str | None = None
 ) -> Samples:
-    """Read samples as `read_samples` does; a minus in front of one of the magnetometer's columns negates it.
+    """Read samples like `read_samples`; a minus before one of the magnetometer's columns negates it.
 
     Raises
     ------
     ConfigError
-        As `read_samples`.
+        See `read_samples`.
     """
-    names = [each.strip() for each in next(csv.reader([columns or ""], skipinitialspace=True), [])]
-    signs = [-1.0 if each.startswith("-") else 1.0 for each in names]
+    names = [name.strip() for name in next(csv.reader([columns or ""], skipinitialspace=True), [])]
+    signs = [-1.0 if name.startswith("-") else 1.0 for name in names]
     if min(signs, default=1.0) > 0.0:
         return read_samples(path, columns=columns, unit=unit, accelerometer_columns=accelerometer_columns)
-    bare = ",".join(f'"{name}"' if "," in name else name for name in (each.removeprefix("-") for each in names))
+    bare = ",".join(
+        f'"{name}"' if "," in name else name for name in (signed_name.removeprefix("-") for signed_name in names)
+    )
     read = read_samples(path, columns=bare, unit=unit, accelerometer_columns=accelerometer_columns)
     x, y, z = (f"-{name}" if sign < 0.0 else name for name, sign in zip(read.columns, signs, strict=True))
     return replace(read, points=read.points * np.array(signs), columns=(x, y, z))

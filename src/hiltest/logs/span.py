@@ -12,8 +12,8 @@ from hiltest.calibration.robust import repeats
 from hiltest.errors import ConfigError
 from hiltest.logs.samples import Samples
 
-# Of the median distance between any two readings. In no order the ratio is 1, within 0.2 for 40 readings; a sensor that
-# turns by 45 degrees between two has 0.55.
+# Limit of the median distance of neighbours relative to that of any two readings. Without order the ratio is 1, within
+# 0.2 for 40 readings; a sensor that turns by 45 degrees between readings has 0.55.
 _CLOSER, _FEWEST_ORDERED = 0.75, 40
 
 
@@ -22,11 +22,11 @@ class FieldChange:
     """A step of the hard iron in the middle of a log."""
 
     at: float
-    """When: seconds from the first reading of the file, or the number of the reading, from 1, without times."""
+    """Instant: seconds from the first reading of the file, or without times the number of the reading, from 1."""
     at_unit: str
     """``s`` or ``reading``."""
     percent: float
-    """Length of the step, of the radius."""
+    """Length of the step relative to the radius."""
 
     @property
     def when(self) -> str:
@@ -35,7 +35,7 @@ class FieldChange:
 
 
 def instants(samples: Samples) -> tuple[NDArray[np.float64], str]:
-    """Return when each was read, shape (n,): seconds from the log's first reading, or numbers from 1 without times."""
+    """Return the instant of each reading, shape (n,): seconds from the log's first, or numbers from 1 without times."""
     times = samples.time_s
     if times is None or not times[-1] > times[0]:
         return samples.start + np.arange(1.0, len(samples.points) + 1.0), "reading"
@@ -43,7 +43,7 @@ def instants(samples: Samples) -> tuple[NDArray[np.float64], str]:
 
 
 def between(samples: Samples, first: float | None, last: float | None) -> Samples:
-    """Return the readings from `first` up to, and without, `last`; both as `instants` gives them.
+    """Return the readings from `first` up to but excluding `last`; both as in `instants`.
 
     Raises
     ------
@@ -52,20 +52,20 @@ def between(samples: Samples, first: float | None, last: float | None) -> Sample
     """
     at, unit = instants(samples)
     low, high = at[0] if first is None else first, np.inf if last is None else last
-    kept = np.flatnonzero((at >= low) & (at < high))
-    if not len(kept):
+    selected = np.flatnonzero((at >= low) & (at < high))
+    if not len(selected):
         raise ConfigError(
             f"{samples.path}: no reading from {low:g} to {high:g}; there are some from {at[0]:g} to {at[-1]:g} "
             f"({'seconds from the first' if unit == 's' else 'numbers of the readings, as no column has their time'})"
         )
-    start = float(at[kept[0]]) - (0.0 if unit == "s" else 1.0)
-    return replace(rows(samples, kept), start=start)
+    start = float(at[selected[0]]) - (0.0 if unit == "s" else 1.0)
+    return replace(rows(samples, selected), start=start)
 
 
-def rows(samples: Samples, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Samples:
-    """Return some of the readings with all that is known of each."""
+def rows(samples: Samples, selected: NDArray[np.intp] | NDArray[np.bool_]) -> Samples:
+    """Return some of the readings with all their attributes."""
     of_rows = {
-        name: value[kept]
+        name: value[selected]
         for name in ("points", "lines", "time_s", "acceleration")
         if (value := getattr(samples, name)) is not None
     }
@@ -73,16 +73,16 @@ def rows(samples: Samples, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Sample
 
 
 def in_order_of_time(samples: Samples) -> bool:
-    """Say whether a reading is closer to the next than to any other, as in a log of a sensor that turns."""
+    """Return whether a reading is closer to the next than to any other, as in a log of a sensor that turns."""
     points = samples.points
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    # Any other: at a fixed distance in time a turn that repeats would be where it was.
+    # Any other reading, because at a fixed distance in time a periodic turn would repeat.
     others = np.linalg.norm(points - np.random.default_rng(0).permutation(points), axis=1)
     return len(points) < _FEWEST_ORDERED or float(np.median(steps)) < _CLOSER * float(np.median(others))
 
 
 def field_change(samples: Samples) -> FieldChange | None:
-    """Return the step of the hard iron that explains the samples best, None where none does."""
+    """Return the step of the hard iron that explains the samples best; None if none does."""
     row = _change(samples.points)
     if row is None:
         return None
@@ -91,17 +91,17 @@ def field_change(samples: Samples) -> FieldChange | None:
 
 
 def steady(samples: Samples) -> tuple[float, float]:
-    """Return the longest part in which no change is found: its first instant, and the first one behind it."""
+    """Return the longest part without a change: its first instant, and the first one after it."""
     at, _ = instants(samples)
-    parts, found = [(0, len(samples.points))], [(0, 0)]
+    parts, changes = [(0, len(samples.points))], [(0, 0)]
     while parts:
         start, end = parts.pop()
         change = _change(samples.points[start:end])
         if change is None:
-            found.append((start, end))
+            changes.append((start, end))
         else:
             parts += [(start, start + change[0]), (start + change[0], end)]
-    start, end = max(found, key=lambda part: part[1] - part[0])
+    start, end = max(changes, key=lambda part: part[1] - part[0])
     return float(at[start]), float(at[end]) if end < len(at) else np.inf
 
 

@@ -1,7 +1,7 @@
-"""The rate of sampling behind a log's time stamps, and where samples are missing.
+"""Sampling rate of a log's time stamps, and gaps.
 
-Stamps are as a computer sees samples arrive: late, or some at once as a packet brings them. That is jitter. Samples are
-missing where time passes that those behind do not make up for.
+Stamps are arrival times at a computer: late, or several at once in a packet. This is jitter. Samples are missing after
+a delay that later samples do not make up for.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 Reals = NDArray[np.float64]
 
-#: A step longer than so many usual waits may be a gap.
+#: Multiple of the usual wait above which a step may be a gap.
 GAP = 1.5
-# Packets and a clock of whole seconds come more often; what is switched on and off does not.
+# Longest wait: packets and a clock of whole seconds are more frequent; a sensor that is switched off is not.
 _LONGEST_WAIT_S = 2.0
 _FEWEST_WAITS = 10
-# What comes faster has its time in another unit.
+# Shortest wait: faster samples have their time in another unit.
 _SHORTEST_WAIT_S = 1e-6
-# So many waits, and twice the step, are what late samples take to catch up.
+# Time in which late samples catch up: this many waits, plus twice the step.
 _CATCH_UP = 10
 
 
@@ -28,13 +28,13 @@ def gaps(time_s: Reals) -> NDArray[np.int64]:
     Parameters
     ----------
     time_s : shape (n,)
-        Not decreasing.
+        Times, not decreasing.
 
     Notes
     -----
-    Behind a gap every stamp is later than by the samples before it; behind a late sample they soon are not. So of the
-    stamps less the even ones the least before and behind a long step are compared: more than half a wait is a gap. A
-    single sample that is lost out of a packet is less, and not seen.
+    After a gap all stamps are late relative to the samples before it; after a late sample they soon are not. So the
+    minima of stamps minus even ones before and after a long step are compared: a difference above half a wait is a gap.
+    The loss of a single sample in a packet is smaller, and not detected.
     """
     steps_s = np.diff(time_s)
     wait_s = _usual_wait_s(steps_s)
@@ -42,18 +42,18 @@ def gaps(time_s: Reals) -> NDArray[np.int64]:
     if not len(long) or wait_s < _SHORTEST_WAIT_S:
         return np.zeros(0, dtype=np.int64)
     period_s = _period_s(time_s, wait_s)
-    found = _not_caught_up(time_s, long, wait_s, period_s)
-    # By the parts between, the period is known far better.
-    edges = np.concatenate([[0], found, [len(time_s)]])
+    gap_places = _not_caught_up(time_s, long, wait_s, period_s)
+    # The parts between gaps determine the period far better.
+    edges = np.concatenate([[0], gap_places, [len(time_s)]])
     passed_s = time_s[edges[1:] - 1] - time_s[edges[:-1]]
     period_s = float(passed_s.sum()) / max(1, len(time_s) - len(edges) + 1) or period_s
     return _not_caught_up(time_s, long, wait_s, period_s)
 
 
 def even_stamps(time_s: Reals) -> tuple[float, float]:
-    """Return the rate of a part without gaps [Hz], and by how much its stamps are off an even rate at most [s].
+    """Return the rate of a part without gaps [Hz], and the largest deviation of its stamps from an even rate [s].
 
-    The rate is that of the straight line through all stamps: in bursts the first and the last say little.
+    The rate is the slope of the line through all stamps, because in bursts the first and the last are inaccurate.
     """
     number = np.arange(len(time_s)) - 0.5 * (len(time_s) - 1)
     since_s = time_s - time_s.mean()
@@ -62,7 +62,7 @@ def even_stamps(time_s: Reals) -> tuple[float, float]:
 
 
 def _usual_wait_s(steps_s: Reals) -> float:
-    """Return how long it usually is until another stamp; of bursts, from one to the next."""
+    """Return the usual wait until another stamp; for bursts, from one to the next."""
     waits_s = steps_s[(steps_s > GAP * np.percentile(steps_s, 25)) & (steps_s <= _LONGEST_WAIT_S)]
     passed_s = steps_s[steps_s <= _LONGEST_WAIT_S].sum()
     in_bursts = len(waits_s) >= _FEWEST_WAITS and waits_s.sum() > 0.5 * passed_s
@@ -70,7 +70,7 @@ def _usual_wait_s(steps_s: Reals) -> float:
 
 
 def _period_s(time_s: Reals, wait_s: float) -> float:
-    """Return roughly the time between samples: of ten waits together, the lower quartile, which has no gap in it."""
+    """Return the approximate time between samples: from the lower quartile of ten-wait sums, which has no gap."""
     steps_s = np.diff(time_s)
     usual = steps_s[steps_s <= GAP * wait_s]
     together = min(len(steps_s), max(_CATCH_UP, round(_CATCH_UP * wait_s * len(usual) / max(usual.sum(), wait_s))))
@@ -81,11 +81,11 @@ def _not_caught_up(time_s: Reals, long: NDArray[np.int64], wait_s: float, period
     n = len(time_s)
     late_s = time_s - period_s * np.arange(n)
     usual = round(min(n, _CATCH_UP * wait_s / period_s)) + 1
-    found, last = [], 0
+    places, last = [], 0
     for at in long.tolist():
         behind = usual + round(min(n, 2.0 * (time_s[at] - time_s[at - 1]) / period_s))
         before = max(last, at - usual)
         if late_s[at : at + behind].min() - late_s[before:at].min() > (GAP - 1.0) * wait_s:
-            found.append(at)
+            places.append(at)
             last = at
-    return np.array(found, dtype=np.int64)
+    return np.array(places, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""How far the fusion filter trusts its sensors."""
+"""Noise settings of the fusion filter."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class FusionNoise:
-    """Noise of the sensors, as the filter assumes it."""
+    """Assumed noise of the sensors in the filter."""
 
     rate_dps_rthz: float
-    """Density of the rate's noise [deg/s per root hertz]; the gyroscope's other errors must find room in it."""
+    """Density of the rate's noise [deg/s per root hertz], including an allowance for the gyroscope's other errors."""
     tilt_deg: float
     heading_deg: float
     """Standard deviation of one TRIAD attitude about a level axis, and about the vertical."""
     gate_g: float = 0.1
-    """Gravity is used when its norm is 1 g within this."""
+    """Largest deviation of gravity's norm from 1 g at which it is used."""
 
 
 def heading_sigma_deg(*, field_sigma: float, tilt_deg: float, dip_deg: float) -> float:
@@ -33,8 +33,8 @@ def heading_sigma_deg(*, field_sigma: float, tilt_deg: float, dip_deg: float) ->
 
     Notes
     -----
-    Noise of the field is seen over its horizontal part; an error of tilt moves the vertical part
-    into the horizontal plane: ``(field_sigma / cos(dip))^2 + (tilt tan(dip))^2``.
+    Noise of the field acts relative to its horizontal part; an error of tilt moves the vertical part into the
+    horizontal plane: ``(field_sigma / cos(dip))^2 + (tilt tan(dip))^2``.
     """
     dip = math.radians(dip_deg)
     return math.hypot(math.degrees(field_sigma) / math.cos(dip), tilt_deg * math.tan(dip))

@@ -1,8 +1,8 @@
 """Quaternions of attitude, in float64.
 
-A quaternion is (x, y, z, w), scalar last, as in Mucciaccia's thesis, equation (11).
-One of attitude has norm 1 and takes body components to the earth frame (NED):
-``v_ned = q v q*``, the product being Hamilton's. q and -q are one attitude.
+A quaternion is (x, y, z, w), scalar last, as in Mucciaccia's thesis, equation (11). An attitude quaternion has norm 1
+and converts body components to the earth frame (NED): ``v_ned = q v q*``, the product being Hamilton's. q and -q are
+one attitude.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def from_ned_axes(axes: ArrayLike) -> Quaternion:
     Parameters
     ----------
     axes : shape (3, 3)
-        Takes body components to north, east and down: its rows are these directions as the body sees them.
+        Matrix from body components to north, east and down: its rows are these directions in the body frame.
 
     Notes
     -----
-    Each element of the quaternion's outer square is a sum of elements of the matrix. The row of its
-    largest diagonal element is used, so that nothing small is divided by (Shepperd 1978).
+    Each element of the quaternion's outer square is a sum of elements of the matrix. The row of its largest diagonal
+    element is used, to avoid division by a small number (Shepperd 1978).
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(axes, dtype=np.float64)
     # Four times the outer square, in the order x, y, z, w.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hiltest.angles import Matrix, Pose, wrap_360
 from hiltest.errors import CalibrationError
 
-# Sine of the angle between gravity and field below which a heading would be noise; the firmware has the same.
+# Sine of the angle between gravity and field below which a heading would be noise; the firmware has the same limit.
 SMALLEST_SINE = 1e-3
 Vector: TypeAlias = np.ndarray[tuple[int], np.dtype[np.float64]]
 
@@ -63,17 +63,17 @@ def earth_axes(gravity: ArrayLike, field: ArrayLike) -> Matrix:
     Parameters
     ----------
     gravity, field : shape (3,)
-        As in `tilt_heading`.
+        See `tilt_heading`.
 
     Returns
     -------
     ndarray, shape (3, 3)
-        Orthonormal rows: the matrix takes body components to the earth frame.
+        Orthonormal rows: the matrix from body components to the earth frame.
 
     Raises
     ------
     DegenerateFieldError
-        As `tilt_heading` does.
+        See `tilt_heading`.
     """
     down = _unit(gravity, "gravity")
     toward = _unit(field, "field")
@@ -86,7 +86,7 @@ def earth_axes(gravity: ArrayLike, field: ArrayLike) -> Matrix:
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
-    """Return the cross product of two vectors; numpy's takes 20 us of each heading, for arrays of any shape."""
+    """Return the cross product of two vectors; numpy's general one would take 20 us of each heading."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 

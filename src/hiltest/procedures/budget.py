@@ -1,8 +1,8 @@
 """The largest effort of a calibrator within a budget of clock cycles.
 
-Every calibrator has something that it can do less of: a closed form gets fewer points, one that iterates makes
-fewer sweeps, a streaming one has received fewer points. That is its effort. What a few steps add to
-a closed form, as in `corrected`, is no effort to save: it gets fewer points too.
+The effort of a calibrator is the quantity that it can reduce: the points of a closed form, the sweeps of an iterative
+one, the received points of a streaming one. A closed form with a few further steps, such as `corrected`, also reduces
+its points.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from hiltest.procedures.streams import Fed, feed, stage
 
 # Numbers of points of a curve: dense where the error falls.
 _LADDER = (9, 10, 11, 12, 14, 16, 18, 20, 24, 28, 30, 35, 40, 50, 60, 70, 80, 90, 100, 120, 150, 200, 250)
-# And of sweeps, of which a descent takes hundreds.
+# Numbers of sweeps of a curve; a descent takes hundreds.
 _SWEEPS = (*range(1, 9), *_LADDER, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000, 7000)
-# Sweeps do not all cost the same, and one that ends without an ellipsoid costs its sphere, too: at most so many are
-# looked for beyond what the mean of all affords.
+# Sweeps differ in cost, and a fit without an ellipsoid also costs its sphere: largest number of sweeps to try beyond
+# the number that the mean cost allows.
 _BEYOND_THE_MEAN = 4
 
 
@@ -49,24 +49,24 @@ class Effort:
     calibrator: str
     kind: EffortKind
     effort: int
-    """How much of that."""
+    """Amount of that effort."""
     points: int
-    """Points that it was offered: the whole."""
+    """Points that were offered."""
     cycles: int
-    """Core cycles that it took. Of a stream, all points so far and the answer together."""
+    """Core cycles that it took; for a stream, those of all points so far and of the answer."""
     fit: MagnetometerFit
-    """What came of it, as the board computed it in float32 [counts]."""
+    """Result, as the board computed it in float32 [counts]."""
 
 
 def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
-    """Run a calibrator with more and more effort on the first points of the board's buffer.
+    """Run a calibrator with increasing effort on the first points of the board's buffer.
 
     Parameters
     ----------
     board
-        Holding the points, in an order of which every beginning is as good as any.
+        Board with the points, in an order whose prefixes are all equally well spread.
     calibrator
-        Name from the board's identity, of a streaming calibrator or another.
+        Name from the board's identity, streaming or not.
     points
         Number of points; the largest effort gets all of them.
 
@@ -89,21 +89,22 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
     Parameters
     ----------
     board, calibrator, points
-        As `effort_curve` has them.
+        See `effort_curve`.
     cycles
         The budget.
 
     Raises
     ------
     CalibrationError
-        When even the cheapest effort costs more; says how much.
+        When even the cheapest effort costs more; the message has its cost.
     DeviceError
         When the board's core counts no cycles.
     """
     scale = _scale(board, calibrator, points)
     largest = _most_taken_within(board, calibrator, cycles, points) if scale.is_stream else scale.most_within(cycles)
     cheapest: Effort | None = None
-    # From above, one by one: an ellipsoid that is refused costs its sphere fit too, so that less effort may cost more.
+    # Linear search from above, because a refused ellipsoid also costs its sphere fit, so that less effort may cost
+    # more.
     for effort in range(largest, scale.smallest - 1, -1):
         tried = _run(board, calibrator, scale, effort, points)
         if tried.cycles <= cycles:
@@ -120,7 +121,7 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """Range of the effort of a calibrator; of sweeps the cycles of one, and of each further one in the mean."""
+    """Range of a calibrator's effort; for sweeps also the cycles of the first, and the mean of each further one."""
 
     kind: EffortKind
     smallest: int
@@ -133,7 +134,7 @@ class _Scale:
         return self.kind is EffortKind.POINTS_SO_FAR
 
     def most_within(self, cycles: int) -> int:
-        """Return an effort that none within a budget exceeds."""
+        """Return an upper bound of the effort within a budget."""
         if self.kind is not EffortKind.SWEEPS:
             return self.largest
         further = max(0, int((cycles - self.once) / self.per_sweep))
@@ -158,7 +159,7 @@ def _run(board: Board, calibrator: str, scale: _Scale, effort: int, points: int)
     if scale.kind is EffortKind.POINTS:
         fit, cost = calibrate_once(board, calibrator, effort)
     else:
-        # All the sweeps it makes by itself are no limit: it then finds that it has converged.
+        # The number of sweeps that it makes by itself is not a limit, because it still has to detect convergence.
         fit, cost = calibrate_once(board, calibrator, points, iterations=0 if effort == scale.largest else effort)
     return Effort(calibrator, scale.kind, effort, points, cycles_of(cost), fit)
 
@@ -166,10 +167,10 @@ def _run(board: Board, calibrator: str, scale: _Scale, effort: int, points: int)
 def _stream_efforts(board: Board, calibrator: str, sizes: Sequence[int], points: int) -> list[Effort]:
     """Feed a streaming calibrator, and read its state whenever one of `sizes` is reached; they increase.
 
-    A point that it refuses is the end: there is no effort beyond.
+    A refused point ends the curve.
     """
     board.session.request(StreamReset(calibrator))
-    found, spent, at = [], 0, 0
+    efforts, spent, at = [], 0, 0
     for size in sizes:
         fed = feed(board, calibrator, at, size - at)
         spent += sum(_step_cycles(fed))
@@ -177,18 +178,18 @@ def _stream_efforts(board: Board, calibrator: str, sizes: Sequence[int], points:
         if fed.taken:
             asked = stage(board, calibrator, at)
             cycles = spent + cycles_of(asked.state.cost)
-            found.append(Effort(calibrator, EffortKind.POINTS_SO_FAR, at, points, cycles, asked.fit))
+            efforts.append(Effort(calibrator, EffortKind.POINTS_SO_FAR, at, points, cycles, asked.fit))
         if fed.refused is not StreamStatus.OK:
             break
-    return found
+    return efforts
 
 
 def _most_taken_within(board: Board, calibrator: str, cycles: int, points: int) -> int:
-    """Return how many points a stream calibrator takes for so many cycles, its answer not counted; one at least."""
+    """Return how many points a stream calibrator processes in `cycles`, without its answer; at least 1."""
     board.session.request(StreamReset(calibrator))
     fed = feed(board, calibrator, 0, points)
     spent = accumulate(_step_cycles(fed))
-    return min(max(sum(each <= cycles for each in spent), 1), fed.taken)
+    return min(max(sum(total <= cycles for total in spent), 1), fed.taken)
 
 
 def _step_cycles(fed: Fed) -> list[int]:

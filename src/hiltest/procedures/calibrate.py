@@ -32,26 +32,26 @@ class CalibratorRun:
     """One calibrator's answer on the board."""
 
     name: str
-    """As it was asked for, ``direct`` or ``direct@100``."""
+    """Name as requested, ``direct`` or ``direct@100``."""
     slot: int
-    """Where the board keeps the calibration."""
+    """Slot of the calibration on the board."""
     n: int
     """Points used."""
     result: MagnetometerFit
-    """As the board computed it, in float32."""
+    """Calibration, as the board computed it in float32."""
     cost: RunCost | None
-    """Core cycles of the run and of an empty call; None when the core counts none."""
+    """Core cycles of the run and of an empty call; None without a cycle counter."""
     residual_percent: float
     """``100 rms(|C (m - o)| - 1)`` over the n points, computed on the host."""
     residual_predicted_percent: float
-    """What the noise that the rig declares leaves by itself."""
+    """Residual that the declared noise alone leaves."""
     offset_error_ut: float | None
     rotation_left_deg: float | None
-    """Against the truth; None where there is none: "not offered"."""
+    """Errors against the truth; None without a truth: "not offered"."""
 
     @property
     def calibrator(self) -> str:
-        """Its name in the board's identity."""
+        """Name in the board's identity."""
         return self.name.partition("@")[0]
 
     @property
@@ -81,8 +81,8 @@ class CalibratorRun:
 
     @property
     def coverage(self) -> float | None:
-        """Largest M_ii / d_i of the pivots; None when the calibrator has no such number."""
-        # It is at least 1 where there is one: d_i is M_ii less squares.
+        """Largest M_ii / d_i of the pivots; None for calibrators without it."""
+        # The ratio is at least 1, because d_i is M_ii minus squares.
         return self.result.coverage or None
 
     @property
@@ -94,19 +94,19 @@ class CalibratorRun:
 def calibrate_once(
     board: Board, name: str, n: int, *, iterations: int = 0
 ) -> tuple[MagnetometerFit, RunCost | None]:
-    """Run one calibrator on the first n points in the board's buffer, and keep its result nowhere.
+    """Run one calibrator on the first n points in the board's buffer, without storing its result.
 
     Parameters
     ----------
     iterations
-        How many it may make; 0 is its own limit.
+        Maximum number of iterations; 0 for its own limit.
 
     Returns
     -------
     fit : MagnetometerFit
-        As the board computed it, in float32 [counts].
+        Fit, as the board computed it in float32 [counts].
     cost : RunCost or None
-        None when the core counts no cycles.
+        Cost; None without a cycle counter.
     """
     reply = board.timed(Calibrate(n, name, iterations=iterations), name)
     return fit_of(reply), reply.cost
@@ -114,30 +114,30 @@ def calibrate_once(
 
 def fit_of(reply: CalibrateReply | StreamStateReply) -> MagnetometerFit:
     """Return the fit of a calibrator on the board [counts, body frame]."""
-    found = reply.calibration
+    calibration = reply.calibration
     return MagnetometerFit(
-        reply.fit, reply.is_sphere, reply.iterations, found.soft_iron, found.hard_iron, reply.coverage
+        reply.fit, reply.is_sphere, reply.iterations, calibration.soft_iron, calibration.hard_iron, reply.coverage
     )
 
 
 def run_calibrators(
     board: Board, tumble: Tumble, *, calibrators: Sequence[str], n: int = 100, progress: Progress | None = None
 ) -> dict[str, CalibratorRun]:
-    """Run each calibrator on the first points, and keep its result in a slot of its own.
+    """Run each calibrator on the first points, and store its result in its own slot.
 
     Parameters
     ----------
     board
-        Holding the points of `tumble`. Slot 0 becomes the identity: no calibration.
+        Board with the points of `tumble`. Slot 0 becomes the identity: no calibration.
     calibrators
-        Names as in the board's identity. One may say how many points it gets: ``direct@100``.
+        Names as in the board's identity, optionally with a number of points: ``direct@100``.
     n
-        Points each of the others gets.
+        Number of points for the others.
 
     Returns
     -------
     dict of str to CalibratorRun
-        Runs by these names, in their order.
+        Runs by these names, in the same order.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def run_calibrators(
     """
     tell = progress or silent
     asked = {name: (name.partition("@")[0], number_of_points(name) or n) for name in calibrators}
-    missing = [each for each, _ in asked.values() if each not in board.identity.calibrators]
+    missing = [calibrator for calibrator, _ in asked.values() if calibrator not in board.identity.calibrators]
     if missing:
         raise CalibrationError(
             f"the firmware has no calibrator {', '.join(missing)}; it has {', '.join(board.identity.calibrators)}"
@@ -167,15 +167,15 @@ def run_calibrators(
 
 
 def store_untrimmed(board: Board, runs: Mapping[str, CalibratorRun], *, first_slot: int) -> dict[str, int]:
-    """Put calibrations into further slots without that of the accelerometer; return the slots by name.
+    """Store calibrations in further slots without the accelerometer's; return the slots by name.
 
-    The names are theirs with `UNTRIMMED` behind. They show the headings of the same magnetometer calibration
-    with an accelerometer as it left its factory.
+    The names have the suffix `UNTRIMMED`. These slots give the headings of the same magnetometer calibration with an
+    accelerometer in factory state.
 
     Raises
     ------
     CalibrationError
-        When there are not slots enough.
+        When there are not enough slots.
     """
     slots = {}
     usable = [(name, run) for name, run in runs.items() if run.usable]
@@ -195,12 +195,12 @@ def calibrator_run(
     board: Board, name: str, slot: int, points: NDArray[np.int16] | NDArray[np.float64], result: MagnetometerFit,
     cost: RunCost | None, *, parameters: int, readings: int = 1,
 ) -> CalibratorRun:
-    """Compare a calibration with the points it was fitted to, and with the truth where it is known.
+    """Compare a calibration with the points it was fitted to, and with the truth if it is known.
 
     Parameters
     ----------
     points : shape (n, 3)
-        Counts, or means of `readings` of them.
+        Counts, or means of `readings` samples each.
     parameters
         Number of parameters of the fit.
     """
@@ -242,11 +242,10 @@ def predicted_residual_percent(sigma_ut: float, field_ut: float, n: int, *, para
 
     Notes
     -----
-    To first order the norm of a calibrated point errs by the noise along the field,
-    sigma / B. The counts add a uniform rounding error of variance q^2 / 12. A least-squares fit
-    of p parameters leaves n - p degrees of freedom, and the residual is a mean over n:
-    ``100 sqrt((sigma^2 + q^2/12) (n - p) / n) / B``. Terms of second order, sigma^2 / B^2, are
-    below 1 % of it at sigma = 0.4 uT.
+    To first order the norm of a calibrated point errs by the noise along the field, sigma / B. Quantisation adds a
+    uniform error of variance q^2 / 12. A least-squares fit of p parameters leaves n - p degrees of freedom, and the
+    residual is a mean over n: ``100 sqrt((sigma^2 + q^2/12) (n - p) / n) / B``. Terms of second order, sigma^2 / B^2,
+    are below 1 % of it at sigma = 0.4 uT.
     """
     if n <= parameters:
         raise ValueError(f"{n} points for {parameters} parameters: no residual is left to predict")

@@ -12,9 +12,9 @@ from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.link.replies import MICROTESLA_PER_COUNT
 
-# Each stands for 2 degrees of the sphere about it: the cap is found that much too small at worst.
+# Directions 2 degrees apart, so the cap is at worst that much too small.
 _DIRECTIONS = sphere_directions(5000)
-# A board that lies still gives a ball of noise, and a sphere fits that as well, but not with the field as its radius.
+# A board at rest gives a ball of noise, which a sphere fits too, but not with the field as its radius.
 _RADIUS_WITHIN = 2.0
 
 
@@ -31,17 +31,16 @@ def largest_uncovered_cap_deg(points: ArrayLike, *, field_ut: float) -> float:
     Returns
     -------
     float
-        0 to 180; 180 while the points do not show yet where the middle of the sphere is.
+        Radius, 0 to 180; 180 while the points do not determine the centre of the sphere.
 
     Notes
     -----
-    Directions are seen from the centre of the sphere that fits the points best. The middle of
-    their range will not do: a patch looks all round from its own middle.
+    Directions are seen from the centre of the sphere that fits the points best. The middle of their range would not do:
+    seen from its own middle, a patch covers all directions.
 
-    An operator can act on this cap, and a fit cannot know of it: nothing determines the ellipsoid where
-    no point is. It does not depend on cells that would have to suit the number
-    of points (of 100 equal cells 100 random points fill 63). Random points over
-    the whole sphere leave 30 degrees at n = 100, 18 at 300; evenly spread ones 16 and 9.
+    An operator can act on this cap, and a fit cannot detect it: no point determines the ellipsoid there. It does not
+    depend on cells whose size would have to suit the number of points (100 random points fill 63 of 100 equal cells).
+    Random points over the whole sphere leave 30 degrees at n = 100, 18 at 300; evenly spread ones 16 and 9.
     """
     counts = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     sphere = fit_sphere(counts, FitStatus.NOT_AN_ELLIPSOID)
@@ -69,9 +68,9 @@ def sphere_coverage(points: ArrayLike, *, field_ut: float) -> float:
 
     Notes
     -----
-    ``(1 + cos cap) / 2``: points on a part of the sphere with a cap left out give that part, as
-    the thesis' generator and the calibrators' own coverage figures speak of it (within 0.02 for 100 points
-    and a soft iron of 3 %). 100 random points over the whole sphere give 0.93. For an operator who turns a board, not
-    for a verdict: the calibrators use their own pivots.
+    ``(1 + cos cap) / 2``: points on the sphere without a cap give the share of the rest, in the sense of the thesis'
+    generator and the calibrators' own coverage figures (within 0.02 for 100 points and a soft iron of 3 %). 100 random
+    points over the whole sphere give 0.93. The figure is for an operator who turns a board, not for a verdict: the
+    calibrators use their own pivots.
     """
     return (1.0 + math.cos(math.radians(largest_uncovered_cap_deg(points, field_ut=field_ut)))) / 2.0

@@ -44,37 +44,37 @@ class CycleCost:
 
     calibrator: str
     model: str
-    """Numbers of different models are never compared."""
+    """Cycle model. Counts of different models are never compared."""
     n: int
-    """Points of `total` and `spread`."""
+    """Number of points of `total` and `spread`."""
     total: int
     """Cycles at n points of golden point set 0."""
     per_point: float
     fixed: float
     regression_residual: float
-    """Least-squares line of cycles over n, and the rms of what it leaves; of a calibrator that makes its steps with
-    n points, over those sizes with which it makes them too. How many iterations it takes says more about a point
-    set than about n: one that is mostly iterations makes a single one at each size, and the line is without it, so
-    ``total`` is near ``per_point * n + fixed + per_iteration * iterations``."""
+    """Least-squares line of cycles over n, and the rms of its residuals; for a calibrator that makes its steps with n
+    points, only over sizes at which it makes them too. The number of iterations depends more on the point set than on
+    n: a calibrator with mostly iterations makes a single one at each size, and the line excludes it, so ``total`` is
+    near ``per_point * n + fixed + per_iteration * iterations``."""
     spread: int
     """Largest minus smallest over the point sets, each at n points."""
     instructions: int | None
-    """Instructions of the same run as `total`; None where they are not counted: "not offered"."""
+    """Instructions of the same run as `total`; None if they are not counted: "not offered"."""
     band: CycleRange | None
-    """Uncertainty range of `total`; None where it is unknown."""
+    """Uncertainty range of `total`; None if unknown."""
     iterations: int
     """Sweeps or steps of the same run as `total`, 0 for a closed form."""
     per_iteration: float | None
-    """Cycles of one more of them on the same points, the mean of all but the first; None when there are not two."""
+    """Cycles of one further iteration on the same points, the mean of all but the first; None with fewer than two."""
     sizes: Ints
     cycles: Ints
-    """Shape (k,). What whole calls take, each with as many iterations as it needs."""
+    """Shape (k,). Cycles of complete calls, each with the iterations that it needs."""
     unchecked: str = ""
-    """Why the board did not check what the firmware reports; empty where it did, or executes nothing."""
+    """Reason why the board did not check the firmware's count; empty if it did, or does not execute the firmware."""
 
     @property
     def is_mostly_iterations(self) -> bool:
-        """Whether iterations are most of its cost, and not a few steps after a closed form."""
+        """Whether iterations are most of its cost, instead of a few steps after a closed form."""
         return _is_mostly_iterations(self.per_iteration, self.iterations, self.total)
 
     @property
@@ -86,7 +86,7 @@ class CycleCost:
 
     @property
     def no_sweeps(self) -> str:
-        """Reason why its iterations are not counted as sweeps; empty where they are most of its cost."""
+        """Reason why its iterations are not counted as sweeps; empty if they are most of its cost."""
         return "" if self.is_mostly_iterations else "its iterations are not most of what it costs"
 
 
@@ -115,8 +115,8 @@ def fit_line(x: ArrayLike, y: ArrayLike) -> CostLine:
     dx = xs - xs.mean()
     slope = float((dx * ys).sum() / (dx * dx).sum())
     intercept = float(ys.mean() - slope * xs.mean())
-    left = ys - (slope * xs + intercept)
-    return CostLine(slope, intercept, float(np.sqrt((left * left).mean())))
+    residuals = ys - (slope * xs + intercept)
+    return CostLine(slope, intercept, float(np.sqrt((residuals * residuals).mean())))
 
 
 def upload_points(board: Board, points: NDArray[np.int16]) -> None:
@@ -143,15 +143,15 @@ def measure_cycles(
     Parameters
     ----------
     board
-        Its point buffer is replaced.
+        Board whose point buffer is replaced.
     calibrators
-        Each runs on every point set that is uploaded.
+        Names of calibrators; each runs on every uploaded point set.
     n
-        Points of the total and of the spread.
+        Number of points of the total and of the spread.
     point_sets
-        How many point sets the spread is over, at least 1.
+        Number of point sets of the spread, at least 1.
     sizes
-        Numbers of points that the regression is over.
+        Numbers of points of the regression.
 
     Raises
     ------
@@ -160,9 +160,8 @@ def measure_cycles(
 
     Notes
     -----
-    On a virtual board more than half of the wall time goes into the firmware's receiving the
-    points, 60 kB over its UART. No byte of it is saved: the spread is over different points, and
-    on a real board they come the same way.
+    On a virtual board the firmware's reception of the points, 60 kB over its UART, takes more than half of the wall
+    time. This cannot be reduced: the spread needs different points, and a real board receives them the same way.
     """
     if board.identity.cycle_source is CycleSource.NONE:
         raise no_cycle_counter()
@@ -172,17 +171,17 @@ def measure_cycles(
     for done, (size, index) in enumerate(work):
         tell("cycles", done, len(work))
         upload_points(board, golden_points(size, index=index))
-        for name, found in counted.items():
-            run = found.runs[size, index] = _count(board, size, name)
+        for name, counts in counted.items():
+            run = counts.runs[size, index] = _count(board, size, name)
             if (size, index) == (n, 0):
-                found.instructions = instructions_of(board, run.cost)
-                found.band = board.cycle_range(run.cost, name)
-                found.per_iteration = _per_iteration(board, size, name, run)
-            whole = found.runs[n, 0]
-            if index == 0 and _is_mostly_iterations(found.per_iteration, whole.iterations, whole.cost.cycles):
-                found.once[size] = _count(board, size, name, iterations=1).cost.cycles
+                counts.instructions = instructions_of(board, run.cost)
+                counts.band = board.cycle_range(run.cost, name)
+                counts.per_iteration = _per_iteration(board, size, name, run)
+            whole = counts.runs[n, 0]
+            if index == 0 and _is_mostly_iterations(counts.per_iteration, whole.iterations, whole.cost.cycles):
+                counts.once[size] = _count(board, size, name, iterations=1).cost.cycles
     tell("cycles", len(work), len(work))
-    return {name: _cost(board, name, n, sizes, found) for name, found in counted.items()}
+    return {name: _cost(board, name, n, sizes, counts) for name, counts in counted.items()}
 
 
 def _is_mostly_iterations(per_iteration: float | None, iterations: int, total: int) -> bool:
@@ -204,14 +203,14 @@ def _count(board: Board, n: int, calibrator: str, *, iterations: int = 0) -> Cou
 
 
 def cycles_of(cost: RunCost | None) -> int:
-    """Return the cycles of a timed run; raise a DeviceError where the core counts none."""
+    """Return the cycles of a timed run; raise a DeviceError without a cycle counter."""
     if cost is None:
         raise no_cycle_counter()
     return cost.cycles
 
 
 def no_cycle_counter() -> DeviceError:
-    """Return what to raise where a number of cycles is needed and the core counts none."""
+    """Return the error for a required cycle count on a core without a counter."""
     return DeviceError(
         "CALIBRATE", Status.NO_CYCLE_COUNTER.name,
         "this core counts no cycles, so the cost of a calibrator is unknown; "
@@ -220,7 +219,7 @@ def no_cycle_counter() -> DeviceError:
 
 
 def instructions_of(board: Board, cost: RunCost) -> int | None:
-    """Count the instructions of a timed run, those of the empty call beside it subtracted."""
+    """Count the instructions of a timed run, minus those of the empty call."""
     whole = board.instructions_counted(cost.cycles + cost.overhead_cycles)
     empty = board.instructions_counted(cost.overhead_cycles)
     return None if whole is None or empty is None else whole - empty
@@ -256,13 +255,13 @@ def _cost(board: Board, name: str, n: int, sizes: Sequence[int], counted: _Count
 def _line_of_the_rest(
     sizes: Sequence[int], runs: Sequence[CountedRun], once: Mapping[int, int], per_iteration: float
 ) -> CostLine:
-    """Fit the line to what is left of runs with one iteration, without it."""
+    """Fit the line to runs with one iteration, minus that iteration."""
     of_sizes = [
         (run.cost.cycles - once[size]) / (run.iterations - 1)
         for size, run in zip(sizes, runs, strict=True) if run.iterations > 1
     ]
     if len(of_sizes) == len(sizes) and of_sizes[-1] > 2.0 * of_sizes[0]:  # an iteration goes over all points
-        return fit_line(sizes, [once[size] - each for size, each in zip(sizes, of_sizes, strict=True)])
+        return fit_line(sizes, [once[size] - cycles for size, cycles in zip(sizes, of_sizes, strict=True)])
     line = fit_line(sizes, [once[size] for size in sizes])
     return replace(line, intercept=line.intercept - per_iteration)
 

@@ -1,4 +1,4 @@
-"""Calibrate the magnetometer against gravity on the board, from the tumble's pairs or still poses; and its cost."""
+"""Calibration of the magnetometer against gravity on the board, from pairs or still poses, and its cost."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from hiltest.procedures.tumble import Tumble
 
 DPI = "dpi"
 DPI_POSES = "dpi-poses"
-# From the fewest pairs that are fitted to the most that a board's buffer has.
+# Numbers of pairs, from the fewest that can be fitted to the capacity of a board's buffer.
 DPI_SIZES = (PAIRS_MINIMUM, 400, 500)
 
 
@@ -36,34 +36,34 @@ class DpiRun:
     """Calibration that the board made from field and gravity."""
 
     run: CalibratorRun
-    """The calibration, compared with points and truth as every other one."""
+    """The calibration, compared with points and truth like any other."""
     n_used: int
-    """Rows of the least squares; those that were there when it was refused."""
+    """Rows of the least squares; of a refused fit, the rows until then."""
     dip_deg: float | None
     strength_ut: float | None
-    """Dip and strength of the field from the data; None where they cannot be found."""
+    """Dip and strength of the field from the data; None if undetermined."""
     standard_error_percent: float | None
     """Standard error of one dot product, in parts of the field's strength."""
 
 
 def fit_tumble(board: Board, tumble: Tumble, *, slot: int, dip_deg: float | None = None) -> DpiRun:
-    """Let the board fit all pairs of a tumble, and keep the calibration in a slot.
+    """Let the board fit all pairs of a tumble, and store the calibration in a slot.
 
     Parameters
     ----------
     board
-        Holding the pairs of `tumble`. Gravity is corrected by the accelerometer calibration of slot 0, which `slot`
-        gets as well.
+        Board with the pairs of `tumble`. Gravity is corrected by the accelerometer calibration of slot 0, which is
+        copied to `slot`.
     dip_deg
         Declared inclination of the field; without it the board estimates it.
     """
     reply = board.session.request(FitDpi(len(tumble.points), UNCALIBRATED_SLOT, dip_deg=dip_deg))
-    found = _found(board, DPI, reply, tumble.points, slot)
-    if found.run.usable:
+    fit = _dpi_run(board, DPI, reply, tumble.points, slot)
+    if fit.run.usable:
         accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
-        board.session.request(SetCalibration(slot, found.run.soft_iron, found.run.hard_iron))
+        board.session.request(SetCalibration(slot, fit.run.soft_iron, fit.run.hard_iron))
         board.session.request(SetAccelerometer(slot, accelerometer.gain, accelerometer.offset))
-    return found
+    return fit
 
 
 def fit_still_poses(board: Board, n: int, *, dip_deg: float | None = None) -> DpiRun:
@@ -72,18 +72,19 @@ def fit_still_poses(board: Board, n: int, *, dip_deg: float | None = None) -> Dp
     Parameters
     ----------
     board
-        Holding them, of 16 readings at least. Gravity is corrected by the accelerometer calibration of slot 0.
+        Board with the poses, of at least 16 readings each. Gravity is corrected by the accelerometer calibration of
+        slot 0.
     n
-        At least 38 are fitted.
+        Number of poses, at least 38.
     dip_deg
-        As for `fit_tumble`.
+        See `fit_tumble`.
     """
     poses = stored_poses(board, n)
     reply = board.session.request(FitDpi(n, UNCALIBRATED_SLOT, source=DpiSource.POSES, dip_deg=dip_deg))
-    return _found(board, DPI_POSES, reply, np.array([pose.magnetometer for pose in poses]), None)
+    return _dpi_run(board, DPI_POSES, reply, np.array([pose.magnetometer for pose in poses]), None)
 
 
-def _found(
+def _dpi_run(
     board: Board, name: str, reply: DpiReply, points: NDArray[np.int16] | ArrayLike, slot: int | None
 ) -> DpiRun:
     calibration = reply.calibration
@@ -108,11 +109,11 @@ def measure_dpi_cycles(
     Parameters
     ----------
     board
-        Its point buffer is replaced.
+        Board whose point buffer is replaced.
     point_sets
-        How many the spread is over, each at the first size; at least 1.
+        Number of point sets of the spread, each at the first size; at least 1.
     sizes
-        Numbers of pairs that the line is over; `total` is at the first.
+        Numbers of pairs of the line; `total` is at the first.
 
     Raises
     ------

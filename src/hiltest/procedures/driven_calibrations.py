@@ -1,4 +1,4 @@
-"""Calibrations whose points are taken while the field is disturbed, and what becomes of them afterwards."""
+"""Calibrations from points of a disturbed field, and their recovery afterwards."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from hiltest.procedures.streams import StreamStage, feed, stage
 from hiltest.procedures.tumble import Tumble, collect_tumble
 from hiltest.procedures.turntables import Turntable
 
-# Of a disturbance that lasts for longer, and after its end. A solver of the firmware that runs once in 750 points runs
-# once and twice in these, of 300.
+# Number of tumbles in a longer disturbance, and after its end. A solver of the firmware that runs once per 750 points
+# runs once and twice in these, of 300 points each.
 _MOST_TUMBLES = 4
 _TUMBLES_AFTER = 6
 _LOOK_S = 0.1
@@ -31,12 +31,12 @@ _PATIENCE_S = 600.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivenStage:
-    """What a streaming calibrator knows at the end of a tumble."""
+    """Result of a streaming calibrator at the end of a tumble."""
 
     disturbed: bool
     """Whether the field was disturbed when the tumble began."""
     time_s: float
-    """Since the disturbance began, and once it is over since its end."""
+    """Time since the start of the disturbance, or since its end."""
     stage: StreamStage
 
 
@@ -45,17 +45,17 @@ class DrivenCalibrations:
     """Calibrations from points of a disturbed field."""
 
     fit: MagnetometerFit
-    """From the first points of the first tumble that was disturbed."""
+    """Calibration from the first points of the first disturbed tumble."""
     residual_percent: float
-    """By these points."""
+    """Its heading errors."""
     begun_before: Mapping[str, list[DrivenStage]]
-    """Of each streaming calibrator that had an undisturbed tumble first, after each tumble that followed."""
+    """Stages of each streaming calibrator that received an undisturbed tumble first, one per later tumble."""
     begun_disturbed: Mapping[str, list[DrivenStage]]
-    """Of each one that began with the disturbed tumbles."""
+    """Stages of each streaming calibrator that started with the disturbed tumbles."""
 
 
-class _Taken(NamedTuple):
-    """A tumble, whether its field was disturbed, and when it was over since that began or ended [s]."""
+class _TimedTumble(NamedTuple):
+    """A tumble, whether its field was disturbed, and its end since the disturbance began or ended [s]."""
 
     tumble: Tumble
     disturbed: bool
@@ -70,67 +70,67 @@ def calibrate_while_driving(
     Parameters
     ----------
     board
-        Its buffer holds an undisturbed tumble, and does so afterwards.
+        Board whose buffer holds an undisturbed tumble, which is restored afterwards.
     tumble
-        That one.
+        Undisturbed tumble in the board's buffer.
     calibrator
-        Which fits the first n points of the first disturbed tumble.
+        Calibrator for the first n points of the first disturbed tumble.
 
     Returns
     -------
     DrivenCalibrations
-        The streaming calibrators get the same points twice: once behind those of the undisturbed tumble.
+        Results; the streaming calibrators receive the same points twice, once after those of the undisturbed tumble.
 
     Raises
     ------
     BenchError
-        When nothing disturbs the field within ten minutes, or something does for as long.
+        When no disturbance starts within ten minutes, or none ends.
     """
     tell = progress or silent
     steps = _MOST_TUMBLES + _TUMBLES_AFTER + 2
-    taken: list[_Taken] = []
+    tumbles: list[_TimedTumble] = []
 
     def take(began_s: float, *, disturbed: bool) -> None:
-        tell("driving, calibrations", len(taken), steps)
-        found = collect_tumble(board, turntable, points=len(tumble.points))
-        taken.append(_Taken(found, disturbed, board.now_s() - began_s))
+        tell("driving, calibrations", len(tumbles), steps)
+        collected = collect_tumble(board, turntable, points=len(tumble.points))
+        tumbles.append(_TimedTumble(collected, disturbed, board.now_s() - began_s))
 
     began_s = _wait(board, disturbed=True)
     take(began_s, disturbed=True)
     fit, _ = calibrate_once(board, calibrator, n)
-    while is_disturbed(board) and len(taken) < _MOST_TUMBLES:
+    while is_disturbed(board) and len(tumbles) < _MOST_TUMBLES:
         take(began_s, disturbed=True)
     ended_s = _wait(board, disturbed=False)
     for _ in range(_TUMBLES_AFTER):
         take(ended_s, disturbed=False)
     tell("driving, calibrations", steps - 2, steps)
-    begun_disturbed = _stream(board, taken)
+    begun_disturbed = _stream_tumbles(board, tumbles)
     tell("driving, calibrations", steps - 1, steps)
-    begun_before = _stream(board, [_Taken(tumble, False, 0.0), *taken])
+    begun_before = _stream_tumbles(board, [_TimedTumble(tumble, False, 0.0), *tumbles])
     upload_pairs(board, tumble.points, tumble.accelerometer)
     tell("driving, calibrations", steps, steps)
     return DrivenCalibrations(
-        fit, residual_percent(taken[0].tumble.points[:n], fit),
+        fit, residual_percent(tumbles[0].tumble.points[:n], fit),
         {name: stages[1:] for name, stages in begun_before.items()}, begun_disturbed,
     )
 
 
-def _stream(board: Board, taken: Sequence[_Taken]) -> dict[str, list[DrivenStage]]:
-    """Give the points to the streaming calibrators, in the order of their time, and look at these after each tumble."""
-    found: dict[str, list[DrivenStage]] = {name: [] for name in board.identity.stream_calibrators}
-    for name in found:
+def _stream_tumbles(board: Board, tumbles: Sequence[_TimedTumble]) -> dict[str, list[DrivenStage]]:
+    """Feed the points to the streaming calibrators in the order of time, and read their results after each tumble."""
+    by_name: dict[str, list[DrivenStage]] = {name: [] for name in board.identity.stream_calibrators}
+    for name in by_name:
         board.session.request(StreamReset(name))
-    for each in taken:
-        in_time = np.argsort(each.tumble.taken)
-        upload_pairs(board, each.tumble.points[in_time], each.tumble.accelerometer[in_time])
-        for name, stages in found.items():
+    for entry in tumbles:
+        in_time = np.argsort(entry.tumble.taken)
+        upload_pairs(board, entry.tumble.points[in_time], entry.tumble.accelerometer[in_time])
+        for name, stages in by_name.items():
             feed(board, name, 0, len(in_time))
-            stages.append(DrivenStage(each.disturbed, each.time_s, stage(board, name, len(in_time))))
-    return found
+            stages.append(DrivenStage(entry.disturbed, entry.time_s, stage(board, name, len(in_time))))
+    return by_name
 
 
 def is_disturbed(board: Board) -> bool:
-    """Whether anything disturbs the field of a virtual board now."""
+    """Return whether the field of a virtual board is disturbed now."""
     table, now_s = board.stage, board.virtual_seconds
     if table is None or now_s is None:
         raise BenchError("what disturbs the field is known of a virtual board only")
@@ -139,7 +139,7 @@ def is_disturbed(board: Board) -> bool:
 
 
 def _wait(board: Board, *, disturbed: bool) -> float:
-    """Let time pass until the field is disturbed, or no longer; return when that is, by the board's clock [s]."""
+    """Let time pass until the field is disturbed, or undisturbed; return that time by the board's clock [s]."""
     began_s = board.now_s()
     while is_disturbed(board) is not disturbed:
         if board.now_s() > began_s + _PATIENCE_S:

@@ -1,4 +1,4 @@
-"""Heading while the field is disturbed: the fusion filter runs through it, beside each of its two halves alone."""
+"""Heading in a disturbed field: of the fusion filter, and of each of its two halves alone."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from hiltest.procedures.turntables import Turntable
 Reals = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-#: A disturbance is there while its field is stronger [uT]: about the noise of one reading, and 1 degree of heading.
+#: Threshold of a disturbance's field [uT]: about the noise of one reading, and 1 degree of heading.
 DISTURBED_UT = 0.5
-#: A heading that errs by more is wrong [deg]: five times the noise of one reading of accelerometer and magnetometer.
+#: Error of a wrong heading [deg]: five times the noise of one reading of accelerometer and magnetometer.
 WRONG_DEG = 5.0
-# The filter runs for so long before the first disturbance.
+# Run time of the filter before the first disturbance.
 _BEFORE_S = 5.0
-# The board runs its filter for 60 s at most, the rest after a motion included.
+# Maximum run time of the filter is 60 s, including the rest after a motion.
 _LONGEST_S = 59.5
-# Twice round, so that each disturbance comes from many sides.
+# Two turns, so that each disturbance comes from many directions.
 _TURN_DEG = 720.0
 _TURN_DPS = _TURN_DEG / (_LONGEST_S - 2.0)
 
@@ -39,20 +39,20 @@ class DrivenHeadings:
     """Errors of one source's headings through the disturbances."""
 
     error_deg: Reals
-    """Shape (n,). NaN where it answered no heading."""
+    """Shape (n,). NaN without a heading."""
     quiet_rms_deg: float
     """rms before the first disturbance."""
     rms_deg: float
     max_deg: float
-    """While anything disturbs the field."""
+    """rms during any disturbance."""
     rms_by_cause_deg: Mapping[str, float]
-    """While each cause does."""
+    """rms during the disturbance by each cause."""
     recovery_s: float
-    """Longest time from the end of a disturbance until the heading is right, and stays so until the next begins."""
+    """Longest time from the end of a disturbance until the heading is right and stays so until the next one."""
     recovered: bool
-    """Whether it ever was, each time."""
+    """Whether the heading recovered after every disturbance."""
     unsaid_s: float
-    """For how long a heading was answered that was wrong."""
+    """Total time with a wrong heading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,29 +61,29 @@ class DrivingResult:
 
     motion: FusionResult
     field_ut: Mapping[str, Reals]
-    """Shape (n, 3). What disturbed the field at each record, by cause, body frame."""
+    """Shape (n, 3). Disturbing field at each record, by cause, body frame."""
     headings: Mapping[str, DrivenHeadings]
-    """Of ``fusion``, of the ``magnetometer`` with the accelerometer alone, and of the ``gyroscope`` alone."""
+    """Headings of ``fusion``, of the ``magnetometer`` with the accelerometer alone, and of the ``gyroscope`` alone."""
 
 
 def measure_driving(
     board: Board, turntable: Turntable, *, begins_s: float, slot: int, noise: FusionNoise, readings: int = 16,
     bias_s: float = 2.5,
 ) -> DrivingResult:
-    """Turn a virtual board twice round, level, through what disturbs its world, while it runs its filter.
+    """Turn a level virtual board twice round through the disturbances of its world, while it runs its filter.
 
     Parameters
     ----------
     board
-        Whose truth is known.
+        Board whose truth is known.
     begins_s
-        When the first disturbance begins [virtual s].
+        Start of the first disturbance [virtual s].
     slot
         Slot of an undisturbed calibration.
     readings
-        Averaged at rest, for the filter's first attitude.
+        Number of readings that are averaged at rest, for the filter's first attitude.
     bias_s
-        How long the gyroscope rests before, for its bias.
+        Length of the rest before, for the gyroscope's bias.
 
     Raises
     ------
@@ -116,12 +116,14 @@ def measure_driving(
 
 def _fields_ut(board: Board, motion: FusionResult) -> dict[str, Reals]:
     clock_us = [motion.summary.began_us + round(1e6 * time_s) for time_s in motion.time_s.tolist()]
-    found = [board.true_disturbances_ut(each) or {} for each in clock_us]
-    return {cause: np.array([each[cause] for each in found]) for cause in found[0]} if found else {}
+    disturbances = [board.true_disturbances_ut(time_us) or {} for time_us in clock_us]
+    return {
+        cause: np.array([by_cause[cause] for by_cause in disturbances]) for cause in disturbances[0]
+    } if disturbances else {}
 
 
 def driven_headings(time_s: Reals, error_deg: Reals, field_ut: Mapping[str, Reals]) -> DrivenHeadings:
-    """Sum up the errors of a source's headings at some times, with what disturbed the field at each, by cause."""
+    """Summarise the errors of a source's headings, given the disturbing field at each time, by cause."""
     by_cause = {cause: np.linalg.norm(field, axis=1) > DISTURBED_UT for cause, field in field_ut.items()}
     disturbed = np.any([*by_cause.values(), np.zeros(len(time_s), dtype=bool)], axis=0)
     quiet = np.arange(len(time_s)) < (int(disturbed.argmax()) if disturbed.any() else len(time_s))
@@ -136,7 +138,7 @@ def driven_headings(time_s: Reals, error_deg: Reals, field_ut: Mapping[str, Real
 
 
 def _recovery(time_s: Reals, wrong: Flags, disturbed: Flags) -> tuple[float, bool]:
-    """Return the longest time from the end of a disturbance to the last wrong heading before the next, and its end."""
+    """Return the longest time from a disturbance's end to the last wrong heading, and whether all recovered."""
     changes = np.flatnonzero(np.diff(disturbed.astype(int))) + 1
     longest_s, recovered = 0.0, True
     for end in changes[~disturbed[changes]].tolist():

@@ -32,7 +32,7 @@ def measure_fast_fit(board: Board, *, n: int = 100) -> FastFit:
     Parameters
     ----------
     board
-        Its point buffer is replaced.
+        Board whose point buffer is replaced.
     n
         Number of golden points.
 

@@ -1,7 +1,7 @@
 """Headings computed on the host, in float64, from the means that the board took at known angles.
 
-The board's own answers decide a run. These headings check its arithmetic, and test calibrations that are in none
-of its slots: those of the points so far, and those that a budget of cycles allows.
+The board's answers decide a run. These headings check its arithmetic, and test calibrations that are not in its slots:
+from the points so far, and within a budget of cycles.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ Reals = NDArray[np.float64]
 
 
 def heading_errors_deg(
-    known: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit = NOMINAL
+    known_angles: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit = NOMINAL
 ) -> Reals | None:
     """Return the heading errors under two calibrations at all known angles, in (-180, 180], shape (n,) [deg].
 
-    None when the magnetometer's is none, or leaves no horizontal field at one of the poses.
+    None if the magnetometer has no calibration, or it leaves no horizontal field at one of the poses.
     """
-    headings = _headings_deg(known, fit, accelerometer)
-    return None if headings is None else _differences_deg(headings, known.reference_deg)
+    headings = _headings_deg(known_angles, fit, accelerometer)
+    return None if headings is None else _differences_deg(headings, known_angles.reference_deg)
 
 
-def float32_error_deg(known: KnownAngles, run: CalibratorRun, tumble: Tumble) -> float | None:
+def float32_error_deg(known_angles: KnownAngles, run: CalibratorRun, tumble: Tumble) -> float | None:
     """Return the largest difference between a heading of the board and the same one in float64 [deg].
 
     Parameters
     ----------
-    known
-        Headings as the board answered them, and the means it took them from.
+    known_angles
+        Headings of the board, and the means that they are from.
     run
-        One of the calibrations that they are under.
+        One of the calibrations of these headings.
     tumble
-        The counts that were fitted.
+        The fitted counts.
 
     Returns
     -------
@@ -51,21 +51,25 @@ def float32_error_deg(known: KnownAngles, run: CalibratorRun, tumble: Tumble) ->
 
     Notes
     -----
-    Neither sensor nor table enters: the reference calibrator fits the same counts, and its heading is
-    computed from the same means. What differs is the firmware's arithmetic, in the fit and after it.
+    Sensor and table do not contribute: the reference calibrator fits the same counts, and its heading is computed from
+    the same means. The difference is the firmware's arithmetic, in the fit and after it.
     """
     reference = REFERENCES.get(run.calibrator)
     if reference is None:
         return None
-    headings = _headings_deg(known, reference(tumble.points[: run.n]), known.accelerometer_fits[run.name])
-    return None if headings is None else float(np.abs(_differences_deg(known.heading_deg[run.name], headings)).max())
+    headings = _headings_deg(known_angles, reference(tumble.points[: run.n]), known_angles.accelerometer_fits[run.name])
+    return None if headings is None else float(np.abs(_differences_deg(
+        known_angles.heading_deg[run.name], headings
+    )).max())
 
 
-def _headings_deg(known: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit) -> Reals | None:
+def _headings_deg(known_angles: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit) -> Reals | None:
     if not fit.has_fit:
         return None
     try:
-        return headings_deg(known.magnetometer, known.accelerometer, fit.soft_iron, fit.hard_iron, accelerometer)
+        return headings_deg(
+            known_angles.magnetometer, known_angles.accelerometer, fit.soft_iron, fit.hard_iron, accelerometer
+        )
     except DegenerateFieldError:
         return None
 

@@ -1,4 +1,4 @@
-"""The board runs the fusion filter on its own sensors while it is turned and tilted."""
+"""Run of the fusion filter on the board's own sensors while it is turned and tilted."""
 
 from __future__ import annotations
 
@@ -30,25 +30,26 @@ from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]
 
-# Setting of the filter for the gyroscope [deg/s per root hertz]: not its noise, of 0.025, but room for what is no
-# noise: 0.02 deg/s of bias left by a short rest, 0.1 % of scale at 60 deg/s, over the 0.6 s that a heading then lasts.
+# Setting of the filter for the gyroscope [deg/s per root hertz]: larger than its noise of 0.025, to allow for
+# systematic errors: 0.02 deg/s of bias after a short rest, 0.1 % of scale at 60 deg/s, over the resulting time constant
+# of 0.6 s.
 _RATE_DPS_RTHZ = 0.2
 # About a level axis: 3 mg of offset, and up to 40 deg/s for the 5 ms that an accelerometer's sample may be old.
 _TILT_DEG = 0.3
-# No hand keeps gravity at 1 g; beyond this it is no gravity any more.
+# A hand's motion changes the measured gravity; beyond this deviation it is ignored.
 _GATE_G = 0.1
-# No motion is followed for longer: a hand's sway, or a slow table's [s].
+# Longest motion: a hand's sway, or a slow table's [s].
 _LONGEST_S = 30.0
-# Longer than the motion, so that the rest after it is seen as well.
+# Time after the motion, so that the rest is recorded as well.
 _AFTER_S = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttitudeErrors:
-    """Errors of attitudes against the truth, at each record; NaN where there was none."""
+    """Errors of attitudes against the truth, at each record; NaN without an attitude."""
 
     heading_deg: Reals
-    """Shape (n,). Measured minus true, the short way round."""
+    """Shape (n,). Measured minus true heading, wrapped."""
     tilt_deg: Reals
     """Shape (n,). Angle between the measured and the true vertical."""
 
@@ -73,26 +74,26 @@ class FusionResult:
     """Results of the fusion filter while the board was moved."""
 
     noise: FusionNoise
-    """What the filter was told."""
+    """Settings of the filter."""
     summary: FusionSummary
-    """Summary that the board answered."""
+    """Summary from the board."""
     time_s: Reals
     """Shape (n,). Time of the records since the run began."""
     truth: tuple[Pose, ...] | None
-    """At these times; None where it is unknown, and then there are no errors."""
+    """True attitudes at these times; None if unknown, and then there are no errors."""
     fused: AttitudeErrors | None
     accelerometer_magnetometer: AttitudeErrors | None
     gyroscope: AttitudeErrors | None
     """Errors of the filter, and of its two halves alone; all began with the same attitude."""
     cycle_model: str
-    """What the summary's cycles mean."""
+    """Cycle model of the summary."""
     predict_range: CycleRange | None
     update_range: CycleRange | None
-    """Uncertainty range of the largest of them; None where it is unknown, or it was not among the last steps."""
+    """Uncertainty range of its largest cycles; None if unknown, or not among the last steps."""
 
 
 def filter_noise(*, magnetometer_sigma_ut: float, field_ut: float, dip_deg: float) -> FusionNoise:
-    """Return the filter's settings for a bench's sensors: the magnetometer's noise as the rig has it."""
+    """Return the filter's settings for a bench's sensors, with the magnetometer's noise from the rig."""
     heading_deg = heading_sigma_deg(field_sigma=magnetometer_sigma_ut / field_ut, tilt_deg=_TILT_DEG, dip_deg=dip_deg)
     return FusionNoise(_RATE_DPS_RTHZ, _TILT_DEG, heading_deg, _GATE_G)
 
@@ -101,27 +102,27 @@ def measure_fusion(
     board: Board, turntable: Turntable, *, slot: int, noise: FusionNoise, readings: int = 16,
     bias_s: float = 2.5, progress: Progress | None = None,
 ) -> FusionResult:
-    """Let the board run the filter through a motion, and return its errors where the truth is known.
+    """Let the board run the filter through a motion, and return its errors if the truth is known.
 
     Parameters
     ----------
     turntable
-        Rests, then sways.
+        Turntable, which rests and then sways.
     slot
-        Slot of the calibrations of magnetometer and accelerometer that are used.
+        Slot of the calibrations of magnetometer and accelerometer.
     readings
-        Averaged at rest, for the attitude that all three begin with.
+        Number of readings that are averaged at rest, for the initial attitude of all three.
     bias_s
-        How long the gyroscope rests before, for its bias.
+        Length of the rest before, for the gyroscope's bias.
 
     Raises
     ------
     BoardMovedError, SamplesLostError
-        When the gyroscope's rest was none: its bias is not stored then.
+        When the board moved or samples were lost in the rest; the bias is not stored then.
     SensorAbsentError
         When the board has not all three sensors.
     DeviceError
-        When the slot is empty, or a sensor delivers nothing.
+        When the slot is empty, or a sensor delivers no data.
     """
     tell = progress or silent
     for kind in SensorKind:
@@ -130,25 +131,25 @@ def measure_fusion(
     turntable.rest()
     rest_gyroscope(board, seconds=bias_s, store=True)
     tell("fusion", 1, 2)
-    found = follow_motion(board, turntable.sway, slot=slot, noise=noise, readings=readings)
+    result = follow_motion(board, turntable.sway, slot=slot, noise=noise, readings=readings)
     tell("fusion", 2, 2)
-    return found
+    return result
 
 
 def follow_motion(
     board: Board, move: Callable[[], float], *, slot: int, noise: FusionNoise, readings: int = 16,
     longest_s: float = _LONGEST_S,
 ) -> FusionResult:
-    """Let the board at rest begin the filter, and follow a motion; its gyroscope's bias is the one it has.
+    """Let the board start the filter at rest, and follow a motion, with its stored gyroscope bias.
 
     Parameters
     ----------
     move
-        Begins the motion, comes back at once, and says how long it takes [s].
+        Starts the motion, and returns its duration [s] at once.
     longest_s
-        The motion is followed for no longer, and the records spread over as much.
+        Longest time to follow, over which the records are spread.
     """
-    # At the rate of the fastest magnetometer: the board has room for so many records, whichever is selected.
+    # The rate of the fastest magnetometer: the board has room for that many records with any sensor.
     every = math.ceil(SAMPLE_RATE_HZ * (longest_s + _AFTER_S) / MAX_FUSION_RECORDS)
     board.session.request(FusionStart(
         slot, every, readings, noise.rate_dps_rthz, noise.tilt_deg, noise.heading_deg, noise.gate_g
@@ -166,13 +167,15 @@ def _read(board: Board, count: int) -> FusionRecords:
 def _result(board: Board, noise: FusionNoise, summary: FusionSummary, records: FusionRecords) -> FusionResult:
     at = [board.true_attitude(summary.began_us + int(time_us)) for time_us in records.time_us]
     truth = tuple(pose for pose in at if pose is not None)
-    known = len(truth) == len(at)
+    is_complete = len(truth) == len(at)
     fused, measured, turned = (
-        _errors(attitudes, truth) if known else None for attitudes in (records.fused, records.measured, records.turned)
+        _errors(attitudes, truth) if is_complete else None for attitudes in (
+            records.fused, records.measured, records.turned
+        )
     )
     time_s = 1e-6 * records.time_us.astype(np.float64)
     return FusionResult(
-        noise, summary, time_s, truth if known else None, fused, measured, turned, board.cycle_model,
+        noise, summary, time_s, truth if is_complete else None, fused, measured, turned, board.cycle_model,
         board.cycle_range(summary.predicted.largest), board.cycle_range(summary.updated.largest),
     )
 
@@ -184,7 +187,7 @@ def _errors(attitudes: NDArray[np.float64], truth: tuple[Pose, ...]) -> Attitude
 
 
 def _error(attitude: Quaternion, truth: Pose) -> tuple[float, float]:
-    """Return heading error and tilt error [deg], NaN for no attitude."""
+    """Return heading error and tilt error [deg]; NaN without an attitude."""
     if np.isnan(attitude).any():
         return math.nan, math.nan
     unit = normalised(attitude)

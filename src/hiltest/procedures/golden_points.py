@@ -18,7 +18,7 @@ _HARD_IRON_COUNTS = 600.0
 # Twelve uniform draws have variance 1: sigma is 4 counts, the 0.4 uT of a MAG3110.
 _SIGMA_COUNTS = 4.0
 _DIP_DEG = 62.0
-# About the field, from pair to pair: another irrational part of a turn than the lattice's, which they would follow.
+# Turn about the field from pair to pair: another irrational part than the lattice's, to avoid correlation with it.
 _TURN_DEG = 360.0 * (math.sqrt(2.0) - 1.0)
 
 
@@ -39,8 +39,8 @@ def golden_points(n: int, *, index: int = 0) -> NDArray[np.int16]:
 
     Notes
     -----
-    Directions are a Fibonacci lattice. Only operations that IEEE 754 rounds correctly are used,
-    and the doubles of Python's Mersenne Twister, which its documentation keeps fixed.
+    Directions are a Fibonacci lattice. The computation uses only operations that IEEE 754 rounds correctly, and the
+    doubles of Python's Mersenne Twister, whose sequence the documentation guarantees.
     """
     draw = random.Random(index)
     soft_iron = [[1.0 if row == column else 0.0 for column in range(3)] for row in range(3)]
@@ -50,7 +50,7 @@ def golden_points(n: int, *, index: int = 0) -> NDArray[np.int16]:
             soft_iron[column][row] = soft_iron[row][column]
     hard_iron = [_HARD_IRON_COUNTS * (2.0 * draw.random() - 1.0) for _ in range(3)]
     draws = np.array([draw.random() for _ in range(n * 3 * 12)]).reshape(n, 3, 12)
-    # Each is a multiple of 2**-53: as integers they are added without a rounding, and the sum is rounded once.
+    # Each draw is a multiple of 2**-53, so integer addition is exact, and the sum is rounded once.
     sums = np.ldexp(np.ldexp(draws, 53).astype(np.int64).sum(axis=2).astype(np.float64), -53)
     points = np.empty((n, 3), dtype=np.int16)
     x, y, z = _lattice(n)
@@ -61,12 +61,12 @@ def golden_points(n: int, *, index: int = 0) -> NDArray[np.int16]:
 
 
 def golden_pairs(n: int, *, index: int = 0) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-    """Return golden points, and the accelerometer counts of gravity beside each.
+    """Return golden points, and the accelerometer counts of gravity for each.
 
     Parameters
     ----------
     n, index
-        As for `golden_points`.
+        See `golden_points`.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def golden_pairs(n: int, *, index: int = 0) -> tuple[NDArray[np.int16], NDArray[
         beside = np.zeros(3)
         beside[int(np.abs(field).argmin())] = 1.0
         across = _cross(field, beside)
-        across /= math.sqrt(math.fsum(each * each for each in across.tolist()))
+        across /= math.sqrt(math.fsum(component * component for component in across.tolist()))
         turn_sine, turn_cosine = sin_cos_deg(math.fmod(k * _TURN_DEG, 360.0))
         gravity = sine * field + cosine * (turn_cosine * across + turn_sine * _cross(field, across))
         gravities[k] = np.rint(8192.0 * gravity)
@@ -88,7 +88,7 @@ def golden_pairs(n: int, *, index: int = 0) -> tuple[NDArray[np.int16], NDArray[
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Multiply one rounding at a time, as a linear-algebra library might not."""
+    """Return the cross product with a fixed order of roundings, which a linear-algebra library does not guarantee."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 

@@ -1,4 +1,4 @@
-"""A motor table that speaks Grbl: X is heading, Y pitch, Z roll, in degrees."""
+"""A motor table with Grbl: X is heading, Y pitch, Z roll, in degrees."""
 
 from __future__ import annotations
 
@@ -27,21 +27,22 @@ from hiltest.procedures.turntables import (
 )
 from hiltest.rig import Rig
 
-# The axes stand when Grbl says so; what is mounted on them swings a little longer [s].
+# Settling time after Grbl reports that the axes stand, because the mounted parts swing a little longer [s].
 _SETTLE_S = 0.25
 # Angles between the field and the roll axis at which a tumble rolls the board once round [deg]:
 # no direction of the sphere is further than 15 degrees from one of these circles.
 _CIRCLES_DEG = (15.0, 45.0, 75.0, 105.0, 135.0, 165.0)
-# How far the nose goes round the field from one circle to the next [deg], the golden angle. Were it always in the plane
-# of north and down, field and gravity would lie in one plane with the roll axis, and `dpi` could see no rotation about
-# that: its coverage was 350 at a dip of 62 degrees, where 100 is the limit; now it is 4, and 16 at 80 degrees.
+# Turn of the nose about the field from one circle to the next [deg], the golden angle. If the nose stayed in the plane
+# of north and down, field and gravity would lie in one plane with the roll axis, and `dpi` could not see a rotation
+# about it: its coverage would be 350 at a dip of 62 degrees, where 100 is the limit; with the golden angle it is 4, and
+# 16 at 80 degrees.
 _ROUND_FIELD_DEG = 137.5
-# A table that turns its axes one after the other is further from the straight way than its resolution [deg].
+# Largest distance from the straight path [deg]: a table that turns its axes one after the other exceeds it.
 _OFF_THE_WAY_DEG = 1.0
-# From the end of one move to the begin of the next, at most [s].
+# Longest gap between two moves [s].
 _BETWEEN_MOVES_S = 0.1
-# Corners of a sway: headings, half a turn to one side and to the other, so that no cable is wound up, and tilts, again
-# and again. A planner of Grbl's holds the 14 moves between them.
+# Corners of a sway: headings of half a turn to either side, so that no cable winds up, and repeated tilts. Grbl's
+# planner holds the 14 moves between them.
 _SWAY_HEADINGS_DEG = (0.0, 45.0, 90.0, 135.0, 180.0, 135.0, 90.0, 45.0, 0.0, -45.0, -90.0, -135.0, -90.0, -45.0, 0.0)
 _SWAY_TILTS_DEG = ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0), (-20.0, 0.0), (0.0, -20.0))
 _BOARD = re.compile(r"\[VER:[^:]*:virtual FRDM-K64F (\S+)\]")
@@ -53,23 +54,23 @@ class GrblTurntable:
     Parameters
     ----------
     line
-        This object closes it.
+        Line to the controller, which this object closes.
     uncertainty_deg
-        What the rig declares for the table's angle.
+        Declared uncertainty of the table's angle.
     dip_deg
         Dip of the local field: a tumble turns the board about it.
     mounting_yaw_deg
-        How far the board is turned on the table.
+        Mounting yaw of the board on the table.
 
     Attributes
     ----------
     board_model : str or None
-        Cycle model of the virtual board on the table, when the controller says that it is one.
+        Cycle model of the virtual board on the table, if the controller reports one.
 
     Raises
     ------
     TurntableError
-        When the controller's way home fails.
+        When homing fails.
     """
 
     name = "grbl"
@@ -81,12 +82,12 @@ class GrblTurntable:
         self._dip_deg = dip_deg
         self._yaw_deg = mounting_yaw_deg
         self.uncertainty_deg = uncertainty_deg
-        self._way: _Way | None = None
+        self._way: _TumblePath | None = None
         if line.status().state == "Alarm":
             line.ask("$H", moving=True)
         line.ask("G90")
-        said = (_BOARD.match(text) for text in line.ask("$I"))
-        self.board_model = next((found[1] for found in said if found), None)
+        matches = (_BOARD.match(text) for text in line.ask("$I"))
+        self.board_model = next((match[1] for match in matches if match), None)
 
     def turn_to(self, pose: Pose, *, known_angle: int | None = None) -> Achieved:
         """Turn, wait until the table stands, and return the position that it reports."""
@@ -101,7 +102,7 @@ class GrblTurntable:
         Raises
         ------
         TurntableError
-            When the axes do not go so far.
+            When the axes cannot reach it.
         """
         try:
             self.turn_to(face.pose)
@@ -113,21 +114,21 @@ class GrblTurntable:
             ) from error
 
     def tumble(self, duration_s: float) -> float:
-        """Go to where a tumble begins, begin it, and return how long it takes: as long as the motors need."""
+        """Go to the first pose of a tumble, start it, and return its duration, which the motors determine."""
         poses = tumble_poses(self._dip_deg, mounting_yaw_deg=self._yaw_deg)
-        self._way = _Way(poses)
+        self._way = _TumblePath(poses)
         self.turn_to(poses[0])
-        takes_s = self._seconds(poses)  # settings are told by a table that stands only
+        takes_s = self._seconds(poses)  # a table reports settings only at standstill
         for pose in poses[1:]:
             self._line.ask(_rapid(pose))
         return max(duration_s, takes_s)
 
     def tumbled(self) -> float | None:
-        """Return the part of the tumble's way that lies behind the position that the table reports."""
+        """Return the completed part of the tumble's path at the reported position."""
         return self._way.part_at(self._line.status().position) if self._way else None
 
     def sway(self) -> float:
-        """Begin to turn and tilt, and return how long it takes: `SWAY_S`, or as long as the motors need."""
+        """Start to turn and tilt, and return the duration: `SWAY_S`, or longer if the motors need it."""
         poses = sway_poses()
         takes_s = max(SWAY_S, self._seconds(poses))
         for begin, end in pairwise(poses):
@@ -140,7 +141,7 @@ class GrblTurntable:
         self.turn_to(LEVEL)
 
     def mount(self, axis: Axis) -> None:
-        """Tilt the board until the axis is down; refuse where its axes do not reach so far."""
+        """Tilt the board until the axis is down; refuse if the motors cannot reach it."""
         self.turn_to(AXIS_DOWN[axis])
 
     def again(self, why: str) -> bool:
@@ -148,7 +149,7 @@ class GrblTurntable:
         return False
 
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
-        """Turn the heading axis on, at the rate or as fast as its motor can."""
+        """Turn the heading axis further, at the rate or as fast as its motor can."""
         settings = self._line.settings()
         fastest_dps, faster_dps2 = settings.get(110, 0.0) / 60.0, settings.get(120, 0.0)
         if fastest_dps <= 0.0:
@@ -159,11 +160,11 @@ class GrblTurntable:
         return BEFORE_TURN_S + abs(degrees) / reached_dps + ramp_s + _BETWEEN_MOVES_S + _SETTLE_S + AFTER_TURN_S
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._line.close()
 
     def _seconds(self, poses: Sequence[Pose]) -> float:
-        """Estimate how long moves from pose to pose take, from the controller's rates and accelerations."""
+        """Estimate the duration of moves from pose to pose, from the controller's rates and accelerations."""
         settings = self._line.settings()
         if any(settings.get(110 + axis, 0.0) <= 0.0 for axis in range(3)):
             raise TurntableError("the turntable names no rates ($110 to $112): is it Grbl 1.1?")
@@ -179,8 +180,8 @@ class GrblTurntable:
         return total_s
 
 
-class _Way:
-    """The straight moves of a tumble, and how far along them the table is."""
+class _TumblePath:
+    """Path of straight moves of a tumble, and the table's progress on it."""
 
     def __init__(self, poses: Sequence[Pose]) -> None:
         self._corners = [np.array(_angles(pose)) for pose in poses]
@@ -189,7 +190,7 @@ class _Way:
         self._leg = 0
 
     def part_at(self, position: Sequence[float]) -> float:
-        """Return the part of the way before a position, which is on the latest leg or a later one."""
+        """Return the part of the path before a position, which is on the latest leg or a later one."""
         for leg in range(self._leg, len(self._corners) - 1):
             begin, way = self._corners[leg], self._corners[leg + 1] - self._corners[leg]
             along = float(np.clip((position - begin) @ way / (way @ way), 0.0, 1.0))
@@ -210,8 +211,8 @@ def open_grbl_turntable(rig: Rig) -> GrblTurntable:
     Raises
     ------
     TurntableError
-        When the port cannot be opened, nothing on it answers as Grbl does, or the controller contradicts
-        what the rig says of the board.
+        When the port cannot be opened, no Grbl controller answers, or the controller contradicts the rig's declaration
+        of the board.
     """
     try:
         port = open_port(rig.turntable.port or "")
@@ -230,19 +231,20 @@ def open_grbl_turntable(rig: Rig) -> GrblTurntable:
     return table
 
 
-def _refuse_contradiction(declared: str | None, told: str, rig: Rig) -> None:
+def _refuse_contradiction(declared: str | None, reported: str, rig: Rig) -> None:
     """Refuse to record cycles under a model that the turntable contradicts."""
-    if declared is not None and declared != told:
+    if declared is not None and declared != reported:
         raise TurntableError(
-            f"{rig.path} says that the cycle model of the board is {declared}, the turntable that it is {told}. "
-            f'Write cycle_model = "{told}" under [board], or name the ports of the bench that is meant'
+            f"{rig.path} says that the cycle model of the board is {declared}, the turntable that it is {reported}. "
+            f'Write cycle_model = "{reported}" under [board], or name the ports of the bench that is meant'
         )
 
 
 def tumble_poses(dip_deg: float, *, mounting_yaw_deg: float = 0.0) -> list[Pose]:
-    """Return the poses between which a board is turned all round by moves of all axes, none beyond half a turn.
+    """Return the poses of a tumble by moves of all axes, none beyond half a turn.
 
-    A roll all round shows the field from a circle of directions about the nose, as wide as the angle between the two.
+    A full roll shows the field from a circle of directions about the nose; its radius is the angle between field and
+    nose.
     """
     field_down, field_north = sin_cos_deg(dip_deg)
     poses = []
@@ -260,7 +262,7 @@ def tumble_poses(dip_deg: float, *, mounting_yaw_deg: float = 0.0) -> list[Pose]
 
 
 def sway_poses() -> list[Pose]:
-    """Return the corners of a sway: it begins and ends level, heading north, and tilts to all sides meanwhile."""
+    """Return the corners of a sway, which starts and ends level, heading north, and tilts to all sides."""
     last = len(_SWAY_HEADINGS_DEG) - 1
     return [
         Pose(heading_deg, *_SWAY_TILTS_DEG[number % len(_SWAY_TILTS_DEG) if number < last else 0])

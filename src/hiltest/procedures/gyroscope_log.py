@@ -1,4 +1,4 @@
-"""Gyroscope log: every sample over any time, without a gap."""
+"""Gyroscope log: every sample over any duration, without a gap."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hiltest.procedures.rest import SamplesLostError
 
 Reals = NDArray[np.float64]
 
-# A reply of 64 takes 36 ms on the line, while the FIFO fills up in 160: that leaves 120 for host and USB.
+# A reply of 64 samples takes 36 ms on the line, and the FIFO fills in 160 ms, which leaves 120 ms for host and USB.
 CHUNK = 64
 
 
@@ -43,7 +43,7 @@ class GyroscopeLog:
 
 
 def log_chunks(board: Board, *, samples: int, chunk: int = CHUNK) -> Iterator[LogChunk]:
-    """Yield the gyroscope's samples, chunk by chunk, until there are so many.
+    """Yield the gyroscope's samples, chunk by chunk, up to `samples`.
 
     Raises
     ------

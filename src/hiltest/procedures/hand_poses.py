@@ -1,4 +1,4 @@
-"""Known angles that a hand sets: each is asked for, with what the board says beside the question, until all are in."""
+"""Known angles set by hand: the operator is asked for each, with the board's reading beside the question."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from hiltest.text import format_count, join_words
 Reals = NDArray[np.float64]
 
 STILL_WITHIN_S = 20.0
-"""So long the board is waited for to stand still [s]; then the pose is asked for again."""
-# Between two averages that are compared [s]: a hand that still turns the table by 3 degrees a second is seen.
+"""Longest wait for the board to stand still [s]; after it the question is repeated."""
+# Interval between two compared averages [s], at which a hand that turns the table at 3 degrees per second is detected.
 _APART_S = 0.3
 # The norm of three normal variables of variance 1 is larger in 2 of 10 000 cases.
 _STILL_SIGMAS = 4.4
-# rms of one reading of a still accelerometer, as in the six faces; where readings spread by more, that counts.
+# rms of one reading of a still accelerometer, as in the six faces; a larger measured spread takes precedence.
 _ACCELEROMETER_NOISE_MG = 1.3
-# Readings of one look at the board while a question waits: a tenth of a second.
+# Readings per display update while a question waits: a tenth of a second.
 _LIVE_READINGS = 8
 _NAMED_AT_MOST = 3
 _ORDERS = (
@@ -40,7 +40,7 @@ _ORDERS = (
 
 
 class Wish(Enum):
-    """What an operator wants instead of the pose that is asked for."""
+    """An operator's command instead of the requested pose."""
 
     REDO = "redo"
     SKIP = "skip"
@@ -49,61 +49,61 @@ class Wish(Enum):
 
 
 def wish_of(answer: str) -> Wish | None:
-    """Return the wish that an answer is, by its word or first letter; None where it is none."""
+    """Return the wish that an answer names, by its word or first letter; None for other answers."""
     word = answer.strip().lower()
-    return next((each for each in Wish if word in (each.value, each.value[0])), None)
+    return next((wish for wish in Wish if word in (wish.value, wish.value[0])), None)
 
 
 class Question(str):
-    """A question, and what is shown beside it until it is answered.
+    """A question, with a live text beside it until the answer.
 
     Attributes
     ----------
     live : callable
-        Returns what is to be shown now; it may ask the board, and is not called where nothing can be drawn.
+        Returns the live text; it may query the board, and is not called without a terminal.
     """
 
     live: Callable[[], str]
 
     def __new__(cls, text: str, live: Callable[[], str]) -> Question:
-        """Make a text that carries `live`."""
-        made = super().__new__(cls, text)
-        made.live = live
-        return made
+        """Create a text with `live`."""
+        question = super().__new__(cls, text)
+        question.live = live
+        return question
 
 
 class PoseWalk:
-    """Way through numbered poses: forward to the next that is open, and back and again as the operator likes.
+    """Walk through numbered poses: forward to the next open one, or back and again by the operator's choice.
 
     Attributes
     ----------
     taken : list of int
-        In the order in which they were taken last.
+        Poses in the order of their latest capture.
     skipped : set of int
     at : int or None
-        The pose that is asked for; None when none is open.
+        Requested pose; None if none is open.
     """
 
-    def __init__(self, of: int, taken: Iterable[int] = ()) -> None:
+    def __init__(self, of: int, earlier: Iterable[int] = ()) -> None:
         self.of = of
-        self.taken = list(taken)
+        self.taken = list(earlier)
         self.skipped: set[int] = set()
         self.at = self._open()
 
     @property
     def left(self) -> int:
         """Number of open poses."""
-        return sum(each not in self.taken and each not in self.skipped for each in range(self.of))
+        return sum(index not in self.taken and index not in self.skipped for index in range(self.of))
 
     def take(self) -> None:
-        """Take the pose, once more if it was taken before, and go on to the next that is open."""
+        """Mark the pose as taken, again if it was before, and go on to the next open one."""
         if self.at is not None:
-            self.taken = [*(each for each in self.taken if each != self.at), self.at]
+            self.taken = [*(index for index in self.taken if index != self.at), self.at]
             self.skipped.discard(self.at)
         self.at = self._open()
 
     def skip(self) -> None:
-        """Leave the pose out; one that was taken before stays as it was."""
+        """Skip the pose; one that was taken before is kept."""
         if self.at is not None and self.at not in self.taken:
             self.skipped.add(self.at)
         self.at = self._open()
@@ -118,20 +118,20 @@ class PoseWalk:
             self.at = self.taken[-1]
 
     def _open(self) -> int | None:
-        return next((each for each in range(self.of) if each not in self.taken and each not in self.skipped), None)
+        return next((index for index in range(self.of) if index not in self.taken and index not in self.skipped), None)
 
 
 Taken: TypeAlias = tuple[Achieved, AverageReply]
 
 
 class PoseJournal(Protocol):
-    """Keeps poses as they are taken, for a run that goes on with them."""
+    """Journal of captured poses, from which a run can resume."""
 
     def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, Taken], str]:
-        """Return the poses that are there already under calibrations with these numbers, and what is to be said."""
+        """Return the stored poses under calibrations with these numbers, and a message for the operator."""
 
-    def keep(self, index: int, taken: Taken) -> None:
-        """Keep a pose."""
+    def keep(self, index: int, pose: Taken) -> None:
+        """Store a pose."""
 
 
 def walk_by_hand(
@@ -139,28 +139,28 @@ def walk_by_hand(
     look: Callable[[], str] | None, now_s: Callable[[], float], say: str = "",
     stopped: str = "the same command goes on",
 ) -> None:  # fmt: skip
-    """Ask for each pose, and have it taken, until all are in.
+    """Ask for each pose and capture it, until all are done.
 
     Parameters
     ----------
     earlier
-        Poses that are there already.
+        Poses that are stored already.
     take
-        Gets the pose that was reached, by its index and its heading [deg], and returns what still moves there; empty
-        where it was taken.
+        Captures the reached pose, by its index and heading [deg], and returns a description of the motion; empty if it
+        was captured.
     look
-        Returns what the board says now; None where nothing stands beside a question.
+        Returns the live text; None for questions without one.
     now_s
         The board's clock.
     say
-        What stands before the first question.
+        Text before the first question.
     stopped
-        What becomes of a run that the operator stops.
+        Message about a run that the operator stops.
 
     Raises
     ------
     OperatorAbsentError
-        When no one answers, or three answers in a row are neither an angle nor a wish.
+        When nobody answers, or three consecutive answers are neither an angle nor a wish.
     KeyboardInterrupt
         When the operator stops.
     TurntableError
@@ -168,12 +168,12 @@ def walk_by_hand(
     """
     walk = PoseWalk(len(poses), earlier)
     pace = _Pace(walk, now_s)
-    said, nonsense = f"\n{say}{_ORDERS}", 0
+    message, nonsense = f"\n{say}{_ORDERS}", 0
     while True:
         at = walk.at
-        text = said + (_asked_at_the_end(walk) if at is None else question_of(at, poses[at]))
+        text = message + (_ask_at_end(walk) if at is None else question_of(at, poses[at]))
         answer = table.ask(text if look is None else Question(text, lambda: f"{look()}; {pace()}"))
-        wish, said = wish_of(answer), ""
+        wish, message = wish_of(answer), ""
         if wish is Wish.STOP:
             raise KeyboardInterrupt(
                 f"the operator stops, with {len(walk.taken)} of {walk.of} known angles taken; {stopped}"
@@ -184,7 +184,7 @@ def walk_by_hand(
             walk.back()
         elif wish is Wish.SKIP:
             walk.skip()
-            said = f"pose {at + 1} is not measured.\n" if at in walk.skipped and at is not None else ""
+            message = f"pose {at + 1} is not measured.\n" if at in walk.skipped and at is not None else ""
         elif at is None:
             if not answer.strip():
                 break
@@ -196,7 +196,7 @@ def walk_by_hand(
                 )
             continue
         elif moved := take(at, heading_deg):
-            said = f"the board does not stand still: {moved}.\n"
+            message = f"the board does not stand still: {moved}.\n"
         else:
             walk.take()
         nonsense = 0
@@ -209,33 +209,33 @@ def take_by_hand(
     check: Callable[[Pose, AverageReply], object], earlier: Mapping[int, Taken], keep: Callable[[int, Taken], object],
     say: str = "",
 ) -> dict[int, Taken]:
-    """Ask for each pose, wait until the board stands still there, and average its readings; raises as `walk_by_hand`.
+    """Ask for each pose, wait until the board stands still, and average its readings; see `walk_by_hand` for errors.
 
     Parameters
     ----------
     readings
         New samples of each sensor to average.
     slots
-        Calibrations that the board answers headings under.
+        Slots of the calibrations for headings.
     shown
-        The one whose heading stands beside a question.
+        Slot whose heading is shown beside a question.
     check
-        Raises where an answer is not to be taken.
+        Raises an error for an answer that must not be used.
     earlier
-        Poses that are there already.
+        Poses that are stored already.
     keep
-        Gets each pose as it is taken.
+        Receives each captured pose.
     say
-        What stands before the first question.
+        Text before the first question.
 
     Returns
     -------
     dict of int to (Achieved, AverageReply)
-        By the index of the pose, in their order; those that were skipped are missing.
+        Results by the index of the pose, in order, without skipped ones.
     """
-    found = {
-        index: taken for index, taken in earlier.items()
-        if 0 <= index < len(poses) and set(taken[1].headings) == set(slots)
+    answers = {
+        index: pose for index, pose in earlier.items()
+        if 0 <= index < len(poses) and set(pose[1].headings) == set(slots)
     }
     mask = sum(1 << slot for slot in slots)
 
@@ -243,21 +243,21 @@ def take_by_hand(
         reply, moved = wait_until_still(board, readings, mask)
         if reply is not None:
             check(poses[at], reply)
-            found[at] = table.achieved(poses[at], heading_deg), reply
-            keep(at, found[at])
+            answers[at] = table.achieved(poses[at], heading_deg), reply
+            keep(at, answers[at])
         return moved
 
-    walk_by_hand(table, poses, found, take=take, look=_Look(board, shown), now_s=board.now_s, say=say)
-    return dict(sorted(found.items()))
+    walk_by_hand(table, poses, answers, take=take, look=_Look(board, shown), now_s=board.now_s, say=say)
+    return dict(sorted(answers.items()))
 
 
 def wait_until_still(board: Board, readings: int, slot_bitmask: int) -> tuple[AverageReply | None, str]:
-    """Average again and again, until an average is as the one before; return it, or None and what still moves.
+    """Average until two consecutive averages agree; return the last one, or None and a description of the motion.
 
     Parameters
     ----------
     slot_bitmask
-        As `Average` has it.
+        See `Average`.
     """
     ends_s = board.now_s() + STILL_WITHIN_S
     before = board.session.request(Average(readings, slot_bitmask))
@@ -274,10 +274,10 @@ def wait_until_still(board: Board, readings: int, slot_bitmask: int) -> tuple[Av
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """What a board's sensors read for a while; None of one that is not known."""
+    """Readings of a board's sensors over an interval; None for unknown ones."""
 
     n: int
-    """Readings of each."""
+    """Number of readings of each."""
     field_ut: Reals | None
     gravity_g: Reals | None
     """Shape (3,), or None. Means."""
@@ -286,8 +286,8 @@ class Readings:
 
 
 def movement(before: AverageReply, after: AverageReply, magnetometer_sigma_ut: float) -> str:
-    """Describe how a board moved between two averages; as `moved`."""
-    # Means of whole counts are not exact, however small a noise is declared.
+    """Describe how a board moved between two averages; see `moved`."""
+    # Means of whole counts have a rounding error, even if the declared noise is small.
     noise_ut = math.hypot(magnetometer_sigma_ut, MICROTESLA_PER_COUNT / math.sqrt(12.0))
     return moved(_readings(before), _readings(after), noise_ut)
 
@@ -301,7 +301,7 @@ def _readings(reply: AverageReply) -> Readings:
 
 
 def moved(before: Readings, after: Readings, noise_ut: float) -> str:
-    """Describe how a board moved in two times, beyond the noise of their readings; empty where it stood.
+    """Describe how a board moved between two intervals, beyond the noise of their readings; empty if it stood.
 
     Parameters
     ----------
@@ -310,8 +310,8 @@ def moved(before: Readings, after: Readings, noise_ut: float) -> str:
 
     Notes
     -----
-    A turn about the vertical shows in the field alone: with 0.4 uT a reading, 16 readings and a horizontal field of
-    22.8 uT one of 1.6 degrees from one average to the next.
+    A turn about the vertical only changes the field: with 0.4 uT per reading, 16 readings and a horizontal field of
+    22.8 uT, 1.6 degrees between averages are detected.
     """
     spread_mg = max(_ACCELEROMETER_NOISE_MG, before.spread_mg, after.spread_mg)
     if spread_mg > MOVED_SPREAD_MG:
@@ -329,39 +329,39 @@ def moved(before: Readings, after: Readings, noise_ut: float) -> str:
 
 
 class _Pace:
-    """How far a walk is, and how long the rest of it will take at this pace."""
+    """Progress of a walk, and the estimated remaining time."""
 
     def __init__(self, walk: PoseWalk, now_s: Callable[[], float]) -> None:
         self._walk, self._now_s = walk, now_s
         self._began_s, self._had = now_s(), len(walk.taken)
 
     def __call__(self) -> str:
-        """Say it in few words."""
-        return f"{len(self._walk.taken)} of {self._walk.of}{self._left()}"
+        """Return a short text."""
+        return f"{len(self._walk.taken)} of {self._walk.of}{self._time_left()}"
 
-    def _left(self) -> str:
-        taken = len(self._walk.taken) - self._had
-        if taken <= 0 or not self._walk.left:
+    def _time_left(self) -> str:
+        count = len(self._walk.taken) - self._had
+        if count <= 0 or not self._walk.left:
             return ""
-        left_s = (self._now_s() - self._began_s) / taken * self._walk.left
+        left_s = (self._now_s() - self._began_s) / count * self._walk.left
         return f", {left_s / 60.0:.0f} min left" if left_s >= 90.0 else f", {left_s:.0f} s left"
 
 
 def said_beside(heading_deg: float | None, *, moves: bool) -> str:
-    """Return what a board says while a question waits."""
+    """Return the board's live text while a question waits."""
     heading = "no heading" if heading_deg is None else f"board {heading_deg:.1f} deg"
     return f"{heading}, {'moving' if moves else 'still'}"
 
 
 class _Look:
-    """The board's heading while a question waits, and whether it moves."""
+    """Display of the board's heading while a question waits, and of motion."""
 
     def __init__(self, board: Board, slot: int) -> None:
         self._board, self._slot = board, slot
         self._before: AverageReply | None = None
 
     def __call__(self) -> str:
-        """Ask the board, and say it in few words."""
+        """Query the board, and return a short text."""
         reply = self._board.session.request(Average(_LIVE_READINGS, 1 << self._slot))
         moves = self._before is None or movement(self._before, reply, self._board.declared.magnetometer_sigma_ut)
         self._before = reply
@@ -374,19 +374,19 @@ def place_of(pose: Pose) -> str:
     return f"heading {pose.heading_deg:g}, pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g}"
 
 
-def missing_in_words(skipped: Sequence[Pose], taken: int) -> str:
-    """Say which known angles are missing beside those that were taken; empty where none is. A limit is of all."""
-    places = join_words([place_of(each) for each in skipped], _NAMED_AT_MOST)
-    return f"{len(skipped)} of {len(skipped) + taken} known angles not measured: {places}" if skipped else ""
+def missing_in_words(skipped: Sequence[Pose], count: int) -> str:
+    """List the missing known angles in words; empty without any. A limit applies to the complete set."""
+    places = join_words([place_of(pose) for pose in skipped], _NAMED_AT_MOST)
+    return f"{len(skipped)} of {len(skipped) + count} known angles not measured: {places}" if skipped else ""
 
 
 def question_of(index: int, pose: Pose) -> str:
-    """Return what is asked of an operator at a known angle."""
+    """Return the question to an operator at a known angle."""
     return f"pose {index + 1}: turn to {place_of(pose)} and let it stand still.\n  Enter, heading, r, s, b or q: "
 
 
-def _asked_at_the_end(walk: PoseWalk) -> str:
-    numbers = join_words([str(each + 1) for each in sorted(walk.skipped)], _NAMED_AT_MOST)
+def _ask_at_end(walk: PoseWalk) -> str:
+    numbers = join_words([str(index + 1) for index in sorted(walk.skipped)], _NAMED_AT_MOST)
     skipped = f"; {format_count(len(walk.skipped), 'pose')} not measured: {numbers}" if walk.skipped else ""
     return (
         f"{len(walk.taken)} of {walk.of} known angles are taken{skipped}.\n"

@@ -1,4 +1,4 @@
-"""Heading errors in numbers: wrap-safe, and nothing removed silently."""
+"""Statistics of heading errors: safe against wrapping, and without removal of outliers."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ class HeadingSummary:
     rms_deg: float
     """Largest absolute error, and root mean square."""
     bias_deg: float | None
-    """Circular mean of the errors, in (-180, 180]. None when they cancel all round."""
+    """Circular mean of the errors, in (-180, 180]; None if it is undefined."""
     max_centred_deg: float | None
-    """Largest absolute error after the bias is taken off; None with the bias."""
+    """Largest absolute error minus the bias; None without a bias."""
     worst_sector: Sector
-    """The sector of reference headings that holds the largest error."""
+    """Sector of reference headings with the largest error."""
     worst_heading_deg: float
     """Reference heading of the largest error."""
     tilt_sensitivity_deg: float | None
-    """rms over tilted poses minus rms over level ones; None when either are missing."""
+    """rms over tilted poses minus rms over level ones; None if either are missing."""
 
 
 def summarise(
@@ -51,11 +51,11 @@ def summarise(
     Parameters
     ----------
     error_deg : shape (n,)
-        Answer minus reference; any turns are taken out.
+        Answer minus reference; whole turns are removed.
     reference_deg : shape (n,)
         Known headings.
     level : shape (n,)
-        Which poses are level, for `tilt_sensitivity_deg`.
+        Mask of level poses, for `tilt_sensitivity_deg`.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def rms(values: Sequence[float]) -> float:
 def _bias_deg(errors: Sequence[float]) -> float | None:
     try:
         return wrap_180(circular_mean_deg(errors))
-    except ValueError:  # a compass that always says the same is wrong in all directions alike
+    except ValueError:  # a constant heading errs equally in all directions
         return None
 
 

@@ -1,4 +1,4 @@
-"""Known-angle procedure: the board answers its heading at headings that the turntable knows."""
+"""Known-angle procedure: compares the board's heading with the turntable's angle."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
 Reals = NDArray[np.float64]
 
 LARGEST_ROUNDING_DEG = 0.002
-"""A heading in float32 is within 3e-5 degrees of the same in float64: eighty times that is another computation."""
+"""A heading in float32 is within 3e-5 degrees of float64; a difference of eighty times that means another
+computation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,42 +36,42 @@ class KnownAngles:
     """Headings answered at known angles, per calibration."""
 
     poses: tuple[Pose, ...]
-    """As asked of the turntable."""
+    """Requested poses of the turntable."""
     attitudes: tuple[Pose, ...]
-    """Of the board: what the turntable reached, and the declared mounting yaw."""
+    """Attitudes of the board: reached poses with the declared mounting yaw."""
     reference_deg: Reals
-    """Shape (n,). Heading of these attitudes."""
+    """Shape (n,). Headings of these attitudes."""
     uncertainty_deg: float
     """Uncertainty of the turntable's angle."""
     mounting_yaw_deg: float
-    """What was declared, and nothing else was taken off."""
+    """Declared mounting yaw; nothing else was subtracted."""
     readings: int
-    """New samples averaged at each pose."""
+    """Number of new samples averaged at each pose."""
     heading_deg: dict[str, Reals]
     error_deg: dict[str, Reals]
     """Shape (n,). Answer, and answer minus reference in (-180, 180], per calibration."""
     pitch_deg: dict[str, Reals]
     roll_deg: dict[str, Reals]
-    """Shape (n,). As the board answered them, per calibration: each has its accelerometer's."""
+    """Shape (n,). Pitch and roll from the board, per calibration with its accelerometer calibration."""
     tilt_error_deg: dict[str, Reals]
-    """Shape (n, 2). Answered pitch and roll minus what the turntable reached, in (-180, 180]."""
+    """Shape (n, 2). Answered pitch and roll minus the turntable's, in (-180, 180]."""
     magnetometer: Reals
     accelerometer: Reals
-    """Shape (n, 3). Means that the board took at each pose [counts]; its headings are from these."""
+    """Shape (n, 3). Means of the board at each pose [counts], from which its headings are computed."""
     accelerometer_fits: dict[str, AccelerometerFit]
-    """The accelerometer calibration that the board holds beside each calibration."""
+    """Accelerometer calibration in the slot of each calibration."""
     calibrations: dict[str, CalibrationReply]
-    """The magnetometer calibrations that the board holds."""
+    """Magnetometer calibrations on the board."""
     skipped: tuple[Pose, ...] = ()
-    """Known angles that an operator left out; nothing here is of them."""
+    """Known angles that an operator skipped; the other fields exclude them."""
 
     @property
     def not_measured(self) -> str:
-        """Which known angles are missing, in words; empty where all were taken. A limit is of all of them."""
+        """Missing known angles, in words; empty without any. A limit applies to the complete set."""
         return missing_in_words(self.skipped, len(self.poses))
 
     def in_body(self, vector_ned: Sequence[float]) -> Reals:
-        """Return what a vector of the earth frame is along the board's axes at each pose, shape (n, 3)."""
+        """Return a vector of the earth frame in the board's axes at each pose, shape (n, 3)."""
         return np.array([rotation_body_from_ned(attitude) @ np.array(vector_ned) for attitude in self.attitudes])
 
     @property
@@ -79,17 +80,17 @@ class KnownAngles:
         return np.array([pose.pitch_deg == 0.0 and pose.roll_deg == 0.0 for pose in self.poses])
 
     def accelerometer_norm_rms_mg(self, name: str) -> float:
-        """Return how far gravity under a calibration is from 1 g, rms over the poses [mg]."""
+        """Return the deviation of gravity under a calibration from 1 g, rms over the poses [mg]."""
         return self.norm_rms_mg(self.accelerometer_fits[name])
 
     def norm_rms_mg(self, fit: AccelerometerFit) -> float:
-        """Return the same under any accelerometer calibration, in a slot or not [mg]."""
+        """Return the deviation of gravity from 1 g under any accelerometer calibration, rms over the poses [mg]."""
         gravity_g = fit.gravity_g(self.accelerometer)
-        # hypot is correctly rounded neither everywhere nor alike; run.json keeps 9 digits of it.
-        return rms([1000.0 * (math.hypot(*each) - 1.0) for each in gravity_g.tolist()])
+        # hypot is not correctly rounded on all platforms; run.json keeps 9 digits of it.
+        return rms([1000.0 * (math.hypot(*vector) - 1.0) for vector in gravity_g.tolist()])
 
     def max_tilt_error_deg(self, name: str) -> float:
-        """Return the largest error of pitch or roll over the poses [deg]; the accelerometer alone makes it."""
+        """Return the largest error of pitch or roll over the poses [deg], which depends on the accelerometer only."""
         return float(np.abs(self.tilt_error_deg[name]).max())
 
     def summary(self, name: str) -> HeadingSummary:
@@ -110,26 +111,26 @@ def measure_known_angles(
     Parameters
     ----------
     turntable
-        Its angle is the reference; no sensor under test enters it.
+        Turntable whose angle is the reference, independent of the sensors under test.
     poses
-        At least one.
+        Poses, at least one.
     slots
-        Name of each calibration and the slot it is in.
+        Slots of the calibrations, by name.
     mounting_yaw_deg
         Declared turn of the board on the table: board heading = table heading + this.
     readings
         New samples of each sensor to average at each pose.
     journal
-        Keeps what an operator has set, and has what is there already.
+        Stores captured poses of an operator, and returns those stored already.
 
     Raises
     ------
     SensorAbsentError
         When magnetometer or accelerometer is missing.
     DeviceError
-        When the board refuses a heading; says at which pose.
+        When the board refuses a heading; the message names the pose.
     FirmwareContradictionError
-        When a heading is not the one that the answered calibration and the answered means give.
+        When a heading contradicts the answered calibration and means.
     """
     tell = progress or silent
     for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
@@ -140,32 +141,32 @@ def measure_known_angles(
             _attitude(answer.headings[slot], name, pose)
 
     if isinstance(turntable, OperatorTurntable):
-        earlier, said = journal.earlier(_numbers_of(board, slots)) if journal else ({}, "")
-        taken = take_by_hand(
+        earlier, message = journal.earlier(_calibration_numbers(board, slots)) if journal else ({}, "")
+        poses_by_index = take_by_hand(
             board, turntable, poses, readings=readings, slots=tuple(slots.values()), check=check,
             shown=next((slot for name, slot in slots.items() if name != UNCALIBRATED), UNCALIBRATED_SLOT),
-            earlier=earlier, keep=journal.keep if journal else lambda *_: None, say=said,
+            earlier=earlier, keep=journal.keep if journal else lambda *_: None, say=message,
         )
     else:
-        mask, taken = sum(1 << slot for slot in slots.values()), {}
+        mask, poses_by_index = sum(1 << slot for slot in slots.values()), {}
         for index, pose in enumerate(poses):
             tell("known angles", index, len(poses))
             achieved = turntable.turn_to(pose, known_angle=index)
-            taken[index] = achieved, board.session.request(Average(readings, mask))
-            check(pose, taken[index][1])
+            poses_by_index[index] = achieved, board.session.request(Average(readings, mask))
+            check(pose, poses_by_index[index][1])
         tell("known angles", len(poses), len(poses))
-    found = _known_angles(
-        poses, taken, slots, mounting_yaw_deg, readings,
+    known_angles = _known_angles(
+        poses, poses_by_index, slots, mounting_yaw_deg, readings,
         fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
         calibrations={name: board.session.request(GetCalibration(slot)) for name, slot in slots.items()},
     )
     for name in slots:
-        _check_arithmetic(found, name)
-    return found
+        _check_arithmetic(known_angles, name)
+    return known_angles
 
 
-def _numbers_of(board: Board, slots: Mapping[str, int]) -> dict[str, list[float]]:
-    """Return all numbers of the calibrations that the board holds."""
+def _calibration_numbers(board: Board, slots: Mapping[str, int]) -> dict[str, list[float]]:
+    """Return the parameters of the calibrations on the board."""
     numbers = {}
     for name, slot in slots.items():
         calibration, fit = board.session.request(GetCalibration(slot)), board.session.request(GetAccelerometer(slot))
@@ -191,7 +192,7 @@ def headings_deg(
     Returns
     -------
     ndarray, shape (n,)
-        In [0, 360) [deg].
+        Headings in [0, 360) [deg].
 
     Raises
     ------
@@ -203,81 +204,88 @@ def headings_deg(
     return np.array([tilt_heading(*pair).heading_deg for pair in pairs])
 
 
-def _check_arithmetic(found: KnownAngles, name: str) -> None:
-    """Refuse headings that do not follow from the calibration and the means that the board answered."""
-    for index, (pose, heading) in enumerate(zip(found.poses, found.heading_deg[name], strict=True)):
+def _check_arithmetic(known_angles: KnownAngles, name: str) -> None:
+    """Refuse headings that contradict the board's calibration and means."""
+    for index, (pose, heading) in enumerate(zip(known_angles.poses, known_angles.heading_deg[name], strict=True)):
         try:
-            (computed,) = _headings_under(found, found.calibrations[name], found.accelerometer_fits[name], index)
-            told = f"its own calibration and means give {computed:.4f} degrees"
+            (computed,) = _headings_under(
+                known_angles, known_angles.calibrations[name], known_angles.accelerometer_fits[name], index
+            )
+            contradiction = f"its own calibration and means give {computed:.4f} degrees"
         except DegenerateFieldError as error:
-            computed, told = math.inf, f"by its own calibration and means {error}"
+            computed, contradiction = math.inf, f"by its own calibration and means {error}"
         if not abs(wrap_180(heading - computed)) <= LARGEST_ROUNDING_DEG:
             raise FirmwareContradictionError(
                 f"the firmware contradicts itself: it answers a heading of {heading:.4f} degrees under {name!r} at "
-                f"{place_of(pose)}, and {told}{_mistake(found, name)}"
+                f"{place_of(pose)}, and {contradiction}{_mistake(known_angles, name)}"
             )
 
 
 def _headings_under(
-    found: KnownAngles, calibration: CalibrationReply, fit: AccelerometerFit, index: int | None = None
+    known_angles: KnownAngles, calibration: CalibrationReply, fit: AccelerometerFit, index: int | None = None
 ) -> Reals:
     """Compute the headings of all poses, or of one, under two calibrations."""
     rows = slice(None) if index is None else slice(index, index + 1)
     return headings_deg(
-        found.magnetometer[rows], found.accelerometer[rows], calibration.soft_iron, calibration.hard_iron, fit
+        known_angles.magnetometer[rows], known_angles.accelerometer[rows], calibration.soft_iron, calibration.hard_iron,
+        fit,
     )
 
 
-def _mistake(found: KnownAngles, name: str) -> str:
-    """Name the mistake that gives all answered headings, to within rounding; empty where no known one does."""
+def _mistake(known_angles: KnownAngles, name: str) -> str:
+    """Return the known mistake that explains all answered headings to within rounding; empty without one."""
     try:
-        right = _headings_under(found, found.calibrations[name], found.accelerometer_fits[name])
-        added = wrap_180(found.heading_deg[name][0] - right[0])
+        right = _headings_under(known_angles, known_angles.calibrations[name], known_angles.accelerometer_fits[name])
+        added = wrap_180(known_angles.heading_deg[name][0] - right[0])
         mistakes: dict[str, Callable[[], Reals]] = {
             f"a constant {added:+.3g} degrees is added to each heading": lambda: right + added,
             "each heading is counted the wrong way round": lambda: -right,
-            **_mistaken_tilts(found, name),
+            **_mistaken_tilts(known_angles, name),
             **{
                 f"the calibration is stale, it is that of {other!r}": partial(
-                    _headings_under, found, calibration, found.accelerometer_fits[name]
+                    _headings_under, known_angles, calibration, known_angles.accelerometer_fits[name]
                 )
-                for other, calibration in found.calibrations.items() if other != name
+                for other, calibration in known_angles.calibrations.items() if other != name
             },
         }
-        return next((f"; {words}" for words, headings in mistakes.items() if _same(headings, found, name)), "")
+        return next(
+            (f"; {words}" for words, headings in mistakes.items() if _matches(headings, known_angles, name)), ""
+        )
     except DegenerateFieldError:
         return ""
 
 
-def _mistaken_tilts(found: KnownAngles, name: str) -> dict[str, Callable[[], Reals]]:
-    calibration, fit = found.calibrations[name], found.accelerometer_fits[name]
-    level = replace(found, accelerometer=np.tile([0.0, 0.0, 1.0], (len(found.poses), 1)))
+def _mistaken_tilts(known_angles: KnownAngles, name: str) -> dict[str, Callable[[], Reals]]:
+    calibration, fit = known_angles.calibrations[name], known_angles.accelerometer_fits[name]
+    level = replace(known_angles, accelerometer=np.tile([0.0, 0.0, 1.0], (len(known_angles.poses), 1)))
     upwards = AccelerometerFit(-fit.gain, fit.offset)
     return {
         "tilt compensation is missing": partial(_headings_under, level, calibration, NOMINAL),
-        "the calibration of the accelerometer is left out": partial(_headings_under, found, calibration, NOMINAL),
-        "gravity has the opposite sign": partial(_headings_under, found, calibration, upwards),
+        "the calibration of the accelerometer is left out": partial(
+            _headings_under, known_angles, calibration, NOMINAL
+        ),
+        "gravity has the opposite sign": partial(_headings_under, known_angles, calibration, upwards),
     }
 
 
-def _same(headings: Callable[[], Reals], found: KnownAngles, name: str) -> bool:
-    pairs = zip(found.heading_deg[name].tolist(), headings().tolist(), strict=True)
+def _matches(headings: Callable[[], Reals], known_angles: KnownAngles, name: str) -> bool:
+    pairs = zip(known_angles.heading_deg[name].tolist(), headings().tolist(), strict=True)
     return all(abs(heading_error_deg(*pair)) <= LARGEST_ROUNDING_DEG for pair in pairs)
 
 
 def _known_angles(
-    asked: Sequence[Pose], taken: Mapping[int, tuple[Achieved, AverageReply]], slots: Mapping[str, int],
+    asked: Sequence[Pose], by_index: Mapping[int, tuple[Achieved, AverageReply]], slots: Mapping[str, int],
     mounting_yaw_deg: float, readings: int, *,
     fits: dict[str, AccelerometerFit], calibrations: dict[str, CalibrationReply],
 ) -> KnownAngles:
-    poses = [asked[index] for index in taken]
-    achieved, answers = [there for there, _ in taken.values()], [answer for _, answer in taken.values()]
+    poses = [asked[index] for index in by_index]
+    achieved, answers = [position for position, _ in by_index.values()], [answer for _, answer in by_index.values()]
     attitudes = {
         name: [_attitude(answer.headings[slot], name, pose) for answer, pose in zip(answers, poses, strict=True)]
         for name, slot in slots.items()
     }
     references = [wrap_360(place.heading_deg + mounting_yaw_deg) for place in achieved]
-    headings = {name: [attitude.heading_deg for attitude in each] for name, each in attitudes.items()}
+    headings = {name: [attitude.heading_deg for attitude in tilts] for name, tilts in attitudes.items()}
     return KnownAngles(
         poses=tuple(poses),
         attitudes=tuple(
@@ -293,14 +301,14 @@ def _known_angles(
             name: np.array([heading_error_deg(*pair) for pair in zip(values, references, strict=True)])
             for name, values in headings.items()
         },
-        pitch_deg={name: np.array([tilt.pitch_deg for tilt in each]) for name, each in attitudes.items()},
-        roll_deg={name: np.array([tilt.roll_deg for tilt in each]) for name, each in attitudes.items()},
-        tilt_error_deg={name: _tilt_errors_deg(each, achieved) for name, each in attitudes.items()},
+        pitch_deg={name: np.array([tilt.pitch_deg for tilt in tilts]) for name, tilts in attitudes.items()},
+        roll_deg={name: np.array([tilt.roll_deg for tilt in tilts]) for name, tilts in attitudes.items()},
+        tilt_error_deg={name: _tilt_errors_deg(tilts, achieved) for name, tilts in attitudes.items()},
         magnetometer=np.array([answer.magnetometer.mean for answer in answers], dtype=np.float64),
         accelerometer=np.array([answer.accelerometer.mean for answer in answers], dtype=np.float64),
         accelerometer_fits=fits,
         calibrations=calibrations,
-        skipped=tuple(pose for index, pose in enumerate(asked) if index not in taken),
+        skipped=tuple(pose for index, pose in enumerate(asked) if index not in by_index),
     )
 
 

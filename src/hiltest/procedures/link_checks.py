@@ -1,4 +1,4 @@
-"""Link checks: payloads arrive whole, damaged frames are dropped, no request is done twice."""
+"""Link checks: payloads arrive intact, damaged frames are dropped, no request is executed twice."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from hiltest.procedures.cycles import upload_points
 
 T = TypeVar("T")
 
-# A command that no firmware of this protocol has.
+# Code of a command that does not exist.
 _UNKNOWN_COMMAND = 0x7F
-# Sizes around every boundary of the frame format; bytes are those that stuffing changes.
+# Sizes around every boundary of the frame format; the bytes are those that stuffing changes.
 _PAYLOAD_SIZES = (0, 1, 2, 3, 4, 5, 7, 8, 9, 63, 64, 65, 255, 256, 257, 1023, MAX_PAYLOAD)
 _POINT_NUMBERS = (1, 2, 3, 5, 10, 21, 42, MAX_POINTS_READ, MAX_UPLOAD)
-# Something that fails is tried so often on a line that can have noise. With 0.03 % of the bytes flipped the longest
-# frame, 2066 bytes, is hit one time in two: ten times in a row in one of a thousand checks.
+# Number of attempts on a line that can have noise. With 0.03 % of the bytes flipped, the longest frame, of 2066 bytes,
+# is damaged every second time: ten times in a row in one of a thousand checks.
 _TRIES = 10
-# Counts whose bytes are 7D and 7E in every mixture.
+# Counts whose bytes are 7D and 7E in all combinations.
 _AWKWARD_COUNTS = (0x7D7E, 0x7E7D, 0x7E7E, 0x7D7D, 0x5E7D, 0x5D7D)
 
 
@@ -36,34 +36,34 @@ class LinkCheck:
     """Result of a link check."""
 
     echoed: int
-    """Payload sizes that went to the board whole, by its own word or by coming back."""
+    """Payload sizes that arrived intact, as the board reported or returned them."""
     wrong: int
-    """How many of the others the board refused or returned in another form, in an intact frame: no noise does that."""
+    """Number of other sizes that the board refused or changed in an intact frame, which noise cannot cause."""
     expected: int
-    """How many were tried."""
+    """Number of tried sizes."""
     damaged_sent: int
     damaged_counted: int
-    """Frames with one wrong bit, and how many the firmware says it dropped."""
+    """Number of frames with one wrong bit, and of those that the firmware reports as dropped."""
     damaged_answered: int
-    """Damaged frames that were answered all the same: must be 0."""
+    """Number of damaged frames that were answered: must be 0."""
     repeated_answered: bool
-    """A request sent twice with one sequence number got the same answer twice."""
+    """Whether a request sent twice with one sequence number got the same answer twice."""
     executed_once: bool
-    """And was carried out once."""
+    """Whether it was executed once."""
     uart_overruns: int
-    """Bytes the firmware lost because it was late, since its reset."""
+    """Bytes that the firmware lost in overruns since its reset."""
     noise: str
-    """What went wrong and was right when the same was sent again: the line's doing, not the firmware's. Empty on a
-    line without noise, such as a virtual board's."""
+    """Failures that a repetition cured, which the line caused, not the firmware. Empty on a line without noise, such as
+    a virtual board's."""
 
 
 class _Line:
-    """Tells noise from firmware at fault: noise is gone when the same is sent again.
+    """A line on which noise is distinguished from firmware faults by repetition.
 
     Attributes
     ----------
     healed : int
-        How often something went wrong, and was right in a later try.
+        Number of failures that a later attempt cured.
     """
 
     def __init__(self, board: Board) -> None:
@@ -71,12 +71,12 @@ class _Line:
         self.healed = 0
 
     def ask(self, probe: Callable[[], T | None]) -> T | None:
-        """Return what a probe finds, tried again as long as that is None."""
+        """Return the result of a probe, repeated while it is None."""
         for number in range(self._tries):
-            found = probe()
-            if found is not None:
+            result = probe()
+            if result is not None:
                 self.healed += number > 0
-                return found
+                return result
         return None
 
 
@@ -86,16 +86,16 @@ def check_link(board: Board) -> LinkCheck:
     Parameters
     ----------
     board
-        Its point buffer is replaced.
+        Board whose point buffer is replaced.
 
     Raises
     ------
     BenchError, ProtocolError
-        When the link does not even work well enough to be checked.
+        When the link is too bad to be checked.
     """
     line, began = _Line(board), len(board.session.attempts)
     heard = [line.ask(partial(_arrives_whole, board, size)) for size in _PAYLOAD_SIZES]
-    heard += [_comes_back(board, number) for number in _POINT_NUMBERS]
+    heard += [_reads_back(board, number) for number in _POINT_NUMBERS]
     damage = _Damage(board)
     line.ask(damage.send)
     repeated = line.ask(lambda: _repeat(board))
@@ -120,8 +120,8 @@ def check_link(board: Board) -> LinkCheck:
 def damaged_frames(sequence: int = 0x55) -> list[bytes]:
     """Return CLEAR_POINTS frames, each with one wrong bit in another byte of its body.
 
-    Bits that would make or unmake a delimiter or an escape are left alone: a delimiter too
-    many cuts the frame in two, and both pieces would be counted.
+    Bits that would create or destroy a delimiter or an escape are excluded: an extra delimiter cuts the frame in two,
+    and both pieces would be counted.
     """
     wire = encode_frame(Frame(ClearPoints.code, sequence, b""))
     frames = []
@@ -134,7 +134,7 @@ def damaged_frames(sequence: int = 0x55) -> list[bytes]:
 
 
 def _arrives_whole(board: Board, size: int) -> bool | None:
-    """Send a payload of a size under an unknown command: the frame must be whole to be refused by name."""
+    """Send a payload under an unknown command, which the firmware refuses by name only in an intact frame."""
     payload = bytes([0x7E, 0x7D, 0x5E, 0x5D])[: min(size, 4)] + bytes(range(256)) * 4
     frame = board.session.numbered(_UNKNOWN_COMMAND, payload[:size])
     reply = board.session.exchange_raw(frame)
@@ -142,7 +142,7 @@ def _arrives_whole(board: Board, size: int) -> bool | None:
     return None if reply is None else reply == expected
 
 
-def _comes_back(board: Board, number: int) -> bool:
+def _reads_back(board: Board, number: int) -> bool:
     """Upload points made of awkward bytes and read them back."""
     points = np.resize(np.array(_AWKWARD_COUNTS, dtype=np.int16), (number, 3))
     upload_points(board, points)
@@ -154,14 +154,14 @@ def _comes_back(board: Board, number: int) -> bool:
 
 
 class _Damage:
-    """Frames with one wrong bit each: what the firmware made of those of the latest trial."""
+    """Frames with one wrong bit each, and the firmware's reaction to the latest trial."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
         self.sent = self.counted = self.answered = 0
 
     def send(self) -> bool | None:
-        """Send them; None unless each was counted, and none answered."""
+        """Send the frames; return None unless each was counted, and none answered."""
         session = self._board.session
         frames = damaged_frames(session.numbered(ClearPoints.code, b"").sequence)
         before = session.request(LinkStatistics()).damaged
@@ -175,7 +175,7 @@ class _Damage:
 
 
 def _repeat(board: Board) -> tuple[bool, bool] | None:
-    """Send an upload twice: was it answered twice alike, and carried out once? None where an answer did not come."""
+    """Send an upload twice; return whether both answers were equal, and whether it was executed once, or None."""
     session = board.session
     session.request(ClearPoints())
     began, before = len(session.attempts), session.request(LinkStatistics())
@@ -186,11 +186,11 @@ def _repeat(board: Board) -> tuple[bool, bool] | None:
         return None
     try:
         stored = decode_reply(upload, first.payload)
-        # Done a second time it would be refused, because it says that no point is stored yet.
+        # A second execution would be refused, because the request states that no point is stored yet.
         follow = session.request(Upload(1, [(4, 5, 6)]))
     except (ProtocolError, DeviceError):
         return False, False
     after = session.request(LinkStatistics())
-    if session.noise(began):  # a request that was sent again counts as repeated, too
+    if session.noise(began):  # a retransmitted request also counts as repeated
         return None
     return first == second and after.repeated == before.repeated + 1, stored == 1 and follow == 2

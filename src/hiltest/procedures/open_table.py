@@ -15,23 +15,23 @@ from hiltest.rig import Rig
 def open_table(
     board: Board | CompassBoard, rig: Rig, *, prompt: Callable[[str], str] | None = None, tape: Tape = LIVE
 ) -> Turntable:
-    """Return what turns the board: motors, the simulated table of a virtual board, or an operator.
+    """Return the turntable: motors, the simulated table of a virtual board, or an operator.
 
     Parameters
     ----------
     prompt
         Shows a text to the operator and returns the line that was typed, as `input` does.
     tape
-        Records what is asked of motors, and of the operator, or answers it from a recording.
+        Records the questions to motors and operator, or answers them from a recording.
 
     Raises
     ------
     OperatorAbsentError
-        When the board needs an operator and no one can be asked.
+        When the board needs an operator and nobody can be asked.
     BenchError
         When the motors do not answer.
     ConfigError
-        When a recording is played in place of the world.
+        When the rig plays a recording instead of simulating a world.
     """
     rig.refuse_playback("a turntable")
     if rig.turntable.kind == "grbl":

@@ -1,4 +1,4 @@
-"""What firmware finds from a recording that its sensors measure: its own calibration and headings, and hiltest's."""
+"""Results of firmware whose sensors play a recording: its own calibration and headings, and hiltest's."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble, collect_until
 from hiltest.rig import COUNTS_PER_UT, Rig
 
-# Calibrators of hiltest's own firmware; of another that speaks its protocol those that it has of them, or all.
+# Calibrators of hiltest's firmware; of other firmware with its protocol, those of them that it has, otherwise all.
 _OURS = ("direct", "corrected", "iterative")
-# New samples for a heading of a board that moves: 50 ms of the slowest magnetometer, 20 ms of the others.
+# Number of new samples per heading of a moving board: 50 ms of the slowest magnetometer, 20 ms of the others.
 _READINGS = 4
 
 
@@ -35,31 +35,31 @@ class Found:
 
     name: str
     hard_iron_ut: Reals | None = None
-    """Shape (3,), or None. Body frame; None where there is none."""
+    """Shape (3,), or None. Body frame; None if there is none."""
     field_ut: float | None = None
-    """Radius of the sphere that its ellipsoid has the volume of; of firmware that says it, what it says."""
+    """Radius of the sphere with the volume of its ellipsoid; or the firmware's own value."""
     said_error_percent: float | None = None
-    """What the firmware says of its fit's error, by its own definition."""
+    """Fit error that the firmware reports, by its own definition."""
     residual_percent: float | None = None
     """``100 rms(|corrected| / field - 1)`` over the same points for all."""
     cycles: int | None = None
     heading_deg: tuple[float | None, ...] = ()
-    """At each moment."""
+    """Heading at each moment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayedBack:
-    """What was found from a recording."""
+    """Results from a recording."""
 
     found: tuple[Found, ...]
-    """``firmware`` as it says itself and ``calibrated``, its calibration on the readings of hiltest's, where the
-    rig's firmware does not speak hiltest's protocol; then hiltest's calibrators."""
+    """If the rig's firmware does not use hiltest's protocol: ``firmware``, its own headings, and ``calibrated``, its
+    calibration on the readings of hiltest's firmware; then hiltest's calibrators."""
     moments_s: Reals
     """Shape (n,). Virtual time of the headings."""
     points: int
-    """How many hiltest's calibrators got."""
+    """Number of points of hiltest's calibrators."""
     remarks: tuple[str, ...]
-    """What was not as recorded."""
+    """Deviations from the recording."""
 
 
 def play_back(
@@ -70,74 +70,74 @@ def play_back(
     Parameters
     ----------
     rig
-        Of a virtual board, with a recording.
+        Rig of a virtual board, with a recording.
     times_s : shape (n,)
         Virtual times of the recorded readings of the magnetometer.
     moments_s : shape (n,)
-        Virtual times at which headings are taken.
+        Virtual times of the headings.
     firmware
-        What the rig's board runs.
+        Firmware of the rig's board.
 
     Notes
     -----
-    hiltest's firmware gets it twice: it calibrates from the first time, and answers headings the second time.
+    hiltest's firmware plays the recording twice: it calibrates in the first pass, and answers headings in the second.
     """
     tell, own = progress or silent, rig.own_language
-    said: list[str] = []
+    remarks: list[str] = []
     foreign: tuple[Found, Belief] | None = None
     if own is not None:
         with open_compass(rig, firmware=firmware, port=None, seed=None, transcript=None, base=None) as compass:
-            foreign = _heard(compass, float(times_s[-1]), moments_s, tell)
-            said += compass.stage.said_of_playback if compass.stage else []
+            foreign = _listen(compass, float(times_s[-1]), moments_s, tell)
+            remarks += compass.stage.said_of_playback if compass.stage else []
         firmware = None
         rig = replace(rig, device=None, cycles={}, board=replace(rig.board, firmware=None))
     with open_board(rig, firmware=firmware) as board:
-        tumble, runs = _calibrated(board, times_s, rig.procedure.tumble_points, tell)
-        said += board.stage.said_of_playback if board.stage else []
+        tumble, runs = _calibrate(board, times_s, rig.procedure.tumble_points, tell)
+        remarks += board.stage.said_of_playback if board.stage else []
     with open_board(rig, firmware=firmware) as board:
-        replies = _answered(board, moments_s, runs, tell)
-    ours = [_of_ours(run, replies) for run in runs.values()]
-    theirs = [] if foreign is None else _of_theirs(*foreign, tumble, replies)
-    return PlayedBack((*theirs, *ours), moments_s, len(tumble.points), tuple(dict.fromkeys(said)))
+        replies = _ask_headings(board, moments_s, runs, tell)
+    ours = [_hiltest_result(run, replies) for run in runs.values()]
+    theirs = [] if foreign is None else _firmware_results(*foreign, tumble, replies)
+    return PlayedBack((*theirs, *ours), moments_s, len(tumble.points), tuple(dict.fromkeys(remarks)))
 
 
-def _heard(board: CompassBoard, end_s: float, moments_s: Reals, tell: Progress) -> tuple[Found, Belief]:
-    """Listen to firmware over a recording, and until it has had time to end its last fit."""
+def _listen(board: CompassBoard, end_s: float, moments_s: Reals, tell: Progress) -> tuple[Found, Belief]:
+    """Listen to firmware for the length of a recording, and long enough for its last fit."""
     frame = frame_of(board.rig)
     headings: list[float | None] = []
     for number, moment_s in enumerate(moments_s.tolist()):
         tell("the rig's firmware", number, len(moments_s))
-        said = [each.values[Quantity.HEADING] for each in board.observe(max(0.0, moment_s - board.now_s()))
-                if Quantity.HEADING in each.values]
-        headings.append(frame.heading_deg(float(said[-1][0])) if said else None)
+        observations = board.observe(max(0.0, moment_s - board.now_s()))
+        heard = [entry.values[Quantity.HEADING] for entry in observations if Quantity.HEADING in entry.values]
+        headings.append(frame.heading_deg(float(heard[-1][0])) if heard else None)
     board.observe(max(0.0, end_s - board.now_s()) + board.device.settle_s)
     tell("the rig's firmware", len(moments_s), len(moments_s))
     belief = belief_of(board.latest, frame)
     calibrated = board.latest.get(Quantity.CALIBRATED)
     if calibrated is not None and not calibrated.any():
         return Found(f"{FIRMWARE} (not calibrated)", heading_deg=tuple(headings)), Belief()
-    found = Found(
+    firmware = Found(
         FIRMWARE, belief.hard_iron_ut, belief.field_strength_ut, belief.fit_error_percent,
         heading_deg=tuple(headings),
     )  # fmt: skip
-    return found, belief
+    return firmware, belief
 
 
-def _calibrated(
+def _calibrate(
     board: Board, times_s: Reals, points: int, tell: Progress
 ) -> tuple[Tumble, dict[str, CalibratorRun]]:
-    """Collect points over a recording, and fit them on the board."""
+    """Collect points from a recording, and fit them on the board."""
     board.sleep(max(0.0, float(times_s[0]) - board.now_s()))
     tumble = collect_until(board, float(times_s[-1]), points=min(points, len(times_s)), progress=tell)
-    known = board.identity.calibrators
-    names = [each for each in _OURS if each in known] or list(known)
+    calibrators = board.identity.calibrators
+    names = [name for name in _OURS if name in calibrators] or list(calibrators)
     return tumble, run_calibrators(board, tumble, calibrators=names, n=len(tumble.points), progress=tell)
 
 
-def _answered(
+def _ask_headings(
     board: Board, moments_s: Reals, runs: Mapping[str, CalibratorRun], tell: Progress
 ) -> list[AverageReply]:
-    """Ask for headings and readings at moments of a recording, under calibrations that were made before."""
+    """Ask for headings and readings at moments of a recording, under existing calibrations."""
     usable = [run for run in runs.values() if run.usable]
     for run in usable:
         board.session.request(SetCalibration(run.slot, run.soft_iron, run.hard_iron))
@@ -151,7 +151,7 @@ def _answered(
     return replies
 
 
-def _of_ours(run: CalibratorRun, replies: Sequence[AverageReply]) -> Found:
+def _hiltest_result(run: CalibratorRun, replies: Sequence[AverageReply]) -> Found:
     cycles = run.cost.cycles if run.cost else None
     if not run.usable:
         return Found(f"{run.name} ({run.fit.name.lower()})", cycles=cycles)
@@ -162,14 +162,14 @@ def _of_ours(run: CalibratorRun, replies: Sequence[AverageReply]) -> Found:
     )  # fmt: skip
 
 
-def _of_theirs(said: Found, belief: Belief, tumble: Tumble, replies: Sequence[AverageReply]) -> list[Found]:
-    """Return what firmware said, and its last calibration on the readings that hiltest's firmware answered."""
+def _firmware_results(firmware: Found, belief: Belief, tumble: Tumble, replies: Sequence[AverageReply]) -> list[Found]:
+    """Return the firmware's own result, and its last calibration applied to the readings of hiltest's firmware."""
     if belief.fit is None:
-        return [said]
+        return [firmware]
     radius_ut = belief.field_strength_ut
     radius = COUNTS_PER_UT * radius_ut if radius_ut else _mean_norm(belief.fit.corrected(tumble.points))
     unit = replace(belief.fit, soft_iron=belief.fit.soft_iron / radius)
-    return [said, Found(
+    return [firmware, Found(
         CALIBRATED, residual_percent=residual_percent(tumble.points, unit),
         heading_deg=tuple(_heading(reply, unit) for reply in replies),
     )]  # fmt: skip
@@ -184,7 +184,9 @@ def _radius_ut(fit: MagnetometerFit) -> float:
 
 
 def _heading(reply: AverageReply, fit: MagnetometerFit) -> float | None:
-    magnetometer, accelerometer = (each.mean[np.newaxis] for each in (reply.magnetometer, reply.accelerometer))
+    magnetometer, accelerometer = (
+        statistic.mean[np.newaxis] for statistic in (reply.magnetometer, reply.accelerometer)
+    )
     try:
         return float(headings_deg(magnetometer, accelerometer, fit.soft_iron, fit.hard_iron, NOMINAL)[0])
     except DegenerateFieldError:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeAlias
 
-#: Called with what is being done, how many steps are done, and of how many.
+#: Callback with the current task, the number of completed steps, and their total.
 Progress: TypeAlias = Callable[[str, int, int], None]
 
 
-def silent(_what: str, _done: int, _of: int) -> None:
-    """Say nothing."""
+def silent(_task: str, _done: int, _of: int) -> None:
+    """Ignore a progress report."""

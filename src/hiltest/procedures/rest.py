@@ -1,4 +1,4 @@
-"""Accelerometer and gyroscope while the board stands still; a bias is refused when the board was moved."""
+"""Accelerometer and gyroscope of a still board; a bias is refused if the board was moved."""
 
 from __future__ import annotations
 
@@ -56,30 +56,30 @@ def measure_accelerometer_rest(board: Board, *, readings: int = 64) -> Accelerom
 
 
 class BoardMovedError(CalibrationError):
-    """The board was moved while it should lie still.
+    """Error for a board that moved while it should lie still.
 
     Attributes
     ----------
     at_s : float
         Seconds into the rest.
     axis : Axis
-        About which it moved most.
+        Axis of the largest motion.
     """
 
-    def __init__(self, at_s: float, axis: Axis, what: str, advice: str) -> None:
+    def __init__(self, at_s: float, axis: Axis, motion: str, advice: str) -> None:
         self.at_s = at_s
         self.axis = axis
-        super().__init__(f"the board moved {at_s:.1f} s into the rest: {what}. {advice}")
+        super().__init__(f"the board moved {at_s:.1f} s into the rest: {motion}. {advice}")
 
 
 class SamplesLostError(CalibrationError):
-    """The gyroscope's FIFO ran over: what was sampled has a gap."""
+    """Overflow of the gyroscope's FIFO: the samples have a gap."""
 
 
 def noise_counts(board: Board) -> float:
-    """Return the rms of one sample of the gyroscope, were all independent [counts].
+    """Return the rms of one sample of the gyroscope, assuming independence [counts].
 
-    The declared density over half the sampling rate, and the rounding to whole counts beside it.
+    It combines the declared density over half the sampling rate and the rounding to whole counts.
     """
     white_dps = board.declared.gyroscope_density_dps * math.sqrt(0.5 * SAMPLE_RATE_HZ)
     return math.hypot(white_dps / DPS_PER_COUNT, math.sqrt(1.0 / 12.0))
@@ -93,11 +93,11 @@ def rest_gyroscope(
     Parameters
     ----------
     board
-        Standing still; a constant rotation that began before looks like bias.
+        Still board; a constant rotation from before the rest looks like bias.
     seconds
         Length of the rest, at most 20.
     store
-        Whether the mean becomes the bias that the board takes off.
+        Whether the board subtracts the mean as its bias from now on.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def rest_gyroscope(
     tell = progress or silent
     board.sensor(SensorKind.GYROSCOPE)
     n = math.ceil(seconds * SAMPLE_RATE_HZ)
-    timeout_us = round(2e6 * seconds + 1e6)  # twice the time it should take, and a second
+    timeout_us = round(2e6 * seconds + 1e6)  # twice the expected time, plus a second
     tell("gyroscope at rest", 0, 1)
     reply = board.session.request(GyroscopeRest(n, store, noise_counts(board), timeout_us=timeout_us))
     tell("gyroscope at rest", 1, 1)
@@ -124,22 +124,22 @@ def rest_gyroscope(
 
 
 def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
-    found, window_s = reply.stillness, STILLNESS_WINDOW / SAMPLE_RATE_HZ
-    if found.kind is StillnessKind.STILL:
+    stillness, window_s = reply.stillness, STILLNESS_WINDOW / SAMPLE_RATE_HZ
+    if stillness.kind is StillnessKind.STILL:
         return
-    if found.kind is StillnessKind.NOT_TESTED:
+    if stillness.kind is StillnessKind.NOT_TESTED:
         raise CalibrationError(
             f"whether the board was still was not tested: a rest of {seconds:g} s is shorter than the {window_s:g} s "
             "of one test of stillness; let it rest for longer"
         )
-    amount_dps = found.amount * DPS_PER_COUNT
-    axis = found.axis.name.lower()
-    if found.kind is StillnessKind.TURNED:
-        what = f"{amount_dps:+.2f} deg/s about its {axis} axis, as the mean of {window_s:g} s, beside the time before"
+    amount_dps = stillness.amount * DPS_PER_COUNT
+    axis = stillness.axis.name.lower()
+    if stillness.kind is StillnessKind.TURNED:
+        motion = f"{amount_dps:+.2f} deg/s about its {axis} axis, as the mean of {window_s:g} s, beside the time before"
     else:
-        what = f"{amount_dps:.2f} deg/s rms about its {axis} axis within {window_s:g} s"
+        motion = f"{amount_dps:.2f} deg/s rms about its {axis} axis within {window_s:g} s"
     raise BoardMovedError(
-        found.first / SAMPLE_RATE_HZ, found.axis, what,
+        stillness.first / SAMPLE_RATE_HZ, stillness.axis, motion,
         f"Leave it alone for {seconds:g} s and run again; where no one touched it, is the table shaken, or "
         "sensors.gyroscope_noise_mdps_per_rthz in the rig too small?",
     )

@@ -1,4 +1,4 @@
-"""Axes of both sensors, as a table that turns by itself shows them at a few known attitudes."""
+"""Axes of both sensors, estimated at a few known attitudes of an automatic table."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def see_axes(
     board: Board, turntable: Turntable, *, poses: Sequence[Pose], field_ned_ut: Sequence[float],
     mounting_yaw_deg: float, readings: int = 16,
 ) -> SensorAxes:
-    """Turn to each pose, and estimate the axes from what both sensors read there.
+    """Turn to each pose, and estimate the axes from the readings of both sensors.
 
     Parameters
     ----------
@@ -26,14 +26,14 @@ def see_axes(
     field_ned_ut
         Declared field [uT].
     mounting_yaw_deg
-        Declared: board heading = table heading + this.
+        Declared turn of the board on the table: board heading = table heading + this.
     readings
         New samples of each sensor to average at each pose.
     """
     rotations, means = [], []
     for pose in poses:
-        there = turntable.turn_to(pose)
-        attitude = Pose(wrap_360(there.heading_deg + mounting_yaw_deg), there.pitch_deg, there.roll_deg)
+        achieved = turntable.turn_to(pose)
+        attitude = Pose(wrap_360(achieved.heading_deg + mounting_yaw_deg), achieved.pitch_deg, achieved.roll_deg)
         rotations.append(rotation_body_from_ned(attitude))
         reply = board.session.request(Average(readings))
         means.append((reply.magnetometer.mean, reply.accelerometer.mean))

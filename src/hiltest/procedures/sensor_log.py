@@ -1,4 +1,4 @@
-"""Log of chosen sensors: samples as they come, over any time."""
+"""Log of selected sensors: samples in the order of arrival, over any duration."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from hiltest.link.messages import Read
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT, SAMPLE_RATE_HZ, SensorKind
 from hiltest.procedures.gyroscope_log import log_chunks
 
-# Of sensors that are read in turn: 0.05 s each, so that the gyroscope's FIFO, 0.16 s, does not run over meanwhile.
+# Samples per request of sensors that are read in turn: 0.05 s each, so that the gyroscope's FIFO of 0.16 s does not
+# overflow meanwhile.
 _IN_TURN = {SensorKind.MAGNETOMETER: 4, SensorKind.ACCELEROMETER: 10}
-# And of one that is read alone: with no FIFO in use, what comes while a reply is on the line is lost.
+# Samples per request of a single sensor: without a FIFO, samples are lost while a reply is on the line.
 _ALONE = 64
 
 UNITS = {
@@ -31,23 +32,23 @@ class LogRow:
     """Time of the sample, board's clock."""
     kind: SensorKind
     values: tuple[float, float, float]
-    """In the unit of `UNITS`, body frame, uncalibrated."""
+    """Values in the unit of `UNITS`, body frame, uncalibrated."""
     temperature_degc: int
     """Temperature of the sensor's die."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogPart:
-    """Some rows in the order of time; `lost` when samples of the gyroscope are missing before or among them."""
+    """Some rows in the order of time; `lost` if samples of the gyroscope are missing before or among them."""
 
     rows: tuple[LogRow, ...]
     lost: bool
 
 
 def log_sensors(board: Board, kinds: Collection[SensorKind], *, seconds: float) -> Iterator[LogPart]:
-    """Yield samples until so much of the board's time has gone by.
+    """Yield samples for a duration of the board's clock.
 
-    The gyroscope gives every sample, the others what they have while they are asked.
+    The gyroscope gives every sample, the others only those during their requests.
 
     Raises
     ------
@@ -56,19 +57,19 @@ def log_sensors(board: Board, kinds: Collection[SensorKind], *, seconds: float) 
     """
     ids = {kind: board.sensor(kind).sensor_id for kind in kinds}
     if ids.keys() == {SensorKind.GYROSCOPE}:
-        yield from _gyroscope_alone(board, seconds)
+        yield from _log_gyroscope_alone(board, seconds)
     else:
-        yield from _in_turn(board, ids, seconds)
+        yield from _log_in_turn(board, ids, seconds)
 
 
-def _gyroscope_alone(board: Board, seconds: float) -> Iterator[LogPart]:
+def _log_gyroscope_alone(board: Board, seconds: float) -> Iterator[LogPart]:
     for chunk in log_chunks(board, samples=math.ceil(seconds * SAMPLE_RATE_HZ)):
         timed = zip(chunk.times_s.tolist(), chunk.counts.tolist(), strict=True)
         rows = (_row(time_s, SensorKind.GYROSCOPE, counts, chunk.die_temperature_degc) for time_s, counts in timed)
         yield LogPart(tuple(rows), chunk.lost)
 
 
-def _in_turn(board: Board, ids: Mapping[SensorKind, int], seconds: float) -> Iterator[LogPart]:
+def _log_in_turn(board: Board, ids: Mapping[SensorKind, int], seconds: float) -> Iterator[LogPart]:
     gyroscope = _GyroscopeInTurn(board) if SensorKind.GYROSCOPE in ids else None
     begin_s: float | None = None
     last_s = -math.inf
@@ -95,7 +96,7 @@ def _read(board: Board, kind: SensorKind, sensor_id: int, count: int) -> list[Lo
 
 
 class _GyroscopeInTurn:
-    """Drains the gyroscope's FIFO of samples that came while others were read."""
+    """Reader of gyroscope samples that arrived in the FIFO while others were read."""
 
     def __init__(self, board: Board) -> None:
         self._board = board

@@ -1,4 +1,4 @@
-"""Wait until what a board says has settled: found from what it says, not guessed."""
+"""Wait until a board's heading has settled, judged from its values."""
 
 from __future__ import annotations
 
@@ -15,55 +15,56 @@ from hiltest.device.quantities import Observation, Quantity
 from hiltest.errors import DeviceTimeoutError
 
 SETTLED_DEG = 0.1
-"""Headings of two windows that are so near are one heading."""
+"""Largest difference of the headings of two windows that agree."""
 STANDARD_ERRORS = 2.0
-"""Or so near by their own noise."""
+"""Largest difference in units of their own noise."""
 NEIGHBOURS_DEG = 5.0
-"""Two headings in a row at rest are so near: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte 25."""
-# A quotient of two times may lie below its whole number by rounding.
+"""Largest difference of two consecutive headings at rest: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte
+25."""
+# Margin for a quotient of two times that rounding puts below a whole number.
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What a board said at the end of its wait."""
+    """Board's observations at the end of a wait."""
 
     heading_deg: float
     """Mean of the last window, from magnetic north, clockwise."""
     is_settled: bool
-    """False where it still moved when the longest time was over."""
+    """Whether it settled before the timeout."""
     took_s: float
-    """From the beginning to the end of the last window."""
+    """Time from the start to the end of the last window."""
     window: Sequence[Observation]
-    """All that was said in it."""
+    """Observations of the last window."""
     unconfirmed: int = 0
-    """Headings of all windows that were left out, since the one before and the one behind contradict them."""
+    """Number of headings in all windows that were dropped because both neighbours contradict them."""
 
 
 def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | None = None) -> Settled:
-    """Listen until two windows in a row agree in their mean heading, or the longest time is over.
+    """Listen until two consecutive windows agree in their mean heading, or until the timeout.
 
     Parameters
     ----------
     board
-        Standing still; it offers a heading.
+        Still board that offers a heading.
     frame
-        In which its headings are.
+        Convention of its headings.
     longest_s
-        By default the rig's. The wait lasts for as many windows as fit into this time: their number does not depend on
-        the nanoseconds by which a clock is read late.
+        Timeout; by default the rig's. The wait lasts for the number of windows that fit into this time, so that it does
+        not depend on nanoseconds of clock reading.
 
     Raises
     ------
     DeviceTimeoutError
-        When the board fell silent, or no heading of a whole window is confirmed.
+        When the board falls silent, or a whole window has no confirmed heading.
     VersionMismatchError
-        When what it says holds no heading.
+        When its output has no heading.
 
     Notes
     -----
-    Packets, and most lines, have no check value, and a serial line may change a byte: over one a heading without counts
-    only where a neighbour confirms it.
+    Packets and most lines have no check value, and a serial line may change a byte: so a heading without a check value
+    counts only if a neighbour confirms it.
     """
     device, began_s = board.device, board.now_s()
     longest_s = device.settle_s if longest_s is None else longest_s
@@ -72,11 +73,15 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
     unconfirmed = 0
     while True:
         window = board.observe(device.window_s)
-        found = [each for each in window if Quantity.HEADING in each.values]
-        headings_deg = [frame.heading_deg(float(each.values[Quantity.HEADING][0])) for each in found]
+        observations = [observation for observation in window if Quantity.HEADING in observation.values]
+        headings_deg = [
+            frame.heading_deg(float(observation.values[Quantity.HEADING][0])) for observation in observations
+        ]
         if board.origin is BoardKind.REAL:
-            said, headings_deg = len(headings_deg), confirmed(headings_deg, [each.checked for each in found])
-            unconfirmed += said - len(headings_deg)
+            count, headings_deg = len(headings_deg), confirmed(
+                headings_deg, [observation.checked for observation in observations]
+            )
+            unconfirmed += count - len(headings_deg)
         if not headings_deg:
             if unconfirmed:
                 raise DeviceTimeoutError("a heading that a neighbour confirms", device.window_s, board.clock)
@@ -90,15 +95,15 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
 
 
 def confirmed(headings_deg: Sequence[float], checked: Sequence[bool]) -> list[float]:
-    """Return the headings that came with a right check value, or are near the one before or behind, if there is one."""
+    """Return the headings with a correct check value, and those that are near the previous or the next one."""
     near = [abs(wrap_180(after - one)) <= NEIGHBOURS_DEG for one, after in pairwise(headings_deg)]
     beside = [before or behind for before, behind in zip([False, *near], [*near, False], strict=True)]
-    known = zip(headings_deg, beside, checked, strict=False)  # without headings there is one that is beside none
-    return [heading for heading, is_near, is_checked in known if is_near or is_checked]
+    neighbours = zip(headings_deg, beside, checked, strict=False)  # even without headings `beside` has one element
+    return [heading for heading, is_near, is_checked in neighbours if is_near or is_checked]
 
 
 def agree(first_deg: Sequence[float], second_deg: Sequence[float]) -> bool:
-    """Say whether the means of two windows of headings are the same, by `SETTLED_DEG` or by their noise."""
+    """Return whether the means of two windows of headings are the same, by `SETTLED_DEG` or by their noise."""
     mean_deg = circular_mean_deg(first_deg)
     apart_deg = abs(wrap_180(circular_mean_deg(second_deg) - mean_deg))
     error_deg = math.hypot(_standard_error(first_deg), _standard_error(second_deg))
@@ -106,7 +111,7 @@ def agree(first_deg: Sequence[float], second_deg: Sequence[float]) -> bool:
 
 
 def _standard_error(headings_deg: Sequence[float]) -> float:
-    """Return the standard error of a mean heading; 0 of a single one, of which no noise is known."""
+    """Return the standard error of a mean heading; 0 for a single one, whose noise is unknown."""
     if len(headings_deg) < 2:
         return 0.0
     mean_deg = circular_mean_deg(headings_deg)

@@ -1,4 +1,4 @@
-"""The accelerometer on its six faces: each is looked at as it is taken, and the board fits what it stored."""
+"""The accelerometer on its six faces: each is checked when it is taken, and the board fits its stored poses."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ from hiltest.procedures.turntables import FACE_WORDS, Turntable
 
 Reals = NDArray[np.float64]
 
-# Of each face: a second at the magnetometer's 80 Hz. The last of it is taken apart, and compared.
+# Readings per face: a second at the magnetometer's 80 Hz. The last ones are averaged separately, and compared.
 READINGS = 64
 READINGS_AFTER = 16
-# A board whose mean moves by more within that second was not left alone. Noise is 1.3 mg a reading, which makes
-# the difference of the two means 0.35 mg rms; 2 mg are 0.1 degree.
+# Largest change of the mean within that second for a still board. Noise is 1.3 mg per reading, which makes the
+# difference of the two means 0.35 mg rms; 2 mg are 0.1 degree.
 _DRIFT_MG = 2.0
-# Beyond what the faces' own uncertainty explains: 5 times the noise of a mean of 64 readings.
+# Allowance beyond the faces' own uncertainty: 5 times the noise of a mean of 64 readings.
 _NOISE_MG = 0.8
-# Of a residual that the board computes from the poses and the calibration it answers. The rounding of 1 g to float32
-# is 0.0001 mg; a residual of 6 sums of it, differenced, stays far below.
+# Tolerance of the residual that the board computes from its poses and calibration. The rounding of 1 g to float32 is
+# 0.0001 mg; a residual from differences of 6 sums stays far below.
 _RESIDUAL_ROUNDING_MG = 0.01
-# How much of a heading the axes that six askew faces leave may turn, of their rms uncertainty times tan(dip): the 99th
-# percentile over 1000 boards laid down askew by 1 degree rms, at the sixty known angles and without any other error.
+# Heading error by axes from six misaligned faces, relative to their rms uncertainty times tan(dip): the 99th percentile
+# over 1000 boards with misalignments of 1 degree rms, at the sixty known angles and without any other error.
 _TURNED_BY_AXES = {
     "heading.{calibrator}.max": 4.2, "heading.{calibrator}.max_centred": 4.2, "heading.{calibrator}.rms": 2.4,
 }
@@ -57,22 +57,22 @@ _TURNED_BY_AXES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerRun:
-    """A fit of the accelerometer on the board, compared with the truth where it is known."""
+    """A fit of the accelerometer on the board, compared with the truth if it is known."""
 
     method: str
     counts: Reals
-    """Shape (n, 3). Means of the poses, in the order they were taken."""
+    """Shape (n, 3). Means of the poses, in order."""
     solution: AccelerometerSolution
-    """As the board computed it, in float32."""
+    """Solution, as the board computed it in float32."""
     cost: RunCost | None
-    """None when the core counts no cycles."""
+    """Cost; None without a cycle counter."""
     band: CycleRange | None
-    """Uncertainty range of its cycles; None where it is unknown."""
+    """Uncertainty range of its cycles; None if unknown."""
     die_temperature_degc: int
-    """At the last pose."""
+    """Temperature of the die at the last pose."""
     axis_error_deg: float | None
     offset_error_mg: float | None
-    """None where there is no truth: "not offered"."""
+    """Errors against the truth; None without a truth: "not offered"."""
 
     @property
     def fit(self) -> AccelerometerFit:
@@ -81,13 +81,13 @@ class AccelerometerRun:
 
 
 class FaceJournal(Protocol):
-    """Keeps the six faces, for a run that goes on with them."""
+    """Journal of the six faces, from which a run can resume."""
 
     def faces(self) -> tuple[Sequence[StillPose], int]:
-        """Return those that are there already, and the die's temperature at the last of them [degC]."""
+        """Return the stored faces, and the die's temperature at the last of them [degC]."""
 
     def keep_faces(self, faces: Sequence[StillPose], die_temperature_degc: int) -> None:
-        """Keep all of them."""
+        """Store all faces."""
 
 
 def measure_six_positions(
@@ -100,24 +100,24 @@ def measure_six_positions(
     Parameters
     ----------
     board
-        Its pose buffer is emptied first, and holds the faces afterwards.
+        Board whose pose buffer is cleared first, and holds the faces afterwards.
     uncertainty_deg
-        How true the faces are declared to be.
+        Declared uncertainty of the faces.
     limits
-        By measurement. Those of headings, where the field dips by `dip_deg`, are held against how askew the faces were.
+        Limits by measurement. Those of headings, at the dip `dip_deg`, are compared with the misalignment of the faces.
     again
-        Asked when a face is refused, whether it is taken once more; those that were not at fault stay.
+        Returns whether to repeat a refused face; faces without fault are kept.
     see_axes
-        Asked what is wrong with the sensors' axes, in words, when a board stays on another face than it should: a
-        table that turns by itself puts it where it is asked to, and then it is the axes.
+        Returns a description of wrong sensor axes if a board stays on another face than requested: an automatic table
+        reaches the requested face, so the axes must be wrong.
     journal
-        Has the faces that are there already, and keeps all of them.
+        Returns the stored faces, and stores all faces.
 
     Raises
     ------
     FaceError
-        When the board lies on another face than it should, or on none; when it moved; when the faces contradict
-        each other by more than they are declared to; or when they were more askew than a limit can bear.
+        When the board lies on another face than requested, or on none; when it moved; when the faces contradict each
+        other beyond their declared uncertainty; or when their misalignment exceeds a limit's allowance.
     SensorAbsentError
         When the board has no accelerometer or magnetometer.
     """
@@ -138,21 +138,21 @@ def measure_six_positions(
                 if wrong:
                     raise FaceError(f"{wrong}: {error}", faces=error.faces) from error
                 raise
-            _forget(board, error.faces or FACES)
+            _drop_faces(board, error.faces or FACES)
         else:
             if journal is not None:
-                journal.keep_faces(_stored(board), degc)
+                journal.keep_faces(_read_faces(board), degc)
             turntable.rest()
             return run
 
 
 class _MisplacedError(FaceError):
-    """The board lies on another face than it should, or on none."""
+    """Error for a board on another face than requested, or on none."""
 
 
 def _take_missing(board: Board, turntable: Turntable, tell: Progress, degc: int) -> int:
-    """Take the faces that the buffer lacks, and leave it in their order; return the die's temperature then [degC]."""
-    held = {pose.face for pose in _stored(board)}
+    """Take the faces that the buffer lacks, and sort it; return the die's temperature [degC]."""
+    held = {pose.face for pose in _read_faces(board)}
     for number, face in enumerate(FACES):
         if face not in held:
             tell("six faces", number, len(FACES))
@@ -160,17 +160,17 @@ def _take_missing(board: Board, turntable: Turntable, tell: Progress, degc: int)
             degc = _take(board, face)
     tell("six faces", len(FACES), len(FACES))
     if held:
-        _store(board, sorted(_stored(board), key=lambda pose: pose.face))
+        _store(board, sorted(_read_faces(board), key=lambda pose: pose.face))
     return degc
 
 
-def _forget(board: Board, faces: Sequence[int]) -> None:
-    """Take the poses on some faces out of the board's buffer."""
-    _store(board, [pose for pose in _stored(board) if pose.face not in faces])
+def _drop_faces(board: Board, faces: Sequence[int]) -> None:
+    """Remove the poses on some faces from the board's buffer."""
+    _store(board, [pose for pose in _read_faces(board) if pose.face not in faces])
 
 
-def _stored(board: Board) -> list[StillPose]:
-    """Read every pose of the board's buffer, which holds no more than the faces, each perhaps once too often."""
+def _read_faces(board: Board) -> list[StillPose]:
+    """Read every pose of the board's buffer, which holds only faces, each at most twice."""
     stored = board.session.request(Poses(0, MAX_TRANSFER))
     return list(stored)
 
@@ -187,9 +187,9 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
     Raises
     ------
     FaceError
-        When it refuses; says what is wrong.
+        When the board refuses; the message has the reason.
     FirmwareContradictionError
-        When the residual that it answers is not that of its poses under the calibration that it answers.
+        When its residual contradicts its poses and calibration.
     """
     poses = stored_poses(board, n)
     reply = board.session.request(FitAccelerometer(n, method))
@@ -198,7 +198,7 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
         which = f" (pose {solution.pose + 1})" if solution.pose is not None else ""
         raise FaceError(
             f"the board refuses the {method} fit of {n} poses: {solution.status.name}{which}"
-            + (f", {_named(solution.faces)}" if solution.faces else "") + f"; {_REMEDIES[solution.status]}",
+            + (f", {_face_names(solution.faces)}" if solution.faces else "") + f"; {_REMEDIES[solution.status]}",
             faces=[int(face) for face in solution.faces],
         )
     _check_residual(method, poses, solution)
@@ -212,7 +212,7 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
 
 
 def _check_residual(method: str, poses: Sequence[StillPose], solution: AccelerometerSolution) -> None:
-    """Refuse a residual that does not follow from the calibration and the poses that the board answered."""
+    """Refuse a residual that contradicts the board's calibration and poses."""
     counts = [pose.accelerometer for pose in sorted(poses, key=lambda pose: pose.face)]
     residual_mg = faces_residual_mg if method == "six-position" else norm_residual_mg
     computed_mg = residual_mg(solution.fit, counts)
@@ -225,13 +225,13 @@ def _check_residual(method: str, poses: Sequence[StillPose], solution: Accelerom
 
 
 def store_accelerometer(board: Board, fit: AccelerometerFit, slots: Sequence[int]) -> None:
-    """Put an accelerometer calibration into slots, beside what they hold."""
+    """Store an accelerometer calibration in slots, and keep their magnetometer calibrations."""
     for slot in slots:
         board.session.request(SetAccelerometer(slot, fit.gain, fit.offset))
 
 
 def true_accelerometer(board: Board) -> AccelerometerFit | None:
-    """Return the calibration that the world's truth makes the right one, None where it is unknown."""
+    """Return the true calibration of a simulated world; None if unknown."""
     if board.truth is None:
         return None
     inverse = np.linalg.inv(board.truth.accelerometer_response)
@@ -254,14 +254,16 @@ _REMEDIES = {
 def _take(board: Board, face: Face) -> int:
     """Store one face as a pose, if the board is on it and still; return the die's temperature [degC]."""
     reply = board.session.request(AddPose(READINGS, face))
-    taken = reply.average.accelerometer
+    stored = reply.average.accelerometer
     after = board.session.request(Average(READINGS_AFTER)).accelerometer
-    if not is_on_face(taken.mean, face):
+    if not is_on_face(stored.mean, face):
         raise _MisplacedError(
-            f"asked for {FACE_WORDS[face]}, and the board reads {_grams(taken.mean)}: it lies {_seen(taken.mean)}; "
-            "put it on the face that is asked for, or look at the accelerometer's axes if it lies there", faces=[face],
+            f"asked for {FACE_WORDS[face]}, and the board reads {_grams(stored.mean)}: "
+            f"it lies {_face_name(stored.mean)}; put it on the face that is asked for, or look at the accelerometer's "
+            "axes if it lies there",
+            faces=[face],
         )
-    moved = _movement(taken, after)
+    moved = _movement(stored, after)
     if moved:
         raise FaceError(
             f"the board moved while it lay {FACE_WORDS[face]}: {moved}; leave it alone for a second",
@@ -270,12 +272,12 @@ def _take(board: Board, face: Face) -> int:
     return reply.die_temperature_degc
 
 
-def _movement(taken: Statistic, after: Statistic) -> str:
+def _movement(stored: Statistic, after: Statistic) -> str:
     """Describe how the board moved, from the spread of its readings and the change of their mean."""
-    spread_mg = math.inf if taken.spread is None else 1000.0 / COUNTS_PER_G * float(taken.spread.max())
+    spread_mg = math.inf if stored.spread is None else 1000.0 / COUNTS_PER_G * float(stored.spread.max())
     if not spread_mg <= MOVED_SPREAD_MG:
         return f"its readings spread by {spread_mg:.1f} mg rms, a still board's by 1.3"
-    drift_mg = 1000.0 / COUNTS_PER_G * math.hypot(*(after.mean - taken.mean).tolist())
+    drift_mg = 1000.0 / COUNTS_PER_G * math.hypot(*(after.mean - stored.mean).tolist())
     return f"gravity changed by {drift_mg:.1f} mg within the second" if drift_mg > _DRIFT_MG else ""
 
 
@@ -284,8 +286,8 @@ def _refuse_contradiction(run: AccelerometerRun, uncertainty_deg: float) -> None
 
     Notes
     -----
-    Midway between opposite faces there is no gravity. Of a face askew by e half is seen there, across; with both askew
-    by up to u no more than u.
+    The mean of opposite faces has no gravity. A face misaligned by e leaves e/2 across it; with both misaligned by up
+    to u, at most u.
     """
     middle_mg = 500.0 * (run.fit.gravity_g(run.counts[::2]) + run.fit.gravity_g(run.counts[1::2]))
     across_mg = np.linalg.norm(np.where(np.eye(3, dtype=bool), 0.0, middle_mg), axis=1)
@@ -295,14 +297,14 @@ def _refuse_contradiction(run: AccelerometerRun, uncertainty_deg: float) -> None
         pair = FACES[2 * worst : 2 * worst + 2]
         askew_deg = math.degrees(2e-3 * float(across_mg[worst]))
         raise FaceError(
-            f"the faces contradict each other: one of {_named(pair)} is askew by some {askew_deg:.1f} deg (midway "
+            f"the faces contradict each other: one of {_face_names(pair)} is askew by some {askew_deg:.1f} deg (midway "
             f"between them {across_mg[worst]:.1f} mg are left; faces within {uncertainty_deg:g} deg leave at most "
             f"{allowed_mg:.1f}); put the board flat on both", faces=[int(face) for face in pair],
         )
 
 
 def _refuse_limits(run: AccelerometerRun, limits: Mapping[str, Limit], dip_deg: float) -> None:
-    """Refuse faces whose askewness alone may take a heading beyond its limit."""
+    """Refuse faces whose misalignment alone may move a heading beyond its limit."""
     askew_deg = run.solution.faces_askew_deg
     lever = abs(math.tan(math.radians(dip_deg))) * axes_uncertainty_deg(askew_deg)
     for name, limit in limits.items():
@@ -317,15 +319,15 @@ def _refuse_limits(run: AccelerometerRun, limits: Mapping[str, Limit], dip_deg: 
             )
 
 
-def _seen(counts: Reals) -> str:
+def _face_name(counts: Reals) -> str:
     """Name the face that a board lies on, from its readings."""
     face = next((face for face in FACES if is_on_face(counts, face)), None)
     return "on none of the six faces" if face is None else FACE_WORDS[face]
 
 
 def _grams(counts: Reals) -> str:
-    return "(" + ", ".join(f"{each / COUNTS_PER_G:+.2f}" for each in counts.tolist()) + ") g"
+    return "(" + ", ".join(f"{count / COUNTS_PER_G:+.2f}" for count in counts.tolist()) + ") g"
 
 
-def _named(faces: Sequence[Face]) -> str:
+def _face_names(faces: Sequence[Face]) -> str:
     return ", ".join(f"{FACE_WORDS[face]} ({face.label} down)" for face in faces)

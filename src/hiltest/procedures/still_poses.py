@@ -1,4 +1,4 @@
-"""Still poses all round: gravity and the field from all sides, in the board's buffer."""
+"""Still poses in all directions: gravity and the field from all sides, in the board's buffer."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from hiltest.link.replies import SensorKind
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
 
-# Between one pose's heading and the next's, so that no few headings repeat [deg]. Gravity's directions are a golden
-# angle apart: with the same one headings would follow gravity, and a fit of both sensors would know four times less.
+# Step of the heading from pose to pose, so that headings do not repeat [deg]. Gravity's directions are a golden angle
+# apart: with the same step, headings would follow gravity, and a fit of both sensors would have a quarter of the
+# information.
 _HEADING_STEP_DEG = 360.0 * (math.sqrt(2.0) - 1.0)
 
 
 def spread_poses(n: int) -> tuple[Pose, ...]:
-    """Return poses that show gravity evenly from all sides, each at another heading.
+    """Return poses that show gravity evenly from all sides, each at a different heading.
 
     Parameters
     ----------
     n
-        At least 9 for an ellipsoid of gravity.
+        Number of poses, at least 9 for an ellipsoid of gravity.
     """
     poses = []
     for number, (x, y, z) in enumerate(sphere_directions(n).tolist()):
@@ -44,9 +45,9 @@ def collect_still_poses(
     Parameters
     ----------
     board
-        Its pose buffer is emptied first.
+        Board whose pose buffer is cleared first.
     turntable
-        How exactly it turns does not matter: nothing here knows the poses.
+        Turntable, whose accuracy does not matter because the poses are not used.
     readings
         New samples of each sensor that are averaged.
 
@@ -82,9 +83,9 @@ def stored_poses(board: Board, n: int) -> list[StillPose]:
     Raises
     ------
     BoardResetError
-        When they are gone.
+        When the poses are lost.
     FirmwareContradictionError
-        When the board took them and does not give them back.
+        When the board accepted them and does not return them.
     """
     poses: list[StillPose] = []
     while len(poses) < n:

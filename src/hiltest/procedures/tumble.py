@@ -1,4 +1,4 @@
-"""Collect calibration points while the board is turned all round."""
+"""Collect calibration points while the board tumbles."""
 
 from __future__ import annotations
 
@@ -21,43 +21,44 @@ from hiltest.procedures.turntables import Turntable
 
 Counts = NDArray[np.int16]
 
-# The slowest magnetometer rate of the supported parts at the noise they are rated for.
+# Slowest magnetometer rate of the supported parts at their rated noise.
 _RATE_HZ = 80.0
-# Reading points back between chunks takes time in which samples pass by.
+# Factor for the samples that are missed while points are read back between chunks.
 _MARGIN = 1.5
-# Points of a slow table between two looks at the coverage: 1.5 s of a hand's tumble.
-_TOLD_EVERY = 10
-# A point of a motor table may be so late on its way: half a second of 24. Then it is left for another tumble, of which
-# a machine that needs more than these is none to measure with.
+# Points of a slow table between two coverage reports: 1.5 s of a hand's tumble.
+_REPORT_EVERY = 10
+# Largest delay of a point on a motor table's path: half a second of 24. A later point is left for another tumble; a
+# host that needs more tumbles than this is too slow to measure with.
 _MISSED = 0.02
 _TUMBLES = 10
 _LOOK_S = 0.01
-# On a line with faults. Reading back takes a tenth of the time of the points, which a faultless one takes 1.10 of.
+# Factor on a line with faults. Reading back takes a tenth of the points' time, so a faultless line has a factor of
+# 1.10.
 _LATE = 1.15
-# Times what the controller's own rates promise.
+# Factor on the duration by the controller's rates.
 _PATIENCE = 10.0
 _GOLDEN_SECTION = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tumble:
-    """Points of a tumble, as in the board's buffer."""
+    """Points of a tumble, in the order of the board's buffer."""
 
     points: Counts
     accelerometer: Counts
     """Shape (n, 3). Magnetometer counts, and the accelerometer sample taken with each."""
     field_ut: float
-    """Strength of the local field, as declared."""
+    """Declared strength of the local field."""
     overruns: int
-    """Samples that the sensor replaced before they were read."""
+    """Number of samples that the sensor overwrote before they were read."""
     duration_s: float
-    """Board time from the first request to the last answer."""
+    """Time of the board's clock from the first request to the last answer."""
     taken: NDArray[np.intp]
-    """Shape (n,). How many of the points were taken before each."""
+    """Shape (n,). Rank of each point in time."""
 
     @property
     def coverage(self) -> float:
-        """Part of the sphere outside of the largest uncovered cap, 0 to 1."""
+        """Part of the sphere outside the largest uncovered cap, 0 to 1."""
         return self.coverage_of(len(self.points))
 
     def coverage_of(self, n: int) -> float:
@@ -74,9 +75,9 @@ def collect_tumble(
     Parameters
     ----------
     board
-        Its point buffer is cleared first.
+        Board whose point buffer is cleared first.
     points
-        How many to collect; at most the board's buffer.
+        Number of points, at most the capacity of the board's buffer.
     chunk
         Points per request. Within a chunk the points are consecutive samples; progress
         and coverage are reported after each.
@@ -87,22 +88,22 @@ def collect_tumble(
     Returns
     -------
     Tumble
-        As the board holds them: the first n of them are the first n samples of a table that
-        turns as fast as the sensor measures. A slower one, such as a hand, is not round before its end:
-        one point is then taken at a time, over all of its turn, and they are uploaded again in an order
-        in which the first n, whatever n, are spread evenly over it.
+        Points in the board's order: with a table that turns as fast as the sensor measures, the first n of them are the
+        first n samples. A slower table, such as a hand, completes its turn only at the end: then points are taken one
+        at a time over the whole turn, and uploaded again in an order whose first n, for any n, are spread evenly over
+        it.
 
     Raises
     ------
     SensorAbsentError
         When the board has no magnetometer.
     TurntableError
-        When ten tumbles of a motor table are not enough to take them all, or ten of a simulated one on a line with
-        faults, that was late in each.
+        When ten tumbles of a motor table are not enough for all points, or ten of a simulated one on a line with faults
+        that is late in each.
     PoorCoverageError
-        When more points are asked for than the board can hold.
+        When `points` exceeds the board's buffer.
     SensorFaultError
-        When a point is none that a sound sensor gives.
+        When an intact sensor cannot give one of the points.
     """
     board.sensor(SensorKind.MAGNETOMETER)
     if points > board.identity.max_points:
@@ -121,7 +122,7 @@ def collect_tumble(
 def _one_tumble(
     board: Board, turntable: Turntable, points: int, chunk: int, progress: Progress, wait: Callable[[float], None]
 ) -> tuple[Tumble, bool]:
-    """Tumble the board once; return its points, and whether they were late for a table that waits for none."""
+    """Tumble the board once; return its points, and whether they were late for a table that does not wait."""
     board.session.request(ClearPoints())
     fastest_s = _MARGIN * points / _RATE_HZ
     takes_s = turntable.tumble(fastest_s)
@@ -136,7 +137,7 @@ def _one_tumble(
             due_s = began_s + takes_s * collected.stored / points
             wait(max(0.0, due_s - board.now_s()))
         collected.add(1 if slow else min(chunk, points - collected.stored))
-        if not slow or collected.stored % _TOLD_EVERY == 0 or collected.stored == points:
+        if not slow or collected.stored % _REPORT_EVERY == 0 or collected.stored == points:
             collected.read_back()
     tumble = collected.tumble(board.now_s() - began_s)
     if slow:
@@ -146,16 +147,16 @@ def _one_tumble(
 
 
 def collect_until(board: Board, end_s: float, *, points: int, progress: Progress | None = None) -> Tumble:
-    """Collect points evenly over the time until an instant of the board's clock, whatever turns the board.
+    """Collect points evenly over the time until an instant of the board's clock, whoever turns the board.
 
     Parameters
     ----------
     board
-        Its point buffer is cleared first.
+        Board whose point buffer is cleared first.
     end_s
-        The instant [s]; fewer points are there by then where the line is too slow for all.
+        The instant [s]; if the line is too slow, there are fewer points by then.
     points
-        How many at most.
+        Maximum number of points.
 
     Raises
     ------
@@ -166,8 +167,8 @@ def collect_until(board: Board, end_s: float, *, points: int, progress: Progress
     board.session.request(ClearPoints())
     collected = _Collected(board, min(points, board.identity.max_points), progress or silent)
     began_s = board.now_s()
-    each_s = (end_s - began_s) / collected.wanted
-    while collected.stored < collected.wanted and board.now_s() < end_s - each_s / 2.0:
+    each_s = (end_s - began_s) / collected.total
+    while collected.stored < collected.total and board.now_s() < end_s - each_s / 2.0:
         board.sleep(max(0.0, began_s + each_s * collected.stored - board.now_s()))
         collected.add(1)
     collected.read_back()
@@ -177,12 +178,12 @@ def collect_until(board: Board, end_s: float, *, points: int, progress: Progress
 def _collect_by_position(
     collected: _Collected, turntable: Turntable, takes_s: float, wait: Callable[[float], None]
 ) -> list[float]:
-    """Take the points at even places of the tumble's way, and return the places in the order in which they were taken.
+    """Take the points at equal steps of the tumble's path, and return their places in the order of time.
 
-    The table says where it is: the clocks of a machine that is busy, of a board and of a table need not agree. What a
-    slow machine misses is for another tumble; points in a row would be of one place.
+    The table reports its position, because the clocks of a busy host, a board and a table may differ. Places that a
+    slow host misses are left for another tumble, because late points would all be at one place.
     """
-    missing, places = [number / collected.wanted for number in range(collected.wanted)], []
+    missing, places = [number / collected.total for number in range(collected.total)], []
     for number in range(_TUMBLES):
         if number:
             takes_s = turntable.tumble(takes_s)
@@ -195,20 +196,20 @@ def _collect_by_position(
                 continue
             collected.add(1)
             places.append(place)
-            if collected.stored % _TOLD_EVERY == 0 or collected.stored == collected.wanted:
+            if collected.stored % _REPORT_EVERY == 0 or collected.stored == collected.total:
                 collected.read_back()
         missing = later
         if not missing:
             return places
     raise TurntableError(
-        f"only {collected.stored} of {collected.wanted} points in {_TUMBLES} tumbles of {takes_s:.0f} s: the table "
+        f"only {collected.stored} of {collected.total} points in {_TUMBLES} tumbles of {takes_s:.0f} s: the table "
         "does not follow its way, or this machine or the line is too slow to take one point at a time"
     )
 
 
 @contextmanager
 def held_as_taken(board: Board, tumble: Tumble) -> Iterator[None]:
-    """Keep the points in the order of their time on the board, and restore that of the tumble afterwards."""
+    """Put the points on the board in the order of time, and restore the tumble's order afterwards."""
     in_time = np.argsort(tumble.taken)
     if np.array_equal(in_time, np.arange(len(in_time))):
         yield
@@ -219,11 +220,11 @@ def held_as_taken(board: Board, tumble: Tumble) -> Iterator[None]:
 
 
 class _Collected:
-    """Points so far: those that the board stored, and those that were read back."""
+    """Points so far: stored on the board, and read back."""
 
     def __init__(self, board: Board, points: int, tell: Progress) -> None:
         self.stored = self._overruns = self._back = 0
-        self.wanted, self.now_s = points, board.now_s
+        self.total, self.now_s = points, board.now_s
         self._board, self._tell = board, tell
         self._magnetometer: list[Counts] = []
         self._accelerometer: list[Counts] = []
@@ -241,14 +242,14 @@ class _Collected:
         self.stored = reply.stored
 
     def read_back(self) -> None:
-        """Fetch the points that were stored since the last time, and report how much of the sphere they cover."""
+        """Fetch the points since the last call, and report their coverage of the sphere."""
         for first in range(self._back, self.stored, MAX_POINTS_READ):
             back = self._board.session.request(Points(first, min(MAX_POINTS_READ, self.stored - first)))
             self._magnetometer.append(back.magnetometer)
             self._accelerometer.append(back.accelerometer)
         self._back = self.stored
-        seen = sphere_coverage(np.concatenate(self._magnetometer), field_ut=self._board.declared.field_ut)
-        self._tell(f"tumble, {100 * seen:.0f} % of the sphere", self.stored, self.wanted)
+        coverage = sphere_coverage(np.concatenate(self._magnetometer), field_ut=self._board.declared.field_ut)
+        self._tell(f"tumble, {100 * coverage:.0f} % of the sphere", self.stored, self.total)
 
     def tumble(self, duration_s: float) -> Tumble:
         magnetometer, accelerometer = np.concatenate(self._magnetometer), np.concatenate(self._accelerometer)
@@ -260,13 +261,13 @@ class _Collected:
 
 
 def evenly_spread(n: int) -> NDArray[np.intp]:
-    """Return 0 to n - 1 in an order of which every beginning is spread evenly over all of them."""
-    # Multiples of the golden section, modulo 1, are that for any number of them: rank i of 0..n-1 names its place.
+    """Return 0 to n - 1 in an order whose prefixes are all spread evenly."""
+    # Multiples of the golden ratio modulo 1 are spread evenly for any count: the rank of the i-th one is its place.
     return np.argsort(np.argsort(np.arange(n) * _GOLDEN_SECTION % 1.0))
 
 
 def _spread_over_time(board: Board, tumble: Tumble, places: ArrayLike) -> Tumble:
-    """Upload the points again, in an order whose every beginning is spread evenly over the whole of their places."""
+    """Upload the points again, in an order whose prefixes are all spread evenly over their places."""
     order = np.argsort(places, kind="stable")[evenly_spread(len(tumble.points))]
     spread = replace(tumble, points=tumble.points[order], accelerometer=tumble.accelerometer[order], taken=order)
     upload_pairs(board, spread.points, spread.accelerometer)

@@ -37,17 +37,17 @@ from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]
 
-# The data sheet states no tolerance of the sensitivity; a part further off than this did not turn as it was told.
+# The data sheet states no tolerance of the sensitivity; a larger deviation means that the turn was not as requested.
 _PLAUSIBLE = 0.2
 _EDGE_SIGMAS = 8.0  # at 24 edges a run, once in 10^13 runs
 _LARGEST_WORD = 32_767
 _TURNS = 3
-# Of what a board adds up, 60 s, with time for the FIFO to start.
+# Longest integration of a board, 60 s, minus time for the FIFO to start.
 _LONGEST_S = 59.0
 
 
 class TurnInvalidError(CalibrationError):
-    """A turn cannot calibrate the gyroscope; says which, and why."""
+    """A turn that cannot calibrate the gyroscope; the message has the turn and the reason."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ class MeasuredTurn:
     """Axis that was down."""
     before: GyroscopeRestReply
     after: GyroscopeRestReply
-    """The first has stored the bias that the second is without."""
+    """Rests before and after; the first stored the bias that the second excludes."""
     turn: GyroscopeTurn
 
     @property
@@ -77,40 +77,42 @@ class MeasuredTurn:
         return scale_error_percent(self.turn.response, self.turn.direction / NOMINAL_DPS_PER_COUNT)
 
     def scale_error_percent(self, true_response: Reals) -> float:
-        """Return the error of the scale found, against a world's ``felt_dps = true_response @ rate_dps`` [%]."""
+        """Return the error of the measured scale against a world's ``felt_dps = true_response @ rate_dps`` [%]."""
         return scale_error_percent(self.turn.response, true_response @ self.turn.direction / NOMINAL_DPS_PER_COUNT)
 
     def misalignment_deg(self, true_response: Reals) -> float:
-        """Return the angle between the axis found and that of a world [deg]."""
+        """Return the angle between the measured axis and that of a world [deg]."""
         return misalignment_deg(self.turn.response, true_response @ self.turn.direction)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedTurns:
-    """Calibration that the board made from turns and stores."""
+    """Calibration that the board computed from turns and stored."""
 
     fit: GyroscopeFit
     residual_deg: float
-    """rms of what the calibrated gyroscope and the table disagree by; 0 for three turns."""
+    """rms difference between the calibrated gyroscope and the table; 0 for three turns."""
     cost: RunCost | None
-    """None when the core counts no cycles."""
+    """Cost; None without a cycle counter."""
     scale_uncertainty_percent: float
     misalignment_uncertainty_deg: float
-    """Standard uncertainties, of noise and of the table's declared angle together."""
+    """Standard uncertainties from noise and the table's declared angle together."""
     band: CycleRange | None = None
-    """Uncertainty range of its cycles; None where it is unknown."""
+    """Uncertainty range of its cycles; None if unknown."""
 
     def scale_errors_percent(self, true_response: Reals) -> tuple[float, ...]:
         """Return the error of the scale of each axis, against a world's ``felt_dps = true_response @ rate_dps`` [%]."""
         return tuple(
-            scale_error_percent(seen, felt / NOMINAL_DPS_PER_COUNT)
-            for seen, felt in zip(self.fit.response.T, true_response.T, strict=True)
+            scale_error_percent(estimated, felt / NOMINAL_DPS_PER_COUNT)
+            for estimated, felt in zip(self.fit.response.T, true_response.T, strict=True)
         )
 
     def misalignments_deg(self, true_response: Reals) -> tuple[float, ...]:
         """Return the angle between each axis and that of a world [deg]."""
         return tuple(
-            misalignment_deg(seen, felt) for seen, felt in zip(self.fit.response.T, true_response.T, strict=True)
+            misalignment_deg(estimated, felt) for estimated, felt in zip(
+                self.fit.response.T, true_response.T, strict=True
+            )
         )
 
 
@@ -123,11 +125,11 @@ def measure_turn(
     Parameters
     ----------
     turntable
-        Its angle is the reference.
+        Turntable whose angle is the reference.
     axis
-        Axis that is put straight down.
+        Axis that points straight down.
     degrees
-        Positive is clockwise seen from above: positive about the axis, which points down.
+        Angle; positive is clockwise seen from above, so positive about the axis, which points down.
     rate_dps
         Rate of the table, 36 to 90.
     rest_s
@@ -138,10 +140,10 @@ def measure_turn(
     BoardMovedError
         When the board was moved in a rest.
     TurnInvalidError
-        When samples were lost, or the turn was not the one asked for.
+        When samples were lost, or the turn was not as requested.
     """
-    # A simulated table does not wait for a line with faults, and a turn that was missed is turned again. Firmware at
-    # fault fails each time.
+    # A simulated table does not wait for a line with faults, so a missed turn is repeated. Faulty firmware fails each
+    # time.
     for _ in range(_TURNS - 1 if board.stage is not None and not board.line_is_exact else 0):
         with suppress(TurnInvalidError):
             return _one_turn(board, turntable, axis, degrees, rate_dps, rest_s, progress or silent)
@@ -151,11 +153,11 @@ def measure_turn(
 def _one_turn(
     board: Board, turntable: Turntable, axis: Axis, degrees: float, rate_dps: float, rest_s: float, tell: Progress
 ) -> MeasuredTurn:
-    what = f"gyroscope, turn about {axis.name.lower()}"
-    tell(what, 0, 3)
+    task = f"gyroscope, turn about {axis.name.lower()}"
+    tell(task, 0, 3)
     turntable.mount(axis)
     before = rest_gyroscope(board, seconds=rest_s, store=True)
-    tell(what, 1, 3)
+    tell(task, 1, 3)
     takes_s = turntable.turn(axis, degrees, rate_dps=rate_dps)
     n = math.ceil(takes_s * SAMPLE_RATE_HZ)
     if takes_s > _LONGEST_S:
@@ -163,36 +165,36 @@ def _one_turn(
             f"the turn about {axis.name.lower()} is invalid: the table takes {takes_s:.0f} s for it, and the board "
             f"adds up {_LONGEST_S:g} s at most. Let the table turn faster"
         )
-    seen = board.session.request(IntegrateGyroscope(n, timeout_us=min(round(2e6 * takes_s + 1e6), 60_000_000)))
-    _refuse_unusable(axis, seen, before.rate.mean, noise_counts(board))
-    tell(what, 2, 3)
+    turning = board.session.request(IntegrateGyroscope(n, timeout_us=min(round(2e6 * takes_s + 1e6), 60_000_000)))
+    _refuse_unusable(axis, turning, before.rate.mean, noise_counts(board))
+    tell(task, 2, 3)
     after = rest_gyroscope(board, seconds=rest_s)
-    tell(what, 3, 3)
-    turn = _turn(axis, degrees, before, seen, after)
+    tell(task, 3, 3)
+    turn = _turn(axis, degrees, before, turning, after)
     _refuse_wrong_turn(axis, turn)
     return MeasuredTurn(axis, before, after, turn)
 
 
 def _turn(
-    axis: Axis, degrees: float, before: GyroscopeRestReply, seen: IntegrateGyroscopeReply, after: GyroscopeRestReply
+    axis: Axis, degrees: float, before: GyroscopeRestReply, turning: IntegrateGyroscopeReply, after: GyroscopeRestReply
 ) -> GyroscopeTurn:
     turned_deg = np.zeros(3)
     turned_deg[axis] = degrees
     between_s = after.span.middle_s - before.span.middle_s
     return GyroscopeTurn(
-        turned_deg, seen.total, seen.n, seen.span.duration_s, before.rate.mean, after.rate.mean,
-        (seen.span.middle_s - before.span.middle_s) / between_s,
+        turned_deg, turning.total, turning.n, turning.span.duration_s, before.rate.mean, after.rate.mean,
+        (turning.span.middle_s - before.span.middle_s) / between_s,
     )
 
 
-def _refuse_unusable(axis: Axis, seen: IntegrateGyroscopeReply, bias: Reals, noise: float) -> None:
+def _refuse_unusable(axis: Axis, turning: IntegrateGyroscopeReply, bias: Reals, noise: float) -> None:
     invalid = f"the turn about {axis.name.lower()} is invalid"
-    if seen.span.lost:
+    if turning.span.lost:
         raise TurnInvalidError(f"{invalid}: samples of the gyroscope were lost (overrun). Run again")
-    if (seen.highest >= _LARGEST_WORD).any() or (seen.lowest <= -_LARGEST_WORD).any():
+    if (turning.highest >= _LARGEST_WORD).any() or (turning.lowest <= -_LARGEST_WORD).any():
         raise TurnInvalidError(f"{invalid}: the gyroscope was beyond its range. Turn more slowly")
     limit = _EDGE_SIGMAS * noise / math.sqrt(EDGE_SAMPLES)
-    for total, when in ((seen.begin, "it had begun before the first"), (seen.end, "it was not over at the last")):
+    for total, when in ((turning.begin, "it had begun before the first"), (turning.end, "it was not over at the last")):
         if (np.abs(total / EDGE_SAMPLES - bias) > limit).any():
             raise TurnInvalidError(f"{invalid}: {when} sample. Begin when you are told, and be back in time")
 
@@ -201,7 +203,7 @@ def _refuse_wrong_turn(axis: Axis, turn: GyroscopeTurn) -> None:
     felt_deg = NOMINAL_DPS_PER_COUNT * turn.integral
     degrees = float(turn.turned_deg[axis])
     if np.linalg.norm(felt_deg - turn.turned_deg) > _PLAUSIBLE * abs(degrees):
-        felt, name = ", ".join(f"{each:+.0f}" for each in felt_deg), axis.name.lower()
+        felt, name = ", ".join(f"{angle_deg:+.0f}" for angle_deg in felt_deg), axis.name.lower()
         raise TurnInvalidError(
             f"the turn about {name} is invalid: the gyroscope felt ({felt}) deg about x, y, z where {degrees:+g} about "
             f"{name} were asked for. Is that axis down, was the table turned once and that way, and does the firmware "
@@ -210,14 +212,14 @@ def _refuse_wrong_turn(axis: Axis, turn: GyroscopeTurn) -> None:
 
 
 def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg: float) -> FittedTurns:
-    """Let the board fit its gyroscope's matrix to turns, and keep it with the bias of the last rest.
+    """Let the board fit its gyroscope's matrix to turns, and store it with the bias of the last rest.
 
     Parameters
     ----------
     turns
-        At least three, about axes that span.
+        At least three turns, about axes that span.
     uncertainty_deg
-        Declared uncertainty of the table's angle: at either end of a turn, and of the axis that is mounted on it.
+        Declared uncertainty of the table's angle, at either end of a turn, and of the mounted axis.
 
     Raises
     ------
@@ -242,7 +244,7 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
 
 def _noise_deg(board: Board, measured: MeasuredTurn) -> float:
     """Return the rms error of a turn's angle on one axis from noise: in the turn, and in the bias of two rests."""
-    # White noise of a one-sided density d, integrated for T, is d sqrt(T/2).
+    # White noise of one-sided density d, integrated over T, has the rms d sqrt(T/2).
     turn_s = measured.turn.duration_s
     rests_s = measured.before.span.duration_s + measured.after.span.duration_s
     return board.declared.gyroscope_density_dps * math.sqrt(0.5 * turn_s * (1.0 + turn_s / rests_s))

@@ -18,21 +18,21 @@ LEVEL = Pose(0.0, 0.0, 0.0)
 #: Table poses in which a body axis is straight down: nose down, right side down, level.
 AXIS_DOWN = {Axis.X: Pose(0.0, -90.0, 0.0), Axis.Y: Pose(0.0, 0.0, 90.0), Axis.Z: LEVEL}
 _MOUNTED = {Axis.X: "nose down", Axis.Y: "right side down", Axis.Z: "flat"}
-#: A table stands still for so long after `Turntable.turn` has come back [s]: the board's FIFO starts in 0.07 s, and its
-#: first samples show that it did stand.
+#: Standstill of a table after `Turntable.turn` returns [s]: the board's FIFO starts in 0.07 s, and its first samples
+#: show the standstill.
 BEFORE_TURN_S = 0.4
-#: And for so long at the end.
+#: Standstill at the end [s].
 AFTER_TURN_S = 0.3
-#: How a board lies on each face, as one says it.
+#: Description of a board on each face.
 FACE_WORDS = {
     Face.PLUS_X: "nose down", Face.MINUS_X: "nose up", Face.PLUS_Y: "right side down", Face.MINUS_Y: "left side down",
     Face.PLUS_Z: "level", Face.MINUS_Z: "upside down",
 }  # fmt: skip
-# Six sides and eight corners, 3 s each, and a little to begin with.
+# Six sides and eight corners, 3 s each, and a margin at the start.
 HAND_TUMBLE_S = 45.0
-# The motion that a filter is tested with, where a hand or a motor makes it.
+# Duration of the motion for a filter test by a hand or a motor.
 SWAY_S = 24.0
-#: An operator who gives nonsense this often in a row is not there.
+#: Number of consecutive invalid answers after which the operator counts as absent.
 QUESTIONS = 3
 
 
@@ -47,7 +47,7 @@ class Achieved:
 
 
 class Turntable(Protocol):
-    """Turns the board; its angle is the reference for headings."""
+    """A table that turns the board; its angle is the reference for headings."""
 
     name: str
     uncertainty_deg: float
@@ -67,40 +67,40 @@ class Turntable(Protocol):
         """Put the board on one of its six faces, and stand still there."""
 
     def tumble(self, duration_s: float) -> float:
-        """Begin to turn the board all round, and return how long it takes [s]; does not wait.
+        """Start a tumble, and return its duration [s] without waiting.
 
         Parameters
         ----------
         duration_s
-            What the sensor needs at least. A table that turns more slowly says so, and points
-            are then collected over all of its time.
+            Minimum time for the sensor. A slower table returns its own duration, and points are then collected over all
+            of it.
         """
 
     def tumbled(self) -> float | None:
-        """Return the part of the tumble that is over, by the table's position; None where a table does not know."""
+        """Return the completed part of the tumble, by the table's position; None if the table does not know it."""
 
     def sway(self) -> float:
-        """Begin to turn and tilt the board from where `rest` leaves it, at tens of degrees a second; does not wait.
+        """Start to turn and tilt the board from the pose of `rest`, at tens of degrees per second, without waiting.
 
         Returns
         -------
         float
-            How long it takes until the board is at rest again [s].
+            Time until the board is at rest again [s].
         """
 
     def rest(self) -> None:
         """Stand level and still."""
 
     def mount(self, axis: Axis) -> None:
-        """Stand still with a body axis straight down: the axis that `turn` turns about."""
+        """Stand still with a body axis straight down, the axis of a later `turn`."""
 
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
-        """Begin to turn about the vertical, and return how long samples must be taken [s]; does not wait.
+        """Start to turn about the vertical, and return the required sampling time [s] without waiting.
 
         Parameters
         ----------
         axis
-            Axis that `mount` has put down.
+            Axis that `mount` has pointed down.
         degrees
             Positive is clockwise seen from above.
         rate_dps
@@ -108,9 +108,9 @@ class Turntable(Protocol):
         """
 
     def again(self, why: str) -> bool:
-        """Report why a position of the board was refused; return whether it is set once more.
+        """Report why a position of the board was refused; return whether it is set again.
 
-        An operator can do better; motors would reach the same again.
+        An operator can improve it; motors would reach the same position.
         """
 
     def close(self) -> None:
@@ -125,7 +125,7 @@ class SimulatedTurntable:
     stage
         Stage of the board.
     uncertainty_deg
-        What the rig declares for the reference.
+        Declared uncertainty of the reference.
     """
 
     name = "simulated"
@@ -140,15 +140,15 @@ class SimulatedTurntable:
         return Achieved(pose.heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
 
     def turn_to_face(self, face: Face) -> None:
-        """Turn until the face is down, as true as the world has it."""
+        """Turn until the face is down, with the world's misalignment."""
         self._stage.turn_to(face.pose, face=face)
 
     def tumble(self, duration_s: float) -> float:
-        """Go to the first pose of a tumble and begin it; the sensor sets its pace, unless the rig confines it."""
+        """Go to the first pose of a tumble and start it; the sensor sets its pace, unless the rig limits it."""
         return self._stage.tumble(duration_s)
 
     def tumbled(self) -> None:
-        """Know no position: the clock is the simulation's own."""
+        """Return None: the simulation's clock needs no position."""
 
     def sway(self) -> float:
         """Start the sway; return its duration [s]."""
@@ -175,18 +175,18 @@ class SimulatedTurntable:
 
 
 class OperatorTurntable:
-    """A person with a turntable, asked by plain prompts.
+    """A person with a turntable, guided by prompts.
 
     Parameters
     ----------
     prompt
         Shows a text and returns the line that was typed, as `input` does.
     uncertainty_deg
-        How well the table's scale can be set and read.
+        Uncertainty of setting and reading the table's scale.
     tumble_s
-        How long the hand gets to turn the board all round.
+        Duration of a tumble by hand.
     shows_coverage
-        Whether it is shown meanwhile how much of the sphere the board has seen.
+        Whether the coverage of the sphere is shown meanwhile.
     """
 
     name = "operator"
@@ -201,12 +201,12 @@ class OperatorTurntable:
         self.uncertainty_deg = uncertainty_deg
 
     def turn_to(self, pose: Pose, *, known_angle: int | None = None) -> Achieved:
-        """Ask for a pose; the operator may type the heading that was really reached.
+        """Ask for a pose; the operator may enter the heading that was actually reached.
 
         Raises
         ------
         OperatorAbsentError
-            When no one answers, or three answers in a row are no angle.
+            When nobody answers, or three consecutive answers are not angles.
         """
         number = "" if known_angle is None else f"pose {known_angle + 1}: "
         question = (
@@ -220,18 +220,18 @@ class OperatorTurntable:
         raise OperatorAbsentError(f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
 
     def achieved(self, pose: Pose, heading_deg: float) -> Achieved:
-        """Return what was reached, where the operator says at which heading."""
+        """Return the reached pose at the operator's heading."""
         return Achieved(heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
 
     def turn_to_face(self, face: Face) -> None:
-        """Ask for the board to be put on a face, square and on something level."""
+        """Ask for the board to be put on a face, square and on a level surface."""
         self.ask(
             f"face {FACES.index(face) + 1} of 6: put the board {FACE_WORDS[face]}, square on a level surface, and "
             "let go of it. Enter when it lies still: "
         )
 
     def tumble(self, duration_s: float) -> float:
-        """Ask the operator to turn the board all round, at the pace of a hand."""
+        """Ask the operator to tumble the board, at the pace of a hand."""
         takes_s = max(duration_s, self._tumble_s)
         self.ask(
             f"take the board in your hand, away from iron. Turn it all round for {takes_s:.0f} s: each of its six "
@@ -241,7 +241,7 @@ class OperatorTurntable:
         return takes_s
 
     def tumbled(self) -> None:
-        """Know no position: a hand has none."""
+        """Return None: a hand has no position."""
 
     def sway(self) -> float:
         """Ask the operator to turn and tilt the board, at the pace of a hand."""
@@ -263,7 +263,7 @@ class OperatorTurntable:
         )
 
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
-        """Ask for the table to be turned by hand, with time to begin late and to turn slowly."""
+        """Ask for the table to be turned by hand, with time for a late start and a slow turn."""
         turn_s = abs(degrees) / rate_dps
         takes_s = 2.0 * turn_s + 4.0
         way = "clockwise" if degrees > 0.0 else "anticlockwise"
@@ -280,15 +280,15 @@ class OperatorTurntable:
         return True
 
     def close(self) -> None:
-        """Do nothing: an operator needs no closing."""
+        """Do nothing: there is no port."""
 
     def ask(self, question: str) -> str:
-        """Ask the operator; every question of a table that a hand turns passes here.
+        """Ask the operator; all questions of a hand-turned table use this method.
 
         Raises
         ------
         OperatorAbsentError
-            When no one answers.
+            When nobody answers.
         """
         try:
             return self._prompt(question)
@@ -307,14 +307,14 @@ def open_turntable(
     uncertainty_deg
         Declared uncertainty of its angle.
     prompt
-        As `OperatorTurntable` has it.
+        See `OperatorTurntable`.
     tumble_s
-        How long an operator gets to turn the board all round.
+        Duration of an operator's tumble.
 
     Raises
     ------
     OperatorAbsentError
-        When the board needs an operator and no one can be asked.
+        When the board needs an operator and nobody can be asked.
     """
     if board.stage is not None:
         return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
@@ -326,7 +326,7 @@ def open_turntable(
 
 
 def heading_of(answer: str, asked_deg: float) -> float | None:
-    """Return the heading that an answer is [deg], what was asked for where it is empty; None where it is none."""
+    """Parse an answer as a heading [deg]: the requested one if it is empty; None if it is not a heading."""
     if not answer.strip():
         return asked_deg
     try:

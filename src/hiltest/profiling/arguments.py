@@ -7,7 +7,7 @@
 ``float32:@data.csv``      the numbers in a text file, row by row
 ``zeros:64``               that many zero bytes, for the function to fill
 ``zeros:float32:12``       that many zeros of a type
-``text:hello``             characters, with a zero behind them
+``text:hello``             characters, with a zero after them
 ``@data.bin``              the bytes of a file
 ``A+B``                    buffers as the members of a C struct
 ``ptr:A``                  as a member of a struct: the address of buffer A
@@ -31,10 +31,10 @@ from hiltest.virtual.calls.procedure_call import Argument
 _TYPES = {name: np.dtype(name).newbyteorder("<") for name in (
     "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64",
 )}  # fmt: skip
-# A "+" separates members where another one begins behind it; elsewhere it belongs to a number or a name.
+# A "+" separates members if another one starts after it; otherwise it belongs to a number or a name.
 _SEPARATOR = re.compile(rf"\+(?=(?:ptr:)*(?:@|(?:{'|'.join(_TYPES)}|zeros|text):))")
 _RAM_BYTES = 0x40000
-# No text of a number that fits the RAM is longer than this on average.
+# Largest average length of a number's text, for numbers that fit in the RAM.
 _MOST_TEXT_BYTES = 32 * _RAM_BYTES
 _FORMS = "an integer, a float, int16:1,2,3, int16:@file.csv, zeros:N, zeros:int16:N, text:..., @file or members with +"
 
@@ -45,7 +45,7 @@ def parse_argument(text: str) -> Argument:
     Raises
     ------
     ConfigError
-        If it is none, or a file that it names cannot be read.
+        If the text is not an argument, or a named file cannot be read.
     """
     number = _number(text)
     if isinstance(number, int) and not -(1 << 63) <= number < 1 << 64:
@@ -59,7 +59,7 @@ def parse_argument(text: str) -> Argument:
 
 
 def _number(text: str) -> int | float | None:
-    for base in (0, 10):  # 10: leading zeros, as tables have them
+    for base in (0, 10):  # 10 for leading zeros, as in tables
         with suppress(ValueError):
             return int(text, base)
     with suppress(ValueError):
@@ -96,13 +96,13 @@ def _array(text: str, kind: str, rest: str) -> Any:
     for line, row in enumerate(source.splitlines(), start=1):
         for word in re.split(r"[,;\s]+", row.strip(" \t,;")):
             if word:
-                values.append(_typed(word, kind, f"{where}{line}" if where else text))
+                values.append(_typed_number(word, kind, f"{where}{line}" if where else text))
     if not values:
         raise ConfigError(f"{text!r} has no numbers in it")
     return np.array(values, _TYPES[kind])
 
 
-def _typed(word: str, kind: str, where: str) -> int | float:
+def _typed_number(word: str, kind: str, where: str) -> int | float:
     number = _number(word)
     if number is None:
         raise ConfigError(f"{where}: {word!r} is not a number")

@@ -27,7 +27,7 @@ SCHEMA_FILE = Path(__file__).with_name("profile.schema.json")
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A part of the cycles, and how much of the whole it is."""
+    """A part of the cycles, with its share of the total."""
 
     kind: Literal["work", "stall", "asleep", "memory"]
     name: str
@@ -49,7 +49,7 @@ class BufferLeft:
 
 @dataclass(frozen=True, slots=True)
 class ProfileDocument:
-    """Document of `hiltest profile`: everything that it shows."""
+    """Document of `hiltest profile` with all its results."""
 
     schema: Literal["hiltest.profile/1"]
     elf: str
@@ -63,7 +63,7 @@ class ProfileDocument:
     core_clock_hz: int
     cycle_model: str
     notes: tuple[str, ...]
-    """What the cycle model leaves out for this code."""
+    """Effects that the cycle model omits for this code."""
     shares: tuple[Share, ...]
     """Their cycles add up to `cycles`, their percentages to 100."""
     functions: tuple[FunctionCost, ...]
@@ -78,23 +78,23 @@ _ADAPTER = TypeAdapter(ProfileDocument)
 
 
 def document(
-    profile: CallProfile, elf: Path, texts: Sequence[str], given: Sequence[Argument], left: Sequence[Argument],
+    profile: CallProfile, elf: Path, texts: Sequence[str], arguments: Sequence[Argument], results: Sequence[Argument],
     *, memory: MemoryMap = MK64FN1M0,
 ) -> ProfileDocument:  # fmt: skip
-    """Make the document of a profile.
+    """Create the document of a profile.
 
     Parameters
     ----------
     elf
-        Where the function came from.
-    texts, given, left
-        The arguments as they were written, as the function got them, and as it left them.
+        ELF file of the function.
+    texts, arguments, results
+        The arguments as texts, before the call, and after it.
     memory
-        The part's.
+        Memories of the part.
     """
     return ProfileDocument(
         SCHEMA, str(elf), hashlib.sha256(elf.read_bytes()).hexdigest(), profile.function, tuple(texts), profile.value,
-        tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, round(profile.clock_hz),
+        tuple(_changed_buffers(arguments, results)), profile.cycles, profile.instructions, round(profile.clock_hz),
         profile.cycle_model, tuple(_notes(profile, memory)), tuple(shares(profile)), profile.functions, profile.lines,
         profile.addresses, profile.stacks, profile.band, profile.loops,
     )  # fmt: skip
@@ -151,8 +151,8 @@ def _notes(profile: CallProfile, memory: MemoryMap) -> Iterator[str]:
         yield "no debug information (build with -g): no source lines, and only integers and buffers can be passed"
 
 
-def _buffers_left(given: Sequence[Argument], left: Sequence[Argument]) -> Iterator[BufferLeft]:
-    for position, (before, after) in enumerate(zip(given, left, strict=True), start=1):
+def _changed_buffers(arguments: Sequence[Argument], results: Sequence[Argument]) -> Iterator[BufferLeft]:
+    for position, (before, after) in enumerate(zip(arguments, results, strict=True), start=1):
         for old, new in zip(_writable(before), _writable(after), strict=True):
             if bytes(memoryview(old)) != bytes(memoryview(new)):
                 array = np.frombuffer(new, np.uint8) if isinstance(new, bytearray) else np.asarray(new)

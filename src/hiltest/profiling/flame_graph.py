@@ -12,8 +12,8 @@ from hiltest.virtual.counts.profiling import StackCost
 
 _WIDTH, _ROW, _MARGIN = 1000.0, 20.0, 30.0
 _LETTER = 6.5
-_NARROWEST = 0.5  # narrower than this it cannot be seen
-# Warm colours that black letters are read on, one a function.
+_NARROWEST = 0.5  # narrower boxes are invisible
+# Warm colours on which black letters are legible, one per function.
 _COLOURS = ("#ffd27f", "#ffb977", "#ffe39a", "#f7a072", "#ffcf56", "#f4b183", "#ffc09f", "#f6d186")
 
 _HEAD = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" role="img"

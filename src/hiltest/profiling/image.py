@@ -15,7 +15,7 @@ from hiltest.virtual.part.chip import MemoryMap
 
 
 class ProfiledImage:
-    """An ELF on a virtual board of its own.
+    """An ELF on its own virtual board.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class ProfiledImage:
     memory
         Memories of another part, see `hiltest.virtual.board.memory_map`.
     clock_hz
-        Core clock, which makes seconds of cycles [Hz].
+        Core clock for the conversion of cycles to seconds [Hz].
 
     Raises
     ------
@@ -42,35 +42,36 @@ class ProfiledImage:
 
     @property
     def memory(self) -> MemoryMap:
-        """Where its memories are."""
+        """Addresses of its memories."""
         return self._board.memory
 
-    def tell(self, told: Callable[[str], None]) -> None:
-        """Say who is told of a register that the function waits for and that is not modelled."""
-        self._board.tell(told)
+    def tell(self, listener: Callable[[str], None]) -> None:
+        """Set the callback for a register that the function waits for and that is not modelled."""
+        self._board.tell(listener)
 
     def call(self, function: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallProfile:
-        """Call a function with interrupts masked, without booting; its data is what the ELF says, each time.
+        """Call a function with interrupts masked, without booting; each call starts with the ELF's initial data.
 
         Parameters
         ----------
         function
-            Its name.
+            Name of the function.
         *arguments
-            As `VirtualCortexM4.call` takes them.
+            Arguments, see `VirtualCortexM4.call`.
         timeout_s
-            Virtual time after which it is taken to hang [s].
+            Virtual time after which the call counts as hung [s].
 
         Returns
         -------
         CallProfile
-            ``.value``, ``.cycles``, ``.instructions``, ``.microseconds``, ``.cycle_model``, and where the cycles went.
+            ``.value``, ``.cycles``, ``.instructions``, ``.microseconds``, ``.cycle_model``, and the distribution of the
+            cycles.
 
         Raises
         ------
         ConfigError
-            No such function, or arguments that do not fit it.
+            When there is no such function, or the arguments do not fit it.
         BoardFault
-            The function faulted or hung.
+            When the function faults or hangs.
         """
         return profile_call(self._board, function, *arguments, timeout_s=timeout_s, clock_hz=self._clock_hz)

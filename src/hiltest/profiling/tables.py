@@ -21,7 +21,7 @@ _FUNCTIONS_SHOWN = 30
 
 
 def print_profile(console: Console, profile: ProfileDocument, *, lines: int, instructions: int) -> None:
-    """Print what a call returned and cost, and where its cycles went.
+    """Print the result and cost of a call, and the distribution of its cycles.
 
     Parameters
     ----------
@@ -41,14 +41,14 @@ def print_profile(console: Console, profile: ProfileDocument, *, lines: int, ins
 
 def _print_head(console: Console, profile: ProfileDocument) -> None:
     call = f"{profile.function}({', '.join(profile.arguments)})"
-    console.print(escape(f"{call}{_returned(profile.returned)}"), soft_wrap=True)
+    console.print(escape(f"{call}{_format_value(profile.returned)}"), soft_wrap=True)
     for buffer in profile.buffers:
         console.print(escape(_buffer(buffer)), soft_wrap=True)
     microseconds = profile.cycles / profile.core_clock_hz * 1e6
-    each = profile.cycles / profile.instructions
+    mean_cycles = profile.cycles / profile.instructions
     console.print(
-        f"[bold]{_grouped(profile.cycles)} cycles[/bold], {_grouped(profile.instructions)} instructions "
-        f"({each:.2f} cycles each), {microseconds:.2f} us at {profile.core_clock_hz / 1e6:g} MHz",
+        f"[bold]{_group_digits(profile.cycles)} cycles[/bold], {_group_digits(profile.instructions)} instructions "
+        f"({mean_cycles:.2f} cycles each), {microseconds:.2f} us at {profile.core_clock_hz / 1e6:g} MHz",
         soft_wrap=True,
     )
     band = f": {profile.band.explained(of=profile.cycles)}" if profile.band else ""
@@ -57,7 +57,7 @@ def _print_head(console: Console, profile: ProfileDocument) -> None:
         console.print(escape(f"note: {note}"), style="yellow", soft_wrap=True)
 
 
-def _returned(value: float | int | None) -> str:
+def _format_value(value: float | int | None) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
@@ -77,36 +77,37 @@ def _kinds(profile: ProfileDocument) -> Table:
     table = _table("where the cycles go", "cycles", "share")
     for share in profile.shares:
         if share.cycles and share.kind != "stall":
-            table.add_row(_NAMES[share.name], _grouped(share.cycles), f"{share.percent:.1f} %")
+            table.add_row(_NAMES[share.name], _group_digits(share.cycles), f"{share.percent:.1f} %")
     stalls = [share for share in profile.shares if share.cycles and share.kind == "stall"]
     if stalls:
         total = sum(share.cycles for share in stalls)
-        table.add_row("stalls", _grouped(total), f"{sum(share.percent for share in stalls):.1f} %")
+        table.add_row("stalls", _group_digits(total), f"{sum(share.percent for share in stalls):.1f} %")
     for share in stalls:
-        table.add_row(f"  {_NAMES[share.name]}", _grouped(share.cycles), f"{share.percent:.1f} %", style="dim")
+        table.add_row(f"  {_NAMES[share.name]}", _group_digits(share.cycles), f"{share.percent:.1f} %", style="dim")
     return table
 
 
 def _functions(profile: ProfileDocument) -> Table:
     table = _table("function", "calls", "cycles", "share", "with callees", "instructions", "stalls")
-    for each in profile.functions[:_FUNCTIONS_SHOWN]:
+    for function in profile.functions[:_FUNCTIONS_SHOWN]:
         table.add_row(
-            escape(each.name), _grouped(each.calls), _grouped(each.self_cycles), _share(profile, each.self_cycles),
-            _grouped(each.cycles), _grouped(each.instructions), _grouped(each.stall_cycles),
+            escape(function.name), _group_digits(function.calls), _group_digits(function.self_cycles),
+            _share(profile, function.self_cycles),
+            _group_digits(function.cycles), _group_digits(function.instructions), _group_digits(function.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.functions), _FUNCTIONS_SHOWN)
     return table
 
 
 def _loops(profile: ProfileDocument) -> Table:
-    """Loops that wait to be fetched because of where they lie."""
+    """Return a table of loops that wait for instruction fetches because of their alignment."""
     table = _table("loop whose instructions lie badly", "turns", "misplaced", "cycles lost", "share")
     table.add_column("how to place it", overflow="fold")
     for loop in profile.loops:
         where = f"{loop.function} {loop.address:08x} to {loop.last:08x} {loop.location}".rstrip()
         table.add_row(
-            escape(where), _grouped(loop.turns), f"{100 * loop.misplaced / loop.wide:.0f} %", _grouped(loop.cycles),
-            _share(profile, loop.cycles), escape(loop.advice),
+            escape(where), _group_digits(loop.turns), f"{100 * loop.misplaced / loop.wide:.0f} %",
+            _group_digits(loop.cycles), _share(profile, loop.cycles), escape(loop.advice),
         )
     return table
 
@@ -115,8 +116,8 @@ def _lines(profile: ProfileDocument, most: int) -> Table:
     table = _table("source line", "cycles", "share", "instructions", "stalls")
     for line in profile.lines[:most]:
         table.add_row(
-            escape(line.location), _grouped(line.cycles), _share(profile, line.cycles), _grouped(line.instructions),
-            _grouped(line.stall_cycles),
+            escape(line.location), _group_digits(line.cycles), _share(profile, line.cycles),
+            _group_digits(line.instructions), _group_digits(line.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.lines), most)
     return table
@@ -127,8 +128,8 @@ def _instructions(profile: ProfileDocument, most: int) -> Table:
     for address in profile.addresses[:most]:
         place = f"{address.address:08x} {address.function} {address.location}".rstrip()
         table.add_row(
-            escape(f"{place}  {address.text}"), _grouped(address.executions), _grouped(address.cycles),
-            _share(profile, address.cycles), _grouped(address.stall_cycles),
+            escape(f"{place}  {address.text}"), _group_digits(address.executions), _group_digits(address.cycles),
+            _share(profile, address.cycles), _group_digits(address.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.addresses), most)
     return table
@@ -151,5 +152,5 @@ def _share(profile: ProfileDocument, cycles: int) -> str:
     return f"{100 * cycles / profile.cycles:.1f} %"
 
 
-def _grouped(count: int) -> str:
+def _group_digits(count: int) -> str:
     return f"{count:,}".replace(",", " ")

@@ -25,7 +25,7 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
     Parameters
     ----------
     file
-        Where it stands.
+        File of the profile.
     """
     rows = profile.rows | profile.memory
     uncertain = sum(1 for row in rows.values() if row.band[0] < row.band[1])
@@ -47,17 +47,17 @@ def print_measured(console: Console, measured: MeasuredProfile) -> None:
     for name, row in measured.rows.items():
         before = measured.base.rows[name]
         inside = before.band[0] <= row.band[0] and row.band[1] <= before.band[1]
-        said = "outside its range" if not inside else "another value" if row.value != before.value else ""
+        deviation = "outside its range" if not inside else "another value" if row.value != before.value else ""
         low, high = row.band
         shown = str(row.value) if low == high else f"{low} to {high}"
-        table.add_row(name, shown, str(before.value), _band(before), said, style="bold" if said else None)
+        table.add_row(name, shown, str(before.value), _band(before), deviation, style="bold" if deviation else None)
     console.print(table)
     for remark in measured.remarks:
         console.print(escape(remark), style="yellow", soft_wrap=True)
 
 
 def print_judgements(console: Console, judgements: Iterable[Judgement]) -> None:
-    """Print what each candidate for a rule predicts of its sequence, and which one survives."""
+    """Print each candidate rule's prediction for its sequence, and the surviving one."""
     console.print("Rules of fetching and addresses: clocks of half a sequence, and those that each", soft_wrap=True)
     console.print("candidate predicts; > marks what was measured.", soft_wrap=True)
     for judgement in judgements:
@@ -68,13 +68,13 @@ def print_judgements(console: Console, judgements: Iterable[Judgement]) -> None:
             mark = ">" if candidate in judgement.survivors else " "
             console.print(f"  {mark} {clocks:4} {candidate.says}", highlight=False, soft_wrap=True)
         if judgement.decided is None:
-            told = "no candidate predicts it" if not judgement.survivors else "this core does not tell them apart"
-            console.print(f"    {told}", style="yellow", soft_wrap=True)
+            reason = "no candidate predicts it" if not judgement.survivors else "this core does not tell them apart"
+            console.print(f"    {reason}", style="yellow", soft_wrap=True)
     console.print()
 
 
 def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None:
-    """Print the cost of sequences from flash, where it differs from that from SRAM.
+    """Print the cost of sequences from flash that differs from that from SRAM.
 
     Parameters
     ----------

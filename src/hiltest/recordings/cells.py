@@ -13,7 +13,7 @@ from hiltest.errors import ConfigError
 
 Reals = NDArray[np.float64]
 
-# Beyond 32 bits of any sensor: not a reading, and squares of squares would leave float64.
+# Largest reading, beyond 32 bits of any sensor; fourth powers of larger ones would overflow float64.
 LARGEST_READING = 2.0**32
 
 
@@ -21,31 +21,31 @@ class TableRow(NamedTuple):
     """One row of readings."""
 
     line: int
-    """From 1."""
+    """Line in the file, from 1."""
     cells: tuple[str, ...]
-    """Without quotes and surrounding blanks."""
+    """Cells without quotes and surrounding blanks."""
     arrived_s: float = math.nan
-    """When a serial monitor says that the line came [s of the day]; NaN where none does."""
+    """Time of day from a serial monitor [s]; NaN without one."""
 
 
 class TableRows(NamedTuple):
-    """Rows of readings, each the line after the one before."""
+    """Rows of readings on consecutive lines."""
 
     line: int
-    """Of the first."""
+    """Line of the first row."""
     numbers: Reals
     """Shape (rows, columns)."""
 
 
 def number_in(
-    path: Path, row: TableRow, place: int, name: str, *, what: str, largest: float = LARGEST_READING
+    path: Path, row: TableRow, place: int, name: str, *, quantity: str, largest: float = LARGEST_READING
 ) -> float:
-    """Return a cell's number; an empty cell is not a number, as loggers leave it where nothing was measured.
+    """Return a cell's number; NaN for an empty cell, which loggers leave without a measurement.
 
     Raises
     ------
     ConfigError
-        When it is something else, or too large for what it is; names file, line and column.
+        When it is something else, or too large for its quantity; the message has file, line and column.
     """
     cell = row.cells[place]
     if not cell:
@@ -56,25 +56,25 @@ def number_in(
         raise ConfigError(f"{where}: {shown(cell)} is not a number{decimal_comma}")
     value = float(cell)
     if math.isfinite(value) and abs(value) > largest:
-        raise ConfigError(f"{where}: {shown(cell)} is no {what}")
+        raise ConfigError(f"{where}: {shown(cell)} is no {quantity}")
     return value
 
 
 def number_or_nan(cell: str, largest: float) -> float:
-    """Return a cell's number; NaN where it is none, or too large for what it is."""
+    """Return a cell's number; NaN if it is not a number, or larger than `largest`."""
     value = float(cell) if is_number(cell) else math.nan
     return value if abs(value) <= largest else math.nan
 
 
 def is_number(cell: str) -> bool:
-    """Say whether a cell is a number as loggers write one."""
+    """Return whether a cell is a number in a logger's format."""
     try:
         float(cell)
     except ValueError:
         return False
-    return "_" not in cell  # float() takes 1_000
+    return "_" not in cell  # float() accepts 1_000
 
 
 def shown(cell: str) -> str:
-    """Return a cell as a message shows it."""
+    """Return a cell for a message."""
     return repr(cell if len(cell) <= 40 else f"{cell[:40]}...")

@@ -22,7 +22,7 @@ class Unit(StrEnum):
     COUNTS = "counts"
 
 
-#: What one of a unit is in microtesla; None where that is unknown.
+#: Size of each unit in microtesla; None if unknown.
 MICROTESLA: dict[Unit, float | None] = {Unit.UT: 1.0, Unit.GAUSS: 100.0, Unit.COUNTS: None}
 
 _WORDS = {
@@ -30,31 +30,31 @@ _WORDS = {
     "gauss": Unit.GAUSS, "gs": Unit.GAUSS,
     "counts": Unit.COUNTS, "count": Unit.COUNTS, "lsb": Unit.COUNTS,
 }  # fmt: skip
-# Units of fields that no option names: better refused than read as something else.
+# Units of fields that no option names: these are refused instead of read as something else.
 _FOREIGN = frozenset({"nt", "mt", "t", "tesla", "nanotesla", "mgauss", "milligauss"})
-# With the capital; in lower case these are the g of accelerometers.
+# Capital G means gauss; in lower case it is the g of accelerometers.
 _CAPITALS = {"G": "gauss", "mG": "mgauss"}
 _OTHER = frozenset({"g", "mg", "ms2", "si", "m/s2", "m/s^2", "m/s²"}) | RATE_WORDS.keys()
-# "Magnetometer X (uT)", "mx_uT", "mag.y [gauss]": a name, and perhaps a unit in brackets or behind a low line.
+# "Magnetometer X (uT)", "mx_uT", "mag.y [gauss]": a name, and an optional unit in brackets or after an underscore.
 _BRACKETED = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^)\]]*)[)\]]$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_ ])[_ ](?P<unit>[^_ ]+)$")
 _BETWEEN = r"[\s_.:/-]*"
 _AXIS_LAST = re.compile(rf"^(?P<stem>.*?){_BETWEEN}(?P<axis>[xyz])$")
 _AXIS_FIRST = re.compile(r"^(?P<axis>[xyz])[\s_.:/-]+(?P<stem>.+)$")
 _MAGNETIC = re.compile(r"mag|compass|^[mb]$")
-#: What the columns of an accelerometer have in common.
+#: Common part of the names of an accelerometer's columns.
 ACCELEROMETER_STEM = re.compile(r"acc|^[af]$")
-#: Those of a gyroscope.
+#: Common part of the names of a gyroscope's columns.
 GYROSCOPE_STEM = re.compile(r"gyr|omega|angular|(?<![a-z])rate|^[gw]$")
 
 
 def unit_of(headers: Sequence[str]) -> Unit | None:
-    """Return the unit that headers name, None when they name none.
+    """Return the unit in headers; None without one.
 
     Raises
     ------
     ConfigError
-        When they name different ones, or one that is not supported.
+        When they have different units, or an unsupported one.
     """
     words = {name_and_unit(header)[1] for header in headers}
     foreign = sorted(words & _FOREIGN)
@@ -70,23 +70,23 @@ def unit_of(headers: Sequence[str]) -> Unit | None:
 
 
 def unit_in_headers(headers: Sequence[str], words: Mapping[str, _U], option: str) -> _U | None:
-    """Return the unit that three headers name, None when they name none.
+    """Return the unit in three headers; None without one.
 
     Raises
     ------
     ConfigError
-        When they name different ones, or one that is not supported.
+        When they have different units, or an unsupported one.
     """
-    found = {name_and_unit(header)[1] for header in headers} - {""}
-    units = {words.get(word) for word in found}
+    names = {name_and_unit(header)[1] for header in headers} - {""}
+    units = {words.get(word) for word in names}
     if len(units) > 1 or None in units:
-        raise ConfigError(f"the header says {', '.join(headers)}: {' and '.join(sorted(found))} is no unit that can be "
+        raise ConfigError(f"the header says {', '.join(headers)}: {' and '.join(sorted(names))} is no unit that can be "
                           f"read here; say one with {option}")
     return next(iter(units), None)
 
 
 def named_columns(
-    wanted: str, headers: Sequence[str], width: int, *, option: str = "--columns"
+    requested: str, headers: Sequence[str], width: int, *, option: str = "--columns"
 ) -> tuple[int, int, int]:
     """Return the indexes of columns given as ``a,b,c``: names of the header, or numbers from 1.
 
@@ -95,12 +95,12 @@ def named_columns(
     ConfigError
         When they are not three different columns of the table.
     """
-    names = [name.strip() for name in next(csv.reader([wanted], skipinitialspace=True), [])]
+    names = [name.strip() for name in next(csv.reader([requested], skipinitialspace=True), [])]
     if len(names) != 3:
-        raise ConfigError(f"{option} {wanted}: {len(names)} columns; give three, for example mx,my,mz or 5,6,7")
+        raise ConfigError(f"{option} {requested}: {len(names)} columns; give three, for example mx,my,mz or 5,6,7")
     first, second, third = (column_index(name, headers, width, option=option) for name in names)
     if len({first, second, third}) != 3:
-        raise ConfigError(f"{option} {wanted}: a column is named twice")
+        raise ConfigError(f"{option} {requested}: a column is named twice")
     return first, second, third
 
 
@@ -110,16 +110,16 @@ def guessed_columns(headers: Sequence[str], places: Sequence[int], index: int | 
     Parameters
     ----------
     headers
-        Empty without any.
+        Names of the columns; empty without a header.
     places
         Indexes of the columns.
     index
-        That of a column which counts the rows.
+        Index of a column that counts the rows.
 
     Raises
     ------
     ConfigError
-        When nothing or more than one triple could be; names the choices.
+        When no or more than one triple is possible; the message lists the choices.
     """
     triples = axis_triples(headers)
     magnetic = {stem: triple for stem, triple in triples.items() if _MAGNETIC.search(stem)}
@@ -133,10 +133,10 @@ def guessed_columns(headers: Sequence[str], places: Sequence[int], index: int | 
     bare = places if len(places) == 3 else [place for place in places if place != index]
     if len(bare) == 3 and not triples:
         return bare[0], bare[1], bare[2]
-    found = f"the columns are {', '.join(headers)}" if headers else f"no header and {len(places)} columns"
+    description = f"the columns are {', '.join(headers)}" if headers else f"no header and {len(places)} columns"
     choices = [",".join(headers[index] for index in triple) for triple in triples.values()]
     hint = _options(choices) if choices else "say which with --columns, by name or by number from 1: --columns 1,2,3"
-    raise ConfigError(f"cannot tell which columns are the magnetometer: {found}; {hint}")
+    raise ConfigError(f"cannot tell which columns are the magnetometer: {description}; {hint}")
 
 
 def _options(choices: Sequence[str]) -> str:
@@ -145,7 +145,7 @@ def _options(choices: Sequence[str]) -> str:
 
 
 def axis_triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
-    """Return the columns of x, y and z by what their names have in common, where all three are there once."""
+    """Return the columns of x, y and z by the common part of their names, if all three exist once."""
     whole = {stem: axes for stem, axes in _columns_of_axes(headers).items() if sorted(axes) == ["x", "y", "z"]}
     return {
         stem: (axes["x"][0], axes["y"][0], axes["z"][0])
@@ -154,7 +154,7 @@ def axis_triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
 
 
 def incomplete_triples(headers: Sequence[str]) -> dict[str, list[int]]:
-    """Return the columns that are named as axes, but not as x, y and z once each, by what they have in common."""
+    """Return the columns with names of axes that are not a complete triple, by the common part of their names."""
     whole = axis_triples(headers)
     return {
         stem: sorted(place for places in axes.values() for place in places)
@@ -163,18 +163,18 @@ def incomplete_triples(headers: Sequence[str]) -> dict[str, list[int]]:
 
 
 def _columns_of_axes(headers: Sequence[str]) -> dict[str, dict[str, list[int]]]:
-    """Return the columns by what their names have in common, and by their axis."""
-    found: dict[str, dict[str, list[int]]] = {}
+    """Return the columns by the common part of their names, and by their axis."""
+    columns: dict[str, dict[str, list[int]]] = {}
     for index, header in enumerate(headers):
         name = name_and_unit(header)[0]
         parts = _AXIS_LAST.match(name) or _AXIS_FIRST.match(name)
         if parts is not None:
-            found.setdefault(parts["stem"], {}).setdefault(parts["axis"], []).append(index)
-    return found
+            columns.setdefault(parts["stem"], {}).setdefault(parts["axis"], []).append(index)
+    return columns
 
 
 def name_and_unit(header: str) -> tuple[str, str]:
-    """Return name and unit of a header in lower case, the unit empty when there is none."""
+    """Return name and unit of a header in lower case; the unit is empty without one."""
     written = header.strip()
     bracketed = _BRACKETED.match(written)
     if bracketed:
@@ -190,12 +190,12 @@ def _unit_word(written: str) -> str:
 
 
 def column_index(name: str, headers: Sequence[str], width: int, *, option: str) -> int:
-    """Return the index of a column given by its name, or its number from 1.
+    """Return the index of a column by its name, or its number from 1.
 
     Raises
     ------
     ConfigError
-        When there is none, or more than one of the name.
+        When there is none, or more than one with the name.
     """
     places = [index for index, header in enumerate(headers) if header == name]
     places = places or [index for index, header in enumerate(headers) if header.lower() == name.lower()]
@@ -205,19 +205,19 @@ def column_index(name: str, headers: Sequence[str], width: int, *, option: str) 
         return places[0]
     if name.isascii() and name.isdigit() and 1 <= int(name) <= width:
         return int(name) - 1
-    known = f"; the columns are {', '.join(headers)}" if headers else ""
-    raise ConfigError(f"{option}: no column {name!r} among {width}{known}")
+    choices = f"; the columns are {', '.join(headers)}" if headers else ""
+    raise ConfigError(f"{option}: no column {name!r} among {width}{choices}")
 
 
 _TIME = re.compile(
     r"^(?:time|timestamp|seconds|t)[\s_.]*[(\[]?\s*(?P<unit>s|sec|seconds|ms|us|µs|μs|ns)?\s*[)\]]?$", re.IGNORECASE
 )
-# Of the micro sign there are two.
+# Unicode has two micro signs.
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 
 
 def seconds_of(header: str) -> float | None:
-    """Return what one of a column of time is in seconds; None when its name is not that of a time.
+    """Return the unit of a time column in seconds; None if its name is not that of a time.
 
     Examples
     --------

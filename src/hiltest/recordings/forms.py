@@ -1,4 +1,4 @@
-"""Forms that tables of readings have: rows of cells below a text, MotionCal's lines, lines of JSON."""
+"""Forms of tables of readings: rows of cells below a text, MotionCal's lines, lines of JSON."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from hiltest.recordings.lines import Line
 from hiltest.strict_json import parse_json
 
 _AXES = 3
-# What separates cells, tried in this order; blanks where a line has none of them.
+# Separators of cells in the order of trial; blanks if a line has none of them.
 _DELIMITERS = ("\t", ";", ",")
 _MOTION_CAL = re.compile(r"Raw:(?:\s*-?\d{1,9}\s*,){8}\s*-?\d{1,9}\s*$")
-# Counts per unit, as PJRC's and Adafruit's sketches write them for MotionCal.
+# Counts per unit in the output of PJRC's and Adafruit's sketches for MotionCal.
 _MOTION_CAL_COLUMNS = {
     **dict.fromkeys(("ax_g", "ay_g", "az_g"), 8192.0),
     **dict.fromkeys(("gx_dps", "gy_dps", "gz_dps"), 16.0),
@@ -29,14 +29,14 @@ _MOTION_CAL_COLUMNS = {
 }
 _LIST_OF_THREE = re.compile(r"\[[^][,]*,[^][,]*,[^][,]*\]")
 _LIST_OF_ROWS = re.compile(r"\[\s*[\[{]")
-# More than any column or row has in its number, and few enough to be read at once.
+# More digits than any number of a column or row has, and few enough to be read at once.
 _DIGITS = 10
-# "1,234" may be a thousand and some, or one and some.
+# "1,234" is ambiguous: 1234 or 1.234.
 _THOUSANDS = re.compile(r"[+-]?\d{1,3},\d{3}$")
 
 
 class Separated(NamedTuple):
-    """Cells with a delimiter between them, or blanks where it is None; and the sign for their decimals."""
+    """Cells with a delimiter between them, or blanks if it is None; and the decimal sign."""
 
     delimiter: bytes | None
     decimal: bytes
@@ -44,23 +44,23 @@ class Separated(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How the lines of a file are rows of a table."""
+    """Form of a file's lines as rows of a table."""
 
     headers: tuple[str, ...]
-    """Names of the columns, empty without any."""
+    """Names of the columns; empty without a header."""
     width: int
     first: int
-    """Which of the lines is the first of readings."""
+    """Index of the first line of readings."""
     split: Callable[[str], tuple[str, ...]]
-    """Returns the cells of a line; raises ValueError, which says what is wrong with it."""
+    """Returns the cells of a line, or raises a ValueError with the reason."""
     preamble: int = 0
-    """Lines before the table that are no part of it."""
+    """Number of lines before the table."""
     begins: str = ""
-    """What a line of the table begins with; others are no part of it."""
+    """Prefix of the table's lines; others are not part of it."""
     notes: list[str] = field(default_factory=list)
-    """What was recognised or assumed, a sentence each; `split` may add to it."""
+    """Remarks on recognised or assumed properties, one sentence each; `split` may add to them."""
     separated: Separated | None = None
-    """How `split` tells cells apart; None where they are not text between separators."""
+    """Separators of `split`; None if the lines are not separated text."""
 
 
 def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
@@ -69,16 +69,16 @@ def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
     Parameters
     ----------
     lines
-        One at least.
+        Lines, at least one.
     fewest
-        Numbers that a row of readings has at least, where a header may be above it.
+        Minimum count of numbers in a row of readings that may have a header above it.
 
     Raises
     ------
     ConfigError
-        When it cannot be told where the table begins; names the line.
+        When the start of the table is unclear; the message has the line.
     """
-    return _motion_cal(lines) or _json_lines(lines) or _delimited(path, lines, fewest)
+    return _motion_cal(lines) or _json_lines(lines) or _delimited_form(path, lines, fewest)
 
 
 def _motion_cal(lines: Sequence[Line]) -> Form | None:
@@ -101,14 +101,14 @@ def _json_lines(lines: Sequence[Line]) -> Form | None:
     if first is None or not all(line.text.lstrip().startswith("{") for line in lines[first : first + 2]):
         return None
     if len(lines) == first + 1 and _LIST_OF_ROWS.search(lines[first].text):
-        return None  # one document, whose rows are in it
+        return None  # one JSON document that contains its rows
     names: dict[str, None] = {}
     for line in lines[first:]:
-        with suppress(ValueError):  # is refused as a row
+        with suppress(ValueError):  # the row parser reports the error
             names |= dict.fromkeys(_values(line.text))
     if not names:
         return None
-    notes = _skipped(lines[:first])
+    notes = _skipped_notes(lines[:first])
     if any(_LIST_OF_THREE.search(line.text) for line in lines[first:]):
         notes.append("Lists of three numbers in JSON were taken as x, y and z.")
     unread: set[str] = set()
@@ -125,15 +125,15 @@ def _json_lines(lines: Sequence[Line]) -> Form | None:
 
 
 def _values(text: str) -> dict[str, str]:
-    """Return what an object in JSON holds, by keys with points between the levels; raise ValueError where none is."""
+    """Return the values of a JSON object, by keys with dots between the levels; raise a ValueError for other text."""
     content = parse_json(text)
     if not isinstance(content, dict):
         raise ValueError("not an object")
     pairs = list(_flat(content, ""))
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    values = dict(pairs)
+    if len(values) < len(pairs):
         raise ValueError("two keys are the same when levels are joined by points")
-    return found
+    return values
 
 
 def _flat(value: object, name: str) -> Iterator[tuple[str, str]]:
@@ -144,14 +144,14 @@ def _flat(value: object, name: str) -> Iterator[tuple[str, str]]:
     else:
         yield name, "" if value is None else str(value).strip()
         return
-    for key, each in inner:
-        yield from _flat(each, f"{name}.{key}" if name else key)
+    for key, inner_value in inner:
+        yield from _flat(inner_value, f"{name}.{key}" if name else key)
 
 
-def _delimited(path: Path, lines: Sequence[Line], fewest: int) -> Form:
-    """Return the form of rows of cells, where a text may be above them.
+def _delimited_form(path: Path, lines: Sequence[Line], fewest: int) -> Form:
+    """Return the form of rows of cells, which may have text above them.
 
-    Only where the first line does not fit what is below it, a table is looked for further down.
+    A table is only searched further down if the first line does not fit the lines below it.
     """
     own = _delimiter(lines[0].text)
     for decimal in (".", ","):
@@ -160,7 +160,7 @@ def _delimited(path: Path, lines: Sequence[Line], fewest: int) -> Form:
         if place is not None:
             begin, has_header = look.begin(place, fewest)
             return look.form(begin, has_header=has_header)
-        looks = {each: _Look(path, lines, each, decimal) for each in (*_DELIMITERS, None)}
+        looks = {delimiter: _Look(path, lines, delimiter, decimal) for delimiter in (*_DELIMITERS, None)}
         for place, line in enumerate(lines):
             look = looks[_delimiter(line.text)]
             if look.may_begin(place, max(fewest, _AXES)):
@@ -170,7 +170,7 @@ def _delimited(path: Path, lines: Sequence[Line], fewest: int) -> Form:
                 return look.form(place - has_header, has_header=has_header)
     if lines[0].text.lstrip().startswith(("{", "[{", "[[")) or lines[0].text.strip() == "[":
         raise ConfigError(f"{path}: JSON, but not an object on each line; jq -c writes it so")
-    # What could be readings is nowhere, and the reader says so.
+    # There are no readings, which the reader reports.
     look = _Look(path, lines, own, ".")
     try:
         look.cells(lines[0].text)
@@ -180,7 +180,7 @@ def _delimited(path: Path, lines: Sequence[Line], fewest: int) -> Form:
 
 
 class _Look:
-    """The first lines of a file, as rows of cells with one delimiter and one sign for decimals."""
+    """The first lines of a file, as rows of cells with one delimiter and one decimal sign."""
 
     def __init__(self, path: Path, lines: Sequence[Line], delimiter: str | None, decimal: str) -> None:
         self.path, self.lines, self.delimiter, self.decimal = path, lines, delimiter, decimal
@@ -193,14 +193,14 @@ class _Look:
 
     def cells(self, text: str) -> tuple[str, ...]:
         cells = _cells(text, self.delimiter)
-        # Where a comma is between cells, it is no decimal sign in them.
+        # If a comma separates cells, it is not a decimal sign.
         return cells if self.decimal == "." or self.delimiter == "," else tuple([c.replace(",", ".") for c in cells])
 
     def numbers(self, place: int) -> int:
         return sum(map(is_number, self.rows[place]))
 
     def may_begin(self, place: int, fewest: int) -> bool:
-        """Say whether a table may begin at a row: one of numbers alone, or with as many cells as the next."""
+        """Return whether a table may begin at a row: one with numbers only, or with as many cells as the next."""
         row = self.rows[place]
         alone = all(not cell or is_number(cell) for cell in row)
         return self.numbers(place) >= fewest and (alone or [len(row)] == [*map(len, self.rows[place + 1 : place + 2])])
@@ -212,19 +212,19 @@ class _Look:
                      if self.may_begin(place, fewest) and _fits(self.rows[0], self.rows[place])), None)
 
     def begin(self, place: int, fewest: int) -> tuple[int, bool]:
-        """Return where a table begins whose first row fits its first readings, and whether with a header."""
+        """Return the first row of a table whose first row fits its first readings, and whether it is a header."""
         if self.numbers(0) >= fewest:
             return 0, False
         named = self.has_header_above(place) and axis_triples(self.rows[place - 1]) and not axis_triples(self.rows[0])
         return place - 1 if named else 0, True
 
     def has_header_above(self, place: int) -> bool:
-        """Say whether the row just above one of readings has a name for each of its cells."""
+        """Return whether the row just above one of readings has a name for each of its cells."""
         above = self.rows[place - 1] if place else ()
         return any(above) and not self.numbers(place - 1) and _fits(above, self.rows[place])
 
     def refuse_lost(self, place: int) -> None:
-        """Refuse to skip what may be readings, or a header that does not fit them."""
+        """Refuse to skip possible readings, or a header that does not fit them."""
         for line, row in zip(self.lines[:place], self.rows, strict=False):
             delimiter = _delimiter(line.text)
             own = _cells_or_nothing(line.text, delimiter)
@@ -240,7 +240,7 @@ class _Look:
     def form(self, begin: int, *, has_header: bool) -> Form:
         """Return the form of a table that begins at a row."""
         headers, first = (self.rows[begin], begin + 1) if has_header else (self._comment(begin), begin)
-        notes = _skipped(self.lines[:begin])
+        notes = _skipped_notes(self.lines[:begin])
         if not headers and _is_numbered(self.rows[first : first + 2]):
             notes.append(f"Line {self.lines[first].number}, {shown(','.join(self.rows[first]))}, was taken as pandas' "
                          "numbers of the columns, not as a reading.")
@@ -254,7 +254,7 @@ class _Look:
                     separated=separated)
 
     def _comment(self, place: int) -> tuple[str, ...]:
-        """Return the header that stands as a comment above a row."""
+        """Return the header in a comment above a row."""
         try:
             cells = _cells(self.lines[place].comment, self.delimiter)
         except ValueError:
@@ -270,7 +270,7 @@ class _Look:
 
 
 def _is_numbered(rows: Sequence[tuple[str, ...]]) -> bool:
-    """Say whether the first of two rows numbers the columns as pandas does, and the second does not count as well."""
+    """Return whether the first of two rows, and only this one, numbers the columns as pandas does."""
     if len(rows) < 2:
         return False
     cells, after = (row[1:] if row and row[0] in ("", "Unnamed: 0") else row for row in rows)
@@ -278,19 +278,19 @@ def _is_numbered(rows: Sequence[tuple[str, ...]]) -> bool:
 
 
 def counts(cells: Sequence[str]) -> bool:
-    """Say whether cells are whole numbers, each one more than the one before."""
+    """Return whether cells are whole numbers, each one more than the one before."""
     if not all(cell.isascii() and cell.isdigit() and len(cell) < _DIGITS for cell in cells):
         return False
     return all(int(after) == int(before) + 1 for before, after in pairwise(cells))
 
 
 def _fits(header: Sequence[str], row: Sequence[str]) -> bool:
-    """Say whether a row has a cell for each name; a separator at the end of one of them alone is no cell."""
+    """Return whether a row has a cell for each name; a trailing separator in only one of them is ignored."""
     longer = max(header, row, key=len)
     return len(header) == len(row) or (abs(len(header) - len(row)) == 1 and not longer[-1])
 
 
-def _skipped(lines: Sequence[Line]) -> list[str]:
+def _skipped_notes(lines: Sequence[Line]) -> list[str]:
     if not lines:
         return []
     which = f"Line {lines[0].number}" if len(lines) == 1 else f"Lines {lines[0].number} to {lines[-1].number}"
@@ -299,7 +299,7 @@ def _skipped(lines: Sequence[Line]) -> list[str]:
 
 
 def _delimiter(text: str) -> str | None:
-    return next((each for each in _DELIMITERS if each in text.strip()), None)
+    return next((delimiter for delimiter in _DELIMITERS if delimiter in text.strip()), None)
 
 
 def _cells_or_nothing(text: str, delimiter: str | None) -> tuple[str, ...]:
@@ -310,7 +310,7 @@ def _cells_or_nothing(text: str, delimiter: str | None) -> tuple[str, ...]:
 
 
 def _cells(text: str, delimiter: str | None) -> tuple[str, ...]:
-    """Return the cells of a line; raise ValueError, which says what is wrong with it."""
+    """Return the cells of a line, or raise a ValueError with the reason."""
     if delimiter is None:
         return tuple([cell.strip('"') for cell in text.split()])
     text = text.strip("\r\n")

@@ -13,44 +13,44 @@ from typing import BinaryIO, NamedTuple, cast
 
 from hiltest.errors import ConfigError
 
-# A table line is shorter by far; what is not must not fill the memory. So much of a file is in memory at once.
+# Bytes of a file that are in memory at once: a table line is far shorter, and other files must not fill the memory.
 _LONGEST_LINE = 65_536
-# Of what is in memory the smallest part that is offered at once: some lines of a table.
+# Smallest part of these that is offered at once: some lines of a table.
 _LEAST_AHEAD = 512
-# Hours of any sensor. A small compressed file could otherwise go on for ever.
+# Largest size: hours of any sensor. A small compressed file could otherwise expand without limit.
 _MOST_BYTES = 512 << 20
-#: How a file in UTF-16 begins, such as PowerShell writes with >.
+#: First bytes of a UTF-16 file, such as PowerShell writes with >.
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _COMMENTS = ("#", "%", "//")
-# As serial monitors put before what arrives: Arduino's "12:34:56.789 -> ", PlatformIO's "12:34:56.789 > ".
+# Time stamps of serial monitors before a line: Arduino's "12:34:56.789 -> ", PlatformIO's "12:34:56.789 > ".
 _STAMP = re.compile(r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d{1,9})?) -?> ?")
-# What can be in a line without making it a comment, badly encoded, or anything else than its text.
+# Bytes of plain lines, which need no decoding and are not comments.
 _PLAIN = bytes({*range(0x20, 0x7F), *b"\t\r\n"} - {*b"#%/"})
 
 
 class Line(NamedTuple):
-    """One line that is neither empty nor a comment."""
+    """A line that is neither empty nor a comment."""
 
     number: int
-    """From 1."""
+    """Number of the line, from 1."""
     text: str
-    """With its line end; the last one of a file may have none."""
+    """Text with its line end; the last one of a file may have none."""
     comment: str
-    """The comment line just before, without its mark."""
+    """Comment line just before, without its mark."""
     arrived_s: float
-    """Time of day that a serial monitor put before it [s]; NaN where none did."""
+    """Time of day from a serial monitor [s]; NaN without one."""
 
 
 class Lines:
-    """The lines of a file, to be read once: UTF-8, or UTF-16 with its mark; without `#`, `%` or `//` comments.
+    """The lines of a file, for one pass: UTF-8, or UTF-16 with its mark; without `#`, `%` or `//` comments.
 
-    A file whose name ends in .gz is unpacked as it is read. Times that a serial monitor put before each line are taken
-    off. Many plain lines can be taken at once, see `ahead`.
+    A file whose name ends in .gz is decompressed. Time stamps of a serial monitor before each line are removed. Many
+    plain lines can be read at once, see `ahead`.
 
     Raises
     ------
     ConfigError
-        By the iteration, when the file cannot be read or is no text; names file and line.
+        During iteration, when the file cannot be read or is not text; the message has file and line.
     """
 
     def __init__(self, path: Path) -> None:
@@ -62,20 +62,20 @@ class Lines:
     def __iter__(self) -> Iterator[Line]:
         try:
             with cast(io.BufferedReader, self._path.open("rb", buffering=_LONGEST_LINE)) as file:
-                yield from self._of_file(gzip.GzipFile(fileobj=file) if self._path.suffix == ".gz" else file)
+                yield from self._read_lines(gzip.GzipFile(fileobj=file) if self._path.suffix == ".gz" else file)
         except (OSError, EOFError, zlib.error) as error:
             raise ConfigError(f"{self._path}: {getattr(error, 'strerror', None) or error}") from error
 
     def ahead(self) -> bytes:
-        """Return next whole lines that are in memory and have only plain text in them, no comments; b"" for none.
+        """Return the next complete lines in memory that have only plain text, without comments; b"" for none.
 
-        They are still to be read: `take` them, or `refuse` them and get a part of them, or lines behind them.
+        They are not consumed: `take` them, or `refuse` them to get a part of them, or later lines.
         """
         while self._file is not None and not self._stamped and self._size >= self._refused_to:
             try:
                 ahead = self._file.peek(self._reach)[: self._reach]
             except (OSError, EOFError, zlib.error):
-                return b""  # which the iteration meets as well
+                return b""  # which the iteration also reports
             text = ahead[: ahead.rfind(b"\n") + 1]
             if not text and len(ahead) == self._reach < _LONGEST_LINE:
                 self._reach *= 2
@@ -88,7 +88,7 @@ class Lines:
         return b""
 
     def take(self, text: bytes) -> int:
-        """Step over the lines that `ahead` returned; return the number of the first."""
+        """Consume the lines that `ahead` returned; return the number of the first."""
         if self._file is None:
             raise ValueError("nothing is ahead")
         self._file.read(len(text))
@@ -99,7 +99,7 @@ class Lines:
         return first
 
     def refuse(self, text: bytes) -> None:
-        """Have what `ahead` returned read line by line, or a part of it be offered."""
+        """Let the text from `ahead` be read line by line, or offer a part of it."""
         if self._reach > _LEAST_AHEAD:
             self._reach //= 2
         else:
@@ -109,14 +109,14 @@ class Lines:
     def _where(self) -> str:
         return f"{self._path}:{self._number}"
 
-    def _of_file(self, file: io.BufferedReader | gzip.GzipFile) -> Iterator[Line]:
+    def _read_lines(self, file: io.BufferedReader | gzip.GzipFile) -> Iterator[Line]:
         comment, arrived_s = "", math.nan
         for text in self._decoded(file):
             stripped = text.strip()
             if self._stamped is None and stripped:
                 self._stamped = _STAMP.match(stripped) is not None
             if self._stamped:
-                arrived_s, text = _unstamped(text)
+                arrived_s, text = _split_stamp(text)
                 stripped = text.strip()
             if stripped.startswith(_COMMENTS):
                 comment = stripped.removeprefix(next(mark for mark in _COMMENTS if stripped.startswith(mark)))
@@ -155,8 +155,8 @@ class Lines:
                 raise ConfigError(f"{self._where}: byte 0x{bad:02x} is not UTF-8; save the file as UTF-8") from error
 
 
-def _unstamped(text: str) -> tuple[float, str]:
-    """Return when a line arrived [s], and the line; NaN where it has no stamp."""
+def _split_stamp(text: str) -> tuple[float, str]:
+    """Split a line into its time stamp [s] and its text; NaN without a stamp."""
     stamp = _STAMP.match(text)
     if stamp is None:
         return math.nan, text
@@ -165,7 +165,7 @@ def _unstamped(text: str) -> tuple[float, str]:
 
 
 class _Utf16:
-    """Lines of a file in UTF-16 as a file in UTF-8 gives them; what is no character comes as U+FFFD."""
+    """Lines of a UTF-16 file in the form of a UTF-8 file; invalid characters become U+FFFD."""
 
     def __init__(self, file: io.BufferedReader | gzip.GzipFile) -> None:
         self._file = io.TextIOWrapper(cast(BinaryIO, file), "utf-16", errors="replace", newline="\n")
@@ -174,5 +174,5 @@ class _Utf16:
         return self._file.readline(limit).encode("utf-8")
 
     def detach(self) -> None:
-        """Leave the file to who opened it."""
+        """Detach from the file without closing it."""
         self._file.detach()

@@ -17,65 +17,65 @@ from hiltest.rig.playback import PlaybackFile, PlayedSensor
 from hiltest.strict_json import read_bounded
 from hiltest.world.playback import Playback, Resampling, Sensed, Track
 
-#: Where the first reading is that has no place of its own [s]: firmware has set up its sensors and speaks by then.
+#: Time of a first reading without its own time [s]: firmware has configured its sensors and runs by then.
 START_S = 3.0
 _LARGEST_BYTES = 512 << 20
 _LOOKED_AT = 4096
-# Between these the median of a recording's readings lies, whatever moved and magnetised the board; beyond, the unit is
-# another one. The earth's field is 22 to 66 uT, and the parts' axes stop at 1200; nothing is shaken at 3 g for long.
+# Plausible range of the median of a recording's readings, under any motion and magnetisation; outside, the unit must be
+# wrong. The earth's field is 22 to 66 uT, and the parts' axes end at 1200; nothing is shaken at 3 g for long.
 _PLAUSIBLE = {Sensed.MAGNETOMETER: (5.0, 2100.0), Sensed.ACCELEROMETER: (0.3, 3.0), Sensed.GYROSCOPE: (0.0, 4000.0)}
-# Attributes of the packet in their units.
+# Attributes of the packet, in their units.
 _OF_PACKET = {Sensed.MAGNETOMETER: "field_ut", Sensed.ACCELEROMETER: "acceleration_g", Sensed.GYROSCOPE: "rate_dps"}
 
 
 def load_playback(rig: Rig) -> Playback | None:
-    """Read the recording that a rig names; None where it names none.
+    """Read the recording that a rig names; None if it names none.
 
     Raises
     ------
     ConfigError
-        When it cannot be read or understood.
+        When it cannot be read or interpreted.
     """
-    given = rig.world.playback if rig.world else None
-    if given is None:
+    playback = rig.world.playback if rig.world else None
+    if playback is None:
         return None
     try:
-        return read_playback(rig.path.parent / given.file, given)
+        return read_playback(rig.path.parent / playback.file, playback)
     except ConfigError as error:
         raise ConfigError(f"{rig.where('world', 'playback')}: world.playback: {error}") from error
 
 
-def read_playback(path: Path, given: PlaybackFile) -> Playback:
-    """Read a recording as a rig's table says it, and place it in virtual time.
+def read_playback(path: Path, settings: PlaybackFile) -> Playback:
+    """Read a recording by a rig's table, and place it in virtual time.
 
     Raises
     ------
     ConfigError
-        When it cannot be read or understood; names the file, and the line of a table.
+        When it cannot be read or interpreted; the message has the file, and the line of a table.
     """
     data = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="give a recording")
-    # Packets have zeros in them, text in UTF-8 has none.
+    # Packets contain zero bytes, UTF-8 text does not.
     is_stream = b"\0" in data[:_LOOKED_AT] and path.suffix != ".gz" and not _is_utf16(data[:_LOOKED_AT])
-    recorded = _read_packets(path, data, given) if is_stream else read_table(path, given)
+    recorded = _read_packets(path, data, settings) if is_stream else read_table(path, settings)
     for sensed, track in recorded.tracks.items():
         _refuse_implausible(path, sensed, track)
-    return placed(path.name, recorded, given)
+    return placed(path.name, recorded, settings)
 
 
 def _is_utf16(start: bytes) -> bool:
-    """Say whether what begins so is lines in UTF-16; a stream that was cut may begin with its mark."""
+    """Return whether a file with this start is UTF-16 text; a truncated stream may also begin with its mark."""
     return start.startswith(UTF16_MARKS) and "\n" in start.decode("utf-16", errors="replace")
 
 
-def placed(name: str, recorded: Recorded, given: PlaybackFile) -> Playback:
-    """Return a recording in virtual time, as a rig's table says it."""
+def placed(name: str, recorded: Recorded, settings: PlaybackFile) -> Playback:
+    """Return a recording in virtual time, by a rig's table."""
     first_s = min(float(track.times_s[0]) for track in recorded.tracks.values())
-    if given.start_s is None and recorded.clock_began_s is not None:
+    if settings.start_s is None and recorded.clock_began_s is not None:
         shift_s = recorded.clock_began_s
     else:
-        shift_s = (START_S if given.start_s is None else given.start_s) - first_s
+        shift_s = (START_S if settings.start_s is None else settings.start_s) - first_s
     tracks = {sensed: Track(track.times_s + shift_s, track.readings) for sensed, track in recorded.tracks.items()}
-    return Playback(name, tracks, Resampling(given.resampling), recorded.notes)
+    return Playback(name, tracks, Resampling(settings.resampling), recorded.notes)
 
 
 def _refuse_implausible(path: Path, sensed: Sensed, track: Track) -> None:
@@ -86,7 +86,7 @@ def _refuse_implausible(path: Path, sensed: Sensed, track: Track) -> None:
                           f"{high:g} is what one can: say the right unit with world.playback.{sensed.key}.unit")
 
 
-def _read_packets(path: Path, data: bytes, given: PlaybackFile) -> Recorded:
+def _read_packets(path: Path, data: bytes, settings: PlaybackFile) -> Recorded:
     """Read the main packets of a stream: accelerometer, calibrated magnetometer, uncalibrated gyroscope."""
     _, release = summary_of(data)
     rows = [table for batch in batches(data, release) for table in batch.tables if table.kind is MainPacket]
@@ -94,7 +94,7 @@ def _read_packets(path: Path, data: bytes, given: PlaybackFile) -> Recorded:
         raise ConfigError(f"{path}: neither a text table nor packets of NXP's sensor fusion with readings")
     frames = {flags >> 4 & 3 for table in rows for flags in np.unique(table.rows["flags"]).tolist()}
     default = PlayedSensor().axes
-    if frames != {AxisConvention.NED.value} and any(given.sensor(each.key).axes == default for each in Sensed):
+    if frames != {AxisConvention.NED.value} and any(settings.sensor(sensed.key).axes == default for sensed in Sensed):
         raise ConfigError(f"{path}: its packets are not in the frame NED; say with axes, under [world.playback."
                           "magnetometer], accelerometer and gyroscope, how each lies in the body")
     clock = BoardClock()
@@ -104,9 +104,10 @@ def _read_packets(path: Path, data: bytes, given: PlaybackFile) -> Recorded:
     tracks = {}
     for sensed, attribute in _OF_PACKET.items():
         readings = np.concatenate([table.in_unit(attribute) for table in rows])
-        there = readings.any(axis=1)  # zeros are sent for a sensor that the algorithm does not use
-        if there.any():
-            tracks[sensed] = Track(times_s[there], in_body_axes(readings[there], given.sensor(sensed.key).signed_axes))
+        is_present = readings.any(axis=1)  # the firmware sends zeros for a sensor that the algorithm does not use
+        if is_present.any():
+            in_axes = in_body_axes(readings[is_present], settings.sensor(sensed.key).signed_axes)
+            tracks[sensed] = Track(times_s[is_present], in_axes)
     if not tracks:
         raise ConfigError(f"{path}: its packets show no reading of any sensor")
     return Recorded(tracks)

@@ -14,32 +14,32 @@ from hiltest.recordings.cells import Reals, TableRow, TableRows, is_number
 from hiltest.recordings.forms import Form, Separated, counts, form_of
 from hiltest.recordings.lines import Line, Lines
 
-# In so many lines a table must have begun. An index is one that counts in all of them, three at least.
+# Number of lines within which a table must begin. An index column counts in all of them, at least three.
 _LOOKED_AT = 100
 _COUNTED = 3
 _EVERYTHING = bytes(range(256))
-# What makes other cells of a line than its separators say, or a number for Python that is none in a log.
+# Characters that change the cells of a line besides its separators, or that only Python accepts in numbers.
 _READ_ALONE = (b'"', b"\r", b"_")
 
 
 class Table:
-    """A table whose header is read; its rows can be read once, one by one or, where they are plain, many at once.
+    """A table with its header read; its rows can be read once, one by one or, if plain, many at once.
 
     Attributes
     ----------
     path : Path
     headers : tuple of str
-        Names of the columns, empty without any.
+        Names of the columns; empty without a header.
     width : int
         Number of columns.
     places : tuple of int
-        Columns that have something in them: a separator at the end of every row of a table without header makes none.
+        Columns with content: a trailing separator in every row of a table without header adds none.
     index : int or None
-        The column that counts the rows, or that pandas has no name for.
+        Column that counts the rows, or pandas' unnamed one.
     comment : str
-        The comment line just above the table.
+        Comment line just above the table.
     preamble : int
-        Lines above the table that are no part of it.
+        Number of lines above the table.
     """
 
     def __init__(self, path: Path, lines: Lines, others: Iterator[Line], looked_at: Sequence[Line], form: Form) -> None:
@@ -58,12 +58,12 @@ class Table:
         self._cut: int | None = None
 
     def names(self, places: Sequence[int]) -> tuple[str, ...]:
-        """Return what columns are called: their names, or their numbers from 1 where there are none."""
+        """Return the names of columns, or their numbers from 1 without a header."""
         return tuple(self.headers[place] if self.headers else str(place + 1) for place in places)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was skipped, recognised or assumed, a sentence each; complete when the rows are read."""
+        """Remarks on skipped, recognised or assumed content, one sentence each; complete after the rows are read."""
         notes = list(self._form.notes)
         if self._stamped:
             notes.insert(0, "The time before each line was taken as that at which a serial monitor got the line.")
@@ -79,7 +79,7 @@ class Table:
         Raises
         ------
         ConfigError
-            At a row that has not; names file and line.
+            At a row without; the message has file and line.
         """
         split, width, begins = self._form.split, self.width, self._form.begins
         for number, text, _, arrived_s in self._lines:
@@ -93,7 +93,7 @@ class Table:
                     raise ConfigError(f"{self.path}:{number}: {error}") from error
                 cells = ()
             if len(cells) != width:
-                cells = self._fitted(cells)
+                cells = self._fit_separator(cells)
             if text[-1] != "\n" and self._is_cut(cells):
                 self._cut = number
                 return
@@ -103,15 +103,15 @@ class Table:
             yield TableRow(number, cells, arrived_s)
 
     def rows_of_numbers(self, places: Sequence[int], largest: Sequence[float]) -> Iterator[TableRow | TableRows]:
-        """Yield what `rows` does, and in the place of many plain rows their numbers.
+        """Yield the rows of `rows`, with many plain rows replaced by their numbers.
 
         Parameters
         ----------
         places
             Columns that are read.
         largest
-            For each of them, what no number is beyond. A row with a number beyond it, or with a cell that is none,
-            comes by itself.
+            Largest number in each of them. A row with a larger number, or with a cell that is not a number, is yielded
+            separately.
         """
         separated = self._form.separated
         for row in self.rows():
@@ -124,7 +124,7 @@ class Table:
                     yield TableRows(self._behind.take(lines), numbers)
 
     def _numbers(self, lines: bytes, separated: Separated, places: Sequence[int]) -> Reals | None:
-        """Return the numbers in columns of plain lines, None where one of the lines may be anything but such a row."""
+        """Return the numbers in columns of plain lines; None if one of the lines may not be such a row."""
         lines = lines.replace(b"\r\n", b"\n")
         if any(mark in lines for mark in _READ_ALONE):
             return None
@@ -140,7 +140,7 @@ class Table:
             return None
         cells = lines.replace(b"\n", delimiter).split(delimiter)
         try:
-            # Behind the last delimiter is no cell.
+            # There is no cell after the last delimiter.
             return np.column_stack([np.fromiter(map(float, cells[place : -1 : self.width]), float) for place in places])
         except ValueError:
             return None
@@ -151,8 +151,8 @@ class Table:
         except ValueError:
             return ()
 
-    def _fitted(self, cells: tuple[str, ...]) -> tuple[str, ...]:
-        """Return a row with, or without, a separator at its end, as the header has it."""
+    def _fit_separator(self, cells: tuple[str, ...]) -> tuple[str, ...]:
+        """Return a row with or without a trailing separator, like the header."""
         if len(cells) == self.width + 1 and not cells[-1]:
             return cells[:-1]
         if len(cells) == self.width - 1 and self.headers and not self.headers[-1]:
@@ -160,7 +160,7 @@ class Table:
         return cells
 
     def _is_cut(self, cells: tuple[str, ...]) -> bool:
-        """Say whether a line without an end is a part of a row, as a logger that was stopped leaves it."""
+        """Return whether a line without an end is an incomplete row, as a stopped logger leaves it."""
         return len(cells) < self.width or (self._ends_in_number and bool(cells[-1]) and not is_number(cells[-1]))
 
 
@@ -170,21 +170,21 @@ def open_table(path: Path, *, fewest: int = 3) -> Table:
     Parameters
     ----------
     path
-        As `hiltest.recordings.lines.read_lines` takes it. A text may be above the table.
+        File, see `hiltest.recordings.lines.read_lines`. It may have text above the table.
     fewest
-        Numbers that a row of readings has at least, where a header may be above it.
+        Minimum count of numbers in a row of readings that may have a header above it.
 
     Raises
     ------
     ConfigError
-        When the file cannot be read or has no table; names file and line.
+        When the file cannot be read or has no table; the message has file and line.
     """
     lines = Lines(path)
-    each = iter(lines)
-    looked_at = list(islice(each, _LOOKED_AT))
+    remaining_lines = iter(lines)
+    looked_at = list(islice(remaining_lines, _LOOKED_AT))
     if not looked_at:
         raise ConfigError(f"{path}: the file is empty")
-    return Table(path, lines, each, looked_at, form_of(path, looked_at, fewest))
+    return Table(path, lines, remaining_lines, looked_at, form_of(path, looked_at, fewest))
 
 
 def _is_index(headers: Sequence[str], cells: Sequence[str]) -> bool:

@@ -1,1 +1,1 @@
-"""Record and replay: everything that a run asks of its bench, with the answers, kept in a file and given again."""
+"""Record and replay: all questions of a run to its bench, with the answers, in a file that can replace the bench."""

@@ -1,4 +1,4 @@
-"""What the header of a recording says of the run: enough to begin it again."""
+"""Description of a run in the header of its recording, sufficient to repeat it."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ class RecordedRun:
     """A recorded run."""
 
     hiltest: str
-    """Version that recorded it."""
+    """Version of hiltest that recorded it."""
     recorded_utc: str
     rig_file: str
     rig_text: str
-    """The rig's file: its name, and what it held."""
+    """Name and contents of the rig's file."""
     holds_limits: bool
-    """Whether a limit of the rig that nothing was measured against failed the run."""
+    """Whether an unmeasured limit of the rig failed the run."""
     seed: int | None
-    """Seed that the command line gave."""
+    """Seed from the command line."""
     poses: str | None
-    """Poses that it gave."""
+    """Poses from the command line."""
     suite: str
 
 
@@ -35,7 +35,7 @@ def read_transcript(path: Path) -> tuple[RecordedRun, Transcript]:
     Raises
     ------
     ConfigError
-        When the file is no transcript, or one of no run.
+        When the file is not a transcript, or not of a recorded run.
     """
     transcript = Transcript.read(path)
     if transcript.recorded is None:

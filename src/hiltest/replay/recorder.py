@@ -1,4 +1,4 @@
-"""Recording a run: each question to the bench is asked, and kept with its answer and time."""
+"""Recording of a run: each question to the bench is asked, and stored with its answer and time."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from hiltest.replay.values import interface_in, plain, plain_error
 
 
 class Recorder(Tape):
-    """Records a run.
+    """Tape that records a run.
 
     Parameters
     ----------
     path
-        File that is written, as the run goes on.
+        File that grows during the run.
     about
-        What the header says of the run.
+        Description of the run for the header.
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
@@ -31,7 +31,7 @@ class Recorder(Tape):
         self._now: Callable[[], float] = time.monotonic
         self._began_s = self._latest_s = 0.0
         self._objects = 0
-        self._is_asking = False  # what is asked to answer a question is no question of the run
+        self._is_asking = False  # a question within another question is not recorded
 
     def port(self, opened: Callable[[], SerialPort]) -> SerialPort:
         """Open the board's port, and begin the recording."""
@@ -49,32 +49,32 @@ class Recorder(Tape):
         self.ask("port", {}, str, lambda: port.name)
         return _RecordedPort(self, port, clock)
 
-    def ask(self, name: str, given: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
-        """Ask the bench, and keep the question with the answer."""
+    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+        """Ask the bench, and record the question with the answer."""
         if self._is_asking:
             return answer()
         began_s, self._is_asking = self._now(), True
-        kept: dict[str, Any] = {"call": name, **({"given": given} if given else {})}
+        entry: dict[str, Any] = {"call": name, **({"given": arguments} if arguments else {})}
         try:
-            found = answer()
+            result = answer()
             interface = interface_in(hint)
-            if interface is not None and found is not None:
+            if interface is not None and result is not None:
                 self._objects += 1
-                kept["gives"] = f"{name.rpartition('.')[2]}-{self._objects}"
-                found = Taped(self, kept["gives"], interface, found)
+                entry["gives"] = f"{name.rpartition('.')[2]}-{self._objects}"
+                result = Taped(self, entry["gives"], interface, result)
             else:
-                kept["gives"] = plain(found)
-            return found
+                entry["gives"] = plain(result)
+            return result
         except HiltestError as error:
-            kept["raises"] = plain_error(error)
+            entry["raises"] = plain_error(error)
             raise
         finally:
             self._is_asking = False
-            if {"gives", "raises"} & kept.keys():  # else it was interrupted
-                self._add_call(began_s, kept)
+            if {"gives", "raises"} & entry.keys():  # otherwise it was interrupted
+                self._add_call(began_s, entry)
 
     def begin_test(self, test: str) -> None:
-        """Note that a test begins; what was before is on the disk."""
+        """Mark the start of a test, and flush the file."""
         if self._file is not None:
             self._file.flush()
             self._file.add(TranscriptEntry(self._latest_s, Direction.MARK, test.encode()))
@@ -88,22 +88,22 @@ class Recorder(Tape):
         return ""
 
     def now_s(self, *, is_asked: bool) -> float:
-        """Return the time of the board's clock; of a wall clock the run's own readings are kept."""
+        """Return the time of the board's clock; readings of a wall clock by the run are recorded."""
         time_s = self._now()
         if is_asked and self._began_s and not self._is_asking:
             self.add(time_s, Direction.CLOCK, b"")
         return time_s
 
     def add(self, time_s: float, direction: Direction, data: bytes) -> None:
-        """Keep bytes."""
+        """Record bytes."""
         if self._file is not None and not self._is_asking:
             self._file.add(TranscriptEntry(time_s, direction, data))
             self._latest_s = time_s
 
-    def broken(self, what: str, error: BaseException) -> None:
-        """Keep that reading or writing the line raised an error."""
+    def broken(self, operation: str, error: BaseException) -> None:
+        """Record an error of reading or writing the line."""
         if not self._is_asking:
-            self._add_call(self._now(), {"call": what, "raises": plain_error(error)})
+            self._add_call(self._now(), {"call": operation, "raises": plain_error(error)})
 
     def _add_call(self, began_s: float, call: dict[str, Any]) -> None:
         ended_s = self._now()
@@ -117,7 +117,7 @@ class Recorder(Tape):
 
 
 class _RecordedPort:
-    """A port whose bytes are kept."""
+    """A port whose bytes are recorded."""
 
     def __init__(self, recorder: Recorder, port: Any, clock: str) -> None:
         self._recorder, self._port = recorder, port
@@ -128,10 +128,10 @@ class _RecordedPort:
         return self._recorder.now_s(is_asked=True)
 
     def position(self) -> str:
-        """Say what the firmware is doing, where the port knows."""
+        """Return a description of the firmware's activity, if the port knows it."""
         look: Callable[[], str] = getattr(self._port, "position", str)
-        found: str = self._recorder.ask("position", {}, str, look)
-        return found
+        position: str = self._recorder.ask("position", {}, str, look)
+        return position
 
     @property
     def timeout(self) -> float | None:
@@ -144,14 +144,14 @@ class _RecordedPort:
         self._port.timeout = seconds
 
     def read_until(self, expected: bytes) -> bytes:
-        """Return bytes up to and including `expected`, fewer when the read slice is over."""
-        return self._kept(lambda: self._port.read_until(expected))
+        """Return bytes up to and including `expected`, fewer at the end of the read slice."""
+        return self._record_read(lambda: self._port.read_until(expected))
 
     def read(self, size: int) -> bytes:
-        """Return what arrives within the timeout, at most `size` bytes."""
-        return self._kept(lambda: self._port.read(size))
+        """Return the bytes that arrive within the timeout, at most `size`."""
+        return self._record_read(lambda: self._port.read(size))
 
-    def _kept(self, read: Callable[[], bytes]) -> bytes:
+    def _record_read(self, read: Callable[[], bytes]) -> bytes:
         try:
             data = bytes(read())
         except Exception as error:
@@ -171,9 +171,9 @@ class _RecordedPort:
         return written
 
     def reset_input_buffer(self) -> None:
-        """Drop what has arrived and was not read."""
+        """Drop the unread bytes."""
         self._port.reset_input_buffer()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()

@@ -1,9 +1,9 @@
-"""The seam between a run and its bench: everything that the run asks passes here, to be recorded or answered.
+"""The interface between a run and its bench, at which all questions are recorded or answered.
 
-Bytes pass through the port that `Tape.port` returns. Whatever else a run asks of its bench, of the board's own
-knowledge, of a table, of the operator, is a call of an interface, and passes through `Tape.ask`: an object that
-implements an interface is wrapped, and each call on it is a question with an answer. So a method that an interface
-gains is recorded without anyone's doing; what an interface does not have cannot be asked.
+Bytes pass through the port that `Tape.port` returns. All other questions, to the board, a table or the operator, are
+calls of an interface, and pass through `Tape.ask`: an object that implements an interface is wrapped, and each call on
+it is a question with an answer. So new methods of an interface are recorded automatically, and a run cannot ask outside
+the interface.
 """
 
 from __future__ import annotations
@@ -18,35 +18,35 @@ from hiltest.replay.values import Member, member_of
 
 
 class Tape(ABC):
-    """Records the questions of a run and their answers, or answers them from such a recording."""
+    """Recorder of the questions of a run and their answers, or player of such a recording."""
 
     @abstractmethod
     def port(self, opened: Callable[[], SerialPort]) -> SerialPort:
-        """Return the port of the board; `opened` opens the one that is there."""
+        """Return the port of the board; `opened` opens the real one."""
 
     @abstractmethod
-    def ask(self, name: str, given: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
         """Return the answer to a question.
 
         Parameters
         ----------
         name
-            Of the question, such as ``stage.turn_to``.
-        given
+            Name of the question, such as ``stage.turn_to``.
+        arguments
             Arguments, as JSON.
         hint
-            Of the answer.
+            Type of the answer.
         answer
             Asks the bench.
         """
 
     @abstractmethod
     def begin_test(self, test: str) -> None:
-        """Note that a test begins."""
+        """Mark the start of a test."""
 
     @abstractmethod
     def end(self) -> str:
-        """Come to the end of the run; say what is wrong with that, empty where nothing is."""
+        """End the run; return an error message, empty without an error."""
 
     def method(self, name: str, member: Member, answer: Callable[..., Any]) -> Callable[..., Any]:
         """Return a method whose calls are questions."""
@@ -58,13 +58,13 @@ class Tape(ABC):
 
 
 class Live(Tape):
-    """Asks the bench, and keeps nothing."""
+    """Tape that asks the bench, and records nothing."""
 
     def port(self, opened: Callable[[], SerialPort]) -> SerialPort:
         """Open the port."""
         return opened()
 
-    def ask(self, name: str, given: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
         """Ask the bench."""
         return answer()
 
@@ -80,14 +80,14 @@ LIVE = Live()
 
 
 class Taped:
-    """An object that implements an interface, each call on it a question.
+    """Wrapper of an object that implements an interface; each call on it is a question.
 
     Parameters
     ----------
     name
-        Of the object.
+        Name of the object.
     target
-        Answers where the bench is there; None in a replay.
+        Object that answers; None in a replay.
     """
 
     def __init__(self, tape: Tape, name: str, interface: type, target: Any) -> None:
@@ -97,4 +97,6 @@ class Taped:
         member, question = member_of(self._interface, name), f"{self._name}.{name}"
         if not member.is_method:
             return self._tape.ask(question, {}, member.hint, lambda: getattr(self._target, name))
-        return self._tape.method(question, member, lambda *given, **named: getattr(self._target, name)(*given, **named))
+        return self._tape.method(
+            question, member, lambda *positional, **named: getattr(self._target, name)(*positional, **named)
+        )

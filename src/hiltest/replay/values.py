@@ -1,6 +1,6 @@
-"""Arguments and answers as JSON, and back again by the type that an interface declares.
+"""Conversion of arguments and answers to JSON, and back by the types that an interface declares.
 
-The types of an interface are the schema: what a file holds becomes an object only where the declared type is met.
+The types of an interface are the schema: a file's content becomes an object only if it fits the declared type.
 """
 
 from __future__ import annotations
@@ -45,22 +45,22 @@ def member_of(interface: type, name: str) -> Member:
     Raises
     ------
     AttributeError
-        When it has none of this name: what a run asks of its bench beside the interface cannot be recorded.
+        When it has none of this name, because a question outside the interface cannot be recorded.
     """
-    found = inspect.getattr_static(interface, name, None)
-    if name.startswith("_") or (found is None and name not in get_type_hints(interface)):
+    attribute = inspect.getattr_static(interface, name, None)
+    if name.startswith("_") or (attribute is None and name not in get_type_hints(interface)):
         raise AttributeError(f"{interface.__name__} has no {name!r}, by which it could be recorded")
-    if isinstance(found, property):
-        return Member(is_method=False, hint=get_type_hints(found.fget)["return"])
-    if inspect.isfunction(found):
-        signature = inspect.signature(found)
+    if isinstance(attribute, property):
+        return Member(is_method=False, hint=get_type_hints(attribute.fget)["return"])
+    if inspect.isfunction(attribute):
+        signature = inspect.signature(attribute)
         without_self = signature.replace(parameters=list(signature.parameters.values())[1:])
-        return Member(is_method=True, hint=get_type_hints(found)["return"], signature=without_self)
+        return Member(is_method=True, hint=get_type_hints(attribute)["return"], signature=without_self)
     return Member(is_method=False, hint=get_type_hints(interface)[name])
 
 
 def interface_in(hint: Any) -> type | None:
-    """Return the interface that an answer implements, if its type is one: it is asked further questions."""
+    """Return the interface that an answer implements, if its type is one and so receives further questions."""
     for argument in (hint, *get_args(hint)):
         if isinstance(argument, type) and getattr(argument, "_is_protocol", False):
             return argument
@@ -84,32 +84,32 @@ def plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {_key(key): plain(each) for key, each in value.items()}
+        return {_key(key): plain(item) for key, item in value.items()}
     if isinstance(value, Sequence):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} cannot be recorded: an interface that is recorded takes and gives plain "
                     "values, dataclasses, arrays, and other interfaces")  # fmt: skip
 
 
 def restored(hint: Any, content: Any) -> Any:
-    """Return the value of a declared type that JSON stands for.
+    """Restore the value of a declared type from JSON.
 
     Raises
     ------
     ValueError
-        When it stands for none.
+        When the content does not fit the type.
     """
     kind, inner = get_origin(hint) or hint, get_args(hint)
     if kind is Any:
         return content
     if kind in (Union, UnionType):
-        return _first_of(inner, content)
+        return _first_match(inner, content)
     if kind in (None, NoneType):
-        return _checked(content is None, None, hint)
+        return _check(content is None, None, hint)
     if kind is float:
-        return _checked(isinstance(content, int | float) and not isinstance(content, bool), content, hint)
+        return _check(isinstance(content, int | float) and not isinstance(content, bool), content, hint)
     if kind in _PLAIN:
-        return _checked(type(content) is kind, content, hint)
+        return _check(type(content) is kind, content, hint)
     if isinstance(kind, type) and issubclass(kind, Enum):
         return kind(content)
     if kind is np.ndarray:
@@ -117,8 +117,8 @@ def restored(hint: Any, content: Any) -> Any:
     if isinstance(kind, type) and is_dataclass(kind):
         return _record(kind, content)
     if isinstance(kind, type) and issubclass(kind, Mapping):
-        _checked(isinstance(content, dict), None, hint)
-        return {_restored_key(inner[0], key): restored(inner[1], each) for key, each in content.items()}
+        _check(isinstance(content, dict), None, hint)
+        return {_restored_key(inner[0], key): restored(inner[1], item) for key, item in content.items()}
     if isinstance(kind, type) and issubclass(kind, Sequence):
         return _sequence(kind, inner, content)
     raise TypeError(f"no value of type {hint} can be replayed")
@@ -131,16 +131,16 @@ def _key(key: Any) -> str:
 def _restored_key(hint: Any, key: str) -> Any:
     if not (isinstance(hint, type) and issubclass(hint, Enum)) or issubclass(hint, str):
         return key
-    return _checked(key in hint.__members__, hint.__members__.get(key), hint)
+    return _check(key in hint.__members__, hint.__members__.get(key), hint)
 
 
-def _checked(is_right: bool, value: Any, hint: Any) -> Any:
+def _check(is_right: bool, value: Any, hint: Any) -> Any:
     if not is_right:
         raise ValueError(f"it is no {hint}")
     return value
 
 
-def _first_of(hints: Sequence[Any], content: Any) -> Any:
+def _first_match(hints: Sequence[Any], content: Any) -> Any:
     for hint in hints:
         try:
             return restored(hint, content)
@@ -150,7 +150,7 @@ def _first_of(hints: Sequence[Any], content: Any) -> Any:
 
 
 def _array(content: Any) -> Any:
-    _checked(isinstance(content, list), None, np.ndarray)  # of nothing numpy makes a NaN
+    _check(isinstance(content, list), None, np.ndarray)  # numpy converts None to NaN
     try:
         return np.asarray(content, dtype=np.float64)
     except TypeError as error:
@@ -158,21 +158,21 @@ def _array(content: Any) -> Any:
 
 
 def _record(kind: type[Any], content: Any) -> Any:
-    _checked(isinstance(content, dict), None, kind)
+    _check(isinstance(content, dict), None, kind)
     hints = get_type_hints(kind)
-    known = {field.name: field for field in fields(kind) if field.init}
-    needed = {name for name, each in known.items() if each.default is MISSING and each.default_factory is MISSING}
-    _checked(needed <= content.keys() <= known.keys(), None, kind)
-    return kind(**{name: restored(hints[name], each) for name, each in content.items()})
+    by_name = {field.name: field for field in fields(kind) if field.init}
+    needed = {name for name, field in by_name.items() if field.default is MISSING and field.default_factory is MISSING}
+    _check(needed <= content.keys() <= by_name.keys(), None, kind)
+    return kind(**{name: restored(hints[name], item) for name, item in content.items()})
 
 
 def _sequence(kind: type, inner: tuple[Any, ...], content: Any) -> Any:
-    _checked(isinstance(content, list), None, kind)
+    _check(isinstance(content, list), None, kind)
     if not issubclass(kind, tuple):
-        return [restored(inner[0], each) for each in content]
+        return [restored(inner[0], item) for item in content]
     each_hint = (inner[0],) * len(content) if inner[-1] is Ellipsis else inner
-    _checked(len(each_hint) == len(content), None, kind)
-    return tuple(restored(hint, each) for hint, each in zip(each_hint, content, strict=True))
+    _check(len(each_hint) == len(content), None, kind)
+    return tuple(restored(hint, item) for hint, item in zip(each_hint, content, strict=True))
 
 
 def plain_error(error: BaseException) -> dict[str, Any]:
@@ -185,21 +185,21 @@ def plain_error(error: BaseException) -> dict[str, Any]:
 
 
 def restored_error(content: Any) -> Exception:
-    """Return the error that JSON stands for.
+    """Restore an error from JSON.
 
     Raises
     ------
     ValueError
-        When it stands for none of hiltest's, and none of a port.
+        When it is neither an error of hiltest nor of a port.
     """
-    _checked(isinstance(content, dict), None, Exception)
+    _check(isinstance(content, dict), None, Exception)
     name, text, about = content.get("error"), content.get("text"), content.get("with")
     if name in _OF_PORTS:
         return _OF_PORTS[name](str(text))  # type: ignore[no-any-return]
     kind = getattr(errors, str(name), None)
     if not (isinstance(kind, type) and issubclass(kind, HiltestError) and isinstance(about, dict)):
         raise ValueError(f"it is no error of hiltest: {name!r}")
-    error = kind.__new__(kind)  # not by its own arguments, which only its message was made of
+    error = kind.__new__(kind)  # without its constructor, because only its message was recorded
     error.args = (str(text),)
     vars(error).update(about)
     return error

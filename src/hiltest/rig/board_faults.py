@@ -1,4 +1,4 @@
-"""What happens to a virtual board on purpose: its sensors, its I2C buses, its supply."""
+"""Injected faults of a virtual board: its sensors, its I2C buses, its supply."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class SensorFault:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     part: str
-    """As ``world.fitted`` names it."""
+    """Name of the part in ``world.fitted``."""
     fault: Literal["absent", "other part", "frozen", "saturated"]
-    """It does not answer; another part answers at its address; it gives the same sample again and again; its first
-    axis is at the end of its range. One that was absent is back as after power-on."""
+    """Kind of fault: the part does not answer; another part answers at its address; it repeats the same sample; its
+    first axis is at the end of its range. An absent part returns in its power-on state."""
     after_s: float = 0.0
     for_s: float | None = None
 
@@ -67,7 +67,7 @@ class BoardReset:
 
 
 def span_of(fault: SensorFault | HeldLine, began_s: float) -> tuple[float, float]:
-    """Return when a fault begins and ends, where times count from `began_s`."""
+    """Return the start and end of a fault, given that times count from `began_s`."""
     begin_s = began_s + fault.after_s
     return begin_s, math.inf if fault.for_s is None else begin_s + fault.for_s
 

@@ -10,18 +10,17 @@ from hiltest.rig.tables import STRICT, require
 
 @dataclass(frozen=True, slots=True)
 class CountedFunctions:
-    """Functions that are counted under one name; in the file one alone is written as a string."""
+    """Functions that are counted under one name; in the file a single one may be a string."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     functions: tuple[str, ...]
-    """Symbols of the firmware. Several are called in turn, once for each slice of a solution."""
+    """Symbols of the firmware. Several functions are called in turn, once for each slice of a solution."""
     ends: str | None = None
-    """A word in memory that tells when a solution is complete, such as ``sfg+0xa80``; None: each call counts for
-    itself."""
+    """A word in memory that marks a complete solution, such as ``sfg+0xa80``; None if each call counts separately."""
     ends_when: Literal["zero", "changed"] = "zero"
-    """What the word shows at the return of the last slice: ``zero``, or that it has ``changed``."""
+    """State of the word at the return of the last slice: ``zero`` or ``changed``."""
     ends_bytes: Literal[1, 2, 4] = 4
-    """Its size."""
+    """Size of the word."""
 
     def __post_init__(self) -> None:
         require(bool(self.functions), "functions", "name one at least")
@@ -32,7 +31,7 @@ class CountedFunctions:
 
 
 def as_tables(cycles: object) -> object:
-    """Return the table of a file with a table for each function that is named alone."""
+    """Return the table of a file with strings replaced by tables."""
     if not isinstance(cycles, dict):
         return cycles
-    return {name: {"functions": [given]} if isinstance(given, str) else given for name, given in cycles.items()}
+    return {name: {"functions": [entry]} if isinstance(entry, str) else entry for name, entry in cycles.items()}

@@ -1,4 +1,4 @@
-"""The ``[device]`` table of a rig: how firmware that does not speak hiltest's protocol is understood."""
+"""The ``[device]`` table of a rig: interface to firmware without hiltest's protocol."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hiltest.rig.memory_device import MemoryDevice
 from hiltest.rig.tables import STRICT, require
 from hiltest.rig.text_device import TextDevice
 
-#: Axes and heading of the firmware: see docs/compass.md.
+#: Conventions of the firmware's axes and heading: see docs/compass.md.
 FrameName = Literal["ned", "enu", "android", "windows"]
 
 
@@ -19,45 +19,44 @@ class FsflkDevice:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     release: Literal["4.22", "5.00", "7"] = "7"
-    """Whose packets they are."""
+    """Release of the packets."""
     algorithm: str = ""
-    """Command of the Sensor Fusion Toolbox that is sent at the start, such as ``"Q9"``; empty leaves it as it is."""
+    """Command of the Sensor Fusion Toolbox that is sent at the start, such as ``"Q9"``; empty for none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """How the firmware under test is understood, and how long it is waited for."""
+    """Interface to the firmware under test, and its waiting times."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: str | tuple[str, ...]
-    """One kind, or several, each of which gives some quantities: ``hiltest``, ``fsflk``, ``text``, ``memory``, or
-    the name of an entry point of one's own."""
+    """One kind, or several kinds that each give some quantities: ``hiltest``, ``fsflk``, ``text``, ``memory``, or the
+    name of a user's entry point."""
     frame: FrameName = "ned"
     """Convention of the firmware's axes and angles."""
     heading: Literal["clockwise", "counterclockwise"] | None = None
-    """Way in which its heading grows, seen from above; by default the frame's own."""
+    """Direction in which its heading increases, seen from above; by default the frame's."""
     start_s: float = 1.0
-    """From power-on until the firmware is expected to speak."""
+    """Time from power-on until the firmware's first output."""
     converge_s: float = 0.0
-    """How long the board lies still, level, before it is tumbled, and again behind: a filter finds the gyroscope's
-    offset then."""
+    """Time that the board rests level before and after the tumble, in which a filter finds the gyroscope's offset."""
     tumbles: int = 1
     tumble_s: float = 20.0
-    """How often the board is turned all round, and for how long."""
+    """Number of tumbles, and the duration of each."""
     window_s: float = 1.0
-    """Length of a window: two in a row whose mean headings agree are a settled heading."""
+    """Length of a window: the heading is settled if two consecutive windows agree in their mean."""
     settle_s: float = 10.0
-    """Longest that is waited for that at each pose."""
+    """Longest wait for a settled heading at each pose."""
     sources: dict[str, str] = field(default_factory=dict)
-    """With several kinds: the kind that gives a quantity, by the quantity's name. The first of the kinds that offer
-    it gives one that is not named."""
+    """Kind that gives a quantity, by the quantity's name, if there are several kinds. The default is the first kind
+    that offers it."""
     fsflk: FsflkDevice = field(default_factory=FsflkDevice)
-    """Of the kind of that name."""
+    """Table of the kind ``fsflk``."""
     text: TextDevice | None = None
     memory: MemoryDevice | None = None
-    """Of the kinds of these names, and only with them."""
+    """Tables of the kinds with these names."""
     options: dict[str, Any] = field(default_factory=dict)
-    """For a kind of one's own."""
+    """Table of a user's kind."""
 
     def __post_init__(self) -> None:
         require(bool(self.kinds), "kind", 'names no kind; write kind = "fsflk" or another')
@@ -80,10 +79,10 @@ class Device:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds, always several."""
+        """Kinds as a tuple."""
         return (self.kind,) if isinstance(self.kind, str) else self.kind
 
     @property
     def speaks_our_protocol(self) -> bool:
-        """Whether the firmware answers requests of hiltest's own protocol."""
+        """Whether the firmware uses hiltest's protocol."""
         return self.kinds == ("hiltest",)

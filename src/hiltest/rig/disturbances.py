@@ -1,4 +1,4 @@
-"""The tables ``[world.current]``, ``[world.passing]`` and ``[world.cable]``: what disturbs the field over time."""
+"""The tables ``[world.current]``, ``[world.passing]`` and ``[world.cable]``: disturbances of the field over time."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 _LONGEST_S = 1e6
 _MOST_ROWS = 10_000
-# A wire is no line, and a magnet no dipole, to what is nearer.
+# Nearest distance at which a wire may count as a line, and a magnet as a dipole.
 _NEAREST_CABLE_M = 0.005
 _NEAREST_MAGNET_M = 0.1
-# Nobody's magnet: an airliner has 1e4 A m2, and is seen for a hundred metres.
+# Largest moment: an airliner has 1e4 A m2, and is detectable at a hundred metres.
 _LARGEST_AM2 = 1e6
 _FARTHEST_M = 1e5
 _FASTEST_MPS = 1e3
@@ -47,16 +47,16 @@ class CurrentTable:
 
     @property
     def largest_ut(self) -> float:
-        """The strongest field that it ever makes [uT]."""
+        """Strongest field that it produces [uT]."""
         return math.hypot(*self.field_ut_per_a) * max(abs(current_a) for _, current_a in self.waveform)
 
     @property
     def begins_s(self) -> float:
-        """When it first changes [s]."""
+        """Time of its first change [s]."""
         return _first_change_s(self.waveform)
 
     def in_world(self) -> Current:
-        """Return it as the world has it."""
+        """Return the disturbance for the world."""
         from hiltest.world.disturbances import Current
 
         return Current(self.field_ut_per_a, self.waveform, self.repeat_s)
@@ -85,11 +85,11 @@ class CableTable:
     def _nearest_m(self) -> float:
         across = [_across(place, self.direction) for _, *place in self.places]
         moves = [_from_origin_m(begin, end) for begin, end in pairwise(across)]
-        return min([math.hypot(*each) for each in across] + moves)
+        return min([math.hypot(*vector) for vector in across] + moves)
 
     @property
     def largest_ut(self) -> float:
-        """The strongest field that it may ever make, beside that in its first place [uT]."""
+        """Upper bound of its field minus that at its first position [uT]."""
         from hiltest.world.disturbances import WIRE_UT_M_PER_A
 
         first_m = math.hypot(*_across(self.places[0][1:], self.direction))
@@ -97,11 +97,11 @@ class CableTable:
 
     @property
     def begins_s(self) -> float:
-        """When it first moves [s]."""
+        """Time of its first motion [s]."""
         return _first_change_s(self.places)
 
     def in_world(self) -> Cable:
-        """Return it as the world has it."""
+        """Return the disturbance for the world."""
         from hiltest.world.disturbances import Cable
 
         return Cable(self.current_a, self.direction, self.places)
@@ -128,25 +128,25 @@ class PassingTable:
 
     @property
     def nearest_m(self) -> float:
-        """How near it comes [m]."""
+        """Closest distance [m]."""
         return math.hypot(*_across(self.place_m, self.velocity_mps))
 
     @property
     def largest_ut(self) -> float:
-        """No field of it is stronger than this one, on its axis where it is nearest [uT]."""
+        """Upper bound of its field: on its axis at the closest point [uT]."""
         from hiltest.world.disturbances import DIPOLE_UT_M3_PER_AM2
 
         return 2.0 * DIPOLE_UT_M3_PER_AM2 * math.hypot(*self.moment_am2) / self.nearest_m**3
 
     @property
     def begins_s(self) -> float:
-        """When it is as far from where it is nearest as that is from the part, on its way there [s]."""
+        """Time of the approach at which the source is one closest distance away from the closest point [s]."""
         speed_mps = math.hypot(*self.velocity_mps)
         ahead_m = sum(place * speed for place, speed in zip(self.place_m, self.velocity_mps, strict=True)) / speed_mps
         return self.at_s - (ahead_m + 2.0 * self.nearest_m) / speed_mps
 
     def in_world(self) -> Passing:
-        """Return it as the world has it."""
+        """Return the disturbance for the world."""
         from hiltest.world.disturbances import Passing
 
         return Passing(self.moment_am2, self.place_m, self.velocity_mps, self.at_s)
@@ -166,14 +166,14 @@ def _first_change_s(rows: Sequence[Sequence[float]]) -> float:
 
 def _across(vector: Sequence[float], direction: Sequence[float]) -> list[float]:
     """Return the part of a vector at right angles to a direction."""
-    share = sum(a * b for a, b in zip(vector, direction, strict=True)) / sum(each * each for each in direction)
+    share = sum(a * b for a, b in zip(vector, direction, strict=True)) / sum(c * c for c in direction)
     return [a - share * b for a, b in zip(vector, direction, strict=True)]
 
 
 def _from_origin_m(begin: Sequence[float], end: Sequence[float]) -> float:
-    """Return how near a straight move from one point to another comes to the origin."""
+    """Return the closest distance of a straight move to the origin."""
     way = [b - a for a, b in zip(begin, end, strict=True)]
-    square = sum(each * each for each in way)
+    square = sum(component * component for component in way)
     gone = -sum(a * b for a, b in zip(begin, way, strict=True)) / square if square else 0.0
     share = min(max(gone, 0.0), 1.0)
     return math.hypot(*(a + share * b for a, b in zip(begin, way, strict=True)))

@@ -1,4 +1,4 @@
-"""The table ``[faults]``: what goes wrong on purpose on the line to the board, and on a virtual board."""
+"""The table ``[faults]``: injected faults of the line to the board, and of a virtual board."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _WAYS = {"both": "both ways", "to-board": "on the way to the board", "to-host": 
 
 @dataclass(frozen=True, slots=True)
 class Late:
-    """Each byte is late by `by_s` with a probability, and those behind it with it: no byte overtakes another."""
+    """A delay of each byte by `by_s` with a probability; later bytes wait for it, because no byte overtakes another."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     probability: float
@@ -28,7 +28,7 @@ class Late:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A time of `for_s` that begins `after_s` the port was opened."""
+    """An interval of `for_s` that begins `after_s` after the port is opened."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     after_s: float
@@ -38,13 +38,13 @@ class Span:
         check_span(self.after_s, self.for_s)
 
     def holds(self, since_s: float) -> bool:
-        """Say whether a time, from the opening of the port on, is in it."""
+        """Return whether a time since the opening of the port is in the interval."""
         return self.after_s <= since_s < self.after_s + self.for_s
 
 
 @dataclass(frozen=True, slots=True)
 class Absence:
-    """The device is gone `after_s` the port was opened, and there again at `back_after_s`, or never."""
+    """Disappearance of the device `after_s` after the port is opened, until `back_after_s`, or for good."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     after_s: float
@@ -56,13 +56,13 @@ class Absence:
                 "counts from the opening of the port too: it must be above after_s")
 
     def holds(self, since_s: float) -> bool:
-        """Say whether it is gone at a time, from the opening of the port on."""
+        """Return whether it is gone at a time since the opening of the port."""
         return self.after_s <= since_s and (self.back_after_s is None or since_s < self.back_after_s)
 
 
 @dataclass(frozen=True, slots=True)
 class OtherBaud:
-    """The board's end has another line speed, `after_s` the port was opened."""
+    """Change of the board's line speed `after_s` after the port is opened."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     after_s: float
@@ -77,33 +77,33 @@ class OtherBaud:
 class Faults:
     """Faults of the line between host and board, and of a virtual board.
 
-    All times are the board's clock's, from the opening of the port on.
+    All times are by the board's clock, since the opening of the port.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     seed: int = 1
-    """Which bytes are hit is a function of it, of their number on the line, and of nothing else."""
+    """Seed that, with the index of a byte on the line, determines its faults."""
     direction: Literal["both", "to-board", "to-host"] = "both"
-    """Which bytes; a device that disappears does so for both."""
+    """Affected direction; a disappearance affects both."""
     after_s: float = 0.0
-    """When `lose`, `double`, `flip`, `split` and `late` begin [s]."""
+    """Start of `lose`, `double`, `flip`, `split` and `late` [s]."""
     lose: float = 0.0
     double: float = 0.0
     flip: float = 0.0
-    """Probability that a byte is lost, comes twice, or comes with one bit wrong."""
+    """Probability that a byte is lost, doubled, or has one wrong bit."""
     split: float = 0.0
-    """Probability that a piece of bytes ends behind a byte: the rest comes with the next read."""
+    """Probability that a piece of bytes is split after a byte: the rest comes with the next read."""
     late: Late | None = None
     stall: Span | None = None
-    """Nothing passes; it comes when that is over."""
+    """Interval in which bytes are held back."""
     disappear: Absence | None = None
-    """Reading and writing fail as with a cable that is pulled."""
+    """Interval in which reading and writing fail as with a pulled cable."""
     baud: OtherBaud | None = None
     full_output: Span | None = None
-    """The port takes no bytes: a write waits, and fails after the time that a write may take."""
+    """Interval in which the port accepts no bytes: a write waits until its timeout and fails."""
     sensor: SensorFault | None = None
     held_line: HeldLine | None = None
-    """Of an I2C bus."""
+    """Fault of an I2C bus."""
     reset: BoardReset | None = None
 
     def __post_init__(self) -> None:
@@ -118,27 +118,27 @@ class Faults:
 
     @property
     def of_line(self) -> bool:
-        """Whether any is of the line."""
-        return any(self._said_of_line())
+        """Whether the line has any fault."""
+        return any(self._line_fault_texts())
 
     @property
     def of_board(self) -> tuple[SensorFault | HeldLine | BoardReset, ...]:
-        """Those of the board."""
-        return tuple(each for each in (self.sensor, self.held_line, self.reset) if each is not None)
+        """Faults of the board."""
+        return tuple(fault for fault in (self.sensor, self.held_line, self.reset) if fault is not None)
 
     @property
     def of_sensors(self) -> bool:
-        """Whether any is of a sensor or of its bus."""
+        """Whether a sensor or its bus has any fault."""
         return self.sensor is not None or self.held_line is not None
 
     def __str__(self) -> str:
-        """Return all of them in words."""
+        """Return all faults in words."""
         later = f" after {self.after_s:g} s" if self.after_s else ""
-        line = ", ".join(self._said_of_line())
-        said = [f"{line}; {_WAYS[self.direction]}{later}, seed {self.seed}"] if line else []
-        return "; ".join((*map(str, self.of_board), *said))
+        line = ", ".join(self._line_fault_texts())
+        texts = [f"{line}; {_WAYS[self.direction]}{later}, seed {self.seed}"] if line else []
+        return "; ".join((*map(str, self.of_board), *texts))
 
-    def _said_of_line(self) -> Iterator[str]:
+    def _line_fault_texts(self) -> Iterator[str]:
         hit = {"lose": "lost", "double": "doubled", "flip": "with a wrong bit", "split": "the last of a piece"}
         yield from (f"{share:g} of bytes {words}" for key, words in hit.items() if (share := getattr(self, key)))
         if self.late:

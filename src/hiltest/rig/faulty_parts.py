@@ -1,4 +1,4 @@
-"""The parts of a virtual board with the faults that a rig's ``[faults]`` give them; imports the models."""
+"""The parts of a virtual board with the faults of a rig's ``[faults]``; this module imports the models."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hiltest.sensors.faulty_part import FaultyPart
 def fitted_part(
     name: str, make: Callable[[Part], RegisterDevice], faults: Faults | None, *, began_s: float
 ) -> RegisterDevice | FaultyPart:
-    """Make a part with its faults, of which times count from `began_s` [virtual s]."""
+    """Create a part with its faults, whose times count from `began_s` [virtual s]."""
     part = PARTS[name]
     if faults and faults.sensor and faults.sensor.part == name:
         return _faulty(faults.sensor, part, make, *span_of(faults.sensor, began_s))
@@ -31,14 +31,14 @@ def _faulty(
         return FaultyPart(
             lambda: make(part), begin_s, end_s, _another(fault.part, make) if fault.fault == "other part" else None
         )
-    made = make(part)
-    for output in made.outputs:
+    device = make(part)
+    for output in device.outputs:
         (output.freeze if fault.fault == "frozen" else output.saturate)(begin_s, end_s)
-    return made
+    return device
 
 
 def _another(name: str, make: Callable[[Part], RegisterDevice]) -> RegisterDevice:
-    """Make a part of another kind at the address of one."""
+    """Create a part of another kind at the address of a part."""
     other = make(PARTS["fxas21002c" if "fxos8700cq" in name else "fxos8700cq"])
     other.address = PARTS[name].address
     return other

@@ -1,7 +1,7 @@
-"""Reading a rig file: every mistake is named with file, line and key.
+"""Reader of rig files, which reports every mistake with file, line and key.
 
-pydantic checks the values against the dataclasses of `hiltest.rig`; this module turns
-its findings into sentences, and finds the line, which TOML readers do not keep.
+pydantic checks the values against the dataclasses of `hiltest.rig`; this module turns its findings into sentences, and
+finds the line, which TOML parsers do not provide.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from hiltest.rig.rig import Rig, refuse_unknown_sensors
 from hiltest.rig.tables import STRICT, RigValueError
 from hiltest.strict_json import read_bounded
 
-# Fields of a rig that no file may set.
+# Fields of a rig that a file must not set.
 _MADE_HERE = frozenset({"path", "sha256", "units", "full_only", "lines"})
-# What pydantic puts behind a key that may be a text or several: no part of the key.
+# Suffixes that pydantic adds to a key of a union type, which are not part of the key.
 _ALTERNATIVE = re.compile(r"str|tuple\[.*\]")
 _LARGEST_BYTES = 1 << 20  # a hundred times the largest rig that ships
 
 
 @dataclass(frozen=True, slots=True)
 class LimitEntry:
-    """A limit as the file gives it; `suite` is the smallest set of tests that measures it."""
+    """A limit in the file; `suite` is the smallest set of tests that measures it."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     unit: str
@@ -48,7 +48,7 @@ class LimitEntry:
 
 @dataclass(frozen=True, slots=True)
 class ToleranceEntry:
-    """A tolerance as the file gives it."""
+    """A tolerance in the file."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     unit: str
@@ -62,17 +62,16 @@ def load_rig(path: Path | str) -> Rig:
     Raises
     ------
     UnknownKeyError
-        If a key is not known, with file, line and the nearest known key.
+        If a key is unknown, with file, line and the nearest known key.
     ConfigError
-        If the file cannot be read, a value is wrong, or a limit is tighter than the
-        uncertainty of the reference it is measured against.
+        If the file cannot be read, a value is invalid, or a limit is tighter than the uncertainty of its reference.
     """
     path = Path(path)
     return parse_rig(path, read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a rig (TOML)"))
 
 
 def parse_rig(path: Path, content: bytes) -> Rig:
-    """Check what a rig file holds, as `load_rig` does; messages name the file that it was read from."""
+    """Check the contents of a rig file like `load_rig`; messages name the file that it was read from."""
     try:
         text = content.decode("utf-8")
         data = tomllib.loads(text)
@@ -114,26 +113,26 @@ def parse_rig(path: Path, content: bytes) -> Rig:
 
 
 class _Source:
-    """A rig file's path and text: knows at which line a key stands."""
+    """A rig file's path and text, which locates the line of a key."""
 
     def __init__(self, path: Path, text: str) -> None:
         self._path = path
         self.lines = dict(reversed([*_keys_by_line(text)]))
 
     def where(self, key: tuple[str, ...]) -> str:
-        """Return ``file:line`` of a key, of the table it belongs in, or the file alone."""
+        """Return ``file:line`` of a key, of its table, or only the file."""
         for depth in range(len(key), 0, -1):
             if key[:depth] in self.lines:
                 return f"{self._path}:{self.lines[key[:depth]]}"
         return str(self._path)
 
     def validate(self, adapter: TypeAdapter[Any], data: object, model: Any, prefix: tuple[str, ...] = ()) -> Any:
-        """Return what pydantic makes of the data, or raise the first mistake as a sentence."""
+        """Return the data validated by pydantic, or raise the first mistake as a sentence."""
         try:
-            # As JSON, because only there the strict mode takes arrays for tuples and tables for dataclasses.
+            # As JSON, because strict mode accepts arrays for tuples and tables for dataclasses only there.
             return adapter.validate_json(json.dumps(data, default=str))
         except ValidationError as error:
-            # Unknown keys first: a misspelt key is also a missing one, and the spelling is what helps.
+            # Unknown keys first, because a misspelt key is also a missing one, and the spelling is more helpful.
             details = sorted(error.errors(), key=lambda error: error["type"] != "unexpected_keyword_argument")
             raise self._as_error(details[0], model, prefix) from error
 
@@ -149,12 +148,12 @@ class _Source:
         place = ".".join(prefix + key)
         if kind in ("missing", "missing_argument"):
             return ConfigError(f"{self.where(prefix + key)}: {place} is missing")
-        given = "" if isinstance(cause, RigValueError) else f", not {_shown(detail['input'])}"
-        return ConfigError(f"{self.where(prefix + key)}: {place}: {message[0].lower()}{message[1:]}{given}")
+        input_text = "" if isinstance(cause, RigValueError) else f", not {_display_value(detail['input'])}"
+        return ConfigError(f"{self.where(prefix + key)}: {place}: {message[0].lower()}{message[1:]}{input_text}")
 
 
 def _not_toml(path: Path, text: str, complaint: str) -> str:
-    """Return what is wrong with a file, with the line that the reader of TOML names in its own way."""
+    """Return the error in a file, with the line from the TOML parser's message."""
     place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", complaint)
     if place is None:
         return f"{path}: not TOML: {complaint}"
@@ -198,17 +197,17 @@ def _checked_tolerances(source: _Source, entries: object) -> dict[str, Tolerance
     return read
 
 
-def _check_name(source: _Source, key: tuple[str, str], given: str) -> None:
+def _check_name(source: _Source, key: tuple[str, str], unit: str) -> None:
     """Refuse a misspelling of a known name, and a unit that is not the kind's own.
 
-    Any other name is the user's own, and one that nothing measures is found when the run ends.
+    Any other name is the user's own; if nothing measures it, the end of the run reports that.
     """
     kind = identify(key[1]).kind
     if kind is None:
         if (nearest := nearest_name(key[1])) is not None:
             raise UnknownKeyError(key[1], where=source.where(key), known=[nearest])
-    elif kind.unit is not None and given != kind.unit:
-        raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {kind.unit!r}, not {given!r}")
+    elif kind.unit is not None and unit != kind.unit:
+        raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {kind.unit!r}, not {unit!r}")
 
 
 def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> None:
@@ -241,10 +240,10 @@ def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
 
 
 def _refuse_tolerances_beyond_limits(rig: Rig, source: _Source) -> None:
-    """Refuse a tolerance that lets a number move from one side of its limit to the other unseen."""
+    """Refuse a tolerance that lets a number cross its limit unnoticed."""
     for name, tolerance in rig.tolerances.items():
         limit = rig.limits.get(name)
-        bounds = [each for each in (limit.min, limit.max) if each is not None] if limit else []
+        bounds = [bound for bound in (limit.min, limit.max) if bound is not None] if limit else []
         room = max(bounds) - min(bounds) if len(bounds) == 2 else max(map(abs, bounds), default=0.0)
         if room and (tolerance.absolute >= room or tolerance.relative >= 1.0):
             raise ConfigError(
@@ -254,7 +253,7 @@ def _refuse_tolerances_beyond_limits(rig: Rig, source: _Source) -> None:
 
 
 def _known_keys(model: Any, place: tuple[str, ...]) -> list[str]:
-    """Return the keys that a table of the file may have."""
+    """Return the allowed keys of a table of the file."""
     for name in place:
         arguments = get_args(model)
         model = arguments[1] if arguments and not is_dataclass(model) else get_type_hints(model)[name]
@@ -270,7 +269,7 @@ _ASSIGNMENT = re.compile(rf"\s*({_ONE_KEY}(?:\s*\.\s*{_ONE_KEY})*)\s*=")
 
 
 def _keys_by_line(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
-    """Yield each key's path and the line it stands on; good enough for a file that is valid TOML."""
+    """Yield each key's path and line; sufficient for a file that is valid TOML."""
     table: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
@@ -287,6 +286,6 @@ def _split_key(written: str) -> tuple[str, ...]:
     return tuple(part.strip("\"'") for part in _KEY.findall(written))
 
 
-def _shown(value: object) -> str:
+def _display_value(value: object) -> str:
     text = json.dumps(value, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -12,7 +12,7 @@ from hiltest.rig.tables import STRICT, require
 _SERVER = re.compile(r"(?P<host>[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>[0-9]{1,5})")
 
 
-def _several(path: str | tuple[str, ...]) -> tuple[str, ...]:
+def _as_tuple(path: str | tuple[str, ...]) -> tuple[str, ...]:
     return (path,) if isinstance(path, str) else path
 
 
@@ -22,13 +22,13 @@ class MemoryValue:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     path: str | tuple[str, ...]
-    """One path to all of its numbers, ``sfg.MagCal.fV``, or one to each."""
+    """One path to all numbers, ``sfg.MagCal.fV``, or one path to each."""
     unit: str | None = None
-    """The firmware's unit. May be left out only where the quantity has none."""
+    """The firmware's unit. It may only be omitted if the quantity has none."""
     scale: float = 1.0
-    """What the variables are multiplied by to be in that unit."""
+    """Factor from the variables to that unit."""
     type: str | None = None
-    """Their type, ``float[3]``, where the ELF has a symbol and no debug information of them."""
+    """Their type, such as ``float[3]``, if the ELF has symbols but no debug information for them."""
 
     def __post_init__(self) -> None:
         require(bool(self.paths) and all(self.paths), "path", 'names no variable; write one as in C: "sfg.MagCal.fV"')
@@ -36,24 +36,24 @@ class MemoryValue:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """The paths, always several."""
-        return _several(self.path)
+        """Paths as a tuple."""
+        return _as_tuple(self.path)
 
 
 @dataclass(frozen=True, slots=True)
 class KeptSamples:
-    """The magnetometer samples that the firmware calibrates itself from."""
+    """Magnetometer samples of the firmware's self-calibration."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     path: str | tuple[str, ...]
-    """One path to all of them, x, y and z of one behind the other, or one path to each axis."""
+    """One path to all samples, with consecutive x, y and z, or one path per axis."""
     used: str | None = None
-    """Path to a number for each: where it is below 0, there is none. None: all are there."""
+    """Path to a number for each sample, below 0 if it is absent; None if all are present."""
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """The paths, always several."""
-        return _several(self.path)
+        """Paths as a tuple."""
+        return _as_tuple(self.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +62,13 @@ class MemoryDevice:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     values: dict[str, MemoryValue] = field(default_factory=dict)
-    """By the quantity's name."""
+    """Variables by the quantity's name."""
     server: str | None = None
-    """``host:port`` of the GDB server of a real board's probe; None for a virtual board, which needs none."""
+    """``host:port`` of the GDB server of a real board's probe; None for a virtual board."""
     at_return_of: str | None = None
-    """Function at whose return all values are read: it writes what belongs together."""
+    """Function at whose return all values are read, because it writes them together."""
     samples: KeptSamples | None = None
-    """hiltest's own calibrators get them, on a virtual board, as they were when the latest solution began."""
+    """Samples for hiltest's calibrators, on a virtual board as of the start of the latest solution."""
 
     def __post_init__(self) -> None:
         require(bool(self.values), "values", 'names no quantity; write hard_iron = { path = "sfg.MagCal.fV", '

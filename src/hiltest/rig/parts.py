@@ -1,6 +1,6 @@
-"""The sensor parts of the bench: where each is on the buses, what the firmware calls it, and the model of it.
+"""The sensor parts of the bench: bus address, names in the firmware, and model of each.
 
-Importing it is cheap: the models are imported when a board is built.
+Importing this module is cheap: the models are imported when a board is built.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ class Part:
     address: int
     """I2C module, and the part's 7-bit address."""
     make: Callable[[World, SimulatedWorld, int, Part], RegisterDevice]
-    """Makes its model from the world, what the rig says of that, the noise seed, and this part."""
+    """Creates the model from the world, the rig's table of it, the noise seed, and this part."""
     sensors: Mapping[str, str]
-    """What the packaged firmware calls each sensor in it, by kind."""
+    """Name of each of its sensors in the packaged firmware, by kind."""
     pins: tuple[str | None, str | None] = field(default=(None, None))
-    """Pins of the processor that its INT1 and INT2 lead to."""
+    """Pins of the processor that its INT1 and INT2 are wired to."""
     magnetometer_range_ut: float | None = None
-    """Where an axis of its magnetometer stops, data sheet."""
+    """Range of a magnetometer axis, data sheet."""
 
 
 def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
@@ -69,9 +69,9 @@ def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> 
     )
 
 
-#: The parts by name, as a rig's ``world.fitted`` names them: those of the FRDM-FXS-MULTI-B shield on I2C1 as it is
-#: jumpered when it ships (its MAG3110's pin is led nowhere then), and the one on the board itself, on I2C0, whose
-#: INT1 shares its pin with the button SW2. A MAG3110's word holds its own zero-flux offset of up to 1000 uT too.
+#: The parts by their names in a rig's ``world.fitted``: those of the FRDM-FXS-MULTI-B shield on I2C1 with its factory
+#: jumpers (its MAG3110's pin is not connected then), and the one on the board itself, on I2C0, whose INT1 shares its
+#: pin with the button SW2. A MAG3110's word also holds its own zero-flux offset of up to 1000 uT.
 PARTS: Mapping[str, Part] = {
     "mag3110": Part(1, 0x0E, _mag3110, {"magnetometer": "MAG3110"}, magnetometer_range_ut=2000.0),
     "fxos8700cq": Part(
@@ -89,7 +89,7 @@ PARTS: Mapping[str, Part] = {
 
 
 def sensor_names() -> dict[str, list[str]]:
-    """Return what the packaged firmware calls the sensors of all parts, by kind, such as ``magnetometer``."""
+    """Return the names of all parts' sensors in the packaged firmware, by kind, such as ``magnetometer``."""
     names: dict[str, list[str]] = {}
     for part in PARTS.values():
         for kind, name in part.sensors.items():

@@ -1,9 +1,8 @@
 """The rig: which board, link, turntable, local field, mounting and limits.
 
-A rig is a TOML file; this module is what it means, `hiltest.rig.file.load_rig` reads it. `conditions_sha256`
-is one digest of all that its numbers depend on: two runs with the same one can be compared.
-Importing it is cheap: numpy, pydantic, world and sensors are imported by the functions
-that need them.
+A rig is a TOML file; this module defines its content, `hiltest.rig.file.load_rig` reads it. `conditions_sha256` is a
+digest of all conditions that its numbers depend on: two runs with the same digest can be compared. Importing it is
+cheap: numpy, pydantic, world and sensors are imported by the functions that need them.
 """
 
 from __future__ import annotations
@@ -44,14 +43,14 @@ if TYPE_CHECKING:
     from hiltest.sensors.faulty_part import FaultyPart
     from hiltest.world import EarthField, World
 
-# What a declared noise may differ from the simulated one by: data sheets give it to about that.
+# Largest relative difference of a declared noise from the simulated one: about the precision of data sheets.
 MOST_NOISE_RATIO = 2.0
 #: MAG3110 and FXOS8700CQ magnetometer words [counts/uT].
 COUNTS_PER_UT = 10.0
-# May be edited without a change of any number: names, and the limits and tolerances of numbers.
+# Keys that do not affect any number: names, and the limits and tolerances of numbers.
 _TEXTS = ("lines", "path", "sha256", "name", "schema")
 _CHECKED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
-# Kept in the record beside the digest, because an option of the command line may change them.
+# Keys that are recorded separately from the digest, because a command line option may change them.
 _KEPT_APART = ("seed",)
 _KEPT_APART_OF = {
     "procedure": ("poses", "cost_reference"), "board": ("port", "timing", "firmware"),
@@ -67,42 +66,42 @@ class Rig:
     schema: Literal[1]
     name: str
     path: Path
-    """The file it was read from."""
+    """File that it was read from."""
     board: BoardPlace
     field: LocalField
     turntable: TurntableSettings
     sensors: SensorChoice
     procedure: Procedure
     mounting: Mounting | None = None
-    """None when it is not declared: only centred heading errors can then be checked."""
+    """Mounting; None if undeclared: only centred heading errors can then be checked."""
     faces: Faces | None = None
-    """None when they are not declared: gravity on a face is then no reference."""
+    """Faces; None if undeclared: gravity on a face is then not a reference."""
     link: LinkSettings = dataclass_field(default_factory=LinkSettings)
     device: Device | None = None
-    """How firmware is understood that does not speak hiltest's protocol; None for firmware that does."""
+    """Interface to firmware without hiltest's protocol; None for firmware with it."""
     seed: int = 1
-    """Noise seed, when the command line gives none."""
+    """Noise seed if the command line has none."""
     world: SimulatedWorld | None = None
-    """Present exactly when the board is virtual."""
+    """Simulated world, present exactly if the board is virtual."""
     faults: Faults | None = None
-    """What goes wrong on purpose, on the line to the board or on it."""
+    """Injected faults, of the line to the board or of the board."""
     limits: dict[str, Limit] = dataclass_field(default_factory=dict)
     """Limits by measurement name; a value outside is a failure."""
     information: dict[str, Limit] = dataclass_field(default_factory=dict)
-    """Shown beside a measurement, without a verdict."""
+    """Values to show beside a measurement, without a verdict."""
     tolerances: dict[str, Tolerance] = dataclass_field(default_factory=dict)
-    """How far a measurement may move from a baseline, where it is not hiltest's own table that says so."""
+    """Tolerances of measurements against a baseline that replace hiltest's own."""
     units: dict[str, str] = dataclass_field(default_factory=dict)
     """Units of limits, information and tolerances, by measurement name."""
     full_only: frozenset[str] = frozenset()
     """Names of the limits that only the full set of tests measures."""
     cycles: dict[str, CountedFunctions] = dataclass_field(default_factory=dict)
-    """Function of the firmware that each calibrator is, by the calibrator's name: a board that executes the
-    firmware counts its calls. One that is not named is looked for as ``magnetometer_NAME``."""
+    """Function of each calibrator in the firmware, by the calibrator's name: a board that executes the firmware counts
+    its calls. The default is ``magnetometer_NAME``."""
     lines: dict[str, int] = dataclass_field(default_factory=dict, compare=False)
-    """Line of the file on which a key stands, by its path with dots."""
+    """Line of each key in the file, by its path with dots."""
     sha256: str = dataclass_field(default="", compare=False)
-    """Digest of that file."""
+    """Digest of the file."""
 
     def __post_init__(self) -> None:
         require((self.world is None) == (self.board.kind != "virtual"), "world",
@@ -130,7 +129,7 @@ class Rig:
                               world.gyroscope_noise_mdps_per_rthz, "mdps/rtHz")
 
     def _check_noise(self, key: str, declared: float, simulated: float, unit: str) -> None:
-        """Refuse a declared noise that is none of this world; a world without noise says nothing of the parts."""
+        """Refuse a declared noise that differs from this world's; a world without noise is not compared."""
         agrees = simulated == 0.0 or declared / MOST_NOISE_RATIO <= simulated <= declared * MOST_NOISE_RATIO
         require(agrees, "sensors",
                 f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: they may differ by a factor of "
@@ -138,25 +137,25 @@ class Rig:
 
     @property
     def own_language(self) -> Device | None:
-        """How the firmware is understood where it does not speak hiltest's protocol; None where it does."""
+        """Interface to firmware without hiltest's protocol; None for firmware with it."""
         return None if self.device is None or self.device.speaks_our_protocol else self.device
 
     def where(self, *key: str) -> str:
-        """Return ``file:line`` of a key, the file alone where it does not stand in it."""
+        """Return ``file:line`` of a key; only the file if it does not have the key."""
         line = self.lines.get(".".join(key))
         return str(self.path) if line is None else f"{self.path}:{line}"
 
-    def refuse_playback(self, wanted: str) -> None:
-        """Refuse what needs a world that is simulated where a recording is played.
+    def refuse_playback(self, feature: str) -> None:
+        """Refuse a feature that needs a simulated world if a recording is played.
 
         Raises
         ------
         ConfigError
-            With file and line, and what there is instead.
+            If a recording is played; the message has file, line and the alternative.
         """
         if self.world is not None and self.world.playback is not None:
             raise ConfigError(
-                f"{self.where('world', 'playback')}: world.playback: {wanted} is not offered while a recording is "
+                f"{self.where('world', 'playback')}: world.playback: {feature} is not offered while a recording is "
                 "played: no table turns what it shows, and no known angle judges it. hiltest play shows what firmware "
                 "finds from it; hiltest log, device try and serve let it be heard: see docs/playback.md"
             )
@@ -167,14 +166,14 @@ class Rig:
         return {name: limit for name, limit in self.limits.items() if name not in excused}
 
     def reference_uncertainty_deg(self, measurement: str) -> float | None:
-        """Return how well the reference of a heading measurement is known [deg], None for any other.
+        """Return the uncertainty of a heading measurement's reference [deg]; None for any other.
 
         Notes
         -----
-        Both that a rig declares are expanded uncertainties with a coverage factor of 2. The turntable's and the
-        mounting's are independent, so that their squares add (GUM, JCGM 100:2008, 5.1.2), which keeps the factor. A
-        centred error does not contain the mounting, which is the same at every pose. What many poses have in common
-        of a table's error is not known, and so no mean over them is taken to be known better.
+        A rig declares expanded uncertainties with a coverage factor of 2. The turntable's and the mounting's are
+        independent, so that their squares add (GUM, JCGM 100:2008, 5.1.2), which keeps the factor. A centred error does
+        not contain the mounting, which is the same at every pose. The correlation of a table's error between poses is
+        unknown, so a mean over poses is not assumed to be more certain.
         """
         kind = identify(measurement).kind
         if kind is None or kind.reference is Reference.NONE:
@@ -184,15 +183,15 @@ class Rig:
         return math.hypot(self.turntable.uncertainty_deg, mounting_deg)
 
     def guard_band_deg(self, measurement: str) -> float | None:
-        """Return the expanded uncertainty that a limit is held against [deg]: that of angles set by hand, or None.
+        """Return the expanded uncertainty to add to a limit [deg]: that of angles set by hand, or None.
 
-        A simulated table is where it says, and of motors the limits are to allow for what the rig declares.
+        A simulated table is exact, and the limits must allow for the declared uncertainty of motors.
         """
         return self.reference_uncertainty_deg(measurement) if self.turntable.kind == "operator" else None
 
     @property
     def magnetometer_part(self) -> str | None:
-        """The part of `PARTS` whose magnetometer is under test; None where it is no known one."""
+        """Part of `PARTS` whose magnetometer is under test; None if unknown."""
         named, fitted = self.sensors.magnetometer, self.world.fitted if self.world else ()
         for name, part in PARTS.items():
             magnetometer = part.sensors.get("magnetometer")
@@ -201,25 +200,25 @@ class Rig:
         return None
 
 
-def refuse_unknown_sensors(rig: Rig, known: Mapping[str, Sequence[str]]) -> None:
-    """Refuse a name that is none of those that sensors of its kind have.
+def refuse_unknown_sensors(rig: Rig, names_by_kind: Mapping[str, Sequence[str]]) -> None:
+    """Refuse a name that no sensor of its kind has.
 
     Parameters
     ----------
-    known
-        Names by the kind's key under ``[sensors]``: of all parts that can be simulated, or of those that firmware has.
+    names_by_kind
+        Names by the kind's key under ``[sensors]``: of all simulated parts, or of the firmware's.
 
     Raises
     ------
     ConfigError
-        With file and line.
+        If the name is unknown; the message has file and line.
     """
-    for kind, names in known.items():
-        given = getattr(rig.sensors, kind)
-        if given is not None and given not in names:
-            nearest = next(iter(get_close_matches(given, names, n=1)), None)
+    for kind, names in names_by_kind.items():
+        name = getattr(rig.sensors, kind)
+        if name is not None and name not in names:
+            nearest = next(iter(get_close_matches(name, names, n=1)), None)
             hint = f"did you mean {nearest!r}?" if nearest else f"known: {', '.join(names) or 'none'}"
-            raise ConfigError(f"{rig.where('sensors', kind)}: sensors.{kind}: no {kind} {given!r}; {hint}")
+            raise ConfigError(f"{rig.where('sensors', kind)}: sensors.{kind}: no {kind} {name!r}; {hint}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,21 +227,21 @@ class WorldTruth:
 
     field: EarthField
     soft_iron: tuple[Triple, Triple, Triple]
-    """True field to measured field, body frame."""
+    """Matrix from true to measured field, body frame."""
     hard_iron_counts: Triple
-    """At the magnetometer under test, body frame [counts]."""
+    """Hard iron at the magnetometer under test, body frame [counts]."""
     accelerometer_response: tuple[Triple, Triple, Triple]
-    """Gravity to what the part reads of it, body frame; `accelerometer_offset_g` comes on top [g]."""
+    """Matrix from gravity to the part's reading, body frame, without `accelerometer_offset_g` [g]."""
     accelerometer_offset_g: Triple
     gyroscope_bias_dps: Triple
-    """Body frame [deg/s]."""
+    """Bias of the gyroscope, body frame [deg/s]."""
     gyroscope_response: tuple[Triple, Triple, Triple]
-    """True rate to felt rate, body frame."""
+    """Matrix from true to measured rate, body frame."""
     mounting_yaw_deg: float
 
 
 def world_truth(rig: Rig) -> WorldTruth | None:
-    """Return the truth of a rig's simulated world, None for a rig that has none."""
+    """Return the truth of a rig's simulated world; None for a rig without one."""
     if rig.world is None:
         return None
     x, y, z = rig.world.hard_iron_at_ut(rig.magnetometer_part or "mag3110")
@@ -259,7 +258,7 @@ def world_truth(rig: Rig) -> WorldTruth | None:
 
 
 def build_world(rig: Rig) -> World:
-    """Make the world of a virtual board: the same for every seed.
+    """Create the world of a virtual board, which is the same for every seed.
 
     Raises
     ------
@@ -270,7 +269,7 @@ def build_world(rig: Rig) -> World:
     from hiltest.world.disturbances import Disturbances
     from hiltest.world.spiral import Cap
 
-    world, covered = _simulated(rig), rig.turntable.covered
+    world, covered = _simulated_world(rig), rig.turntable.covered
     temperature = Temperature(
         world.temperature_degc, world.temperature_end_degc, world.temperature_ramp_s, world.temperature_time_constant_s
     )
@@ -288,27 +287,27 @@ def build_world(rig: Rig) -> World:
 def build_sensors(
     rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
 ) -> dict[str, list[RegisterDevice | FaultyPart]]:
-    """Make the parts of a virtual board, by I2C bus.
+    """Create the parts of a virtual board, by I2C bus.
 
     Parameters
     ----------
     rig
         Rig with a simulated world.
     world
-        Which they measure.
+        World that the parts measure.
     seed
         Noise seed.
     faults_from_s
-        From when the times of the rig's faults count [s since power-on].
+        Origin of the times of the rig's faults [s since power-on].
 
     Returns
     -------
     dict
-        ``"i2c0"``: what is on the FRDM-K64F itself; ``"i2c1"``: the sensor shield.
+        ``"i2c0"``: parts of the FRDM-K64F itself; ``"i2c1"``: the sensor shield.
     """
     from hiltest.rig.faulty_parts import fitted_part
 
-    truth = _simulated(rig)
+    truth = _simulated_world(rig)
 
     def make(part: Part) -> RegisterDevice:
         return part.make(world, truth, seed, part)
@@ -319,7 +318,7 @@ def build_sensors(
     return buses
 
 
-def _simulated(rig: Rig) -> SimulatedWorld:
+def _simulated_world(rig: Rig) -> SimulatedWorld:
     if rig.world is None:
         raise ValueError(f"rig {rig.name} has no simulated world")
     return rig.world
@@ -340,17 +339,17 @@ def _true_yaw_deg(rig: Rig, world: SimulatedWorld) -> float:
 def conditions_sha256(rig: Rig) -> str:
     """Return the SHA-256 of everything that a rig's numbers depend on.
 
-    Comments, limits, information, tolerances, names and counted functions do not enter, nor seed and poses, compared by
-    themselves, nor the calibrator that costs are shown against, nor the port that a board happens to be on, nor its
-    timing profile: cycles carry that; nor the place, which only `hiltest doctor` reads.
+    The digest excludes comments, limits, information, tolerances, names and counted functions; seed and poses, which
+    are compared separately; the reference calibrator of costs; the port of a board; its timing profile, which cycles
+    carry; and the place, which only `hiltest doctor` reads.
     """
     content = _conditions(rig)
-    content["link"]["mode"] = "stub"  # a key that is gone: without it no digest would be what it was
+    content["link"]["mode"] = "stub"  # a removed key, which preserves earlier digests
     return sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def other_conditions(rig: Rig, other: Rig) -> str:
-    """Return the first key that differs of those on which numbers depend, with both values; empty if none does."""
+    """Return the first different key that numbers depend on, with both values; empty if all are equal."""
     pairs = [(_conditions(rig), _conditions(other), "")]
     while pairs:
         one, two, place = pairs.pop()
@@ -370,12 +369,12 @@ def _conditions(rig: Rig) -> dict[str, Any]:
     for table, keys in _KEPT_APART_OF.items():
         for key in keys:
             del content[table][key]
-    found: dict[str, Any] = _without_none(content)
-    return found
+    conditions: dict[str, Any] = _drop_none(content)
+    return conditions
 
 
-def _without_none(content: Any) -> Any:
-    """Leave out keys that are not given, so that a key which a later hiltest adds changes no digest."""
+def _drop_none(content: Any) -> Any:
+    """Remove keys without a value, so that a key of a later version does not change digests."""
     if isinstance(content, dict):
-        return {key: _without_none(value) for key, value in content.items() if value is not None}
+        return {key: _drop_none(value) for key, value in content.items() if value is not None}
     return content

@@ -1,7 +1,7 @@
 """The tables of a rig file, each a dataclass that refuses values out of range; `hiltest.rig.world` has the world's.
 
-They are plain dataclasses, so that a rig can be spoken of without pydantic; `hiltest.rig.file`
-has pydantic check a file against them.
+They are plain dataclasses, so that a rig can be used without pydantic; `hiltest.rig.file` validates a file against them
+with pydantic.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 Triple: TypeAlias = tuple[float, float, float]
 
-# What pydantic reads off these dataclasses: no unknown keys, no conversions (an integer is a fine float).
+# Configuration of pydantic: no unknown keys, no conversions (an integer is a valid float).
 STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
 
-# What the firmware asks for at least, or its fit of them against gravity is refused as TOO_FEW_POINTS.
+# Minimum number of points of the firmware: its fit against gravity refuses fewer as TOO_FEW_POINTS.
 DPI_PAIRS_MINIMUM = 300
 
 _LONGEST_RUN_S = 1e6
 
 
 class RigValueError(ValueError):
-    """A value of the rig is out of its range."""
+    """Error for a value of the rig that is out of range."""
 
     def __init__(self, key: str, message: str) -> None:
         self.key = key
@@ -33,7 +33,7 @@ class RigValueError(ValueError):
 
 
 def number_of_points(calibration: str) -> int | None:
-    """Return the 100 of ``direct@100``; None for another form."""
+    """Return the 100 of ``direct@100``; None for other names."""
     written = re.fullmatch(r"[a-z0-9_-]+@([1-9][0-9]*)", calibration)
     return int(written[1]) if written else None
 
@@ -44,7 +44,7 @@ def require(holds: bool, key: str, message: str) -> None:
 
 
 def check_span(after_s: float, for_s: float | None = None) -> None:
-    """Refuse a beginning, or a duration, that is in no run; None is for good."""
+    """Refuse a start or duration that no run reaches; None means for good."""
     require(0.0 <= after_s <= _LONGEST_RUN_S, "after_s", f"must be 0 to {_LONGEST_RUN_S:g}")
     require(for_s is None or 0.0 < for_s <= _LONGEST_RUN_S, "for_s", f"must be above 0 and at most {_LONGEST_RUN_S:g}")
 
@@ -57,14 +57,14 @@ class BoardPlace:
     kind: Literal["virtual", "real"]
     port: str | None = None
     cycle_model: str | None = None
-    """What the cycle counter of a board on a port counts: ``silicon-dwt``, or the timing profile of a virtual board
-    that is served there. Needed where the port alone does not show it."""
+    """Cycle model of a board on a port: ``silicon-dwt``, or the timing profile of a virtual board that is served there.
+    It is needed if the port does not show it."""
     timing: str | None = None
-    """What a virtual board counts by: the name of a timing profile, or a file, relative to the rig's, that ends in
-    ``.toml``. None is the default profile."""
+    """Timing profile of a virtual board: its name, or a file ending in ``.toml``, relative to the rig's. None is the
+    default profile."""
     firmware: str | None = None
-    """What a virtual board runs when the command line names nothing: a file, relative to the rig's, or the name of
-    one that comes with hiltest. None is hiltest's own."""
+    """Firmware of a virtual board if the command line names none: a file, relative to the rig's, or the name of one in
+    the package. None is hiltest's own."""
 
     def __post_init__(self) -> None:
         require(self.kind == "virtual" or self.timing is None, "timing", 'belongs to a board of kind "virtual"')
@@ -96,10 +96,10 @@ class LocalField:
     declination_deg: float = 0.0
     latitude_deg: float | None = None
     longitude_deg: float | None = None
-    """Where the bench is, north and east positive: `hiltest doctor` compares the field with the World Magnetic
+    """Position of the bench, north and east positive: `hiltest doctor` compares the field with the World Magnetic
     Model."""
     altitude_m: float = 0.0
-    """Above sea level."""
+    """Height above sea level."""
 
     def __post_init__(self) -> None:
         place = {"latitude_deg": (self.latitude_deg, 90.0), "longitude_deg": (self.longitude_deg, 180.0)}
@@ -107,7 +107,7 @@ class LocalField:
             require(value is None or abs(value) <= most, key, f"must be within -{most:g} to {most:g}")
         require((self.latitude_deg is None) == (self.longitude_deg is None), "longitude_deg",
                 "and latitude_deg are a place together: write both, or none")
-        # What the World Magnetic Model is made for.
+        # Range of the World Magnetic Model.
         require(-1_000.0 <= self.altitude_m <= 850_000.0, "altitude_m", "must be within -1000 to 850000")
         require(self.strength_ut > 0.0, "strength_ut", "must be above 0")
         require(abs(self.dip_deg) < 90.0, "dip_deg", "must be within -90 to 90: at a pole there is no heading")
@@ -129,7 +129,7 @@ class Mounting:
 
 @dataclass(frozen=True, slots=True)
 class Faces:
-    """Uncertainty of the six faces that the board is put on: none is further from its axis than this [deg]."""
+    """Uncertainty of the six faces of the board: largest angle between a face and its axis [deg]."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     uncertainty_deg: float
@@ -138,7 +138,7 @@ class Faces:
         require(0.0 < self.uncertainty_deg <= 5.0, "uncertainty_deg", "must be above 0 and at most 5")
 
 
-# Forty times what the part here has; a window of 0.1 s is then still up to 19 deg/s.
+# Forty times the density of the supported part; the stillness test then allows 19 deg/s in a window of 0.1 s.
 _NOISIEST_MDPS = 1000.0
 
 
@@ -148,13 +148,13 @@ class SensorChoice:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     magnetometer_noise_ut: float
-    """Rms of one axis of one reading; a fit's residual is compared with it."""
+    """rms noise of one axis of one reading; a fit's residual is compared with it."""
     gyroscope_noise_mdps_per_rthz: float = 25.0
-    """One-sided density of the rate's noise, data sheet; for the test of stillness."""
+    """One-sided noise density of the rate, from the data sheet, for the test of stillness."""
     magnetometer: str | None = None
     accelerometer: str | None = None
     gyroscope: str | None = None
-    """Names as the board's identity gives them; None takes the first that answers."""
+    """Names as in the board's identity; None for the first that answers."""
 
     def __post_init__(self) -> None:
         require(self.magnetometer_noise_ut >= 0.0, "magnetometer_noise_ut", "must not be negative")
@@ -168,16 +168,16 @@ class CoveredPart:
 
     Notes
     -----
-    A direction is covered when the *true* field, seen in the body frame, comes from it during the tumble.
-    Soft iron bends the points that the sensor gives by as much as it bends any other; hard iron, which
-    shifts them all, does not enter. A pose is inside when the field's direction in it is: with a dip of 62 degrees
-    the field is 28 degrees from body z on a level board, and at most 48 with 20 degrees of pitch or roll.
+    A direction is covered when the *true* field, seen in the body frame, comes from it during the tumble. Soft iron
+    also moves the measured points; hard iron, which shifts them all, has no effect. A pose is inside if the field's
+    direction in it is: with a dip of 62 degrees the field is 28 degrees from body z on a level board, and at most 48
+    with 20 degrees of pitch or roll.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     axis: Triple
-    """Middle of the part, body frame, of any length: (0, 0, 1) is down, where the field of the northern hemisphere
-    is while the board is level."""
+    """Middle of the part, body frame, of any length: (0, 0, 1) is down, the side of the field on a level board in the
+    northern hemisphere."""
     fraction: float
     """Share of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it."""
 
@@ -195,11 +195,11 @@ class TurntableSettings:
     uncertainty_deg: float
     """Expanded uncertainty of its angle, coverage factor 2."""
     tumble_s: float = 45.0
-    """How long an operator gets to turn the board all round."""
+    """Duration of an operator's tumble."""
     port: str | None = None
-    """Device or pyserial URL of a motor table that speaks Grbl."""
+    """Device or pyserial URL of a motor table with Grbl."""
     covered: CoveredPart | None = None
-    """What a simulated tumble is confined to; None is all of the sphere."""
+    """Part of the sphere for a simulated tumble; None for the whole sphere."""
 
     def __post_init__(self) -> None:
         require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
@@ -218,30 +218,29 @@ class Procedure:
     headings_deg: tuple[float, ...]
     """Table headings of the known angles."""
     tilts_deg: tuple[tuple[float, float], ...]
-    """Each tilt is measured at every heading."""
+    """Tilts of the known angles, each measured at every heading."""
     poses: Literal["all", "level"] = "all"
-    """Known angles that are measured unless the command line names them."""
+    """Set of known angles, unless the command line selects one."""
     readings_per_pose: int = 16
     calibration_points: int = 100
-    """Points of the tumble that every calibrator of the firmware gets."""
+    """Number of points of the tumble, which every calibrator of the firmware receives."""
     tumble_points: int = 300
     gyroscope_rest_s: float = 2.0
     """Length of a rest of the gyroscope, before and after a turn."""
     gyroscope_turn_dps: float = 60.0
-    """How fast the table turns for the gyroscope: 36 to 90, a turn in 10 to 4 s."""
+    """Rate of the table for the gyroscope: 36 to 90, a turn in 10 to 4 s."""
     accelerometer_calibration: Literal["none", "six-position"] = "none"
-    """What comes before all headings: nothing, or the six faces, a second each, fitted on the board."""
+    """Accelerometer calibration before all headings: none, or the six faces, a second each, fitted on the board."""
     untrimmed_calibrations: tuple[str, ...] = ()
-    """Calibrations that are measured once more, without that of the accelerometer: ``direct`` as ``direct-
-    untrimmed``."""
+    """Calibrations that are also measured without the accelerometer's: ``direct`` as ``direct-untrimmed``."""
     dpi: Literal["pairs", "none"] = "pairs"
-    """Whether the magnetometer is calibrated against gravity too, on all pairs of the tumble."""
+    """Whether the magnetometer is also calibrated against gravity, on all pairs of the tumble."""
     gyroscope_calibration: Literal["rest", "turns"] = "turns"
-    """What `hiltest calibrate` does: find the bias alone, or turn about all three axes for scale and axes, too."""
+    """Extent of `hiltest calibrate`: the bias only, or turns about all three axes for scale and axes too."""
     further_calibrations: tuple[str, ...] = ()
-    """Further runs, measured alike, each a calibrator and the points it gets: ``direct@100``."""
+    """Further runs with the same measurements, each a calibrator and its number of points: ``direct@100``."""
     cost_reference: str = ""
-    """Calibrator that costs are given as multiples of; empty for none."""
+    """Reference calibrator, of which costs are given as multiples; empty for none."""
 
     def __post_init__(self) -> None:
         require(len(self.headings_deg) >= 4, "headings_deg", "needs at least 4 headings, or no worst sector is found")
@@ -268,7 +267,7 @@ class Procedure:
                     f"names {written!r}; write a calibrator and its points, 9 to tumble_points, such as direct@100")
 
     def known_angle_poses(self, which: Literal["all", "level"] | None = None) -> tuple[Pose, ...]:
-        """Return the poses of the known angles in their order: tilt by tilt, level first as listed."""
+        """Return the poses of the known angles in order: tilt by tilt, as listed."""
         from hiltest.angles import Pose
 
         level_only = (which or self.poses) == "level"

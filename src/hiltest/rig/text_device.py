@@ -8,22 +8,23 @@ from typing import Any, ClassVar, Literal
 
 from hiltest.rig.tables import STRICT, require
 
-#: Units whose size the scale says.
+#: Units whose size is defined by the scale.
 COUNTS = frozenset({"count", "counts", "lsb"})
 
 
 @dataclass(frozen=True, slots=True)
 class TextValue:
-    """Where the numbers of a quantity are printed, and in which unit."""
+    """Fields and unit of a quantity's printed numbers."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     fields: str | int | tuple[str | int, ...] | None = None
-    """Groups, JSON paths or columns that hold its numbers one after the other. None: those of the quantity's name,
+    """Groups, JSON paths or columns that hold its numbers in order; None for those with the quantity's name,
     ``magnetometer`` or ``magnetometer_x``, ``magnetometer_y`` and ``magnetometer_z``."""
     unit: str | None = None
-    """Of a number times `scale`; None is the quantity's own. ``count`` is the quantity's own too, with a scale."""
+    """Unit of a number times `scale`; None for the quantity's own. ``count`` is also the quantity's own, with a
+    scale."""
     scale: float | None = None
-    """None is 1."""
+    """Factor on the number; None for 1."""
 
     def __post_init__(self) -> None:
         require(self.scale != 0.0, "scale", "must not be 0")
@@ -32,7 +33,7 @@ class TextValue:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The fields; none when they are those of the quantity's name."""
+        """Fields; empty if they have the quantity's name."""
         if self.fields is None:
             return ()
         return tuple(map(str, (self.fields,) if isinstance(self.fields, str | int) else self.fields))
@@ -40,7 +41,7 @@ class TextValue:
 
 @dataclass(frozen=True, slots=True)
 class TextCommands:
-    """What is sent at the moments of the procedure; characters up to U+00FF are the bytes of their number."""
+    """Commands at the moments of the procedure; characters up to U+00FF are sent as single bytes."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     start: str = ""
@@ -56,23 +57,23 @@ class TextCommands:
 
 @dataclass(frozen=True, slots=True)
 class TextDevice:
-    """Lines that firmware prints."""
+    """Interface to firmware that prints lines."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     format: Literal["lines", "json", "csv"] = "lines"
-    """``lines``: named groups of `patterns`; ``json``: an object a line; ``csv``: columns."""
+    """``lines``: named groups of `patterns`; ``json``: one object per line; ``csv``: columns."""
     patterns: tuple[str, ...] = ()
-    """Regular expressions; every one is searched in every line."""
+    """Regular expressions, each searched in every line."""
     columns: tuple[str, ...] = ()
-    """Names of all columns, where the firmware prints no line with them; columns may be given by number then too."""
+    """Names of all columns, if the firmware prints no header; columns may then also be given by number."""
     separator: str = ","
-    """Between columns; a blank stands for any number of blanks and tabs."""
+    """Separator of columns; a blank stands for any number of blanks and tabs."""
     ready: str | None = None
     error: str | None = None
-    """Regular expressions of lines that say that the magnetometer is calibrated, and that something is wrong, which
-    is the group ``error`` or else the whole line."""
+    """Regular expressions of lines that report a calibrated magnetometer, and an error: the group ``error``, or the
+    whole line."""
     values: dict[str, TextValue] = dataclass_field(default_factory=dict)
-    """By the quantity's name."""
+    """Values by the quantity's name."""
     commands: TextCommands = dataclass_field(default_factory=TextCommands)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The world of a virtual board as a rig file has it: the truth that its parts measure, and which parts there are."""
+"""The world of a virtual board in a rig file: the truth that its parts measure, and the fitted parts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hiltest.rig.parts import PARTS
 from hiltest.rig.playback import PlaybackFile
 from hiltest.rig.tables import STRICT, Triple, require
 
-# Of the box that the rows of a soft iron span, beside one with the same edges at right angles.
+# Smallest volume of the parallelepiped of a soft iron's rows, relative to the box with the same edges.
 _SMALLEST_VOLUME = 1e-3
 
 _NO_DRIFT: Triple = (0.0, 0.0, 0.0)
@@ -19,7 +19,7 @@ _NO_CROSS_AXIS: tuple[Triple, Triple, Triple] = (_NO_DRIFT, _NO_DRIFT, _NO_DRIFT
 
 
 def _relative_volume(rows: tuple[Triple, Triple, Triple]) -> float:
-    """Return the determinant of a matrix whose rows are scaled to 1; 0 where one of them is zero."""
+    """Return the determinant of a matrix whose rows are scaled to 1; 0 if one of them is zero."""
     edges = math.prod(math.hypot(*row) for row in rows)
     (a, b, c), (d, e, f), (g, h, i) = rows
     return (a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)) / edges if edges else 0.0
@@ -27,7 +27,7 @@ def _relative_volume(rows: tuple[Triple, Triple, Triple]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureDrift:
-    """Change of the parts' readings for each degree above 25 degC, body frame: nothing unless stated."""
+    """Change of the parts' readings per degree above 25 degC, body frame; 0 by default."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     mag3110_gain_percent_per_degc: Triple = _NO_DRIFT
@@ -46,47 +46,48 @@ class SimulatedWorld:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     soft_iron: tuple[Triple, Triple, Triple]
-    """Takes the true field to the field at the parts."""
+    """Matrix from the true field to the field at the parts."""
     hard_iron_ut: Triple
-    """Added to it at the MAG3110, the part's zero-flux offset included."""
+    """Hard iron at the MAG3110, the part's zero-flux offset included."""
     accelerometer_offset_mg: Triple = (0.0, 0.0, 0.0)
     accelerometer_gain_error_percent: Triple = (0.0, 0.0, 0.0)
     accelerometer_cross_axis_percent: tuple[Triple, Triple, Triple] = _NO_CROSS_AXIS
-    """What each axis reads of the other two; nothing on the diagonal, where the gain error is."""
+    """Cross-axis sensitivity of each axis to the other two; 0 on the diagonal, which has the gain error."""
     face_errors_deg: tuple[Triple, ...] = ()
-    """How each face is askew, +x, -x, +y, -y, +z, -z down: turns of the board about its x, y and z."""
+    """Misalignment of each face, +x, -x, +y, -y, +z, -z down: turns of the board about its x, y and z."""
     gyroscope_bias_dps: Triple = (0.0, 0.0, 0.0)
     gyroscope_response: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    """Gains and misalignment: takes the true rate to the felt one, before the bias."""
+    """Gains and misalignment: matrix from the true to the measured rate, before the bias."""
     gyroscope_noise_mdps_per_rthz: float = 25.0
-    """One-sided density below the part's low-pass filter."""
+    """One-sided noise density below the part's low-pass filter."""
     fxos8700cq_zero_flux_ut: Triple = (0.0, 0.0, 0.0)
-    """What the FXOS8700CQ magnetometers read beyond that."""
+    """Additional hard iron of the FXOS8700CQ magnetometers."""
     mag3110_noise_ut: tuple[float, float, float, float] = (0.4, 0.35, 0.3, 0.25)
-    """Rms at oversampling 16, 32, 64, 128."""
+    """rms noise at oversampling 16, 32, 64, 128."""
     fxos8700cq_noise_ut: tuple[float, float] = (1.5, 0.3)
-    """Rms of its magnetometer at oversampling 2 and 32; at 8, which the firmware sets, it is their geometric mean."""
+    """rms noise of its magnetometer at oversampling 2 and 32; at 8, which the firmware sets, it is their geometric
+    mean."""
     mounting_yaw_deg: float | None = None
-    """True mounting yaw; None is the declared one, or 0 when none is declared."""
+    """True mounting yaw; None for the declared one, or 0 if undeclared."""
     temperature_degc: float = 25.0
-    """Temperature at power-on, and afterwards unless an end is given."""
+    """Temperature at power-on, and constant unless an end is given."""
     temperature_end_degc: float | None = None
-    """Where the temperature goes and stays: in a straight line within `temperature_ramp_s`, or with
-    `temperature_time_constant_s` as things warm up."""
+    """Final temperature, reached linearly within `temperature_ramp_s`, or exponentially with
+    `temperature_time_constant_s`."""
     temperature_ramp_s: float | None = None
     temperature_time_constant_s: float | None = None
     drift: TemperatureDrift = TemperatureDrift()
-    """What temperature does to the readings."""
+    """Effect of the temperature on the readings."""
     fitted: tuple[str, ...] = tuple(PARTS)
-    """Which parts are there: see `PARTS`."""
+    """Fitted parts: see `PARTS`."""
     mirrored: bool | None = None
-    """True where the soft iron is meant to mirror the field, as a wrong sign in its file does."""
+    """Whether the soft iron intentionally mirrors the field; otherwise that is refused as a wrong sign."""
     playback: PlaybackFile | None = None
-    """A recording that the parts measure in place of all that."""
+    """Recording that the parts measure instead of this world."""
     current: CurrentTable | None = None
     passing: PassingTable | None = None
     cable: CableTable | None = None
-    """What disturbs the field over time: a current on the board, a magnet that passes, a cable that is moved."""
+    """Disturbances of the field over time: a current on the board, a passing magnet, a moved cable."""
 
     def __post_init__(self) -> None:
         require(self.playback is None or not self.disturbances, "playback",
@@ -112,23 +113,23 @@ class SimulatedWorld:
             "temperature_ramp_s": self.temperature_ramp_s,
             "temperature_time_constant_s": self.temperature_time_constant_s,
         }
-        given = {key: duration_s for key, duration_s in courses.items() if duration_s is not None}
-        require((self.temperature_end_degc is None) == (not given), "temperature_end_degc",
+        durations = {key: duration_s for key, duration_s in courses.items() if duration_s is not None}
+        require((self.temperature_end_degc is None) == (not durations), "temperature_end_degc",
                 "goes with temperature_ramp_s or temperature_time_constant_s: how the temperature gets there")
-        require(len(given) < 2, "temperature_ramp_s",
+        require(len(durations) < 2, "temperature_ramp_s",
                 "excludes temperature_time_constant_s: one of them says the course")
-        for key, duration_s in given.items():
+        for key, duration_s in durations.items():
             require(duration_s > 0.0, key, "must be above 0")
 
     @property
     def disturbances(self) -> dict[str, CurrentTable | PassingTable | CableTable]:
-        """What disturbs the field over time, by cause."""
+        """Disturbances of the field over time, by cause."""
         tables = {"current": self.current, "passing": self.passing, "cable": self.cable}
         return {cause: table for cause, table in tables.items() if table is not None}
 
     @property
     def accelerometer_response(self) -> tuple[Triple, Triple, Triple]:
-        """Gravity to what the accelerometer reads of it, before its offset: 3 rows of 3."""
+        """Matrix from gravity to the accelerometer's reading, before its offset: 3 rows of 3."""
         rows = []
         for axis, (gain, row) in enumerate(
             zip(self.accelerometer_gain_error_percent, self.accelerometer_cross_axis_percent, strict=True)
@@ -145,17 +146,17 @@ class SimulatedWorld:
         return (x, y, z)
 
     def noise_ut(self, part: str) -> float:
-        """Return the rms noise of a magnetometer of `PARTS` as the packaged firmware sets it [uT]."""
+        """Return the rms noise of a magnetometer of `PARTS` as configured by the packaged firmware [uT]."""
         return self.mag3110_noise_ut[0] if part == "mag3110" else math.sqrt(math.prod(self.fxos8700cq_noise_ut))
 
     def largest_reading_ut(self, part: str, strength_ut: float) -> float:
         """Return the largest reading of any axis of a magnetometer in any attitude, without noise [uT].
 
-        Of what disturbs it the strongest field counts, all at once and along this axis.
+        The strongest fields of all disturbances add up along this axis.
         """
         hard_iron = self.hard_iron_at_ut(part)
         outside_ut = strength_ut + (self.passing.largest_ut if self.passing else 0.0)
-        own_ut = sum(each.largest_ut for each in (self.current, self.cable) if each is not None)
+        own_ut = sum(disturbance.largest_ut for disturbance in (self.current, self.cable) if disturbance is not None)
         return own_ut + max(
             abs(hard) + outside_ut * math.hypot(*row) for hard, row in zip(hard_iron, self.soft_iron, strict=True)
         )

@@ -1,4 +1,4 @@
-"""The sensors of a virtual board as registers on an I2C bus, one module a part, over a simulated world."""
+"""The sensors of a virtual board as registers on an I2C bus in a simulated world, one module per part."""
 
 from hiltest.sensors.drift import Drift
 from hiltest.sensors.fxas21002c import Fxas21002c

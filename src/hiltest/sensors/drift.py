@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hiltest.world import Vector
 
-#: Data sheets give a part's typical values at this temperature: there nothing has drifted.
+#: Reference temperature of data sheets, at which the drift is zero.
 REFERENCE_DEGC = 25.0
 _NOTHING: Vector = (0.0, 0.0, 0.0)
 
@@ -17,8 +17,8 @@ class Drift:
 
     Notes
     -----
-    ``drifted = (1 + gain_per_degc * dT) * reading + offset_per_degc * dT``, dT from
-    `REFERENCE_DEGC`. Without coefficients a reading stays the same to the last bit.
+    ``drifted = (1 + gain_per_degc * dT) * reading + offset_per_degc * dT``, dT from `REFERENCE_DEGC`. Without
+    coefficients a reading is unchanged to the last bit.
     """
 
     offset_per_degc: Vector = _NOTHING

@@ -8,23 +8,22 @@ from hiltest.sensors.sampling import Counts, Measure, SampledOutput
 from hiltest.state import Restorable
 
 _NO_SAMPLE: Counts = (0, 0, 0)
-_MOST_WAITING = 100  # runs of the output; firmware may begin any number and never read the registers
+_MOST_WAITING = 100  # runs of the output; firmware may start any number and never read the registers
 
 
 class Extremes(Restorable):
-    """Running maxima and minima of an output, found when they are read.
+    """Running maxima and minima of an output, computed when they are read.
 
     Parameters
     ----------
     output
-        Output that is compared.
+        Output to compare.
     conversion
-        Returns the part's conversion with its present set-up, which a later one does not change.
+        Returns the part's conversion with its present configuration, independent of later changes.
 
     Notes
     -----
-    Before the first sample the registers read 0; the data sheet's text on that could not be
-    seen, nor can firmware learn anything from it.
+    Before the first sample the registers read 0, which the data sheet does not specify.
     """
 
     def __init__(self, output: SampledOutput, conversion: Callable[[], Measure]) -> None:
@@ -33,24 +32,24 @@ class Extremes(Restorable):
         self.restart(0.0)
 
     def restart(self, time_s: float) -> None:
-        """Forget all samples until now."""
+        """Discard all samples until now."""
         self._largest: Counts | None = None
         self._smallest: Counts | None = None
         self._waiting: list[tuple[SampledOutput, int, int]] = []  # numbers of the first and the last sample
         self.skip(time_s)
 
     def skip(self, time_s: float) -> None:
-        """Leave out the samples until now: sampling has just begun, or comparing was switched off."""
-        self._seen = self._output.latest(time_s)
+        """Skip the samples until now, because sampling has just begun, or comparison was off."""
+        self._latest = self._output.latest(time_s)
 
     def take_in(self, time_s: float) -> None:
-        """Take in the samples that came since the last time; they are compared when they are read."""
+        """Register the samples since the last call; they are compared when the registers are read."""
         latest = self._output.latest(time_s)
-        if latest > self._seen:
-            self._waiting.append((self._output.with_conversion(self._conversion()), self._seen + 1, latest))
+        if latest > self._latest:
+            self._waiting.append((self._output.with_conversion(self._conversion()), self._latest + 1, latest))
         if len(self._waiting) > _MOST_WAITING:
             self.compare()
-        self._seen = latest
+        self._latest = latest
 
     def read(self, index: int) -> int:
         """Return byte `index` of the six words: maxima of x, y, z, then minima."""
@@ -60,7 +59,7 @@ class Extremes(Restorable):
         return word >> (0 if low else 8) & 0xFF
 
     def compare(self) -> None:
-        """Compare the samples that were taken in."""
+        """Compare the registered samples."""
         for output, first, last in self._waiting:
             for tick in range(first, last + 1):
                 self._compare(output.counts(tick))

@@ -1,4 +1,4 @@
-"""A part that is not there for a time, or another one in its place; then it is back, as after power-on."""
+"""A part that is absent for a time, or replaced by another one; then it returns in its power-on state."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from hiltest.state import Restorable
 
 
 class FaultyPart(Restorable):
-    """What answers at the address of a part.
+    """The device at the address of a part with a fault.
 
     Parameters
     ----------
     make
-        Makes the part as it is at power-on.
+        Creates the part in its power-on state.
     begin_s, end_s
-        When it loses its supply and when it has it again, virtual time since power-on [s].
+        Start and end of its absence, virtual time since power-on [s].
     stand_in
-        What answers meanwhile, at the same address; nothing without it.
+        Device that answers meanwhile at the same address; by default none.
     """
 
     def __init__(
@@ -31,41 +31,41 @@ class FaultyPart(Restorable):
         self.address = self._part.address
 
     def parts(self) -> tuple[RegisterDevice, ...]:
-        """Return the part that is there, or was there last, and what stands in for it."""
+        """Return the present or last part, and its replacement."""
         return (self._part,) if self._stand_in is None else (self._part, self._stand_in)
 
     def start(self, reading: bool, time_s: float) -> bool:
         """Answer the device address after START or repeated START; True is ACK."""
-        there = self._there(time_s)
-        return there is not None and there.start(reading, time_s)
+        device = self._present_part(time_s)
+        return device is not None and device.start(reading, time_s)
 
     def write(self, value: int, time_s: float) -> bool:
-        """Take a byte from the master; True is ACK."""
-        there = self._there(time_s)
-        return there is not None and there.write(value, time_s)
+        """Receive a byte from the master; True is ACK."""
+        device = self._present_part(time_s)
+        return device is not None and device.write(value, time_s)
 
     def read(self, time_s: float) -> int:
-        """Give the next byte to the master: ones, where nothing pulls the line low."""
-        there = self._there(time_s)
-        return 0xFF if there is None else there.read(time_s)
+        """Return the next byte for the master: ones if no device pulls the line low."""
+        device = self._present_part(time_s)
+        return 0xFF if device is None else device.read(time_s)
 
     def stop(self, time_s: float) -> None:
-        """See a STOP."""
-        if there := self._there(time_s):
-            there.stop(time_s)
+        """Handle a STOP."""
+        if device := self._present_part(time_s):
+            device.stop(time_s)
 
     def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
-        """Return the levels of INT1 and INT2; nothing drives those of a part that is not there."""
-        there = self._there(time_s)
-        return (False, False) if there is None else there.interrupt_levels(time_s)
+        """Return the levels of INT1 and INT2; those of an absent part are not driven."""
+        device = self._present_part(time_s)
+        return (False, False) if device is None else device.interrupt_levels(time_s)
 
     def next_interrupt_s(self, time_s: float) -> float:
-        """Return the next time at which time alone may change a level [s]: when it goes and comes, too."""
-        there = self._there(time_s)
-        changes_s = [each for each in (self._begin_s, self._end_s) if each > time_s]
-        return min(math.inf if there is None else there.next_interrupt_s(time_s), *changes_s, math.inf)
+        """Return the next time at which a level may change without an access [s], by the fault as well."""
+        device = self._present_part(time_s)
+        changes_s = [time for time in (self._begin_s, self._end_s) if time > time_s]
+        return min(math.inf if device is None else device.next_interrupt_s(time_s), *changes_s, math.inf)
 
-    def _there(self, time_s: float) -> RegisterDevice | None:
+    def _present_part(self, time_s: float) -> RegisterDevice | None:
         if self._begin_s <= time_s < self._end_s:
             return self._stand_in
         if time_s >= self._end_s and not self._is_back:

@@ -26,7 +26,7 @@ _RESET, _ACTIVE, _READY = 0x40, 0x02, 0x01  # CTRL_REG1
 _CFG_FIFO, _EN_FIFO, _CFG_DRDY, _EN_DRDY, _ACTIVE_HIGH = 0x80, 0x40, 0x08, 0x04, 0x02  # CTRL_REG2: interrupts
 _WRAP_TO_ONE, _FS_DOUBLE = 0x08, 0x01  # CTRL_REG3
 _RATES_HZ = (800.0, 400.0, 200.0, 100.0, 50.0, 25.0, 12.5, 12.5)
-#: Registers that keep what is written, with nothing of theirs modelled beyond that.
+#: Registers that store their value without any modelled effect.
 _PLAIN = frozenset({0x0E, 0x10, 0x11})
 #: Counts per deg/s at full scale 2000, 1000, 500, 250 deg/s (62.5 to 7.8125 mdps per count).
 _COUNTS_PER_DPS = (16.0, 32.0, 64.0, 128.0)
@@ -34,7 +34,7 @@ _COUNTS_PER_DPS = (16.0, 32.0, 64.0, 128.0)
 DATA_SHEET_NOISE_DENSITY = 0.025
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _BOOT_END, _SRC_FIFO, _SRC_DRDY = 0x08, 0x04, 0x01  # INT_SRC_FLAG; boot end is set as soon as the part answers at all
-#: Registers answer this long after power-on or reset [s].
+#: Delay of the registers after power-on or reset [s].
 BOOT_S = 0.050
 _FROM_STANDBY_S, _FROM_READY_S = 0.060, 0.005
 
@@ -45,7 +45,7 @@ class Fxas21002c(RegisterDevice):
     Parameters
     ----------
     world
-        Where it is.
+        World of the part.
     seed
         Noise seed.
     bias_dps
@@ -53,9 +53,10 @@ class Fxas21002c(RegisterDevice):
     drift
         Drift of the rate, offset included [deg/s].
     noise_density
-        One-sided, below the selected low-pass filter [dps/sqrt(Hz)]: its rms is this times the root of the bandwidth.
+        One-sided density below the selected low-pass filter [dps/sqrt(Hz)]: the rms is this times the root of the
+        bandwidth.
     response
-        Gains and misalignment, body frame: what a true rate is felt as, before the offset.
+        Gains and misalignment, body frame: matrix from the true to the measured rate, before the offset.
     """
 
     def __init__(
@@ -88,11 +89,11 @@ class Fxas21002c(RegisterDevice):
         return (*self.outputs, self._noise, self._fifo)
 
     def power_up(self, time_s: float) -> None:
-        """Boot at another time than the board."""
+        """Boot at a different time than the board."""
         self._boot_over_s = time_s + BOOT_S
 
     def responds(self, time_s: float) -> bool:
-        """Answer only once the boot sequence is over."""
+        """Return whether the boot sequence is over."""
         return time_s >= self._boot_over_s
 
     def release(self) -> None:
@@ -101,20 +102,20 @@ class Fxas21002c(RegisterDevice):
         self._fifo.release()
 
     def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
-        """Return INT1 and INT2, where CTRL_REG2 leads the sources that it enables."""
+        """Return INT1 and INT2, to which CTRL_REG2 routes the enabled sources."""
         control, sources = self._control[2], self._interrupts(time_s)
         to_int1 = (_SRC_FIFO if control & _CFG_FIFO else 0) | (_SRC_DRDY if control & _CFG_DRDY else 0)
         active_high = bool(control & _ACTIVE_HIGH)
         return (bool(sources & to_int1) == active_high, bool(sources & ~to_int1) == active_high)
 
     def next_interrupt_s(self, time_s: float) -> float:
-        """Return the next sample's time [s], when an enabled source is not active yet."""
+        """Return the next sample's time [s], if an enabled source is not active yet."""
         control = self._control[2]
         enabled = (_SRC_FIFO if control & _EN_FIFO else 0) | (_SRC_DRDY if control & _EN_DRDY else 0)
         return self._output.next_sample_s(time_s) if enabled & ~self._interrupts(time_s) else math.inf
 
     def following(self, register: int) -> int:
-        """Move on by one; after the last output register back to STATUS, or to 0x01 with WRAPTOONE."""
+        """Return the next register; after the last output register STATUS, or 0x01 with WRAPTOONE."""
         if register == OUT_Z_LSB:
             return OUT_X_MSB if self._control[3] & _WRAP_TO_ONE else STATUS
         return (register + 1) & 0xFF
@@ -147,7 +148,7 @@ class Fxas21002c(RegisterDevice):
         return self._plain.get(register, 0)
 
     def write_register(self, register: int, value: int, time_s: float) -> bool:
-        """Write a register; False (no ACK) when it is a software reset."""
+        """Write a register; return False (no ACK) for a software reset."""
         if register == CTRL_REG1:
             return self._write_control1(value, time_s)
         active = bool(self._control[1] & _ACTIVE)
@@ -204,7 +205,7 @@ class Fxas21002c(RegisterDevice):
             (x, y, z), bias = apply_rows(self._response, self._world.at(instant_s).rate_body_dps), self._bias_dps
             felt_dps = (x + bias[0], y + bias[1], z + bias[2])
             x, y, z = self._drift.apply(felt_dps, self._world.temperature_degc(instant_s))
-            # Of white noise before the filter, up to half the output rate.
+            # rms of white noise before the filter, up to half the output rate.
             sigma = self._noise_density * math.sqrt(0.5 * self._output.rate_hz)
         else:
             (x, y, z), sigma = recorded, 0.0

@@ -1,9 +1,8 @@
 """FXOS8700CQ accelerometer and magnetometer, register by register.
 
-Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not
-modelled: the embedded event functions (their registers read back what is written, so
-nothing ends the FIFO's trigger mode), one-shot magnetometer measurements, automatic
-hard-iron calibration and sleep; push-pull and open-drain pins are alike.
+Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not modelled: the embedded event
+functions (their registers read back the written value, so nothing ends the FIFO's trigger mode), one-shot magnetometer
+measurements, automatic hard-iron calibration and sleep; push-pull and open-drain pins are alike.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _RESET = 0x40  # CTRL_REG2
 _ACTIVE_HIGH = 0x02  # CTRL_REG3
 _FIFO_EVENT, _DATA_READY = 0x40, 0x01  # CTRL_REG4 enables them, INT_SOURCE shows them; M_INT_SRC has the second
 _HYBRID_AUTO_INCREMENT, _EXTREMES_OFF, _RESET_EXTREMES = 0x20, 0x10, 0x04  # M_CTRL_REG2
-# What a write to a register leaves of it: bits that clear themselves do not stay.
+# Stored bits of each register, without self-clearing ones.
 _KEPT = {CTRL_REG2: 0xBF, M_CTRL_REG1: 0x9F, M_CTRL_REG2: 0x3B}
 _READ_ONLY = frozenset(
     {*range(0x00, 0x09), 0x0B, 0x0C, 0x0D, 0x16, 0x1E, 0x22, *range(0x32, 0x3F), *range(0x45, 0x52), 0x53, 0x5E}
@@ -43,8 +42,8 @@ _LAST_REGISTER = 0x78
 
 _SINGLE_RATES_HZ = (800.0, 400.0, 200.0, 100.0, 50.0, 12.5, 6.25, 1.5625)
 _HYBRID_RATES_HZ = (400.0, 200.0, 100.0, 50.0, 25.0, 6.25, 3.125, 0.78125)
-# Magnetometer samples averaged to one output, by rate and M_CTRL_REG1's OS field. The rates that only
-# the hybrid mode has take the row of the next faster listed one, as its code does in single mode.
+# Number of magnetometer samples averaged per output, by rate and M_CTRL_REG1's OS field. Rates that only the hybrid
+# mode has use the row of the next faster listed one, like its code in single mode.
 _OVERSAMPLING = (
     (800.0, (2, 2, 2, 2, 2, 2, 2, 2)),
     (400.0, (2, 2, 2, 2, 2, 2, 2, 4)),
@@ -91,7 +90,7 @@ class Fxos8700cqNoise:
     accelerometer_density_g: float = 126e-6
     """Front page, at 200 Hz bandwidth [g/sqrt(Hz)]."""
     magnetometer_ut: tuple[float, float] = (1.5, 0.3)
-    """Rms noise per axis at oversampling 2 and 32 [uT]; between them by a power law, above 32 no less."""
+    """rms noise per axis at oversampling 2 and 32 [uT]; a power law between them, constant above 32."""
 
     def accelerometer_g(self, rate_hz: float) -> float:
         """Return the rms noise of one axis of the accelerometer [g]; the bandwidth is half the output rate."""
@@ -104,9 +103,9 @@ class Fxos8700cq(RegisterDevice):
     Parameters
     ----------
     world
-        Where it is.
+        World of the part.
     distortion
-        Between the earth's field and the magnetometer, its zero-flux offset included.
+        Distortion between the earth's field and the magnetometer, its zero-flux offset included.
     seed
         Noise seed.
     name
@@ -148,14 +147,14 @@ class Fxos8700cq(RegisterDevice):
         self._extremes = Extremes(self._magnetometer, self._field_conversion)
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._answers_from_s = 0.0
-        self._sigma_ut = 0.0  # at the oversampling it was made active with
+        self._sigma_ut = 0.0  # at the oversampling when it became active
 
     def parts(self) -> tuple[Restorable, ...]:
         """Return outputs, FIFO and extremes."""
         return (*self.outputs, self._fifo, self._extremes)
 
     def responds(self, time_s: float) -> bool:
-        """Answer except in the millisecond of a software reset."""
+        """Return whether the part answers: always, except in the millisecond of a software reset."""
         return time_s >= self._answers_from_s
 
     def release(self) -> None:
@@ -165,20 +164,20 @@ class Fxos8700cq(RegisterDevice):
         self._fifo.release()
 
     def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
-        """Return INT1 and INT2: CTRL_REG5 leads a source to INT1, or to INT2; CTRL_REG3 says which level is active."""
+        """Return INT1 and INT2: CTRL_REG5 routes a source to INT1 or INT2; CTRL_REG3 sets the active level."""
         sources, to_int1 = self._interrupts(time_s), self._registers[CTRL_REG5]
         active_high = bool(self._registers[CTRL_REG3] & _ACTIVE_HIGH)
         return (bool(sources & to_int1) == active_high, bool(sources & ~to_int1) == active_high)
 
     def next_interrupt_s(self, time_s: float) -> float:
-        """Return the next sample's time [s], when an enabled source is not active yet."""
+        """Return the next sample's time [s], if an enabled source is not active yet."""
         enabled = self._registers[CTRL_REG4] & (_FIFO_EVENT | _DATA_READY)
         if not enabled & ~self._interrupts(time_s):
             return math.inf
         return min(self._accelerometer.next_sample_s(time_s), self._magnetometer.next_sample_s(time_s))
 
     def following(self, register: int) -> int:
-        """Move on: over low bytes with F_READ; from 0x06 to 0x01 with the FIFO, 0x33 in hybrid burst mode, or 0x00."""
+        """Return the next register; F_READ skips low bytes; 0x06 leads to 0x01 (FIFO), 0x33 (hybrid burst) or 0x00."""
         at_end = register == OUT_Z_LSB
         if self._registers[CTRL_REG1] & _F_READ and register in (OUT_X_MSB, OUT_X_MSB + 2, OUT_X_MSB + 4):
             if register != OUT_X_MSB + 4:
@@ -220,7 +219,7 @@ class Fxos8700cq(RegisterDevice):
         return self._registers[register] if register <= _LAST_REGISTER else 0
 
     def write_register(self, register: int, value: int, time_s: float) -> bool:
-        """Write a register; False (no ACK) when it is a software reset."""
+        """Write a register; return False (no ACK) for a software reset."""
         if register > _LAST_REGISTER or register in _READ_ONLY:
             return True
         if register == CTRL_REG2 and value & _RESET:
@@ -228,10 +227,10 @@ class Fxos8700cq(RegisterDevice):
             return False
         if register == CTRL_REG1:
             self._write_control1(value, time_s)
-        elif not self._registers[CTRL_REG1] & _ACTIVE:  # set-up changes in standby only
-            kept = value & _KEPT.get(register, 0xFF)
+        elif not self._registers[CTRL_REG1] & _ACTIVE:  # configuration only changes in standby
+            stored = value & _KEPT.get(register, 0xFF)
             is_low_offset = M_OFF_X_MSB <= register <= M_OFF_Z_LSB and (register - M_OFF_X_MSB) % 2
-            self._registers[register] = kept & 0xFE if is_low_offset else kept
+            self._registers[register] = stored & 0xFE if is_low_offset else stored
             if register == F_SETUP:
                 self._fifo.configure(value, time_s)
             elif register == M_CTRL_REG2 and value & _RESET_EXTREMES:
@@ -254,7 +253,7 @@ class Fxos8700cq(RegisterDevice):
         return status
 
     def _interrupts(self, time_s: float) -> int:
-        # INT_SOURCE. With the FIFO on, acceleration that is ready is the FIFO's business.
+        # INT_SOURCE. With the FIFO on, the FIFO reports ready acceleration.
         enabled = self._registers[CTRL_REG4]
         if not enabled:
             return 0
@@ -271,7 +270,7 @@ class Fxos8700cq(RegisterDevice):
     def _write_control1(self, value: int, time_s: float) -> None:
         was_active = self._registers[CTRL_REG1] & _ACTIVE
         if was_active and value & _ACTIVE:
-            return  # in active mode only the way to standby is open
+            return  # in active mode only a change to standby is possible
         self._registers[CTRL_REG1] = value
         if was_active:
             self._accelerometer.halt(time_s)
@@ -383,8 +382,8 @@ def oversampling(rate_hz: float, code: int) -> int:
 def noise_at_oversampling(samples: int, noise_ut: tuple[float, float]) -> float:
     """Return the rms noise of an output averaged over `samples` conversions [uT].
 
-    A power law through the two given points (oversampling 2 and 32): 1.5 and 0.3 uT
-    make it 1.0, 0.67 and 0.45 at 4, 8 and 16. Above 32 it gets no better.
+    A power law through the two given points (oversampling 2 and 32): 1.5 and 0.3 uT make it 1.0, 0.67 and 0.45 at 4, 8
+    and 16. Above 32 it does not improve.
     """
     at_2, at_32 = noise_ut
     if at_2 <= 0.0 or at_32 <= 0.0:

@@ -40,18 +40,17 @@ class Mag3110(RegisterDevice):
     Parameters
     ----------
     world
-        Where it is.
+        World of the part.
     distortion
-        Between the earth's field and the part; its hard iron includes the part's own
-        zero-flux offset.
+        Distortion between the earth's field and the part; its hard iron includes the part's own zero-flux offset.
     seed
         Noise seed.
     noise_ut
         Rms noise per axis at oversampling 16, 32, 64, 128 [uT].
     drift
-        Drift of the field that the part sees [uT].
+        Drift of the field at the part [uT].
     die_temperature_offset_degc
-        The die temperature's offset is not trimmed by the maker: what this one reads too much.
+        Offset of this part's die temperature, which the manufacturer does not trim.
     """
 
     def __init__(
@@ -79,7 +78,7 @@ class Mag3110(RegisterDevice):
         self._offsets = [0, 0, 0]  # register words; the value is in bits 15..1
         self._oversampling = 0
         self._active = False
-        self._standby_s: float | None = None  # when a part will be in standby after the command
+        self._standby_s: float | None = None  # time at which a part will be in standby after the command
 
     def release(self) -> None:
         """End a burst read."""
@@ -95,7 +94,7 @@ class Mag3110(RegisterDevice):
         return math.inf if self.interrupt_levels(time_s)[0] else self._output.next_sample_s(time_s)
 
     def settle(self, time_s: float) -> None:
-        """Reach standby once the measurement that was under way is complete."""
+        """Enter standby once the current measurement is complete."""
         if self._standby_s is not None and time_s >= self._standby_s:
             self._output.halt(self._standby_s)
             self._active = False
@@ -103,7 +102,7 @@ class Mag3110(RegisterDevice):
             self._control1 &= ~_TM
 
     def following(self, register: int) -> int:
-        """Move on by one; in fast-read mode over the low bytes of the output registers."""
+        """Return the next register; fast-read mode skips the low bytes of the output registers."""
         if self._control1 & _FR and register in (OUT_X_MSB, OUT_X_MSB + 2, OUT_X_MSB + 4):
             return register + 2
         return (register + 1) & 0xFF
@@ -151,7 +150,7 @@ class Mag3110(RegisterDevice):
                 self._standby_s = self._output.next_instant(time_s)
             self._control1 = value & ~_TM
             return
-        # In standby, or set to run again before standby was reached: the measurement under way ends first.
+        # In standby, or restarted before standby was reached: the current measurement ends first.
         idle_s = time_s
         if self._standby_s is not None:
             idle_s = self._standby_s
@@ -165,7 +164,7 @@ class Mag3110(RegisterDevice):
         self._oversampling = value >> 3 & 3
         self._active = True
         single = not value & _AC
-        # A whole conversion takes one period, so the first sample is not older than that.
+        # A conversion takes one period, so the first sample is not older than that.
         first_s = self._output.begin(rate_hz, first_s=idle_s + 1.0 / rate_hz, single=single)
         if single:
             self._standby_s = first_s

@@ -1,4 +1,4 @@
-"""An I2C part that is a file of registers behind a self-incrementing address pointer."""
+"""An I2C part with a register file behind an auto-incrementing address pointer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hiltest.state import Restorable
 
 
 class RegisterDevice(ABC, Restorable):
-    """Bus interface that MAG3110, FXOS8700CQ and FXAS21002C have in common.
+    """Common bus interface of MAG3110, FXOS8700CQ and FXAS21002C.
 
     The first byte written after an address is the register pointer; each further byte
     written or read goes to the pointed register and moves the pointer on. The pointer
@@ -21,7 +21,7 @@ class RegisterDevice(ABC, Restorable):
     address : int
         7-bit address.
     outputs : tuple of SampledOutput
-        What it measures.
+        Outputs of its measured quantities.
     """
 
     def __init__(self, address: int) -> None:
@@ -31,7 +31,7 @@ class RegisterDevice(ABC, Restorable):
         self._awaiting_pointer = False
 
     def parts(self) -> tuple[Restorable, ...]:
-        """Return the outputs, and whatever else of the part has a state of its own."""
+        """Return the outputs, and all other stateful members of the part."""
         return self.outputs
 
     def start(self, reading: bool, time_s: float) -> bool:
@@ -44,7 +44,7 @@ class RegisterDevice(ABC, Restorable):
         return True
 
     def write(self, value: int, time_s: float) -> bool:
-        """Take a byte from the master; True is ACK."""
+        """Receive a byte from the master; True is ACK."""
         self.settle(time_s)
         if self._awaiting_pointer:
             self._pointer = value
@@ -55,34 +55,34 @@ class RegisterDevice(ABC, Restorable):
         return acknowledged
 
     def read(self, time_s: float) -> int:
-        """Give the next byte to the master."""
+        """Return the next byte for the master."""
         self.settle(time_s)
         value = self.read_register(self._pointer, time_s)
         self._pointer = self.following(self._pointer)
         return value
 
     def stop(self, time_s: float) -> None:
-        """See a STOP: output registers follow new samples again."""
+        """Handle a STOP: output registers follow new samples again."""
         self.settle(time_s)
         self.release()
 
     def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
-        """Return the levels of the pins INT1 and INT2: True is high. A pin that is not there is low."""
+        """Return the levels of the pins INT1 and INT2: True is high. A missing pin is low."""
         return (False, False)
 
     def next_interrupt_s(self, time_s: float) -> float:
-        """Return the next time at which time alone may change a level [s]; infinity when an access must come first."""
+        """Return the next time at which a level may change without an access [s]; infinity if none."""
         return math.inf
 
     def power_up(self, time_s: float) -> None:
-        """Begin at another time than the board, as a part does whose supply comes back."""
+        """Start at a different time than the board, like a part whose supply returns."""
 
     def responds(self, time_s: float) -> bool:
-        """Say whether the part answers its address now."""
+        """Return whether the part answers its address now."""
         return True
 
     def settle(self, time_s: float) -> None:
-        """Carry out transitions that time alone has brought, before an access."""
+        """Perform pending transitions in time, before an access."""
 
     @abstractmethod
     def release(self) -> None:

@@ -1,8 +1,8 @@
-"""Output registers of one measured quantity: when samples arrive, and their flags.
+"""Output registers of one measured quantity: sampling instants and flags.
 
-Sampling instants are multiples of the period since power-on, whenever the part was made
-active: firmware that configures a part one cycle later sees the very same samples.
-Nothing happens at those instants; a bus access looks back at the latest one.
+Sampling instants are multiples of the period since power-on, whenever the part was made active: firmware that
+configures a part one cycle later sees the very same samples. Nothing is computed at those instants; a bus access
+evaluates the latest one.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from hiltest.state import Restorable
 from hiltest.world import Vector, World
 
 Counts: TypeAlias = tuple[int, int, int]
-#: Takes the instant [s] and a standard normal triple, gives three words of the part.
+#: Function from the instant [s] and a standard normal triple to three words of the part.
 Measure: TypeAlias = Callable[[float, Vector], Counts]
 
-# Virtual times are float multiples of a core cycle (8.3 ns): an instant that is meant to have
-# come may be missed by an ulp. A billionth of a period is 1/700 of a cycle at 80 Hz.
+# Tolerance: virtual times are float multiples of a core cycle (8.3 ns), so an instant that should have come may be
+# missed by an ulp. A billionth of a period is 1/700 of a cycle at 80 Hz.
 _TOLERANCE_TICKS = 1e-9
 
 _NO_SAMPLE: Counts = (0, 0, 0)
@@ -40,13 +40,13 @@ class SampledOutput(Restorable):
     Parameters
     ----------
     world
-        Gives the noise epoch of an instant.
+        World that defines the noise epoch of an instant.
     noise
         Noise of this quantity.
     measure
         The part's conversion.
     full_scale
-        Largest word that it gives.
+        Largest word of the output.
     """
 
     def __init__(self, world: World, noise: SampleNoise, measure: Measure, *, full_scale: int) -> None:
@@ -57,22 +57,22 @@ class SampledOutput(Restorable):
         self._first = 0
         self._last: int | None = -1  # None while it runs
         self._before: Counts = _NO_SAMPLE  # in the registers until the first sample
-        self._read = [-1, -1, -1]  # the sample each axis was last read from
+        self._read = [-1, -1, -1]  # sample that each axis was last read from
         self._held: int | None = None
         self._cached: tuple[int, Counts] = (-1, _NO_SAMPLE)
         self._full_scale = full_scale
         self._frozen = self._saturated = _NEVER
 
     def freeze(self, begin_s: float, end_s: float) -> None:
-        """Go on giving new samples, each the one of `begin_s`, until `end_s`."""
+        """Repeat the sample of `begin_s` as new samples until `end_s`."""
         self._frozen = (begin_s, end_s)
 
     def saturate(self, begin_s: float, end_s: float) -> None:
-        """Have the first axis at the end of its range from `begin_s` to `end_s`."""
+        """Hold the first axis at the end of its range from `begin_s` to `end_s`."""
         self._saturated = (begin_s, end_s)
 
     def with_conversion(self, measure: Measure) -> SampledOutput:
-        """Return the output as it is now, with a conversion of its own: it gives the same samples afterwards."""
+        """Return a copy of the output with its own conversion, which keeps its samples."""
         other = copy(self)
         other._measure = measure
         return other
@@ -100,20 +100,20 @@ class SampledOutput(Restorable):
         return self._first / rate_hz
 
     def halt(self, time_s: float) -> None:
-        """Stop sampling; the latest sample stays in the registers, whatever is set up meanwhile."""
+        """Stop sampling; the latest sample stays in the registers, regardless of later configuration."""
         self._last = self.latest(time_s)
         if self._last >= self._first:
             self.counts(self._last)
 
     def clear(self) -> None:
-        """Forget everything, as a reset does."""
+        """Clear all state, like a reset."""
         self._first, self._last = 0, -1
         self._before = _NO_SAMPLE
         self._read = [-1, -1, -1]
         self._held = None
 
     def next_sample_s(self, time_s: float) -> float:
-        """Return when the next sample will come [s]; infinity when none will."""
+        """Return the time of the next sample [s]; infinity if there is none."""
         following = self.latest(time_s) + 1
         return following / self._rate_hz if self._last is None or following <= self._last else math.inf
 
@@ -147,7 +147,7 @@ class SampledOutput(Restorable):
         return value >> 8 & 0xFF
 
     def latest(self, time_s: float) -> int:
-        """Return the number of the latest sample at a time; below that of the first when there is none."""
+        """Return the number of the latest sample at a time; below that of the first if there is none."""
         tick = math.floor(time_s * self._rate_hz + _TOLERANCE_TICKS)
         if self._last is not None:
             tick = min(tick, self._last)

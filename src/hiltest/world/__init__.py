@@ -1,6 +1,6 @@
 """The simulated truth around a virtual board: field, distortion, motion, temperature and noise.
 
-`World` puts it together and says at any time what sensors see. Everything follows from the seed alone.
+`World` combines these, and returns the sensors' input at any time. The seed alone determines all noise.
 """
 
 from hiltest.world.distortion import MagneticDistortion

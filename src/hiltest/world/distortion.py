@@ -16,13 +16,13 @@ class MagneticDistortion:
 
     Notes
     -----
-    ``measured = soft_iron @ field + hard_iron``. A calibration's `soft_iron` maps
-    the other way: it is the inverse of this one up to a scale (and, for a fit of
-    norms only, up to a rotation: that is what the heading procedure looks for).
+    ``measured = soft_iron @ field + hard_iron``. A calibration's `soft_iron` maps in the opposite direction: it is the
+    inverse of this one up to a scale (and, for a fit of norms only, up to a rotation, which the heading procedure
+    detects).
     """
 
     soft_iron: Rows = IDENTITY
-    """Takes the true field to the field at the part, body frame [1]."""
+    """Matrix from the true field to the field at the part, body frame [1]."""
     hard_iron_ut: Vector = (0.0, 0.0, 0.0)
     """Constant field added to it, body frame [uT]."""
 

@@ -1,6 +1,7 @@
-"""Fields that come and go: of a current on the board, of a magnet that passes, of a cable that moves.
+"""Fields that vary in time: of a current on the board, of a passing magnet, of a moving cable.
 
-All are functions of virtual time alone, of sums, products, quotients and square roots: the same on every host.
+All are functions of virtual time with sums, products, quotients and square roots only, so that they are equal on every
+host.
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ class Current:
     """A current on the body, whose field at the parts is proportional to it and has one direction."""
 
     field_ut_per_a: Vector
-    """At the parts, body frame, as one measures it there: iron that it magnetises included."""
+    """Field per current at the parts, body frame, as measured there, including magnetised iron."""
     waveform: tuple[tuple[float, ...], ...]
-    """Straight from row to row, the first and last value before and after; two rows at one time are a step."""
+    """Waveform with linear interpolation between rows, constant before the first and after the last; two rows at one
+    time are a step."""
     repeat_s: float | None = None
-    """The waveform begins again every so many seconds from its first row on."""
+    """Period with which the waveform repeats from its first row on."""
 
     def current_a(self, time_s: float) -> float:
         """Return the current at a virtual time [A]."""
@@ -48,19 +50,19 @@ class Current:
 
 @dataclass(frozen=True, slots=True)
 class Cable:
-    """A long straight cable beside the body, whose place changes and whose current does not."""
+    """A long straight cable near the body with varying place and constant current."""
 
     current_a: float
-    """Along `direction`."""
+    """Current along `direction`."""
     direction: Vector
-    """Body frame, of any length."""
+    """Direction in the body frame, of any length."""
     places: tuple[tuple[float, ...], ...]
-    """From the parts to any point of the cable, body frame, over time: as a waveform's rows."""
+    """Vector from the parts to any point of the cable, body frame, over time, as a waveform's rows."""
 
     def field_ut(self, time_s: float) -> Vector:
-        """Return what its field is more than it was in its first place, body frame [uT].
+        """Return the change of its field since its first place, body frame [uT].
 
-        What is constant is hard iron, and in that of the world.
+        The constant part is included in the world's hard iron.
         """
         now, first = self._field_ut(_course(self.places, time_s)), self._field_ut(self.places[0][1:])
         return (now[0] - first[0], now[1] - first[1], now[2] - first[2])
@@ -81,18 +83,18 @@ class Cable:
 
 @dataclass(frozen=True, slots=True)
 class Passing:
-    """A magnetic dipole on a straight way past the bench, such as a car; it does not turn. Earth frame NED."""
+    """A magnetic dipole on a straight path past the bench, such as a car, without rotation. Earth frame NED."""
 
     moment_am2: Vector
     place_m: Vector
-    """Where it is at `at_s`, seen from the parts."""
+    """Position at `at_s` relative to the parts."""
     velocity_mps: Vector
     at_s: float
 
     def field_ned_ut(self, time_s: float) -> Vector:
         """Return its field at the parts, (mu0 / 4 pi) (3 (m.r) r / r^2 - m) / r^3, earth frame [uT]."""
         gone_s = time_s - self.at_s
-        # From the parts to it: both signs of r are one field.
+        # Vector from the parts to the dipole; both signs of r give the same field.
         r = [place + gone_s * speed for place, speed in zip(self.place_m, self.velocity_mps, strict=True)]
         square = _dot(r, r)
         factor = DIPOLE_UT_M3_PER_AM2 / (square * math.sqrt(square))
@@ -103,7 +105,7 @@ class Passing:
 
 @dataclass(frozen=True, slots=True)
 class Disturbances:
-    """What disturbs the field of a world, by cause; None is nothing of the kind."""
+    """Disturbances of a world's field, by cause; None for a missing one."""
 
     current: Current | None = None
     passing: Passing | None = None
@@ -112,30 +114,30 @@ class Disturbances:
     def apply(self, distortion: MagneticDistortion, field_body_ut: Vector, time_s: float, pose: Pose) -> Vector:
         """Return the disturbed field at a part, body frame [uT].
 
-        What passes changes the field around the body, and goes through its soft iron as the earth's does. Current and
-        cable are the body's own: their fields are what they are at the part, like hard iron.
+        A passing magnet changes the field around the body, so soft iron distorts it like the earth's. Current and cable
+        belong to the body: their fields are defined at the part, like hard iron.
         """
-        found = self.by_cause_ut(time_s, pose)
-        outside = _sum(field_body_ut, found.pop("passing", _NOTHING))
+        by_cause = self.by_cause_ut(time_s, pose)
+        outside = _sum(field_body_ut, by_cause.pop("passing", _NOTHING))
         field_ut = distortion.apply(outside)
-        for own in found.values():
+        for own in by_cause.values():
             field_ut = _sum(field_ut, own)
         return field_ut
 
     def by_cause_ut(self, time_s: float, pose: Pose) -> dict[str, Vector]:
-        """Return the field of each cause that there is, body frame, before any soft iron [uT]."""
-        found: dict[str, Vector] = {}
+        """Return the field of each present cause, body frame, before any soft iron [uT]."""
+        by_cause: dict[str, Vector] = {}
         if self.current is not None:
-            found["current"] = self.current.field_ut(time_s)
+            by_cause["current"] = self.current.field_ut(time_s)
         if self.passing is not None:
-            found["passing"] = apply_rows(rotation_rows(pose), self.passing.field_ned_ut(time_s))
+            by_cause["passing"] = apply_rows(rotation_rows(pose), self.passing.field_ned_ut(time_s))
         if self.cable is not None:
-            found["cable"] = self.cable.field_ut(time_s)
-        return found
+            by_cause["cable"] = self.cable.field_ut(time_s)
+        return by_cause
 
 
 def _course(rows: Sequence[Sequence[float]], time_s: float) -> tuple[float, ...]:
-    """Return the values at a time of rows that begin with theirs: straight between them, the ends beyond."""
+    """Interpolate rows that begin with their time: linear between them, constant beyond the ends."""
     after = bisect_right(rows, time_s, key=lambda row: row[0])
     if after in (0, len(rows)):
         return tuple(rows[0 if after == 0 else -1][1:])

@@ -1,4 +1,4 @@
-"""The earth's magnetic field and gravity where the bench stands."""
+"""The earth's magnetic field and gravity at the bench."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class EarthField:
     strength_ut: float
     """Total intensity [uT]."""
     dip_deg: float
-    """Inclination, positive where the field points down [deg]."""
+    """Inclination, positive down [deg]."""
     declination_deg: float = 0.0
-    """Magnetic north east of true north [deg]; carried as data, no heading here uses it."""
+    """Angle of magnetic north east of true north [deg]; for information, no heading uses it."""
 
     @property
     def ned_ut(self) -> Vector:
@@ -32,10 +32,10 @@ class EarthField:
 
 
 def apply_rows(rows: Rows, vector: Vector) -> Vector:
-    """Multiply a 3x3 matrix by a vector, one rounding at a time.
+    """Multiply a 3x3 matrix by a vector, with a fixed order of roundings.
 
-    A matrix product of a linear-algebra library may fuse multiply and add or sum
-    in another order, host by host; samples of the simulated world must not differ.
+    A matrix product of a linear-algebra library may fuse multiply and add or sum in another order on different hosts,
+    but samples of the simulated world must be equal.
     """
     x, y, z = vector
     (a, b, c), (d, e, f), (g, h, i) = rows

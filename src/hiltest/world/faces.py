@@ -1,4 +1,4 @@
-"""True pose of a board on a face that is askew."""
+"""True pose of a board on a misaligned face."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def askew(pose: Pose, turn_deg: Vector) -> Pose:
     angle_deg = math.hypot(*turn_deg)
     if angle_deg == 0.0:
         return pose
-    x, y, z = (each / angle_deg for each in turn_deg)
+    x, y, z = (component_deg / angle_deg for component_deg in turn_deg)
     sine, cosine = sin_cos_deg(angle_deg)
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # Rodrigues; the body turns, so what it sees turns the other way.
+    # Rodrigues' formula; the body rotates, so vectors in its frame rotate in the other direction.
     turn = np.eye(3) + sine * across + (1.0 - cosine) * (across @ across)
     return pose_from_rotation(turn.T @ rotation_body_from_ned(pose))

@@ -1,8 +1,9 @@
-"""Sensor noise behind a part's low-pass filter: still a function of (seed, sensor, epoch, sample number).
+"""Sensor noise after a part's low-pass filter: still a function of (seed, sensor, epoch, sample number).
 
-A rate sensor's white noise has a density, and its output filter takes away what lies above the bandwidth. So
-neighbouring samples are alike, and the mean of n samples is noisier than the rms of one over the root of n: independent
-samples with the right rms would have a density that is too low by the root of twice the bandwidth over the rate.
+A rate sensor's white noise has a density, and its output filter removes frequencies above the bandwidth. So
+neighbouring samples are correlated, and the mean of n samples is noisier than the rms of one over the root of n:
+independent samples with the right rms would have a density that is too low by the root of twice the bandwidth over the
+rate.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from hiltest.state import Restorable
 from hiltest.world.earth_field import Vector
 from hiltest.world.noise import NoiseSource
 
-_GRID = 1 << 20  # exponentials may differ in the last bit between hosts
+_GRID = 1 << 20  # rounding grid, because exponentials may differ in the last bit between hosts
 _LEAST_TAP = 1e-3
 
 
@@ -29,8 +30,8 @@ def low_pass_taps(bandwidth: float) -> tuple[float, ...]:
 
     Notes
     -----
-    A Gaussian whose squares sum to twice the bandwidth: white noise of a one-sided density d, sampled at f, has the
-    variance d^2 f/2, and d^2 f bandwidth is left of it. At 0.32 it has three taps, and is 3.2 dB down there.
+    The filter is a Gaussian whose squares sum to twice the bandwidth: white noise of one-sided density d, sampled at f,
+    has the variance d^2 f/2, of which d^2 f bandwidth remains. At 0.32 it has three taps, and an attenuation of 3.2 dB.
     """
     narrow, wide = 0.05, 10.0
     for _ in range(60):
@@ -59,7 +60,7 @@ class LowPassedNoise(Restorable):
     Attributes
     ----------
     taps : tuple of float
-        As `low_pass_taps` gives them; white noise to begin with.
+        Taps from `low_pass_taps`; initially for white noise.
     """
 
     def __init__(self, white: NoiseSource) -> None:
@@ -69,7 +70,7 @@ class LowPassedNoise(Restorable):
     def sample(self, epoch: int, number: int) -> Vector:
         """Return the noise of a sample, in sigmas of the white noise before the filter."""
         middle, *sides = self.taps
-        x, y, z = (middle * each for each in self._white.sample(epoch, number))
+        x, y, z = (middle * component for component in self._white.sample(epoch, number))
         for distance, tap in enumerate(sides, start=1):
             before, after = self._white.sample(epoch, number - distance), self._white.sample(epoch, number + distance)
             x += tap * (before[0] + after[0])

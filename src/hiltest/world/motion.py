@@ -1,7 +1,6 @@
 """Motion of the body over time: holds, turns and a tumble.
 
-All angles are pieces of polynomials and of `sin_cos_deg`, so attitude and rate are
-the same to the last bit on every host.
+All angles are piecewise polynomials and `sin_cos_deg`, so attitude and rate are equal to the last bit on every host.
 """
 
 from __future__ import annotations
@@ -13,18 +12,18 @@ from typing import Protocol
 from hiltest.angles import Pose, sin_cos_deg, wrap_180, wrap_360
 from hiltest.world.earth_field import Vector
 
-#: Every move starts and ends on this grid [s]: the least common multiple of the sampling
-#: periods 1/80 s and 1/200 s and of 10 ms. Firmware that is a few cycles slower asks a little
-#: later and still gets the same motion, in the same phase with the sensors' sampling instants.
+#: Every move starts and ends on this grid [s]: the least common multiple of the sampling periods 1/80 s and 1/200 s and
+#: of 10 ms. Firmware that is a few cycles slower requests a move a little later and still gets the same motion, in the
+#: same phase relative to the sampling instants.
 MOVE_GRID_S = 0.05
 
 #: Mean angular speed of a turn about its widest axis [deg/s]; the peak is 15/8 of it.
 TURN_SPEED_DPS = 120.0
 
-#: A turn of no angle still takes this long, so that arrival is always after the command [s].
+#: Duration of a turn by zero, so that arrival is always after the command [s].
 SHORTEST_TURN_S = 0.1
 
-#: A move that is broken off comes to rest in this time [s].
+#: Time in which an aborted move comes to rest [s].
 BRAKE_S = 0.25
 
 
@@ -45,7 +44,7 @@ class MotionSegment(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A move from rest to rest: each angle goes the short way on one smooth course."""
+    """A move from rest to rest: each angle changes smoothly by the shorter way."""
 
     start_s: float
     end_s: float
@@ -73,7 +72,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Brake:
-    """A move broken off: each angle goes on as fast as it was, and comes to rest within the piece."""
+    """An aborted move: each angle continues at its rate, and comes to rest within the piece."""
 
     start_s: float
     end_s: float
@@ -85,7 +84,7 @@ class Brake:
         duration_s = self.end_s - self.start_s
         u = min(1.0, (time_s - self.start_s) / duration_s)
         # The rate falls as 1 - 3 u^2 + 2 u^3, without a step in the acceleration at the end.
-        left = 1.0 - u * u * (3.0 - 2.0 * u)
+        remaining = 1.0 - u * u * (3.0 - 2.0 * u)
         gone_s = duration_s * u * (1.0 - u * u * (1.0 - 0.5 * u))
         heading, pitch, roll = self.begin_rates_dps
         pose = Pose(
@@ -93,21 +92,19 @@ class Brake:
             self.begin.pitch_deg + gone_s * pitch,
             self.begin.roll_deg + gone_s * roll,
         )
-        return pose, (left * heading, left * pitch, left * roll)
+        return pose, (remaining * heading, remaining * pitch, remaining * roll)
 
 
 @dataclass(frozen=True, slots=True)
 class TumbleMotion:
-    """A rotation that shows the field to the board from all sides.
+    """A rotation in which the board sees the field from all sides.
 
-    The body rolls about 1.5 times a second while its nose sweeps slowly over both
-    poles: a spiral. Its numbers were found by search, so that any 100 consecutive points
-    at 80 Hz which begin within its first 0.1 s are worth as much to an ellipsoid fit as 100
-    uniformly random ones (predicted heading error of the worst known angle from noise in
-    the fit: 0.36 to 0.39 deg, random points 0.31 in the median, 0.42 at worst; coverage
-    figure, largest M_ii/d_i of the direct fit on a mid-range anchor, about 1.85). The rate stays
-    below 600 deg/s; at 400 deg/s 1.25 s are too short for more than half a sphere (best
-    coverage figure found: 5.4).
+    The body rolls about 1.5 times a second while its nose sweeps slowly over both poles: a spiral. Its numbers come
+    from a search, so that any 100 consecutive points at 80 Hz that begin within its first 0.1 s are as good for an
+    ellipsoid fit as 100 uniformly random ones (predicted heading error of the worst known angle from noise in the fit:
+    0.36 to 0.39 deg, random points 0.31 in the median, 0.42 at worst; coverage figure, largest M_ii/d_i of the direct
+    fit on a mid-range anchor, about 1.85). The rate stays below 600 deg/s; at 400 deg/s 1.25 s are too short for more
+    than half a sphere (best coverage figure found: 5.4).
     """
 
     start_s: float
@@ -131,7 +128,7 @@ _SWEEP_DEG, _SWEEP_DPS, _SWEEP_PHASE_DEG = 111.0, 71.0, 145.0
 
 def next_on_grid(time_s: float) -> float:
     """Return the first multiple of `MOVE_GRID_S` strictly after a time [s]."""
-    # A nanosecond of tolerance: a time that is meant to be on the grid may miss it by an ulp.
+    # A nanosecond of tolerance, because a time on the grid may miss it by an ulp.
     return (math.floor(time_s / MOVE_GRID_S + 1e-9 / MOVE_GRID_S) + 1) * MOVE_GRID_S
 
 
@@ -146,13 +143,13 @@ def turn_between(begin: Pose, end: Pose, *, start_s: float) -> Turn:
 
 
 def travel_from(begin: Pose, travel_deg: Vector, *, start_s: float, duration_s: float = 0.0) -> Turn:
-    """Plan a turn by angles of any size, in `duration_s` or as long as the table's speed makes it, on the grid."""
+    """Plan a turn by angles of any size, in `duration_s` or longer if the table's speed requires it, on the grid."""
     shortest_s = max(SHORTEST_TURN_S, max(abs(angle) for angle in travel_deg) / TURN_SPEED_DPS)
     return Turn(start_s, _grid_point_after(start_s, max(shortest_s, duration_s)), begin, travel_deg)
 
 
 def brake_on(turn: Turn, *, start_s: float) -> Brake | None:
-    """Plan to come to rest on the course of a turn from a grid point on; None when it comes to rest as soon itself."""
+    """Plan to brake on the path of a turn from a grid point on; return None if the turn ends as soon by itself."""
     if start_s + BRAKE_S >= turn.end_s:
         return None
     pose, rates_dps = turn.angles(start_s)
@@ -164,12 +161,12 @@ def _grid_point_after(start_s: float, duration_s: float) -> float:
 
 
 def normal_angles(pose: Pose) -> Pose:
-    """Return the pose with heading in [0, 360) and pitch and roll in (-180, 180]: same attitude."""
+    """Return the same pose with heading in [0, 360) and pitch and roll in (-180, 180]."""
     return Pose(wrap_360(pose.heading_deg), wrap_180(pose.pitch_deg), wrap_180(pose.roll_deg))
 
 
 def body_rate_dps(pose: Pose, angle_rates_dps: Vector) -> Vector:
-    """Return what a gyroscope would measure: rates about the body axes [deg/s].
+    """Return the rates about the body axes, as an ideal gyroscope measures them [deg/s].
 
     Notes
     -----
@@ -190,7 +187,7 @@ def body_rate_dps(pose: Pose, angle_rates_dps: Vector) -> Vector:
 def angle_rates_dps(pose: Pose, body_rate: Vector) -> Vector:
     """Return the rates of heading, pitch and roll of a body that turns at `body_rate` [deg/s], the inverse.
 
-    With the nose straight up or down heading and roll turn about one axis, and roll gets it all.
+    With the nose straight up or down heading and roll have the same axis, and roll takes the whole rate.
     """
     p, q, r = body_rate
     sin_p, cos_p = sin_cos_deg(pose.pitch_deg)

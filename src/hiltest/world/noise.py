@@ -1,13 +1,11 @@
 """Sensor noise as a function of (seed, sensor, epoch, sample number).
 
-Nothing here has a state that depends on what was asked before: firmware that reads
-one cycle later, or skips a sample, sees the same noise on the samples it shares with
-another firmware. Bits come from Philox 4x64-10 (Salmon et al., SC'11), addressed by
-counter. Sixteen of them choose one of 65 536 quantiles of the normal distribution from
-a table whose entries are rounded to 2**-20: `statistics.NormalDist.inv_cdf` is good
-to about 1e-15, and no entry lies within 1e-13 of a rounding boundary (tests check it),
-so the table is the same on every host. The grid is 1e-6 sigma; the coarsest use, the
-MAG3110, has sigma = 4 counts. The tails end at 4.3 sigma.
+There is no state that depends on earlier calls: firmware that reads one cycle later, or skips a sample, has the same
+noise on the samples that it shares with other firmware. Bits come from Philox 4x64-10 (Salmon et al., SC'11), addressed
+by counter. Sixteen of them choose one of 65 536 quantiles of the normal distribution from a table whose entries are
+rounded to 2**-20: `statistics.NormalDist.inv_cdf` is good to about 1e-15, and no entry lies within 1e-13 of a rounding
+boundary (tests check it), so the table is equal on every host. The grid is 1e-6 sigma; the coarsest use, the MAG3110,
+has sigma = 4 counts. The tails end at 4.3 sigma.
 """
 
 from __future__ import annotations
@@ -51,18 +49,19 @@ class NoiseSource:
 
     def __init__(self, seed: int, sensor: str) -> None:
         self._key = np.array([seed & _WORD_MASK, crc32(sensor.encode())], dtype=np.uint64)
-        # By epoch and number. Samples are read in order, by a filter with their neighbours: two blocks are kept.
+        # Blocks by epoch and number. Samples are read in order, with their neighbours by a filter, so two blocks are
+        # cached.
         self._blocks: dict[tuple[int, int], list[Vector]] = {}
 
     def sample(self, epoch: int, number: int) -> Vector:
         """Return the noise of sample `number` (counted from the start of `epoch`), in sigmas."""
         block, index = divmod(number, _BLOCK)
-        made = self._blocks.get((epoch, block))
-        if made is None:
+        samples = self._blocks.get((epoch, block))
+        if samples is None:
             if len(self._blocks) == _BLOCKS_KEPT:
                 del self._blocks[next(iter(self._blocks))]
-            made = self._blocks[epoch, block] = self._generate(epoch, block)
-        return made[index]
+            samples = self._blocks[epoch, block] = self._generate(epoch, block)
+        return samples[index]
 
     def _generate(self, epoch: int, block: int) -> list[Vector]:
         # Counter words: 0 counts within the block, 1 is the block, 2 the epoch.

@@ -1,4 +1,4 @@
-"""Readings of a recording, which a board's sensors measure in place of the simulated truth and its noise."""
+"""Readings of a recording, which a board's sensors measure instead of the simulated truth and its noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Reals = NDArray[np.float64]
 
 
 class Sensed(Enum):
-    """What a sensor measures: its name, and the unit of its readings."""
+    """Measured quantity of a sensor: its name, and the unit of its readings."""
 
     MAGNETOMETER = ("magnetometer", "uT")
     ACCELEROMETER = ("accelerometer", "g")
@@ -29,7 +29,7 @@ class Sensed(Enum):
 
 
 class Resampling(StrEnum):
-    """What a sample between two readings is: the nearest of them, the earlier one halfway, or on the line."""
+    """Interpolation between two readings: the nearest one, the earlier one halfway between, or linear."""
 
     NEAREST = "nearest"
     LINEAR = "linear"
@@ -40,26 +40,26 @@ class Track:
     """Readings of one sensor."""
 
     times_s: Reals
-    """Shape (n,). Increasing; in a `Playback` virtual time since power-on [s]."""
+    """Shape (n,). Increasing times; in a `Playback` virtual time since power-on [s]."""
     readings: Reals
-    """Shape (n, 3). Body frame, in the unit of what is sensed; of an accelerometer gravity, +1 where down is."""
+    """Shape (n, 3). Readings in the body frame, in the quantity's unit; for an accelerometer gravity, +1 for down."""
 
 
 class Playback(Restorable):
-    """A recording as it is played.
+    """A recording during its playback.
 
     Parameters
     ----------
     name
-        Of the recording, for people.
+        Name of the recording, for people.
     tracks
-        What was recorded; other sensors measure the simulated world.
+        Recorded sensors; other sensors measure the simulated world.
     notes
-        What was skipped, recognised or assumed in the file, a sentence each.
+        Remarks on skipped, recognised or assumed content of the file, one sentence each.
 
     Notes
     -----
-    Before the first reading of a sensor that one is held, and after the last one that.
+    The first and last readings of a sensor extend before and after the recording.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Playback(Restorable):
         self._notes = notes
         self.tracks = tracks
         self.resampling = resampling
-        # Lists: a search in an array takes ten times as long, and there is one for each sample of a part.
+        # Lists, because a search in an array takes ten times as long, and each sample of a part needs one.
         self._times = {sensed: track.times_s.tolist() for sensed, track in tracks.items()}
         self._latest_s: dict[str, float] = {}
         self._saturated: dict[tuple[str, str], int] = {}
@@ -86,7 +86,7 @@ class Playback(Restorable):
         return max(float(track.times_s[-1]) for track in self.tracks.values())
 
     def reading(self, sensed: Sensed, time_s: float) -> Vector | None:
-        """Return what a sensor of the kind measures at an instant of its own; None where nothing was recorded."""
+        """Return the reading of a sensor of the kind at its sampling instant; None if it was not recorded."""
         track = self.tracks.get(sensed)
         if track is None:
             return None
@@ -103,15 +103,15 @@ class Playback(Restorable):
         return (x, y, z)
 
     def taken(self, part: str, reading: Vector, time_s: float, *, limit: float, limit_words: str) -> None:
-        """Note a sample that a part has taken, and whether an axis of it is beyond what the part measures."""
+        """Register a sample that a part has taken, and whether one of its axes exceeds the part's range."""
         if time_s <= self._latest_s.get(part, -1.0):
-            return  # the part has converted this one before
+            return  # the part has already converted this sample
         self._latest_s[part] = time_s
-        if any(abs(each) > limit for each in reading):
+        if any(abs(component) > limit for component in reading):
             self._saturated[part, limit_words] = self._saturated.get((part, limit_words), 0) + 1
 
     def described(self) -> str:
-        """Say what is played, and when."""
+        """Describe the recording and its time."""
         tracks = ", ".join(
             f"{sensed.key} {len(track.times_s)} readings at {rate_hz(track):.3g} Hz"
             for sensed, track in self.tracks.items()
@@ -122,26 +122,26 @@ class Playback(Restorable):
         )
 
     def remarks(self) -> list[str]:
-        """Say what was assumed of the file, and what is not as recorded so far.
+        """Return remarks on assumptions about the file, and on deviations from it so far.
 
-        That are sensors which are not in it, readings cut, or held after the end.
+        Deviations are missing sensors, clipped readings, and readings held after the end.
         """
         others = [sensed.key for sensed in Sensed if sensed not in self.tracks]
-        said = [f"{self.name}: {note}" for note in self._notes]
-        said += [f"{self.name}: no {' and no '.join(others)} in it: simulated, at rest"] if others else []
-        said += [
+        texts = [f"{self.name}: {note}" for note in self._notes]
+        texts += [f"{self.name}: no {' and no '.join(others)} in it: simulated, at rest"] if others else []
+        texts += [
             f"{self.name}: {count} samples of the {part} were beyond {limit} and are cut there"
             for (part, limit), count in self._saturated.items()
         ]
         latest_s = max(self._latest_s.values(), default=0.0)
         if latest_s > self.ends_s:
-            said.append(
+            texts.append(
                 f"{self.name}: over at {self.ends_s:.3f} s of virtual time; its last readings are held since, "
                 f"{latest_s - self.ends_s:.3f} s so far"
             )
-        return said
+        return texts
 
 
 def rate_hz(track: Track) -> float:
-    """Return the rate of a track's readings [Hz], by the median time between them; 0 of one alone."""
+    """Return the rate of a track's readings [Hz], by the median time between them; 0 for a single one."""
     return 1.0 / float(np.median(np.diff(track.times_s))) if len(track.times_s) > 1 else 0.0

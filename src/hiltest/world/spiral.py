@@ -1,4 +1,4 @@
-"""A tumble that keeps the field, as the board sees it, in a part of the sphere."""
+"""A tumble that limits the field's direction in the body frame to a part of the sphere."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from hiltest.angles import Pose, pose_from_rotation, sin_cos_deg
 from hiltest.world.earth_field import EarthField, Vector
 from hiltest.world.motion import angle_rates_dps
 
-#: How long the field takes from the middle of the part to its rim [s]. 512 points, all that the firmware
-#: stores, take 9.6 s of the slowest magnetometer at most: a spiral is slower than any of them.
+#: Time of the field from the middle of the part to its rim [s]. 512 points, the firmware's capacity, take at most 9.6 s
+#: with the slowest magnetometer, so a spiral is slower than any sensor.
 SPIRAL_S = 12.5
-# About the axis, 14 turns in all. With 300 points a turn has 21.39 of them: by that fraction, near the golden section's
-# 0.38, each turn's points lie between those of the turns before, not on spokes.
+# Rate about the axis, 14 turns in total. With 300 points a turn has 21.39 of them: because of that fraction, near the
+# golden ratio's 0.38, each turn's points are between those of earlier turns, not on spokes.
 _SPIN_DPS = 404.0
-# Of the part's area, left out at both ends: in the very middle, and opposite to it, the tilt would be infinitely fast.
+# Share of the part's area that is omitted at both ends: at the centre, and opposite to it, the tilt would be infinitely
+# fast.
 _LEFT_OUT = 0.002
-# atan2 and a matrix product may differ in the last bits between hosts; that is 1e-13 degrees.
+# Rounding, because atan2 and a matrix product may differ in the last bits between hosts, by 1e-13 degrees.
 _DECIMALS = 9
 
 
@@ -29,7 +30,7 @@ class Cap:
     """A part of the sphere: all directions within an angle of an axis."""
 
     axis: Vector
-    """Body frame, of any length but zero."""
+    """Axis in the body frame, of any length but zero."""
     fraction: float
     """Share of the sphere's area, above 0 and at most 1; the angle is ``acos(1 - 2 fraction)``."""
 
@@ -45,20 +46,20 @@ class Spiral:
 
     start_s: float
     end_s: float
-    """Virtual time [s]; `SPIRAL_S` apart for the whole cap."""
+    """Start and end, virtual time [s]; `SPIRAL_S` apart for the whole cap."""
     cap: Cap
     field: EarthField
     mounting_yaw_deg: float
-    """Yaw of the board on the table; the table's poses make up for it."""
+    """Yaw of the board on the table, which the table's poses compensate."""
 
     def angles(self, time_s: float) -> tuple[Pose, Vector]:
         """Return the table's pose and its angle rates [deg/s]; from `end_s` on it stands still.
 
         Notes
         -----
-        With the field along z of one frame and the cap's axis along z of another, the body is turned by
-        ``A Rz(spin) Ry(tilt) F'``, the columns of F and A being those frames; the tilt's cosine is
-        ``1 - 2 fraction share``, linear in time, and that makes areas equal (Archimedes).
+        With the field along z of one frame and the cap's axis along z of another, the body is turned by ``A Rz(spin)
+        Ry(tilt) F'``, where the columns of F and A are those frames; the tilt's cosine is ``1 - 2 fraction share``,
+        linear in time, so that areas are equal (Archimedes).
         """
         duration_s = self.end_s - self.start_s
         elapsed_s = min(time_s, self.end_s) - self.start_s
@@ -66,7 +67,7 @@ class Spiral:
         cos_tilt = 1.0 - 2.0 * self.cap.fraction * share
         sin_tilt = math.sqrt(1.0 - cos_tilt * cos_tilt)
         sin_spin, cos_spin = sin_cos_deg(_SPIN_DPS * elapsed_s)
-        axes = _frame_about(self.cap.axis)
+        axes = _axis_frame(self.cap.axis)
         spun = axes @ np.array([[cos_spin, -sin_spin, 0.0], [sin_spin, cos_spin, 0.0], [0.0, 0.0, 1.0]])
         tilted = spun @ np.array([[cos_tilt, 0.0, sin_tilt], [0.0, 1.0, 0.0], [-sin_tilt, 0.0, cos_tilt]])
         board = pose_from_rotation(tilted @ _field_frame(self.field).T)
@@ -81,8 +82,8 @@ class Spiral:
         return pose, angle_rates_dps(pose, (x, y, z))
 
 
-def _frame_about(axis: Vector) -> NDArray[np.float64]:
-    """Return a right-handed frame with an axis for z, as columns."""
+def _axis_frame(axis: Vector) -> NDArray[np.float64]:
+    """Return a right-handed frame with a given z axis, as columns."""
     z = np.array(axis) / math.hypot(*axis)
     beside = np.zeros(3)
     beside[int(np.abs(z).argmin())] = 1.0

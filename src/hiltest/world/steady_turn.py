@@ -1,4 +1,4 @@
-"""A turn about the vertical at a constant rate, as a gyroscope is calibrated by."""
+"""A turn about the vertical at a constant rate, for the calibration of a gyroscope."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from hiltest.angles import Pose
 from hiltest.world.earth_field import Vector
 from hiltest.world.motion import MOVE_GRID_S
 
-#: From rest to the constant rate, and from there to rest [s].
+#: Duration of the acceleration and of the deceleration [s].
 RAMP_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class SteadyTurn:
-    """The table turns on from where it stands: rate up, constant, and down to rest."""
+    """A turn of the table from its position: acceleration, constant rate, deceleration."""
 
     start_s: float
     end_s: float
-    """Virtual time [s]."""
+    """Start and end, virtual time [s]."""
     begin: Pose
-    """Whatever its tilt: the axis is the vertical, which stays where it is in the body."""
+    """Initial pose with any tilt: the axis is the vertical, which stays fixed in the body."""
     turn_deg: float
     """Change of heading, of any size; positive is clockwise seen from above."""
 
@@ -48,12 +48,12 @@ def steady_turn(begin: Pose, turn_deg: float, *, rate_dps: float, start_s: float
 
 
 def _rise(time_s: float) -> float:
-    """Return the share of the rate on the way up, without a step in the acceleration at either end."""
+    """Return the share of the rate during the acceleration, without a step in the acceleration at either end."""
     u = time_s / RAMP_S
     return u * u * (3.0 - 2.0 * u)
 
 
 def _ramp_s(time_s: float) -> float:
-    """Return the integral of `_rise`: how long the full rate would take for as much [s]."""
+    """Return the integral of `_rise`: the equivalent time at full rate [s]."""
     u = time_s / RAMP_S
     return RAMP_S * u * u * u * (1.0 - 0.5 * u)

@@ -8,24 +8,24 @@ from dataclasses import dataclass
 from hiltest.angles import Pose, sin_cos_deg
 from hiltest.world.earth_field import Vector
 
-#: How long a sway takes [s]; it is as fast as said below for this.
+#: Duration of a sway [s], for which the rates below hold.
 SWAY_S = 24.0
-# Once and a half round, at 42 deg/s at most: the angle that a gyroscope's scale is wrong by does not come back to zero.
+# One and a half turns, at 42 deg/s at most, so that the error by a gyroscope's scale does not return to zero.
 _HEADING_DEG = 540.0
-# As far as the tilts of the known angles, with 29 and 39 deg/s at most; all headings are seen with all tilts.
+# Amplitudes like the tilts of the known angles, with 29 and 39 deg/s at most; all headings occur with all tilts.
 _TILT_DEG = 20.0
 _PITCH_WAVES, _ROLL_WAVES = 3, 4
 
 
 @dataclass(frozen=True, slots=True)
 class Sway:
-    """Once and a half round from one rest to the other, level at both, pitch and roll swinging on the way."""
+    """One and a half turns from rest to rest, level at both, with oscillating pitch and roll."""
 
     start_s: float
     end_s: float
-    """Virtual time [s]."""
+    """Start and end, virtual time [s]."""
     heading_deg: float = 0.0
-    """In which the level table stands at the start."""
+    """Heading of the level table at the start."""
 
     def angles(self, time_s: float) -> tuple[Pose, Vector]:
         """Return the pose and the rates of its angles [deg/s]; it stands still at both ends.
@@ -46,6 +46,6 @@ class Sway:
 
 
 def _wave(waves: int, share: float) -> tuple[float, float]:
-    """Return a swinging angle [deg] and its slope over the share."""
+    """Return an oscillating angle [deg] and its slope over the share."""
     sine, cosine = sin_cos_deg(360.0 * waves * share)
     return _TILT_DEG * sine, _TILT_DEG * cosine * 2.0 * math.pi * waves

@@ -13,14 +13,14 @@ class Temperature:
     begin_degc: float = 25.0
     """Temperature at power-on."""
     end_degc: float | None = None
-    """Where it goes and stays; None is constant."""
+    """Final temperature; None for a constant one."""
     ramp_s: float | None = None
-    """A straight line that takes this long."""
+    """Duration of a linear change."""
     time_constant_s: float | None = None
     """Time constant of the approach, without a ramp."""
 
     def __post_init__(self) -> None:
-        courses = [each for each in (self.ramp_s, self.time_constant_s) if each is not None]
+        courses = [course for course in (self.ramp_s, self.time_constant_s) if course is not None]
         if len(courses) != (0 if self.end_degc is None else 1):
             raise ValueError("a temperature that changes has an end, and either a ramp or a time constant")
         if any(duration_s <= 0.0 for duration_s in courses):
@@ -31,9 +31,9 @@ class Temperature:
         if self.end_degc is None:
             return self.begin_degc
         if self.time_constant_s is not None:
-            left = math.exp(-time_s / self.time_constant_s)
+            remaining = math.exp(-time_s / self.time_constant_s)
         else:
             assert self.ramp_s is not None
-            left = max(0.0, 1.0 - time_s / self.ramp_s)
+            remaining = max(0.0, 1.0 - time_s / self.ramp_s)
         # Rounded, because exponentials may differ in the last bit between hosts.
-        return round(self.end_degc + (self.begin_degc - self.end_degc) * left, 6)
+        return round(self.end_degc + (self.begin_degc - self.end_degc) * remaining, 6)

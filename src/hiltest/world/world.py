@@ -1,4 +1,4 @@
-"""The truth a virtual board sits in: field, gravity, attitude over time, temperature."""
+"""The true environment of a virtual board: field, gravity, attitude over time, temperature."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from hiltest.world.spiral import SPIRAL_S, Cap, Spiral
 from hiltest.world.steady_turn import steady_turn
 from hiltest.world.temperature import Temperature
 
-# Noise epochs: 0 is the time since power-on; tumbles and known angles have their own, so that
-# their noise does not depend on when firmware got there.
+# Noise epochs: 0 is the time since power-on; tumbles and known angles have their own, so that their noise does not
+# depend on the time of arrival.
 _TUMBLE_EPOCH = 1 << 32
 _JUDGED_EPOCH = 2 << 32
-# Rounding of angles that have been turned many times round and brought back.
+# Tolerance for rounding of angles after many turns.
 _SAME_PLACE_DEG = 1e-6
 _STILL: Vector = (0.0, 0.0, 0.0)
 
@@ -57,29 +57,28 @@ class World(Restorable):
     field
         Local field.
     mounting_yaw_deg
-        How far the board (with the wedges that tilt it) is turned on the table, about the
-        vertical: board heading = table heading + this, at every tilt [deg].
+        Turn of the board (with the wedges that tilt it) on the table, about the vertical: board heading = table heading
+        + this, at every tilt [deg].
     temperature
         Temperature of the board.
     pose
-        In which the table stands at power-on.
+        Pose of the table at power-on.
     covered
-        The part of the sphere that a tumble shows the field from; without it all of it.
+        Part of the sphere that a tumble covers; by default all of it.
     disturbances
-        What changes the field of the earth and of the body's iron over time.
+        Changes of the field of the earth and of the body's iron over time.
 
     Attributes
     ----------
     playback : Playback or None
-        A recording that sensors measure in place of this world.
+        Recording that sensors measure instead of this world.
     disturbances : Disturbances or None
-        As given.
+        Disturbances from the argument.
 
     Notes
     -----
-    The table stands still from power-on. A move asked for at `time_s`
-    starts on the next point of `MOVE_GRID_S` after it, or when the move before it is over,
-    and lasts a time that depends on the two poses only.
+    The table stands still from power-on. A move requested at `time_s` starts on the next point of `MOVE_GRID_S` after
+    it, or at the end of the previous move, and its duration depends only on the two poses.
     """
 
     def __init__(
@@ -99,7 +98,7 @@ class World(Restorable):
         self.mounting_yaw_deg = mounting_yaw_deg
         self._temperature = temperature
         self._field_ned_ut = field.ned_ut
-        self._table = pose  # where the last move ends
+        self._table = pose  # pose at the end of the last move
         first = Turn(-MOVE_GRID_S, 0.0, self._table, _STILL)
         self._segments: list[MotionSegment] = [first]
         self._starts: list[float] = [first.start_s]
@@ -109,7 +108,7 @@ class World(Restorable):
         self._tumbles = 0
 
     def parts(self) -> tuple[Playback, ...]:
-        """Return the recording that is played, if one is."""
+        """Return the recording that is played, if any."""
         return () if self.playback is None else (self.playback,)
 
     def turn_to(self, pose: Pose, *, time_s: float, known_angle: int | None = None) -> float:
@@ -139,10 +138,9 @@ class World(Restorable):
     def tumble(self, *, time_s: float, duration_s: float) -> float:
         """Turn to the tumble's first pose, then tumble; return the virtual time of its end [s].
 
-        The tumble itself begins at `last_move_start_s`, `duration_s` (rounded up to the grid)
-        before its end: a board should start to collect then. How fast
-        the sphere is covered does not depend on the duration: a longer one goes on. Where a part
-        of the sphere is to be covered, `tumble_takes_s` says how long that takes, whatever was asked.
+        The tumble itself begins at `last_move_start_s`, `duration_s` (rounded up to the grid) before its end: a board
+        should start to collect then. The speed of coverage does not depend on the duration: a longer one continues. To
+        cover a part of the sphere, the tumble takes `tumble_takes_s`, regardless of the request.
         """
         first = normal_angles(self._tumble(0.0, MOVE_GRID_S).angles(0.0)[0])
         begin = self._earliest(time_s) if self._table == first else self.turn_to(first, time_s=time_s)
@@ -162,13 +160,13 @@ class World(Restorable):
         return turn.end_s
 
     def follow(self, segment: MotionSegment) -> None:
-        """Follow a planned move, in place of the rest of the last one.
+        """Follow a planned move instead of the rest of the last one.
 
         Parameters
         ----------
         segment
-            From where the table will be at its `start_s`, which lies ahead and not before the start of
-            the last move; angles may differ by whole turns.
+            Move from the table's pose at its `start_s`, which is in the future and not before the start of the last
+            move; angles may differ by whole turns.
 
         Raises
         ------
@@ -177,20 +175,20 @@ class World(Restorable):
         """
         planned = segment.angles(segment.start_s)[0]
         last = self._segments[-1]
-        there = last.angles(min(segment.start_s, last.end_s))[0]
-        steps = (planned.heading_deg - there.heading_deg, planned.pitch_deg - there.pitch_deg,
-                 planned.roll_deg - there.roll_deg)
+        present = last.angles(min(segment.start_s, last.end_s))[0]
+        steps = (planned.heading_deg - present.heading_deg, planned.pitch_deg - present.pitch_deg,
+                 planned.roll_deg - present.roll_deg)
         if segment.start_s < last.start_s or any(abs(wrap_180(step)) > _SAME_PLACE_DEG for step in steps):
-            raise ValueError(f"a move from {planned} at {segment.start_s:g} s does not go on from {there}")
+            raise ValueError(f"a move from {planned} at {segment.start_s:g} s does not go on from {present}")
         self._append(segment, normal_angles(segment.angles(segment.end_s)[0]))
         self._begin_epoch(0, segment.start_s, origin_s=0.0)
 
     def tumble_takes_s(self, duration_s: float) -> float:
-        """Return how long a tumble goes on of which `duration_s` is asked [s]: a spiral has its own pace."""
+        """Return the duration of a tumble for a requested `duration_s` [s]; a spiral has its own pace."""
         return duration_s if self._covered is None else SPIRAL_S
 
     def hold(self, *, time_s: float, known_angle: int | None = None) -> float:
-        """Stay as the table is; return the grid point at which everything before is over [s]."""
+        """Hold the table's pose; return the grid point at which all earlier moves are over [s]."""
         start = self._earliest(time_s)
         if known_angle is not None:
             self._begin_epoch(_JUDGED_EPOCH + known_angle, start)
@@ -198,7 +196,7 @@ class World(Restorable):
 
     @property
     def last_move_start_s(self) -> float:
-        """Virtual time at which the last move begins: of a tumble, when the board is at its first pose [s]."""
+        """Virtual time at which the last move begins; for a tumble, the arrival at its first pose [s]."""
         return self._segments[-1].start_s
 
     def at(self, time_s: float) -> WorldState:
@@ -224,7 +222,7 @@ class World(Restorable):
         return self._temperature.at(time_s)
 
     def recorded(self, sensed: Sensed, time_s: float, *, part: str, limit: float) -> Vector | None:
-        """Return what a part measures at an instant of its own by a recording, body frame; None where there is none.
+        """Return the recorded reading of a part at its sampling instant, body frame; None without a recording.
 
         Parameters
         ----------
@@ -233,7 +231,7 @@ class World(Restorable):
         part
             Name of the part's sensor, for people.
         limit
-            Where its axes stop, in the unit of what is sensed.
+            Range of its axes, in the quantity's unit.
         """
         reading = self.playback.reading(sensed, time_s) if self.playback else None
         if self.playback and reading:
@@ -242,7 +240,7 @@ class World(Restorable):
 
     def noise_epoch(self, time_s: float) -> tuple[int, float]:
         """Return the noise epoch at a time, and the time its samples are counted from [s]."""
-        # The tolerance is that of the sampling instants: an instant on the grid belongs to what begins there.
+        # The tolerance is that of the sampling instants: an instant on the grid belongs to the epoch that begins there.
         return self._epochs[bisect_right(self._epoch_starts, time_s + 1e-9) - 1]
 
     def _tumble(self, start_s: float, end_s: float) -> MotionSegment:
@@ -260,7 +258,7 @@ class World(Restorable):
         self._table = table
 
     def _begin_epoch(self, key: int, start_s: float, *, origin_s: float | None = None) -> None:
-        # Of two epochs that begin at one time bisect_right finds the later one: it was asked for last.
+        # If two epochs begin at one time, bisect_right returns the later one, which was requested last.
         self._epochs.append((key, start_s if origin_s is None else origin_s))
         self._epoch_starts.append(start_s)
 

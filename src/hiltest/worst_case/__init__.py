@@ -1,4 +1,4 @@
-"""The most cycles of a function: a search over its inputs, and the inputs that were found, kept to be replayed."""
+"""The most cycles of a function: a search over its inputs, and a file of the worst input for replay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The worst case that was found, as a file that replays: JSON that is hostile until it is parsed."""
+"""A saved worst case for replay: a file of untrusted JSON."""
 
 from __future__ import annotations
 
@@ -25,38 +25,38 @@ from hiltest.worst_case.search import Call, Found
 
 SCHEMA: Literal["hiltest.worst-case/1"] = "hiltest.worst-case/1"
 
-_LARGEST_BYTES = 4_000_000  # a hundred thousand numbers as text have a fourth of it
+_LARGEST_BYTES = 4_000_000  # four times the text of a hundred thousand numbers
 _OTHERWISE = "search again: hiltest worst"
 _LONGEST = 60  # characters of arguments that are shown
 _COUNTS = np.iinfo(np.int16)
-# A list of numbers alone, which stands on one line.
+# A list of only numbers, which is written on one line.
 _NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*?)\n\s*\]")
 
 
 @dataclass(frozen=True, slots=True)
 class WorstCase:
-    """The most cycles of a function that a search found, and the input that takes them."""
+    """The most cycles of a function in a search, and the input that causes them."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True}
     schema: Literal["hiltest.worst-case/1"]
     function: str
     """A calibrator by its name on the link, or a function of the ELF."""
     cycles: int
-    """Of a calibrator as the firmware reports them, less those of an empty call."""
+    """Cycles; for a calibrator as the firmware reports them, minus those of an empty call."""
     cycle_model: str
-    """That counted them."""
+    """Cycle model of the count."""
     elf: str
-    """Name of the file that was searched."""
+    """Name of the searched ELF file."""
     elf_sha256: str
     hiltest: str
-    """Version that searched."""
+    """Version of hiltest."""
     seed: int
     calls: int
-    """Of the search."""
+    """Seed of the search."""
     points: tuple[tuple[int, int, int], ...] = ()
-    """Points that the calibrator got [counts]; empty for a function that is none."""
+    """Points of the calibrator [counts]; empty for another function."""
     arguments: tuple[str, ...] = ()
-    """Arguments of a function, as `hiltest profile` takes them; empty for a calibrator."""
+    """Arguments of a function for `hiltest profile`; empty for a calibrator."""
 
     def __post_init__(self) -> None:
         if not self.function.isprintable() or not self.function:
@@ -65,7 +65,7 @@ class WorstCase:
             raise ValueError("either points or arguments are kept")
         if len(self.points) > MOST_POINTS:
             raise ValueError(f"{len(self.points)} points, and the firmware holds {MOST_POINTS}")
-        if any(not _COUNTS.min <= each <= _COUNTS.max for point in self.points for each in point):
+        if any(not _COUNTS.min <= count <= _COUNTS.max for point in self.points for count in point):
             raise ValueError("a point is out of the range of int16")
         if self.cycles < 0 or self.calls < 1:
             raise ValueError("cycles and calls are counted")
@@ -74,8 +74,8 @@ class WorstCase:
     @property
     def said(self) -> str:
         """The call, in a few words."""
-        given = f"{len(self.points)} points" if self.points else " ".join(self.arguments)
-        return f"{self.function}({given if len(given) <= _LONGEST else f'{given[:_LONGEST]}...'})"
+        input_text = f"{len(self.points)} points" if self.points else " ".join(self.arguments)
+        return f"{self.function}({input_text if len(input_text) <= _LONGEST else f'{input_text[:_LONGEST]}...'})"
 
     @property
     def counts(self) -> NDArray[np.int16]:
@@ -83,7 +83,7 @@ class WorstCase:
         return np.array(self.points, dtype=np.int16).reshape(-1, 3)
 
     def replayed(self, elf: Path) -> tuple[Call, str]:
-        """Call the function of an ELF with the input that is kept; return the call and its cycle model."""
+        """Call the function of an ELF with the saved input; return the call and its cycle model."""
         if self.points:
             calibrators = BoardCalibrators(elf)
             if self.function not in calibrators.names:
@@ -95,11 +95,11 @@ class WorstCase:
 
 
 def case_of(
-    found: Found[Any], kept: Mapping[str, Any], elf: Path, function: str, seed: int
+    result: Found[Any], saved_input: Mapping[str, Any], elf: Path, function: str, seed: int
 ) -> WorstCase:
-    """Return what is to be kept of a search; the input is called once more, with the memories that it ran from."""
+    """Return the worst case of a search; the input is called again, to record the memories that it ran from."""
     case = WorstCase(
-        SCHEMA, function, found.call.cycles, "", elf.name, digest(elf), __version__, seed, found.calls, **kept
+        SCHEMA, function, result.call.cycles, "", elf.name, digest(elf), __version__, seed, result.calls, **saved_input
     )
     call, cycle_model = case.replayed(elf)
     if call.cycles != case.cycles:
@@ -116,7 +116,7 @@ def digest(elf: Path) -> str:
 def to_json(case: WorstCase) -> str:
     """Return the text of the file."""
     text = json.dumps(asdict(case), indent=1, ensure_ascii=False, allow_nan=False)
-    return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
+    return _NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text) + "\n"
 
 
 def load_worst_case(path: Path) -> WorstCase:
@@ -125,7 +125,7 @@ def load_worst_case(path: Path) -> WorstCase:
     Raises
     ------
     ConfigError
-        If it cannot be read or is no such file; says what is wrong with it.
+        If it cannot be read or is not such a file; the message has the reason.
     """
     from pydantic import TypeAdapter, ValidationError
 
@@ -137,5 +137,5 @@ def load_worst_case(path: Path) -> WorstCase:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(step) for step in first["loc"])
-        told = f"{place}: {first['msg']}" if place else first["msg"]
-        raise ConfigError(f"{path}: {told.replace('Value error, ', '')}; {_OTHERWISE}") from error
+        message = f"{place}: {first['msg']}" if place else first["msg"]
+        raise ConfigError(f"{path}: {message.replace('Value error, ', '')}; {_OTHERWISE}") from error

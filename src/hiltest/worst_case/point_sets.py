@@ -13,29 +13,29 @@ from hiltest.worst_case.search import Call
 Points = NDArray[np.int16]
 
 MOST_POINTS = 512
-"""That the firmware's buffer holds."""
+"""Capacity of the firmware's buffer."""
 _COUNTS = np.iinfo(np.int16)
-# Lowest and highest of what a world and its points are made of, after the number of points.
+# Bounds of the parameters of a world and its points, after the number of points.
 _WORLD = (
     (25.0, 65.0),  # the earth's field, from the South Atlantic to the poles [uT]
     (0.0, 2.0),  # noise of a point on each axis, five times that of the default rig's part [uT]
     (0.1, 1.0),  # share of the sphere that the points cover: a cap about an axis
     (-1.0, 1.0), (0.0, 2.0 * np.pi),  # that axis: its third coordinate, and its azimuth
-    *((0.6, 1.4),) * 3, *((-0.25, 0.25),) * 3,  # symmetric soft iron, diagonal and beside it: never singular
+    *((0.6, 1.4),) * 3, *((-0.25, 0.25),) * 3,  # symmetric soft iron, diagonal and off-diagonal: never singular
     *((-100.0, 100.0),) * 3,  # hard iron, as in the studies [uT]
-    (0.0, 1e6),  # which of the sets of random numbers
+    (0.0, 1e6),  # index of the set of random numbers
 )  # fmt: skip
 
 
 class PointSets:
-    """The point sets that a calibrator may get.
+    """The possible point sets of a calibrator.
 
     Parameters
     ----------
     name
-        One of them.
+        Name of the calibrator.
     most_points
-        A set has from `hiltest.calibration.fit.ELLIPSOID_UNKNOWNS` to so many points.
+        Largest set; the smallest has `hiltest.calibration.fit.ELLIPSOID_UNKNOWNS` points.
     """
 
     def __init__(self, calibrators: BoardCalibrators, name: str, most_points: int) -> None:
@@ -50,56 +50,56 @@ class PointSets:
         random = np.random.default_rng(int(numbers[15]))
         directions = _cap(round(count), share, random) @ _turn_to(height, azimuth)
         noise = random.standard_normal(directions.shape)
-        return _rounded(COUNTS_PER_UT * (strength_ut * directions @ iron + numbers[12:15] + noise_ut * noise))
+        return _round_counts(COUNTS_PER_UT * (strength_ut * directions @ iron + numbers[12:15] + noise_ut * noise))
 
-    def varied(self, given: Points, random: np.random.Generator) -> Points:
-        """Distort all points a little, or change some, how many there are, or their order."""
-        points = given.astype(np.float64)
+    def varied(self, base: Points, random: np.random.Generator) -> Points:
+        """Distort all points a little, or change some of them, their number, or their order."""
+        points = base.astype(np.float64)
         choice = random.random()
         if choice < 0.2:
             mean = points.mean(axis=0)
             distortion = np.eye(3) + 10.0 ** random.uniform(-4.0, -0.5) * random.standard_normal((3, 3))
-            return _rounded(mean + (points - mean) @ distortion)
+            return _round_counts(mean + (points - mean) @ distortion)
         if choice < 0.3 and len(points) < self._most:
             more = random.integers(1, self._most - len(points), endpoint=True)
             copies = points[random.integers(len(points), size=more)]
-            return _rounded(np.concatenate([points, copies + 3.0 * random.standard_normal(copies.shape)]))
+            return _round_counts(np.concatenate([points, copies + 3.0 * random.standard_normal(copies.shape)]))
         if choice < 0.35 and len(points) > ELLIPSOID_UNKNOWNS:
-            return np.delete(given, random.integers(len(points)), axis=0)
+            return np.delete(base, random.integers(len(points)), axis=0)
         if choice < 0.4:
-            return random.permutation(given)
-        # Often a few, seldom most of them.
+            return random.permutation(base)
+        # Mostly a few, rarely most of them.
         some = random.integers(len(points), size=round(len(points) ** random.random()))
         if choice < 0.9:
             points[some] += 10.0 ** random.uniform(0.0, 3.0, (len(some), 1)) * random.standard_normal((len(some), 3))
         else:
             points[some] = points[random.integers(len(points), size=len(some))]
-        return _rounded(points)
+        return _round_counts(points)
 
-    def call(self, given: Points) -> Call:
-        """Calibrate from them; what counts is the ellipsoid that was asked for."""
-        fit, cycles = self._calibrators.calibrate(self._name, given.astype(np.float64))
+    def call(self, points: Points) -> Call:
+        """Calibrate from the points; only an ellipsoid counts as success."""
+        fit, cycles = self._calibrators.calibrate(self._name, points.astype(np.float64))
         return Call(cycles, int(fit.status), fit.status is FitStatus.ELLIPSOID)
 
-    def kept(self, given: Points) -> dict[str, tuple[tuple[int, ...], ...]]:
-        """Return the points as a kept worst case has them."""
-        return {"points": tuple(map(tuple, given.tolist()))}
+    def kept(self, points: Points) -> dict[str, tuple[tuple[int, ...], ...]]:
+        """Return the points in the form of a saved worst case."""
+        return {"points": tuple(map(tuple, points.tolist()))}
 
 
 def _cap(count: int, share: float, random: np.random.Generator) -> NDArray[np.float64]:
-    """Return directions that lie evenly at random in a cap about the third axis, shape (n, 3)."""
+    """Return uniformly random directions in a cap about the third axis, shape (n, 3)."""
     z = 1.0 - 2.0 * share * random.random(count)
     radius, turn = np.sqrt(np.maximum(1.0 - z * z, 0.0)), 2.0 * np.pi * random.random(count)
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), z])
 
 
 def _turn_to(height: float, azimuth: float) -> NDArray[np.float64]:
-    """Return a reflection that takes the third axis to an axis: Householder's."""
+    """Return Householder's reflection that maps the third axis to an axis."""
     radius = np.sqrt(max(1.0 - height * height, 0.0))
     normal = np.array([-radius * np.cos(azimuth), -radius * np.sin(azimuth), 1.0 - height])
     squared = normal @ normal
     return np.eye(3) - (2.0 / squared * np.outer(normal, normal) if squared > 0.0 else 0.0)
 
 
-def _rounded(points: NDArray[np.float64]) -> Points:
+def _round_counts(points: NDArray[np.float64]) -> Points:
     return np.clip(np.rint(points), _COUNTS.min, _COUNTS.max).astype(np.int16)

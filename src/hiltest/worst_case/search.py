@@ -1,9 +1,9 @@
 """A seeded evolutionary search for the input with the most cycles.
 
-Differential evolution (Storn and Price, 1997) goes over the whole range of the inputs; from the worst that it found a
-climb goes on, which varies the input itself and keeps each that is as bad. An equal one is kept too: cycles move in
-steps of what a loop costs, and between two steps there is only level ground to walk over. A climb that is stuck ends,
-and another evolution begins.
+Differential evolution (Storn and Price, 1997) explores the whole range of the inputs; a local search continues from its
+worst input, varies the input itself and accepts each variation that is at least as bad. Equal ones are accepted because
+cycles change in steps of a loop's cost, with plateaus between. A local search without progress ends, and another
+evolution begins.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ Progress = Callable[[int, float, int], None]
 
 _POPULATION = 40
 _EXPLORED = 600  # calls of one evolution: fifteen generations
-_STUCK = 1500  # calls of a climb without a worse one, after which it is left
-# Far more than any call has: a refused input is better than none, and worse than any that counts.
+_STUCK = 1500  # calls of a local search without progress, after which it ends
+# Far more cycles than any call has, so that a refused input ranks above none, and below any that counts.
 _REFUSED = 1e15
 
 
@@ -33,49 +33,49 @@ class Call:
 
     cycles: int
     returned: int | float | None
-    """Its answer, of a calibrator the status of the fit."""
+    """Return value; for a calibrator the status of the fit."""
     counts: bool
-    """Whether the answer is a success: only then it is a worst case."""
+    """Whether the call succeeded: only then it can be a worst case."""
 
     @property
     def rank(self) -> tuple[bool, int]:
-        """Order of calls: the worst has the highest."""
+        """Rank of a call, highest for the worst."""
         return self.counts, self.cycles
 
 
 class Problem(Protocol[Input]):
-    """A function, and the inputs that it may get."""
+    """A function, and its possible inputs."""
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Lowest and highest of each number that an input is made of, shape (k, 2)."""
+        """Bounds of each number that defines an input, shape (k, 2)."""
 
     def made(self, numbers: NDArray[np.float64]) -> Input:
-        """Make an input of such numbers, shape (k,)."""
+        """Create an input from such numbers, shape (k,)."""
 
-    def varied(self, given: Input, random: np.random.Generator) -> Input:
-        """Return an input that is somewhat different."""
+    def varied(self, base: Input, random: np.random.Generator) -> Input:
+        """Return a variation of an input."""
 
-    def call(self, given: Input) -> Call:
+    def call(self, candidate: Input) -> Call:
         """Call the function."""
 
-    def kept(self, given: Input) -> Mapping[str, Any]:
-        """Return the input as the fields of a kept worst case have it."""
+    def kept(self, candidate: Input) -> Mapping[str, Any]:
+        """Return the input as fields of a saved worst case."""
 
 
 @dataclass(slots=True)
 class Budget:
-    """What a search may take."""
+    """Limits of a search."""
 
     calls: int | None = None
-    """Number of calls: what is found follows from it and the seed alone."""
+    """Number of calls, which with the seed determines the result."""
     seconds: float | None = None
-    """Wall time [s]. One of both is given."""
+    """Wall time [s]. One of the two limits is set."""
     asked_to_end: Callable[[], bool] = lambda: False
-    """Whether to end after the call that is being made."""
+    """Returns whether to end after the current call."""
 
     def is_spent(self, calls: int, elapsed_s: float) -> bool:
-        """Whether it is gone."""
+        """Return whether the budget is spent."""
         if self.asked_to_end():
             return True
         return calls >= self.calls if self.calls is not None else elapsed_s >= (self.seconds or 0.0)
@@ -83,24 +83,24 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Found(Generic[Input]):
-    """What a search has found."""
+    """Result of a search."""
 
-    given: Input
-    """The worst input."""
+    worst_input: Input
+    """Worst input."""
     call: Call
-    """What it takes; one that does not count where none did."""
+    """Call of the worst input; one that does not count if none does."""
     refused_cycles: int | None
-    """Most cycles of a call that did not count."""
+    """Most cycles of a call that does not count."""
     calls: int
     elapsed_s: float
 
 
 class _SpentError(Exception):
-    """The budget is gone."""
+    """Signal that the budget is spent."""
 
 
 class _ExploredError(Exception):
-    """An evolution has made its calls."""
+    """Signal that an evolution has used its calls."""
 
 
 class _Search(Generic[Input]):
@@ -112,19 +112,19 @@ class _Search(Generic[Input]):
         self._calls, self._refused_cycles = 0, -1
         self._worst: tuple[Input, Call] | None = None
 
-    def call(self, given: Input) -> Call:
-        """Call the function, and remember the worst; the first call is made in any case."""
+    def call(self, candidate: Input) -> Call:
+        """Call the function, and record the worst case; the first call ignores the budget."""
         elapsed_s = time.monotonic() - self._began_s
         if self._worst is not None and self._budget.is_spent(self._calls, elapsed_s):
             raise _SpentError
-        found = self._problem.call(given)
+        call = self._problem.call(candidate)
         self._calls += 1
-        if not found.counts:
-            self._refused_cycles = max(self._refused_cycles, found.cycles)
-        if self._worst is None or found.rank > self._worst[1].rank:
-            self._worst = given, found
+        if not call.counts:
+            self._refused_cycles = max(self._refused_cycles, call.cycles)
+        if self._worst is None or call.rank > self._worst[1].rank:
+            self._worst = candidate, call
         self._progress(self._calls, elapsed_s, self._worst[1].cycles)
-        return found
+        return call
 
     def explore(self, random: np.random.Generator) -> tuple[Input, Call]:
         """Evolve numbers within their bounds; return the worst of them."""
@@ -134,32 +134,32 @@ class _Search(Generic[Input]):
         def fitness(numbers: NDArray[np.float64]) -> float:
             if len(tried) == _EXPLORED:
                 raise _ExploredError
-            given = self._problem.made(numbers)
-            call = self.call(given)
-            tried.append((given, call))
+            candidate = self._problem.made(numbers)
+            call = self.call(candidate)
+            tried.append((candidate, call))
             return -call.cycles if call.counts else _REFUSED - call.cycles
 
-        from scipy.optimize import differential_evolution  # 0.4 s, which a run that reads kept cases need not wait for
+        from scipy.optimize import differential_evolution  # 0.4 s, not needed for a replay
 
-        with suppress(_ExploredError):  # it ends by itself when all are alike
+        with suppress(_ExploredError):  # it ends by itself when all members are equal
             differential_evolution(
                 fitness, self._problem.bounds, init=low + (high - low) * random.random((_POPULATION, len(low))),
                 maxiter=_EXPLORED, mutation=(0.4, 0.9), recombination=0.7, tol=0.0, polish=False, seed=random,
             )  # fmt: skip
-        return max(tried, key=lambda each: each[1].rank)
+        return max(tried, key=lambda pair: pair[1].rank)
 
-    def climb(self, given: Input, call: Call, random: np.random.Generator) -> None:
-        """Vary an input, and whatever is as bad as that, until nothing worse comes."""
+    def climb(self, start: Input, call: Call, random: np.random.Generator) -> None:
+        """Vary an input, and each variation that is at least as bad, until there is no progress."""
         level = 0
         while level < _STUCK:
-            other = self._problem.varied(given, random)
-            found = self.call(other)
-            level = 0 if found.rank > call.rank else level + 1
-            if found.rank >= call.rank:
-                given, call = other, found
+            other = self._problem.varied(start, random)
+            next_call = self.call(other)
+            level = 0 if next_call.rank > call.rank else level + 1
+            if next_call.rank >= call.rank:
+                start, call = other, next_call
 
     def run(self, random: np.random.Generator) -> Found[Input]:
-        """Explore and climb, again and again, until the budget is gone."""
+        """Alternate exploration and local search until the budget is spent."""
         with suppress(_SpentError):
             while True:
                 self.climb(*self.explore(random), random)
@@ -176,11 +176,11 @@ def search(
     Parameters
     ----------
     progress
-        Called after each call with their number, the time that is gone [s] and the most cycles so far.
+        Called after each call with the number of calls, the elapsed time [s] and the most cycles so far.
 
     Returns
     -------
     Found
-        It follows from the seed and the number of calls, whether that was given or is how far the time went.
+        Result, which is determined by the seed and the number of calls, whether that was given or reached in the time.
     """
     return _Search(problem, budget, progress).run(np.random.default_rng(seed))

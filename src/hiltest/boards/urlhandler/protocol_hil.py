@@ -21,14 +21,14 @@ _LARGEST_WORD = (1 << 32) - 1
 
 
 class PlaybackWarning(UserWarning):
-    """What a board took from a recording was not as it was recorded."""
+    """Warning that a board's playback deviated from the recording."""
 
 
 class Serial(VirtualPort):
     """The port behind ``hil://?rig=R&seed=N&firmware=FILE&base=ADDRESS``; every part may be left out.
 
-    The board is powered on when the port is opened. Its clock moves while the host reads.
-    With ``gdb=3333`` GDB can come to that TCP port, 0 any free one: see docs/debug.md.
+    The board is powered on when the port is opened. Its clock advances while the host reads. With ``gdb=3333`` GDB can
+    connect to that TCP port, 0 for any free one: see docs/debug.md.
 
     Attributes
     ----------
@@ -47,9 +47,9 @@ class Serial(VirtualPort):
             When the URL, the rig or the firmware is wrong.
         """
         try:
-            given = _given(self.portstr or "hil://")
-            gdb = _number(given, "gdb", "TCP port", _LAST_PORT)
-            bench = _bench(given)
+            parameters = _parse_query(self.portstr or "hil://")
+            gdb = _number(parameters, "gdb", "TCP port", _LAST_PORT)
+            bench = _bench(parameters)
             bench.machine.boot()
             if gdb is not None:
                 self.gdb = GdbServer(bench.machine, gdb)
@@ -62,7 +62,7 @@ class Serial(VirtualPort):
         super().open()
 
     def close(self) -> None:
-        """Close the port, and send GDB away."""
+        """Close the port, and disconnect GDB."""
         self._dismiss_gdb()
         if self.is_open and self._bench is not None:
             for sentence in self._bench.said_of_playback:
@@ -75,32 +75,32 @@ class Serial(VirtualPort):
             self.gdb = None
 
 
-def _given(url: str) -> dict[str, str]:
-    given = parse_qs(urlsplit(url).query, strict_parsing=True) if "?" in url else {}
-    unknown = sorted(set(given) - set(_KEYS))
+def _parse_query(url: str) -> dict[str, str]:
+    parameters = parse_qs(urlsplit(url).query, strict_parsing=True) if "?" in url else {}
+    unknown = sorted(set(parameters) - set(_KEYS))
     if unknown:
         raise ValueError(f"{unknown[0]!r} is not a part of a hil:// URL; known: {', '.join(_KEYS)}")
-    return {key: values[0] for key, values in given.items()}
+    return {key: values[0] for key, values in parameters.items()}
 
 
-def _number(given: dict[str, str], key: str, what: str, most: int) -> int | None:
-    """Return a number of the URL, None without it."""
-    if key not in given:
+def _number(parameters: dict[str, str], key: str, name: str, most: int) -> int | None:
+    """Return a number from the URL; None if it is absent."""
+    if key not in parameters:
         return None
     try:
-        number = int(given[key], 0)
+        number = int(parameters[key], 0)
     except ValueError:
         number = -1
     if not 0 <= number <= most:
-        raise ValueError(f"{key}={given[key]!r} is no {what}")
+        raise ValueError(f"{key}={parameters[key]!r} is no {name}")
     return number
 
 
-def _bench(given: dict[str, str]) -> VirtualBench:
-    firmware = given.get("firmware")
+def _bench(parameters: dict[str, str]) -> VirtualBench:
+    firmware = parameters.get("firmware")
     return VirtualBench(
-        load_rig(rig_file(Path.cwd(), given.get("rig"))),
+        load_rig(rig_file(Path.cwd(), parameters.get("rig"))),
         firmware=Path(firmware) if firmware else None,
-        seed=_number(given, "seed", "whole number", _LARGEST_WORD),
-        base=_number(given, "base", "address", _LARGEST_WORD),
+        seed=_number(parameters, "seed", "whole number", _LARGEST_WORD),
+        base=_number(parameters, "base", "address", _LARGEST_WORD),
     )

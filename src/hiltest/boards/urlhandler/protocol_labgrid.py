@@ -1,4 +1,4 @@
-"""``labgrid://PLACE``: the serial port of a place of labgrid, which is acquired for as long as it is open."""
+"""``labgrid://PLACE``: the serial port of a place of labgrid, which is acquired while the port is open."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Serial(rfc2217.Serial):  # type: ignore[misc]
     """pyserial's RFC 2217 client on the exporter's port of a place."""
 
     def open(self) -> None:
-        """Acquire the place, power cycle it if that is asked for, and connect."""
+        """Acquire the place, power cycle it on request, and connect."""
         self._place = place_of(self.portstr)
         self._acquired = self._place.acquire()
         try:

@@ -8,7 +8,7 @@ from hiltest.boards.daplink import port_of
 
 
 def serial_class_for_url(url: str) -> tuple[str, type[serial.Serial]]:
-    """Return the device of the board, and pyserial's class that opens it; ``usb://`` alone is the one that is there.
+    """Return the device of the board, and pyserial's class that opens it; ``usb://`` alone means the only board.
 
     Raises
     ------
