@@ -20,7 +20,7 @@ from hiltest.virtual.calls.call_watch import CallWatch
 from hiltest.virtual.calls.kept_slices import KeptSolution
 from hiltest.virtual.calls.solution_watch import EndsWhen, SolutionEnd, SolutionWatch
 from hiltest.virtual.counts.cycle_range import flash_range
-from hiltest.virtual.counts.recount import counted_with_waits
+from hiltest.virtual.counts.recount import count_with_waits
 from hiltest.virtual.model.profile_file import MEMORY_PROFILE, load_profile
 from hiltest.virtual.processor.call_summary import CallSummary, SolutionSummary
 
@@ -139,7 +139,7 @@ class FunctionCosts:
         if kept is None:
             return FlashCost(None, model, refusal="no solution was completed")
         try:
-            counted = counted_with_waits(self._machine, kept, profile)
+            counted = count_with_waits(self._machine, kept, profile)
         except (ConfigError, BoardFault) as error:
             return FlashCost(None, model, refusal=str(error))
         return FlashCost(counted.cycles, model, flash_range(profile, counted.cycles))

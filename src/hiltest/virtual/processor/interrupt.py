@@ -11,29 +11,29 @@ from types import FrameType
 
 @contextmanager
 def deferred_interrupt(look: Callable[[], None]) -> Iterator[Callable[[], bool]]:
-    """Hold Ctrl-C back until the emulator has stopped, then raise it.
+    """Defer Ctrl-C until the emulator has stopped, then raise it.
 
-    Python raises KeyboardInterrupt wherever it happens to be. Within a callback
-    of the emulator it would be printed and dropped, or leave the board half way
-    through an instruction.
+    Python raises KeyboardInterrupt at any point. Within a callback
+    of the emulator it would be printed and dropped, or leave the board in the
+    middle of an instruction.
 
     Parameters
     ----------
     look
-        Called at once: makes the emulator stop soon.
+        Called at Ctrl-C: stops the emulator soon.
 
     Yields
     ------
     callable
-        Answers whether Ctrl-C was pressed.
+        Returns whether Ctrl-C was pressed.
 
     Raises
     ------
     KeyboardInterrupt
-        On leaving, when it was (or what the handler before this one does).
+        At the end of the context if it was pressed (or the previous handler's action).
     """
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: False  # signals reach the main thread only
+        yield lambda: False  # only the main thread receives signals
         return
     pressed: list[FrameType | None] = []
 
