@@ -20,7 +20,7 @@ _DEVICES = (PERIPHERALS, PRIVATE_PERIPHERALS)
 
 
 class DebugAccess:
-    """Reads and writes registers and memory for a debugger.
+    """Access to registers and memory for a debugger.
 
     Registers are numbered r0 to r12, sp, lr, pc, xpsr, msp, psp, primask, basepri, faultmask, control, d0 to d15,
     fpscr.

@@ -1,4 +1,4 @@
-"""Halts the processor for a debugger: breakpoints, watchpoints, steps, and exclusion of the other thread.
+"""Halts of the processor for a debugger: breakpoints, watchpoints, steps, and exclusion of the other thread.
 
 A board that is not being debugged is not slowed down: `Debugger.run` replaces `Processor.run`, and the core checks
 breakpoints and watchpoints only if there are any. Virtual time stands still in a halt, because the thread that runs the
@@ -64,7 +64,7 @@ class _Stopped(Exception):
 
 
 class Debugger:
-    """Halts the processor of a board and lets it continue.
+    """Control of a board's processor: halts, breakpoints, watchpoints and steps.
 
     The thread that runs the board calls `run`; all other methods are for another thread, which may access the processor
     only within `halted`.

@@ -28,7 +28,7 @@ class InterruptSource(I2cDevice, Protocol):
 
 
 class InterruptWires(Restorable):
-    """Keeps two wires at the levels of a part's interrupt pins.
+    """Two wires with the levels of a part's interrupt pins.
 
     The part says when a level may change by itself, so it is not polled; the effects of an
     access are found at its end, by `look`.

@@ -13,7 +13,7 @@ _COLD = ".cold"  # suffix of the rarely executed part of a function, which the c
 
 
 class CallWatch:
-    """Counts the calls of some functions; `VirtualCortexM4.watch_calls` returns one.
+    """Counter of calls of some functions, from `VirtualCortexM4.watch_calls`.
 
     Parameters
     ----------

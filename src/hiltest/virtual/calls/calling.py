@@ -1,4 +1,4 @@
-"""Calls one function of an image, and restores the processor afterwards."""
+"""Calls of one function of an image, after which the processor is restored."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class KeptSolution:
 
 
 class KeptSlices:
-    """Takes a snapshot at the beginning of each slice of the latest solution.
+    """Recorder of a snapshot at the beginning of each slice of the latest solution.
 
     Parameters
     ----------

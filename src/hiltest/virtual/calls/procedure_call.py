@@ -23,7 +23,7 @@ _BUFFERS = "bytes, a bytearray, a contiguous numpy array or a Structure"
 
 
 class ArgumentRegisters:
-    """Allocates core words (r0 to r3, then the stack) and float registers (s0 to s15).
+    """Allocation of core words (r0 to r3, then the stack) and float registers (s0 to s15) to arguments.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class SolutionEnd:
 
 
 class SolutionWatch:
-    """Sums up slices per solution; `VirtualCortexM4.watch_solutions` returns one.
+    """Counter of slices per solution, from `VirtualCortexM4.watch_solutions`.
 
     Parameters
     ----------

@@ -157,7 +157,7 @@ def range_where_it_ran(
 
 
 class TimedSteps:
-    """Records the slices of steps that the firmware timed one after the other.
+    """Recorder of the slices of steps that the firmware timed one after the other.
 
     Parameters
     ----------

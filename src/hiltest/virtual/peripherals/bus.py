@@ -127,7 +127,7 @@ def _declare_bytes(steady: frozenset[int], counters: frozenset[int], *, counts_r
 
 
 class PeripheralBus(Restorable):
-    """Connects the processor's loads and stores to peripherals.
+    """Connection of the processor's loads and stores to peripherals.
 
     Parameters
     ----------

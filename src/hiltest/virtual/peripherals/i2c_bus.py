@@ -44,7 +44,7 @@ class HeldLine:
 
 
 class I2cBus(Restorable):
-    """Connects a master to its parts by address.
+    """Connection of a master to its parts by address.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ class ExecutedCode:
 
 
 class ExecutionWatch:
-    """Keeps counts of a processor from now on, also over resets and rewritten code.
+    """Execution counts of a processor from now on, also over resets and rewritten code.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ class WatchedFunction:
 
 
 class RunningCalls:
-    """Watches calls of functions while firmware runs.
+    """Watcher of calls of functions while firmware runs.
 
     Parameters
     ----------

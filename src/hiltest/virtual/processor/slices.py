@@ -25,7 +25,7 @@ class Slice:
 
 
 class PriceTables:
-    """Counts slices by several price tables at once, by executing them again on a second machine.
+    """Counter of slices by several price tables at once, which executes them again on a second machine.
 
     Parameters
     ----------
