@@ -17,7 +17,7 @@ from hiltest.rig import Rig
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.call_watch import CallWatch
-from hiltest.virtual.calls.kept_slices import KeptSolution
+from hiltest.virtual.calls.slice_recorder import RecordedSolution
 from hiltest.virtual.calls.solution_watch import EndsWhen, SolutionEnd, SolutionWatch
 from hiltest.virtual.counts.cycle_range import flash_range
 from hiltest.virtual.counts.recount import count_with_waits
@@ -117,7 +117,7 @@ class FunctionCosts:
         name, kept = self._latest()
         return LatestSolution(name, kept.cycles, len(kept.slices)) if kept else None
 
-    def _latest(self) -> tuple[str, KeptSolution | None]:
+    def _latest(self) -> tuple[str, RecordedSolution | None]:
         found = [
             (name, kept) for name, (_, watch) in self._watches.items()
             if isinstance(watch, SolutionWatch) and (kept := watch.latest())

@@ -9,7 +9,7 @@ from enum import Enum
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.calls.call_watch import CallWatch
-from hiltest.virtual.calls.kept_slices import KeptSlices, KeptSolution
+from hiltest.virtual.calls.slice_recorder import RecordedSolution, SliceRecorder
 from hiltest.virtual.processor.call_summary import Call, Solution, SolutionSummary, sum_solutions, summarise_solutions
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.program.elf import FirmwareImage
@@ -90,7 +90,7 @@ class SolutionWatch:
         self._functions = tuple(functions)
         self._watch = CallWatch(processor, self._functions)
         self._watch.look_at(self._address, end.size)
-        self._snapshots = KeptSlices(processor, self._watch, self._ends)
+        self._snapshots = SliceRecorder(processor, self._watch, self._ends)
         self.begin()
 
     def begin(self) -> None:
@@ -122,6 +122,6 @@ class SolutionWatch:
         sizes = map(self._watch.stack, self._functions)
         return max((size for size in sizes if size is not None), default=None)
 
-    def latest(self) -> KeptSolution | None:
+    def latest(self) -> RecordedSolution | None:
         """Return the latest complete solution since `begin`, for computing it again; None if there is none."""
         return self._snapshots.latest()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.board.k64f import VirtualK64F
-from hiltest.virtual.calls.kept_slices import KeptSolution
+from hiltest.virtual.calls.slice_recorder import RecordedSolution
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.model.timing import TimingProfile
@@ -26,7 +26,7 @@ class Recount:
     """Share of the waits in `cycles`."""
 
 
-def count_with_waits(board: VirtualK64F, solution: KeptSolution, profile: TimingProfile) -> Recount:
+def count_with_waits(board: VirtualK64F, solution: RecordedSolution, profile: TimingProfile) -> Recount:
     """Execute the slices of a solution again, each from its initial state.
 
     Parameters

@@ -35,7 +35,7 @@ _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, by which the linker describes the 
 # The chip has 1 MiB of flash; debug information of large C++ firmware is a hundred times that.
 _LARGEST_BYTES = 256 << 20
 _BUILD_ID = re.compile(rb"\x04\0{3}([\x04-\x20])\0{3}\x03\0{3}GNU\0(.{4,32})", re.DOTALL)  # the note with its header
-_IMAGES_KEPT = 8  # parsed images, each a few megabytes with its debug information
+_CACHED_IMAGES = 8  # parsed images, each a few megabytes with its debug information
 _MARK = re.compile(r"\$[dt](\..*)?")  # a mapping symbol (AAELF32, 5.5.5): data or Thumb code begins
 # Folders of the compiler's own libraries in unit names. The code decides which of them are linked in.
 LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
@@ -83,7 +83,7 @@ def load_image(source: Path | bytes, *, base: int | None = None) -> FirmwareImag
     return _parse(name, content, base)
 
 
-@lru_cache(maxsize=_IMAGES_KEPT)
+@lru_cache(maxsize=_CACHED_IMAGES)
 def _parse(name: str, content: bytes, base: int | None) -> FirmwareImage:
     return FirmwareImage(convert_to_elf(name, content, base), name=name, vectors=base or 0)
 

@@ -49,7 +49,7 @@ BY_HAND = {
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class CheckResult:
     """Result of checking a file."""
 
     name: str
@@ -62,7 +62,7 @@ class Checked:
     """Deviations of the measurement from the model's rules, which are no objection."""
 
 
-def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> Checked:
+def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> CheckResult:
     """Check the board and the signature of a measured profile, and that its rows follow from its clocks.
 
     Parameters
@@ -88,7 +88,7 @@ def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> Check
         again = solve(clocks["sram"], about(board), image)
         remarks = again.remarks
         objections += _differences(content, {row: rows[row] for row in content.get("cost", {})}, again)
-    return Checked(name, board, tuple(objections), remarks)
+    return CheckResult(name, board, tuple(objections), remarks)
 
 
 def about(board: MeasuredOn) -> str:

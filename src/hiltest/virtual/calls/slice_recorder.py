@@ -25,7 +25,7 @@ class Slice:
 
 
 @dataclass(frozen=True, slots=True)
-class KeptSolution:
+class RecordedSolution:
     """A solution that can be computed again."""
 
     slices: tuple[Slice, ...]
@@ -37,7 +37,7 @@ class KeptSolution:
         return sum(part.cycles for part in self.slices)
 
 
-class KeptSlices:
+class SliceRecorder:
     """Recorder of a snapshot at the beginning of each slice of the latest solution.
 
     Parameters
@@ -65,7 +65,7 @@ class KeptSlices:
         self._begun: dict[int, Snapshot] | None = None
         self._ended: dict[int, Snapshot] | None = None
 
-    def latest(self) -> KeptSolution | None:
+    def latest(self) -> RecordedSolution | None:
         """Return the latest complete solution; None if there is none."""
         self._catch_up()
         ended = self._begun if self._begun and self._has_ended else self._ended
@@ -76,7 +76,7 @@ class KeptSlices:
             if call.entered in ended
         )  # fmt: skip
         slices = tuple(Slice(name, ended[call.entered], call.cycles) for call, name in calls)
-        return KeptSolution(slices, ended=max(call.returned for call, _ in calls))
+        return RecordedSolution(slices, ended=max(call.returned for call, _ in calls))
 
     def _catch_up(self) -> None:
         """Process the slices that have returned since the last call."""
