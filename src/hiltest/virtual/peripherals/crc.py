@@ -7,7 +7,7 @@ from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 
 _DATA, _GPOLY, _CTRL = 0x0, 0x4, 0x8
-_TOT, _TOTR = 30, 28  # two-bit fields, whose bit 1 selects a transposition, see `_transposed`
+_TOT, _TOTR = 30, 28  # two-bit fields, whose bit 1 selects a transposition, see `_transpose`
 _FXOR, _WAS, _TCRC = 1 << 26, 1 << 25, 1 << 24
 _WRITABLE = 0xF7000000
 _RESET = (0xFFFFFFFF, 0x00001021, 0)  # DATA, GPOLY, CTRL
