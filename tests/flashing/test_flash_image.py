@@ -17,7 +17,7 @@ from hiltest.boards import default_firmware
 from hiltest.errors import ConfigError
 from hiltest.flashing.flash_image import FlashImage, load_flash_image
 from hiltest.virtual.program.elf import FirmwareImage, load_image
-from hiltest.virtual.program.image_formats import as_elf
+from hiltest.virtual.program.image_formats import convert_to_elf
 
 PROGRAMS = Path(__file__).parents[1] / "virtual" / "programs"
 CODE, STACK, FSEC = 0x410, 0x20030000, 0x40C
@@ -62,7 +62,7 @@ def test_hex_and_binary_are_taken_as_well(tmp_path: Path) -> None:
 def test_intel_hex_has_every_byte_in_its_place(content: dict[int, bytes]) -> None:
     chunks = tuple(sorted(content.items()))
     text = FlashImage(load_image(default_firmware()), chunks).intel_hex()
-    read = FirmwareImage(as_elf("any.hex", text, None))  # hiltest's own reader, and the one that stands for DAPLink's
+    read = FirmwareImage(convert_to_elf("any.hex", text, None))  # hiltest's reader, and DAPLink's stand-in
     assert tuple((segment.address, segment.data) for segment in read.segments) == chunks
     assert memory_of(text) == {base + at: byte for base, data in chunks for at, byte in enumerate(data)}
 

@@ -55,7 +55,7 @@ def test_the_numbers_of_a_file(tmp_path: Path) -> None:
 def test_members_of_a_structure_are_laid_out_as_c_does() -> None:
     parsed = parse_argument("uint8:1+ptr:int16:1,2+uint16:7+float64:0.5+zeros:1")
     assert isinstance(parsed, Structure)
-    offsets = [offset for offset, _ in parsed.laid_out()]
+    offsets = [offset for offset, _ in parsed.layout()]
     assert offsets == [0, 4, 8, 16, 24]
     assert parsed.size == 32
     pointer = parsed.members[1]

@@ -288,7 +288,9 @@ def state(board: VirtualK64F) -> dict[str, object]:
     return {
         "cycles": board.cycles, "instructions": board.instructions, "asleep": processor.idle_cycles,
         "registers": processor.registers.snapshot(), "RAM": [bytes(memory.view) for memory in processor.memory._ram],
-        "readings": [(reading.at, reading.instructions) for reading in board.cycle_counter.readings if reading],
+        "readings": [
+            (reading.core_cycles, reading.instructions) for reading in board.cycle_counter.readings if reading
+        ],
         "events": [str(event) for event in board.events], "position": board.position(),
         "faults": [(entry.exception, str(entry.fault), entry.cycle) for entry in board.faults],
     }  # fmt: skip

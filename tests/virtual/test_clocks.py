@@ -127,7 +127,7 @@ def test_an_event_of_a_clock_comes_at_its_tick_whatever_the_core_does_meanwhile(
     schedule = Schedule()
     clock = Clock(schedule, lambda: now)
     clock.run_at(Fraction(1000), Fraction(100_000), 0)
-    clock.at(10, lambda: seen.append(10))
+    clock.call_at(10, lambda: seen.append(10))
     now = 500
     clock.run_at(Fraction(1000), Fraction(200_000), now)
     schedule.replan()

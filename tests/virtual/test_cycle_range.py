@@ -20,7 +20,7 @@ from hiltest.virtual.core.library import ffi
 from hiltest.virtual.counts.cycle_range import Move, cycle_range, moves
 from hiltest.virtual.counts.profiling import profile_call
 from hiltest.virtual.model.profile_file import load_profile
-from hiltest.virtual.model.timing import TimingProfile, moved
+from hiltest.virtual.model.timing import TimingProfile, replace_values
 
 from .conftest import SHIPPED, Build
 from .oracle import priced, stepped
@@ -80,7 +80,7 @@ def test_random_code_counts_under_each_moved_row_what_was_predicted(build: Build
 
     def counted(values: dict[str, int]) -> int:
         """Count by the model in Python with these values."""
-        return priced(steps, moved(priced_by, values))
+        return priced(steps, replace_values(priced_by, values))
 
     predicted = {key: value for key, value in ends(band).items() if key[0] != DOUBT}
     assert ("fetch_late_fp" in {row for row, _ in predicted}) is (priced_by is not PROFILE)

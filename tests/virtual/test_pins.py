@@ -172,7 +172,7 @@ def test_a_pin_that_somebody_follows_has_a_signal_that_tells_of_each_edge(port: 
     assert (signal.is_heard, told) == (follows, [1] if follows else [])
     for level in (True, False):
         levels.append(level)
-        signal.changed()
+        signal.report_change()
     assert told == ([1, 0, 1] if follows else [])
     assert port.levels == 0
     levels.append(True)

@@ -9,9 +9,9 @@ from hiltest.errors import ConfigError
 from hiltest.rig.file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.solution_watch import EndsWhen, SolutionEnd
-from hiltest.virtual.counts.recount import counted_with_waits
+from hiltest.virtual.counts.recount import count_with_waits
 from hiltest.virtual.model.profile_file import load_profile
-from hiltest.virtual.processor.call_summary import Call, solutions_summarised, solved, summarised
+from hiltest.virtual.processor.call_summary import Call, sum_solutions, summarise_calls, summarise_solutions
 
 from ..foreign_elf import foreign_elf
 from .conftest import Build
@@ -97,7 +97,7 @@ def test_a_solution_takes_as_long_once_more_and_waits_as_it_does_from_flash(buil
     assert kept is not None
     assert (kept.cycles, len(kept.slices)) == (watch.solutions[-1].cycles, 5)
     assert watch.solutions[-1].cycles > watch.solutions[0].cycles
-    again = counted_with_waits(board, kept, profile)
+    again = count_with_waits(board, kept, profile)
     assert again.cycles - again.waits == kept.cycles
     # What the controller holds at a slice's entry differs, two lines at most: 10 clocks each.
     assert waited.solutions[len(watch.solutions) - 1].cycles == pytest.approx(again.cycles, abs=5 * 2 * 10)
@@ -111,7 +111,7 @@ def test_something_else_may_change_the_data_between_the_slices_of_a_solution(bui
     board.run_until(0.002)
     kept = watch.latest()
     assert kept is not None
-    again = counted_with_waits(board, kept, load_profile("cortex-m4-k64f/2"))
+    again = count_with_waits(board, kept, load_profile("cortex-m4-k64f/2"))
     assert again.cycles - again.waits == kept.cycles
 
 
@@ -127,7 +127,7 @@ def test_a_slice_that_depends_on_a_device_is_not_counted_again(build_c: Build) -
     kept = watch.latest()
     assert kept is not None
     with pytest.raises(ConfigError, match=r"fit_slice: slice \d of 5 takes .* something from outside"):
-        counted_with_waits(board, kept, load_profile("cortex-m4-k64f/2"))
+        count_with_waits(board, kept, load_profile("cortex-m4-k64f/2"))
 
 
 def test_no_solution_is_kept_before_one_is_complete(build_c: Build) -> None:
@@ -158,27 +158,27 @@ def test_slices_of_anothers_calibration_are_as_many_as_its_source_says() -> None
 
 
 def call(entered: int, cycles: int, left: int = 0, **more: int) -> Call:
-    return Call(entered, entered + cycles + sum(more.values()), left=left, **more)
+    return Call(entered, entered + cycles + sum(more.values()), word=left, **more)
 
 
 def test_a_slice_within_another_counts_with_that_one() -> None:
     slices = [call(0, 50, 1), call(10, 20, 1), call(100, 30, 0), call(200, 7, 1)]
-    found = solved(slices, lambda each, _before: each.left == 0, before=0, is_whole=True)
+    found = sum_solutions(slices, lambda each, _before: each.word == 0, before=0, is_whole=True)
     assert [(each.cycles, each.slices, each.longest) for each in found] == [(80, 2, 50)]
-    assert solutions_summarised(found).most == 80
-    assert solved(slices, lambda each, _before: each.left == 0, before=1, is_whole=False) == []
+    assert summarise_solutions(found).most == 80
+    assert sum_solutions(slices, lambda each, _before: each.word == 0, before=1, is_whole=False) == []
 
 
 def test_a_summary_counts_what_is_apart_and_nothing_of_no_calls() -> None:
     calls = [call(0, 40), call(100, 10, interrupts=25)._replace(interrupted=2), call(200, 30, elsewhere=500),
              call(210, 5)._replace(outermost=False)]  # fmt: skip
-    summary = summarised("fit", calls, 1000, abandoned=3, open_calls=1, ended_in=("g",))
+    summary = summarise_calls("fit", calls, 1000, abandoned=3, open_calls=1, ended_in=("g",))
     assert (summary.calls, summary.least, summary.median, summary.most) == (4, 5, 10, 40)
     assert summary.share == pytest.approx(0.08)
     assert (summary.interrupted, summary.interrupts, summary.elsewhere) == (1, 25, 500)
     assert (summary.abandoned, summary.open, summary.ended_in, summary.refusal) == (3, 1, ("g",), "")
-    none = summarised("fit", [], 1000)
+    none = summarise_calls("fit", [], 1000)
     assert (none.calls, none.least, none.median, none.most, none.share) == (0, None, None, None, 0.0)
-    refused = summarised("fit", calls, 1000, came_back=2)
+    refused = summarise_calls("fit", calls, 1000, came_back=2)
     assert (refused.least, refused.share) == (None, None)
     assert "fit: 2 calls returned" in refused.refusal

@@ -17,10 +17,10 @@ from hiltest.rig import Rig
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.call_watch import CallWatch
-from hiltest.virtual.calls.kept_slices import KeptSolution
+from hiltest.virtual.calls.slice_recorder import RecordedSolution
 from hiltest.virtual.calls.solution_watch import EndsWhen, SolutionEnd, SolutionWatch
 from hiltest.virtual.counts.cycle_range import flash_range
-from hiltest.virtual.counts.recount import counted_with_waits
+from hiltest.virtual.counts.recount import count_with_waits
 from hiltest.virtual.model.profile_file import MEMORY_PROFILE, load_profile
 from hiltest.virtual.processor.call_summary import CallSummary, SolutionSummary
 
@@ -117,7 +117,7 @@ class FunctionCosts:
         name, solution = self._latest()
         return LatestSolution(name, solution.cycles, len(solution.slices)) if solution else None
 
-    def _latest(self) -> tuple[str, KeptSolution | None]:
+    def _latest(self) -> tuple[str, RecordedSolution | None]:
         solutions = [
             (name, solution) for name, (_, watch) in self._watches.items()
             if isinstance(watch, SolutionWatch) and (solution := watch.latest())
@@ -139,7 +139,7 @@ class FunctionCosts:
         if solution is None:
             return FlashCost(None, model, refusal="no solution was completed")
         try:
-            counted = counted_with_waits(self._machine, solution, profile)
+            counted = count_with_waits(self._machine, solution, profile)
         except (ConfigError, BoardFault) as error:
             return FlashCost(None, model, refusal=str(error))
         return FlashCost(counted.cycles, model, flash_range(profile, counted.cycles))

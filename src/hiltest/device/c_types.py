@@ -16,7 +16,7 @@ from hiltest.virtual.program.debug_entries import (
     children,
     name_of,
     next_type,
-    without_qualifiers,
+    strip_qualifiers,
     written_type,
 )
 
@@ -110,7 +110,7 @@ CType: TypeAlias = NumberType | PointerType | ArrayType | RecordType | OtherType
 
 def read_type(entry: Any) -> CType:
     """Read the type of an entry of debug information, without typedefs and qualifiers."""
-    text, bare = written_type(entry), without_qualifiers(entry)
+    text, bare = written_type(entry), strip_qualifiers(entry)
     if bare is None:
         return OtherType("void")
     if bare.tag == "DW_TAG_base_type":
@@ -163,7 +163,7 @@ def _read_number(entry: Any, text: str) -> CType:
 def _read_enumeration(entry: Any, text: str) -> CType:
     values = {child.attributes["DW_AT_const_value"].value: name_of(child)
               for child in children(entry) if child.tag == "DW_TAG_enumerator"}  # fmt: skip
-    underlying = without_qualifiers(next_type(entry))
+    underlying = strip_qualifiers(next_type(entry))
     signed = min(values, default=0) < 0
     if underlying is not None and underlying.tag == "DW_TAG_base_type":
         signed = _KINDS.get(underlying.attributes["DW_AT_encoding"].value) is NumberKind.SIGNED
@@ -231,7 +231,7 @@ def _bit_field(member: Any, kind: Any) -> BitField | None:
     begin = 8 * _offset(member)
     if from_top is None:
         return BitField(begin, size.value)
-    storage = member.attributes.get("DW_AT_byte_size") or without_qualifiers(kind).attributes["DW_AT_byte_size"]
+    storage = member.attributes.get("DW_AT_byte_size") or strip_qualifiers(kind).attributes["DW_AT_byte_size"]
     return BitField(begin + 8 * storage.value - from_top.value - size.value, size.value)
 
 

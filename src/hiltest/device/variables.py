@@ -23,7 +23,7 @@ from hiltest.device.places import Place, Scalar, scalar
 from hiltest.device.variable_index import VariableIndex, nearest_names
 from hiltest.device.variable_path import DereferenceStep, IndexStep, MemberStep, Step, VariablePath, read_path
 from hiltest.errors import ConfigError
-from hiltest.virtual.program.debug_entries import without_qualifiers
+from hiltest.virtual.program.debug_entries import strip_qualifiers
 from hiltest.virtual.program.elf import FirmwareImage, Symbol
 
 _MOST_NUMBERS = 1024  # numbers of one path; the largest useful one is a matrix of 9
@@ -139,7 +139,7 @@ class Variables:
         """Read a type; a struct that its unit only declares is read from its definition."""
         kind = read_type(entry)
         if isinstance(kind, RecordType) and kind.size is None and self._index is not None:
-            return read_type(self._index.definition(without_qualifiers(entry)))
+            return read_type(self._index.definition(strip_qualifiers(entry)))
         return kind
 
     # -- steps --------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hiltest.virtual.board.cortex_m4 import HANG_S
 from hiltest.virtual.board.k64f import board_for
-from hiltest.virtual.calls.call_clock import CALL_HZ, checked_clock
+from hiltest.virtual.calls.call_clock import CALL_HZ, check_clock
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.profiling import CallProfile, profile_call
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
@@ -37,7 +37,7 @@ class ProfiledImage:
     def __init__(
         self, elf: Path, *, timing: str = DEFAULT_PROFILE, memory: str | None = None, clock_hz: float = CALL_HZ
     ) -> None:
-        self._clock_hz = checked_clock(clock_hz)
+        self._clock_hz = check_clock(clock_hz)
         self._board = board_for(elf, profile=load_profile(timing), memory=memory)
 
     @property

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.profiling.arguments import parse_argument
 from hiltest.virtual.board.k64f import board_for
-from hiltest.virtual.calls.calling import function_named
+from hiltest.virtual.calls.calling import find_function
 from hiltest.worst_case.search import Call
 
 _NUMBER = r"[-+]?(?:0[xX][0-9a-fA-F]+|[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?)"
@@ -110,7 +110,7 @@ class ArgumentRanges:
 
     def __init__(self, elf: Path, function: str, texts: Sequence[str], returns: Range | None) -> None:
         self._board = board_for(elf)
-        self._function, self._returns = function_named(self._board.image, function).name, returns
+        self._function, self._returns = find_function(self._board.image, function).name, returns
         self._pieces: list[list[str | Range]] = [_pieces(text) for text in texts]
         self._open = [piece for pieces in self._pieces for piece in pieces if isinstance(piece, Range)]
         if not self._open:

@@ -1,1 +1,1 @@
-"""The virtual FRDM-K64F: the chip, what is around it, and a debugger for it."""
+"""The virtual FRDM-K64F: the chip, the parts around it, and a debugger for it."""

@@ -1,4 +1,4 @@
-"""A processor with its private peripherals, and what connects blocks to it; of a part that no tables describe, all."""
+"""The private peripherals of a Cortex-M4, and a part that has no others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hiltest.virtual.processor.cpu import Processor
 
 
 def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter, SystemControlSpace]:
-    """Make the peripherals that every Cortex-M4 has; SysTick counts the clock `core`."""
+    """Return DWT and the system control space, which every Cortex-M4 has; SysTick counts `core`."""
 
     def reset() -> None:
         processor.abort(ResetRequested(ResetSource.SOFTWARE))
@@ -25,14 +25,9 @@ def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter
 
 
 class BarePart:
-    """A part of which the memories alone are known: the processor, and nothing around it.
+    """A part of which only the memories are known: a processor without peripherals of the vendor.
 
-    Attributes
-    ----------
-    cycle_counter : CycleCounter
-    unmodelled : UnmodelledLog
-        Empty: an access to a peripheral is an error.
-    bus : PeripheralBus
+    `unmodelled` stays empty, because any access to a peripheral is an error.
     """
 
     bites = 0
@@ -45,5 +40,4 @@ class BarePart:
         self.bus = PeripheralBus(processor, [self.cycle_counter, control], None)
 
     def describe_sleep(self) -> str:
-        """Say in which mode it sleeps: it has none."""
         return ""

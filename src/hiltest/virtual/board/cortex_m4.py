@@ -1,4 +1,4 @@
-"""A virtual Cortex-M4: its processor and memories, whose functions can be called."""
+"""A virtual Cortex-M4: processor and memories, with functions that can be called."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hiltest.virtual.board.loading import load_running, load_segments, vectors
 from hiltest.virtual.board.memory_map import memory_map
 from hiltest.virtual.board.memory_use import memory_use
 from hiltest.virtual.board.microcontroller import Microcontroller
-from hiltest.virtual.calls.call_clock import CALL_HZ, checked_clock
+from hiltest.virtual.calls.call_clock import CALL_HZ, check_clock
 from hiltest.virtual.calls.call_watch import CallWatch
-from hiltest.virtual.calls.calling import CallResult, call_function, function_named
+from hiltest.virtual.calls.calling import CallResult, call_function, find_function
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.calls.solution_watch import SolutionEnd, SolutionWatch
 from hiltest.virtual.core.decoder import decode_first
@@ -34,31 +34,31 @@ from hiltest.virtual.processor.stack_bounds import NoBound, StackBounds, bound_w
 from hiltest.virtual.processor.stacks import known_stacks
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 
-#: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
-#: the slowest way to count, with a profile, takes the host about a minute for it.
+#: Virtual time after which a called function counts as hung [s]: no measured function comes near it, and with a
+#: profile, the slowest way to count, the host needs about a minute for it.
 HANG_S = 1.0
 
 
 class VirtualCortexM4:
     """A processor with memories, which calls functions of an image and counts their cycles.
 
-    Of the peripherals there are the processor's own alone, and no firmware starts: `VirtualK64F` is a whole board.
+    It has no peripherals but the processor's own, and does not start firmware: `VirtualK64F` is a whole board.
 
     Parameters
     ----------
     elf
-        File, or the content of one.
+        File, or its content.
     profile
-        Name of a profile, or of a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
+        Name of a profile, or a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
     memory
-        Memories of the part, see `memory_map`, by default those that the image needs.
+        Memories of the part, see `memory_map`; by default those that the image needs.
     part
-        Connects what is around the processor.
+        Connects the peripherals around the processor.
 
     Raises
     ------
     ConfigError
-        If the image is not for this processor or does not fit the memories, or the profile is of other memories.
+        If the image is not for this processor or does not fit the memories, or the profile is for other memories.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class VirtualCortexM4:
         memory: str | MemoryMap | None = None,
         part: Callable[[Processor], BarePart | Microcontroller] = BarePart,
     ) -> None:
-        self.image = opened(elf)
+        self.image = open_image(elf)
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
         if priced.memory and self.memory != MK64FN1M0:
@@ -81,17 +81,16 @@ class VirtualCortexM4:
 
     @property
     def bus(self) -> PeripheralBus:
-        """The bus of the peripherals."""
         return self._part.bus
 
     @property
     def cycle_counter(self) -> CycleCounter:
-        """DWT, with the firmware's readings of it."""
+        """DWT, with the firmware's readings of the counter."""
         return self._part.cycle_counter
 
     @property
     def may_rest(self) -> bool:
-        """Whether firmware that ends in a loop to itself, without a fault, is at rest, and no hang."""
+        """Return whether firmware that ends in a loop to itself, without a fault, is at rest instead of hung."""
         return self.processor.waiting.may_rest
 
     @may_rest.setter
@@ -109,25 +108,25 @@ class VirtualCortexM4:
         return self.processor.instructions
 
     def memory_use(self) -> dict[str, int]:
-        """Return the bytes that the firmware takes, see `hiltest.virtual.board.memory_use`."""
+        """Return the bytes of memory that the firmware uses, see `hiltest.virtual.board.memory_use`."""
         return memory_use(self.image, self.memory, known_stacks(self.processor.machine))
 
     def stack_bounds(self, functions: Iterable[str]) -> dict[str, int | str]:
-        """Return the bytes of stack that functions can take at most, by name, or why that is not known.
+        """Return the largest stack use of functions [bytes] by name, or the reason why it is unknown.
 
-        The empty name is that of the whole firmware, with the exceptions that were taken or are enabled.
+        The empty name stands for the whole firmware, with the exceptions that were taken or are enabled.
         """
-        bounds, found = StackBounds(self.image), dict[str, int | str]()
+        bounds, sizes = StackBounds(self.image), dict[str, int | str]()
         nvic, table = self.processor.nvic, self.processor.core.vector_table
-        with contextlib.suppress(ConfigError):  # it did not start from here
+        with contextlib.suppress(ConfigError):  # an image without a vector table did not start the firmware
             _, entry = vectors(self.processor.memory, self.image)
             read = self.processor.memory.read_words
-            handlers = [[read(table + 4 * each, 1)[0] for each in alike] for alike in nvic.together()]
-            found[""] = self._bound(lambda: bound_with_exceptions(bounds, entry, handlers))
+            handlers = [[read(table + 4 * exception, 1)[0] for exception in alike] for alike in nvic.together()]
+            sizes[""] = self._bound(lambda: bound_with_exceptions(bounds, entry, handlers))
         for name in functions:
-            address = function_named(self.image, name).address
-            found[name] = self._bound(partial(bounds.bound, address))
-        return found
+            address = find_function(self.image, name).address
+            sizes[name] = self._bound(partial(bounds.bound, address))
+        return sizes
 
     @staticmethod
     def _bound(bound: Callable[[], int]) -> int | str:
@@ -138,58 +137,55 @@ class VirtualCortexM4:
 
     @property
     def faults(self) -> Sequence[FaultRecord]:
-        """Faults that the firmware's handlers got since power-on: the first thousand."""
+        """The first thousand faults since power-on that the firmware's handlers received."""
         return tuple(self.processor.fault_log.records)
 
     def position(self) -> str:
-        """Say where the firmware is: sleeping, or executing which line, and in which fault's handler."""
+        """Describe the state of the firmware: asleep or executing, function and line, and the fault being handled."""
         fault = self.processor.fault_log.first_cause
         if fault is None:
-            return self._doing()
-        return f"{self._doing()}, after: {fault.cause} at {place_of(fault.pc, fault.function, fault.location)}"
+            return self._activity()
+        return f"{self._activity()}, after: {fault.cause} at {place_of(fault.pc, fault.function, fault.location)}"
 
-    def _doing(self) -> str:
+    def _activity(self) -> str:
         pc = self.processor.registers.pc.get()
         function = self.image.function_at(pc)
         place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
         if self.processor.sleeping:
             return f"asleep{self._part.describe_sleep()} in {place}"
         if self._loops_at(pc & ~1):
-            rests = self.may_rest and self.processor.waiting.in_thread
+            rests = self.may_rest and self.processor.waiting.is_in_thread
             return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"
         bitten = f", reset {self._part.bites} times by its watchdog" if self._part.bites else ""
         return f"executing {place}{self.processor.waits_for()}{bitten}"
 
     def _loops_at(self, address: int) -> bool:
-        """Whether a branch to itself stands there."""
-        found = decode_first(address, self.processor.memory.code_at(address))
-        return bool(found) and found.flow == lib.FLOW_JUMP and found.target == address and not found.conditional
+        """Return whether the instruction at an address is a branch to itself."""
+        decoded = decode_first(address, self.processor.memory.code_at(address))
+        return bool(decoded) and decoded.flow == lib.FLOW_JUMP and decoded.target == address and not decoded.conditional
 
     def watch_calls(self, functions: Iterable[str]) -> CallWatch:
-        """Count the calls of functions from now on, while firmware runs."""
+        """Count calls of functions from now on, while firmware runs."""
         return CallWatch(self.processor, functions)
 
     def watch_solutions(self, functions: Iterable[str], end: SolutionEnd) -> SolutionWatch:
-        """Sum up the calls of functions that work in slices, by solution, from now on."""
+        """Sum up the calls of functions that work in slices, per solution, from now on."""
         return SolutionWatch(self.processor, functions, end)
 
     # -- registers that are not modelled ------------------------------------------------------
 
     @property
     def unmodelled(self) -> Sequence[UnmodelledAccess]:
-        """First access to each register that keeps what is written and does nothing; `str` of one is a sentence."""
+        """First access to each register that only stores writes; `str` of one is a sentence."""
         return self._part.unmodelled.accesses
 
-    def tell(self, told: Callable[[str], None]) -> None:
-        """Say who is told, in a line, of a register that firmware waits for and that is not modelled.
-
-        Otherwise that is an `UnmodelledWarning`.
-        """
-        self._part.unmodelled.told = told
+    def tell(self, listener: Callable[[str], None]) -> None:
+        """Replace the `UnmodelledWarning` by a call with one line about a register that firmware waits for."""
+        self._part.unmodelled.on_wait = listener
 
     @contextlib.contextmanager
     def unnoticed(self) -> Iterator[None]:
-        """Leave accesses out of `unmodelled` that are not the firmware's, for the time of the context."""
+        """Do not record accesses in `unmodelled` during the context, because they are not the firmware's."""
         self._part.unmodelled.listens = False
         try:
             yield
@@ -199,29 +195,29 @@ class VirtualCortexM4:
     # -- calling functions --------------------------------------------------------------------
 
     def _call_hz(self, asked_hz: float | None) -> float:
-        """Return the core clock that makes seconds of a call's cycles [Hz]."""
-        return CALL_HZ if asked_hz is None else checked_clock(asked_hz)
+        """Return the core clock that converts a call's cycles into seconds [Hz]."""
+        return CALL_HZ if asked_hz is None else check_clock(asked_hz)
 
     def call(
         self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
     ) -> CallResult:
-        """Call one function of the image and count what it costs.
+        """Call one function of the image and count its cycles.
 
-        Works without booting; on a running board the processor's state is put
-        back afterwards. Interrupts are masked during the call.
+        No boot is needed; on a running board the processor's state is restored
+        afterwards. Interrupts are masked during the call.
 
         Parameters
         ----------
         symbol
             Name of the function.
         *arguments
-            By the types in the DWARF; integers only without it. A buffer is
-            copied to free RAM and passed by address; a writable one gets what
-            the function left there.
+            Converted by the types in the DWARF; only integers without DWARF. A buffer
+            is copied to free RAM and passed by address; a writable one receives the
+            data that the function leaves in it.
         timeout_s
-            Virtual time after which it is taken to hang [s].
+            Virtual time after which the function counts as hung [s].
         clock_hz
-            Core clock without boot [Hz], by default 120 MHz; a running board has the one that its firmware made.
+            Core clock without boot [Hz], by default 120 MHz; on a running board the clock that its firmware set up.
 
         Returns
         -------
@@ -231,9 +227,9 @@ class VirtualCortexM4:
         Raises
         ------
         ConfigError
-            No such function, arguments that do not fit it, or no such clock.
+            If the function or the clock does not exist, or the arguments do not fit.
         BoardFault
-            The function faulted or hung.
+            If the function faults or hangs.
         """
         clock_hz = self._call_hz(clock_hz)
         if not self._booted:
@@ -248,7 +244,7 @@ class VirtualCortexM4:
             raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None
 
 
-def opened(elf: str | Path | bytes | FirmwareImage) -> FirmwareImage:
-    """Return an image: of a file, of its content, or as it is."""
+def open_image(elf: str | Path | bytes | FirmwareImage) -> FirmwareImage:
+    """Return the image in a file or in its content; an image is returned unchanged."""
     source = Path(elf) if isinstance(elf, str) else elf
     return source if isinstance(source, FirmwareImage) else load_image(source)

@@ -1,4 +1,4 @@
-"""Registers and memory of a halted board, as a debug probe reaches them."""
+"""Registers and memory of a halted board, as a debug probe accesses them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DEVICES = (PERIPHERALS, PRIVATE_PERIPHERALS)
 
 
 class DebugAccess:
-    """Reads and writes what a debugger asks for.
+    """Access to registers and memory for a debugger.
 
     Registers are numbered r0 to r12, sp, lr, pc, xpsr, msp, psp, primask, basepri, faultmask, control, d0 to d15,
     fpscr.
@@ -28,7 +28,7 @@ class DebugAccess:
     Parameters
     ----------
     machine
-        Halted whenever this is used.
+        Must be halted during every access.
     """
 
     def __init__(self, machine: VirtualK64F) -> None:
@@ -39,30 +39,29 @@ class DebugAccess:
         self._groups.append(RegisterGroup(core_machine, ["FPSCR"]))
 
     def register(self, number: int) -> bytes:
-        """Read a register, little-endian: 4 bytes, or 8 of a double."""
+        """Read a register, little-endian: 4 bytes, or 8 for a double."""
         words = self._groups[number].read()
         if number == _PC:
             words = [words[0] & ~1]
         return struct.pack(f"<{len(words)}I", *words)
 
     def registers(self) -> bytes:
-        """Read all of them."""
         return b"".join(map(self.register, range(COUNT)))
 
     def width(self, number: int) -> int:
-        """Return the size of a register [bytes].
+        """Return the size of a register in bytes.
 
         Raises
         ------
         IndexError
-            If there is none of this number.
+            If no register has this number.
         """
         if not 0 <= number < COUNT:
             raise IndexError(number)
         return 8 if _DOUBLES_FIRST <= number < _FPSCR else 4
 
     def write_register(self, number: int, value: bytes) -> None:
-        """Write a register; the firmware goes on from a new PC, asleep or not."""
+        """Write a register; the firmware continues at a new PC, asleep or not."""
         words = list(struct.unpack(f"<{self.width(number) // 4}I", value))
         if number == _PC:
             changed = words[0] & ~1 != self._groups[_PC].get() & ~1
@@ -72,12 +71,12 @@ class DebugAccess:
         self._groups[number].write(words)
 
     def write_registers(self, values: bytes) -> None:
-        """Write all of them.
+        """Write all registers.
 
         Raises
         ------
         ValueError
-            If these are not all.
+            If the size is not that of all registers.
         """
         if len(values) != sum(map(self.width, range(COUNT))):
             raise ValueError(f"{len(values)} bytes are not all registers")
@@ -88,12 +87,12 @@ class DebugAccess:
             offset += width
 
     def read(self, address: int, size: int) -> bytes:
-        """Read memory; registers of a peripheral word by word, with what a read does there.
+        """Read memory, or registers of a peripheral word by word, with the side effects of a read.
 
         Raises
         ------
         ValueError
-            If there is nothing.
+            If the address has no memory and no peripheral.
         """
         if not self._is_device(address):
             return self._processor.memory.read(address, size)
@@ -110,7 +109,7 @@ class DebugAccess:
         Raises
         ------
         ValueError
-            If there is nothing.
+            If the address has no memory and no peripheral.
         """
         if not self._is_device(address):
             self._processor.memory.write(address, data)
@@ -125,7 +124,7 @@ class DebugAccess:
         return any(base <= address < base + size for base, size in _DEVICES)
 
     def _access(self, address: int, size: int) -> int:
-        """Return how many bytes of a peripheral are accessed at once."""
+        """Return the bytes of a peripheral that one access covers."""
         width = next(width for width in (4, 2, 1) if address % width == 0 and width <= size)
         reason = self._machine.bus.reason_against(address, width)
         if reason is not None:

@@ -1,8 +1,8 @@
-"""Halting the processor for a debugger: breakpoints, watchpoints, steps, and who may touch it meanwhile.
+"""Halts of the processor for a debugger: breakpoints, watchpoints, steps, and exclusion of the other thread.
 
-Nothing of this is in the way of a board that is not being debugged: `Debugger.run` stands in for `Processor.run`, and
-the core looks for breakpoints and watchpoints only where there are any. Virtual time stands still in a halt, because
-the thread that runs the board waits in `run`. A halt changes no count.
+A board that is not being debugged is not slowed down: `Debugger.run` replaces `Processor.run`, and the core checks
+breakpoints and watchpoints only if there are any. Virtual time stands still in a halt, because the thread that runs the
+board waits in `run`. A halt changes no count.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import NEVER
 from hiltest.virtual.processor.schedule import Event
 
-_LOOK_AGAIN_S = 0.02  # a request to halt that came while the core was being entered is made again
+_LOOK_AGAIN_S = 0.02  # a halt request can be lost while the core is being entered, so it is repeated
 _BKPT = 0xBE  # high byte of the instruction
 
 
 class WatchKind(Enum):
-    """What a watchpoint looks for."""
+    """Accesses that a watchpoint reacts to."""
 
     WRITE = lib.WATCH_WRITE
     READ = lib.WATCH_READ
@@ -33,7 +33,7 @@ class WatchKind(Enum):
 
 
 class StopReason(Enum):
-    """Why the processor was halted."""
+    """Reason for a halt of the processor."""
 
     ASKED = 0
     STEPPED = 1
@@ -44,15 +44,15 @@ class StopReason(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A halt."""
+    """A halt of the processor."""
 
     reason: StopReason
     watch: WatchKind | None = None
     """Kind of the watchpoint that was hit."""
     address: int = 0
-    """Data that it was hit by."""
+    """Address of the access that hit the watchpoint."""
     fault: BoardFault | None = None
-    """What ends the firmware as soon as the processor goes on."""
+    """Fault that ends the firmware when the processor continues."""
 
 
 class _Stopped(Exception):
@@ -64,43 +64,43 @@ class _Stopped(Exception):
 
 
 class Debugger:
-    """Halts the processor of a board and lets it go on.
+    """Control of a board's processor: halts, breakpoints, watchpoints and steps.
 
-    The thread that runs the board comes by in `run`; everything else is called from another one, and touches the
-    processor within `halted` only.
+    The thread that runs the board calls `run`; all other methods are for another thread, which may access the processor
+    only within `halted`.
 
     Parameters
     ----------
     machine
-        Must not be running.
+        Board that is not running.
     on_stop
-        Called, in the thread that runs the board, when the processor has halted by itself.
+        Called in the thread that runs the board, when the processor has halted by itself.
 
     Attributes
     ----------
     latest : Stop
-        Why it halted last.
+        The last halt.
     """
 
     def __init__(self, machine: VirtualK64F, *, on_stop: Callable[[], None]) -> None:
         self.latest = Stop(StopReason.ASKED)
         self._machine, self._processor = machine, machine.processor
         self._on_stop = on_stop
-        self._turn = threading.Condition()  # guards what follows, and the processor while nobody is inside
-        self._halt = False  # whether it is to stand still
-        self._inside = False  # whether the processor is entered
-        self._within = range(0)  # a step goes on while it stays in there
-        self._active: int | None = None  # exceptions that were active before a step, until it begins
+        self._turn = threading.Condition()  # guards the members below, and the processor while nobody is inside
+        self._halt = False  # a halt is requested
+        self._inside = False  # the board's thread is in the core
+        self._within = range(0)  # a step continues while the PC stays in this range
+        self._active: int | None = None  # number of active exceptions before a step, until the step begins
         self._breakpoints: set[int] = set()
         self._watchpoints: list[tuple[WatchKind, int, int]] = []
         machine.run_processor = self.run
-        self._processor.at_stop = self._at_stop
-        self._processor.at_breakpoint = self._at_instruction
+        self._processor.at_stop = self._halt_at_stop
+        self._processor.at_breakpoint = self._halt_at_breakpoint
 
     # -- the thread that runs the board -------------------------------------------------------
 
     def run(self, until: Event, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> bool:
-        """Run the processor as `Processor.run` does, and wait whenever it is halted."""
+        """Run the processor as `Processor.run` does, and wait while it is halted."""
 
         def look() -> bool:
             return self._halt or (wake is not None and wake())
@@ -113,7 +113,7 @@ class Debugger:
             except _Stopped as stopped:
                 stop = stopped.stop
             except BoardFault as fault:
-                if not self._attended:
+                if not self._is_attended:
                     raise
                 stop = Stop(StopReason.FAULT, fault=fault)
             finally:
@@ -123,8 +123,8 @@ class Debugger:
             self._on_stop()
 
     @property
-    def _attended(self) -> bool:
-        """Whether a debugger is there, to whom a fault is shown before it ends the firmware."""
+    def _is_attended(self) -> bool:
+        """Return whether a debugger is connected, which is shown a fault before the fault ends the firmware."""
         return self._machine.debugged
 
     def _enter(self) -> None:
@@ -139,7 +139,7 @@ class Debugger:
             self._inside = True
 
     def _leave(self, stop: Stop | None) -> bool:
-        """Note that the processor is left; True when somebody waits for that."""
+        """Note that the core was left; return whether a halt is requested."""
         with self._turn:
             asked = self._halt
             self._inside = False
@@ -151,7 +151,7 @@ class Debugger:
 
     # -- called by the processor --------------------------------------------------------------
 
-    def _at_stop(self, reason: int) -> None:
+    def _halt_at_stop(self, reason: int) -> None:
         core = self._processor.core
         if reason == lib.STOP_WATCHPOINT:
             watch, core.watch_kinds = WatchKind(core.watch_kinds), 0
@@ -163,31 +163,31 @@ class Debugger:
         raise _Stopped(Stop(StopReason.BREAKPOINT if core.r[15] in self._breakpoints else StopReason.STEPPED))
 
     def _steps_on(self) -> bool:
-        """Whether a step is not over: nothing has run yet, or an instruction comes that is passed over."""
+        """Return whether a step continues: nothing has run yet, or the next instruction is within the range."""
         core, before = self._processor.core, self._active
         self._active = None
         if before is not None:
-            return bool(core.active_count == before)  # else an exception's handler begins, which is a step as well
+            return bool(core.active_count == before)  # otherwise an exception handler begins, which is a step too
         if lib.machine_skips(self._processor.machine.handle):
             return True
         return core.r[15] in self._within and core.r[15] not in self._breakpoints
 
-    def _at_instruction(self, _address: int) -> None:
-        """Halt at a BKPT instruction, if a debugger is there."""
-        if self._attended:
+    def _halt_at_breakpoint(self, _address: int) -> None:
+        """Halt at a BKPT instruction if a debugger is connected."""
+        if self._is_attended:
             raise _Stopped(Stop(StopReason.BREAKPOINT))
 
     # -- from the other thread ----------------------------------------------------------------
 
     @property
     def is_halted(self) -> bool:
-        """Whether the processor stands still until it is let go."""
+        """Return whether the processor is halted."""
         with self._turn:
             return self._halt
 
     @contextmanager
     def halted(self) -> Iterator[None]:
-        """Keep the processor halted, and the board's thread out, for the time of the context."""
+        """Keep the processor halted, and the board's thread out of the core, during the context."""
         with self._turn:
             self._halt = True
             while self._inside:
@@ -196,20 +196,20 @@ class Debugger:
             yield
 
     def go_on(self, *, step: bool = False, within: range = range(0)) -> None:
-        """Let a processor that is halted go on: for one instruction, or until it leaves the addresses `within`."""
+        """Continue a halted processor: for one instruction, or until it leaves the addresses `within`."""
         with self.halted():
             core = self._processor.core
             if not step and self._is_instruction(core.r[15]):
                 core.r[15] += 2
             core.passes_breakpoint, core.watch_kinds = True, 0
-            # A step has the core take what is pending first: no instruction is due until then.
+            # In a step the core first takes pending exceptions, so no instruction is due before that.
             core.instruction_limit = core.instructions if step else NEVER
             self._active, self._within = core.active_count, within
             self._halt = False
             self._turn.notify_all()
 
     def _is_instruction(self, pc: int) -> bool:
-        """Whether a BKPT is there, which would halt it again and again."""
+        """Return whether the instruction is BKPT, which would halt the processor again and again."""
         try:
             return self._processor.memory.read(pc + 1, 1)[0] == _BKPT
         except ValueError:
@@ -221,7 +221,7 @@ class Debugger:
         Raises
         ------
         ConfigError
-            If there are too many.
+            If there are too many breakpoints.
         """
         with self.halted():
             if not lib.machine_set_breakpoint(self._processor.machine.handle, address, True):
@@ -229,19 +229,19 @@ class Debugger:
             self._breakpoints.add(address)
 
     def clear_breakpoint(self, address: int) -> None:
-        """Forget a breakpoint, if it is there."""
+        """Remove a breakpoint if it exists."""
         with self.halted():
             if address in self._breakpoints:
                 lib.machine_set_breakpoint(self._processor.machine.handle, address, False)
                 self._breakpoints.remove(address)
 
     def set_watchpoint(self, watch: WatchKind, address: int, size: int) -> None:
-        """Halt behind an instruction that accesses one of `size` bytes.
+        """Halt after an instruction that accesses any of `size` bytes.
 
         Raises
         ------
         ConfigError
-            If there are too many.
+            If there are too many watchpoints.
         """
         with self.halted():
             if (watch, address, size) not in self._watchpoints:
@@ -250,7 +250,7 @@ class Debugger:
                 self._watchpoints.append((watch, address, size))
 
     def clear_watchpoint(self, watch: WatchKind, address: int, size: int) -> None:
-        """Forget a watchpoint, if it is there."""
+        """Remove a watchpoint if it exists."""
         with self.halted():
             if (watch, address, size) in self._watchpoints:
                 self._watchpoints.remove((watch, address, size))
@@ -259,7 +259,7 @@ class Debugger:
                     lib.machine_add_watchpoint(self._processor.machine.handle, begin, length, kind.value)
 
     def clear(self) -> None:
-        """Forget all breakpoints and watchpoints."""
+        """Remove all breakpoints and watchpoints."""
         for address in list(self._breakpoints):
             self.clear_breakpoint(address)
         for watched in list(self._watchpoints):

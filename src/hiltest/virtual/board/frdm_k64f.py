@@ -15,8 +15,8 @@ def _pins(kind: str) -> dict[str, tuple[str, int]]:
     return {row["name"]: pin_place(row["pin"]) for row in table("frdm_k64f.csv") if row["kind"] == kind}
 
 
-LEDS = _pins("led")  # lit when the pin is low
-BUTTONS = _pins("button")  # to ground when pressed; the board pulls them up
+LEDS = _pins("led")  # active low
+BUTTONS = _pins("button")  # to ground when pressed, with pull-ups on the board
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +35,17 @@ class BoardEvent:
 
 
 class LedsAndButtons(Restorable):
-    """The LEDs and buttons, and what happened to them.
+    """State and history of the LEDs and buttons.
 
     Parameters
     ----------
-    ports
-        Ports by letter.
     time_s
-        Answers the virtual time, inside a peripheral's access too.
+        Returns the virtual time, inside a peripheral's access too.
 
     Attributes
     ----------
     events : list of BoardEvent
-        In order, since power-on.
+        Changes since power-on, in order.
     """
 
     def __init__(self, ports: Mapping[str, Port], time_s: Callable[[], float]) -> None:
@@ -61,16 +59,16 @@ class LedsAndButtons(Restorable):
             ports[letter].on_change = self._look
             ports[letter].watch(1 << pin, follows_timers=True)
 
-    def is_on(self, what: str) -> bool:
-        """Whether an LED is lit or a button is pressed.
+    def is_on(self, name: str) -> bool:
+        """Return whether an LED is lit or a button is pressed.
 
         Raises
         ------
         ConfigError
-            When the board has no such thing.
+            If the board has no such LED or button.
         """
-        self._check(what, self._on)
-        return self._on[what]
+        self._check(name, self._on)
+        return self._on[name]
 
     def push(self, button: str, pressed: bool) -> None:
         """Press or release a button.
@@ -78,16 +76,16 @@ class LedsAndButtons(Restorable):
         Raises
         ------
         ConfigError
-            When the board has no such button.
+            If the board has no such button.
         """
         self._check(button, BUTTONS)
         letter, pin = BUTTONS[button]
         self._note(button, pressed)
         self._ports[letter].drive(pin, not pressed)
 
-    def _check(self, what: str, known: Mapping[str, object]) -> None:
-        if what not in known:
-            raise ConfigError(f"the FRDM-K64F has no {what!r}; it has {', '.join(known)}")
+    def _check(self, name: str, names: Mapping[str, object]) -> None:
+        if name not in names:
+            raise ConfigError(f"the FRDM-K64F has no {name!r}; it has {', '.join(names)}")
 
     def _look(self, port: Port) -> None:
         driven_low = port.driven_low
@@ -95,7 +93,7 @@ class LedsAndButtons(Restorable):
             if self._ports[letter] is port:
                 self._note(led, bool(driven_low >> pin & 1))
 
-    def _note(self, what: str, on: bool) -> None:
-        if self._on[what] != on:
-            self._on[what] = on
-            self.events.append(BoardEvent(self._time_s(), what, on))
+    def _note(self, name: str, on: bool) -> None:
+        if self._on[name] != on:
+            self._on[name] = on
+            self.events.append(BoardEvent(self._time_s(), name, on))

@@ -1,4 +1,4 @@
-"""The wires from a part's interrupt pins."""
+"""Wires from the interrupt pins of sensors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hiltest.virtual.peripherals.i2c_bus import I2cDevice
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.schedule import Event
 
-#: Told the new level of a pin, True is high.
+#: Called with the new level of a pin; True is high.
 Wire = Callable[[bool], None]
 
 
@@ -19,26 +19,24 @@ class InterruptSource(I2cDevice, Protocol):
     """A part on the bus with two interrupt pins; times are virtual seconds since power-on."""
 
     def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
-        """Levels of INT1 and INT2, True is high."""
+        """Return the levels of INT1 and INT2; True is high."""
         ...
 
     def next_interrupt_s(self, time_s: float) -> float:
-        """Next time at which time alone may change a level; infinity when an access must come first."""
+        """Return the next time at which a level may change without an access; infinity if there is none."""
         ...
 
 
 class InterruptWires(Restorable):
-    """Keeps two wires at the levels of a part's pins.
+    """Two wires with the levels of a part's interrupt pins.
 
-    A part says when it may raise a pin by itself, so nothing is looked at while nothing
-    can happen; what an access changes is seen at its end, by `look`.
+    The part says when a level may change by itself, so it is not polled; the effects of an
+    access are found at its end, by `look`.
 
     Parameters
     ----------
-    source
-        The part.
     wires
-        Where INT1 and INT2 lead; None is not connected.
+        Called for INT1 and INT2; None is not connected.
     time
         Virtual time in picoseconds.
     """
@@ -51,7 +49,7 @@ class InterruptWires(Restorable):
         self._event: Event | None = None
 
     def look(self) -> None:
-        """Take over the levels as they are now, and come back when they may change."""
+        """Pass on the present levels, and schedule the next look."""
         self._look_at(self._time.now())
 
     def _look_at(self, ps: int) -> None:
@@ -69,4 +67,4 @@ class InterruptWires(Restorable):
             self._event = None
         if math.isfinite(time_s):
             ps = math.ceil(time_s * PICOSECONDS)
-            self._event = self._time.at(ps, lambda: self._look_at(ps))
+            self._event = self._time.call_at(ps, lambda: self._look_at(ps))

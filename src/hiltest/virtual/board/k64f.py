@@ -1,4 +1,4 @@
-"""The virtual FRDM-K64F: the MK64FN1M0's memories and the peripherals that firmware here uses."""
+"""The virtual FRDM-K64F: memories and peripherals of the MK64FN1M0, LEDs, buttons and sensors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from hiltest.errors import ConfigError, SnapshotError
 from hiltest.state import HasState
-from hiltest.virtual.board.cortex_m4 import VirtualCortexM4, opened
+from hiltest.virtual.board.cortex_m4 import VirtualCortexM4, open_image
 from hiltest.virtual.board.frdm_k64f import BoardEvent, LedsAndButtons
 from hiltest.virtual.board.interrupt_wires import InterruptSource, InterruptWires
 from hiltest.virtual.board.loading import load_segments, vectors
@@ -35,7 +35,7 @@ from hiltest.virtual.program.elf import FirmwareImage
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardSnapshot:
-    """State of a board and of everything on its buses at one moment; `VirtualK64F.snapshot` takes it."""
+    """State of a board and of everything on its buses at one moment, taken by `VirtualK64F.snapshot`."""
 
     board: VirtualK64F
     machine: Snapshot
@@ -46,32 +46,32 @@ class BoardSnapshot:
 class VirtualK64F(VirtualCortexM4):
     """A board that runs an ELF, instruction by instruction, with a cycle count.
 
-    Virtual time follows the clocks that the firmware sets up: out of reset the core
+    Virtual time follows the clocks that the firmware sets up: after reset the core
     runs at 20.97 MHz.
 
     Parameters
     ----------
     elf
-        File, or the content of one: firmware laid out for the MK64FN1M0, as ELF, Intel HEX or raw binary at 0. One that
-        belongs elsewhere: `load_image(path, base=0x8000)`.
+        File, or its content: firmware laid out for the MK64FN1M0, as ELF, Intel HEX or raw binary at 0. For a binary
+        at another address: `load_image(path, base=0x8000)`.
     i2c0, i2c1
         Parts on the two buses.
     profile
-        Name of a profile, or of a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
+        Name of a profile, or a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
     strict
-        Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
-        registers keep what is written, and `unmodelled` lists what was touched.
+        True if an access to a peripheral that the chip has and this board does not model is a bus error. Otherwise
+        its registers store writes, and `unmodelled` lists those that were accessed.
     flash_file
-        Holds the flash from run to run. At power-on it gives back the sectors that the image has nothing in.
+        File that keeps the flash between runs. At power-on it restores the sectors for which the image has no data.
 
     Attributes
     ----------
     run_processor : callable
-        Runs the processor, as `Processor.run`: a debugger puts itself here.
+        Runs the processor as `Processor.run` does; a debugger replaces it.
     debugged : bool
-        Whether one is connected.
+        True while a debugger is connected.
     halted_s : float
-        For how long it has been halted so far [s of wall time].
+        Wall time that the board has been halted so far [s].
 
     Raises
     ------
@@ -102,7 +102,7 @@ class VirtualK64F(VirtualCortexM4):
     # -- reset --------------------------------------------------------------------------------
 
     def boot(self) -> None:
-        """Power on: start the firmware from its vector table at the next `run_until`."""
+        """Power on: the next `run_until` starts the firmware from its vector table."""
         load_segments(self.processor.memory, self.image)
         self._chip.flash.power_on(self.image.segments)
         self._chip.bites = 0
@@ -111,16 +111,16 @@ class VirtualK64F(VirtualCortexM4):
         self._booted = True
 
     def reset(self) -> None:
-        """Press the reset button, and let it go: the firmware starts anew, time goes on."""
+        """Press and release the reset button: the firmware starts anew, and time continues."""
         self._reset(ResetSource.PIN)
 
     def reset_at(self, time_s: float, source: ResetSource) -> None:
-        """Reset the board at a time, whatever it is at then: by its button, or as the supply comes back."""
+        """Reset the board at a given time, by its button or by the return of the supply."""
 
         def reset() -> None:
             raise ResetRequested(source)
 
-        self.clocks.time.at(math.ceil(Fraction(time_s) * PICOSECONDS), reset)
+        self.clocks.time.call_at(math.ceil(Fraction(time_s) * PICOSECONDS), reset)
 
     def _reset(self, source: ResetSource) -> None:
         processor = self.processor
@@ -145,16 +145,16 @@ class VirtualK64F(VirtualCortexM4):
         time_s
             Virtual time since power-on [s].
         wake
-            Asked after every event of a peripheral.
+            Called after every event of a peripheral.
         for_bytes
-            Whether it need not be asked before bytes come that the host of a UART expects, see `Uart.host_expect`.
+            True if `wake` needs no call before the bytes arrive that the host of a UART expects: `Uart.host_expect`.
 
         Raises
         ------
         BoardFault
-            The processor met a fault, or hung.
+            If the processor meets a fault, or hangs.
         ConfigError
-            The image has no vector table to boot from.
+            If the image has no vector table to boot from.
         """
         if not self._booted:
             self.boot()
@@ -176,11 +176,11 @@ class VirtualK64F(VirtualCortexM4):
             until.cancel()
 
     def _moment(self, time_s: float) -> Event:
-        """Return the event of reaching a time, whatever the clocks do until then."""
+        """Return the event at a virtual time, also if the clocks change before it."""
         if not math.isfinite(time_s):
             return Event(math.inf)
         until = math.ceil(Fraction(time_s) * PICOSECONDS)
-        return self.clocks.time.at(until, lambda: None, wakes=False)
+        return self.clocks.time.call_at(until, lambda: None, wakes=False)
 
     def _call_hz(self, asked_hz: float | None) -> float:
         if not self._booted:
@@ -195,15 +195,15 @@ class VirtualK64F(VirtualCortexM4):
     # -- snapshots ----------------------------------------------------------------------------
 
     def snapshot(self) -> BoardSnapshot:
-        """Take a snapshot of processor, memories, peripherals and the parts on the buses, to `restore` it later.
+        """Return the state of processor, memories, peripherals and the parts on the buses, for `restore`.
 
-        What is outside is no part of it: the host's end of the serial lines, the world that sensors measure, what
-        was watched, counted and recorded so far. `VirtualBench.snapshot` has the world too.
+        It does not contain the host's end of the serial lines, the world that sensors measure, nor earlier recordings
+        and counts. `VirtualBench.snapshot` contains the world too.
 
         Raises
         ------
-        SnapshotError
-            If a request is open: the board runs, or bytes of the host are on a line towards it. If a file holds the
+        If the board runs, if bytes of the host are on a line towards it, or if a file holds the
+        board's flash.
             board's flash.
         """
         self._refuse_if_running()
@@ -215,15 +215,15 @@ class VirtualK64F(VirtualCortexM4):
         return BoardSnapshot(self, machine, tuple((part, part.state()) for part in self._stateful()), self._booted)
 
     def restore(self, snapshot: BoardSnapshot) -> None:
-        """Go back to a snapshot of this board: it does again what it did since.
+        """Go back to a snapshot of this board; it then repeats its actions since.
 
-        On the serial lines nothing is under way afterwards: bytes that the host has not fetched are lost, and a host
-        that counts requests begins anew (`Session.synchronise`). Calls of watched functions that were under way at the
-        snapshot are not seen to return.
+        Afterwards the serial lines are empty: bytes that the host has not fetched are lost, and a host that numbers its
+        requests must begin anew (`Session.synchronise`). Returns of watched functions that were running at the snapshot
+        are not noticed.
 
         Raises
         ------
-        SnapshotError
+        If the snapshot is of another board, or the board runs.
             If it is of another board, or the board runs.
         """
         if snapshot.board is not self:
@@ -239,7 +239,7 @@ class VirtualK64F(VirtualCortexM4):
             raise SnapshotError("a request is open: the board runs; wait until `run_until` or `call` has come back")
 
     def _stateful(self) -> list[HasState]:
-        """Return everything that a snapshot has beside the core and its peripherals in C."""
+        """Return the stateful objects beside the core and its peripherals in C."""
         return [self._chip, self._leds_and_buttons, *self._wires, self.processor.fault_log, self.processor.waiting]
 
     # -- what is on the chip ------------------------------------------------------------------
@@ -256,7 +256,7 @@ class VirtualK64F(VirtualCortexM4):
 
     @property
     def uart0(self) -> Uart:
-        """The first, which is the board's serial port."""
+        """UART0, the board's serial port."""
         return self._chip.uarts[0]
 
     @property
@@ -266,20 +266,19 @@ class VirtualK64F(VirtualCortexM4):
 
     @property
     def watchdog(self) -> Watchdog:
-        """The watchdog."""
         return self._chip.watchdog
 
     @property
     def adc_volts(self) -> dict[tuple[int, int], float]:
-        """Voltages of the converters' inputs by converter and channel, such as ``adc_volts[0, 12] = 1.2``.
+        """Input voltages of the converters by converter and channel, such as ``adc_volts[0, 12] = 1.2``.
 
-        Of a differential channel it is that between its pins. Others have 0 V.
+        A differential channel has the voltage between its pins. Other inputs have 0 V.
         """
         return self._chip.adc_volts
 
     @property
     def seed(self) -> int:
-        """Seed of the numbers that the chip's random number generator makes from now on; 0 if none is set."""
+        """Seed of the chip's random number generator from now on; 0 if none is set."""
         return self._chip.random_numbers.seed
 
     @seed.setter
@@ -287,35 +286,34 @@ class VirtualK64F(VirtualCortexM4):
         self._chip.random_numbers.seed = seed
 
     def warm_by(self, temperature_degc: Callable[[], float]) -> None:
-        """Say what answers the chip's temperature, which is 25 degC otherwise."""
+        """Set the source of the chip's temperature, which is 25 degC otherwise."""
         self._chip.temperature_degc = temperature_degc
 
     # -- pins ---------------------------------------------------------------------------------
 
     @property
     def events(self) -> list[BoardEvent]:
-        """What the LEDs and buttons did since power-on."""
+        """Changes of LEDs and buttons since power-on."""
         return self._leds_and_buttons.events
 
     def press(self, button: str) -> None:
-        """Press ``SW2`` or ``SW3``, and keep it pressed."""
+        """Press ``SW2`` or ``SW3`` and hold it."""
         self._leds_and_buttons.push(button, True)
 
     def release(self, button: str) -> None:
-        """Release a button."""
         self._leds_and_buttons.push(button, False)
 
-    def is_on(self, what: str) -> bool:
-        """Whether an LED (``LED red``, ``LED green``, ``LED blue``) is lit, or a button is pressed."""
-        return self._leds_and_buttons.is_on(what)
+    def is_on(self, name: str) -> bool:
+        """Return whether an LED (``LED red``, ``LED green``, ``LED blue``) is lit or a button is pressed."""
+        return self._leds_and_buttons.is_on(name)
 
     def drive(self, pin: str, high: bool) -> None:
-        """Give a pin such as ``PTC5`` a level from outside."""
+        """Drive a pin such as ``PTC5`` from outside."""
         port, number = self._chip.pin(pin)
         port.drive(number, high)
 
     def level(self, pin: str) -> bool:
-        """Level of a pin such as ``PTC5``, whoever gives it; low while it is analog."""
+        """Return the level of a pin such as ``PTC5``, whatever drives it; low while the pin is analog."""
         port, number = self._chip.pin(pin)
         return bool(port.levels >> number & 1)
 
@@ -325,11 +323,11 @@ class VirtualK64F(VirtualCortexM4):
         Parameters
         ----------
         bus
-            Which I2C bus the part is on: 0 or 1.
+            I2C bus of the part: 0 or 1.
         part
-            One of the parts given for that bus.
+            A part that was passed for that bus.
         int1, int2
-            Pins of the processor, such as ``PTB9``; None leaves one open.
+            Pins of the processor, such as ``PTB9``; None leaves the pin open.
         """
         pins = self._chip.wire_to(int1), self._chip.wire_to(int2)
         wires = InterruptWires(part, pins, self.clocks.time)
@@ -338,7 +336,7 @@ class VirtualK64F(VirtualCortexM4):
         wires.look()
 
     def hold_line(self, bus: int, held: HeldLine) -> None:
-        """Pull a line of I2C bus 0 or 1 low for a time, as a part that is stuck or a short does."""
+        """Pull a line of I2C bus 0 or 1 low for a time, as a stuck part or a short circuit does."""
         self._chip.i2c_buses[bus].on_hold(held)
 
 
@@ -346,12 +344,11 @@ def board_for(
     elf: str | Path | bytes | FirmwareImage, *, profile: str | TimingProfile = DEFAULT_PROFILE,
     memory: str | None = None,
 ) -> VirtualCortexM4:  # fmt: skip
-    """Return a board that calls functions of an image of any part: a `VirtualK64F` if it fits the MK64FN1M0.
+    """Return a board that can call functions of an image: a `VirtualK64F` if the image fits the MK64FN1M0.
 
-    Parameters are those of `VirtualCortexM4`, which the board is otherwise: if memories are named, or needed, that the
-    MK64FN1M0 does not have.
+    If other memories are named or needed, the board is a `VirtualCortexM4`, which has the same parameters.
     """
-    image = opened(elf)
+    image = open_image(elf)
     memories = memory_map(image, memory)
     if memories == MK64FN1M0:
         return VirtualK64F(image, profile=profile)

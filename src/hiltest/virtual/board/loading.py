@@ -1,4 +1,4 @@
-"""An image in the board's memories, and the vector table that it starts from."""
+"""Loading an image into the board's memories, and reading its vector table."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from hiltest.virtual.program.elf import FirmwareImage
 
 
 def load_segments(memory: BoardMemory, image: FirmwareImage) -> None:
-    """Put an image where a programmer would, into memories that were just powered on.
+    """Write an image to its load addresses, as a programmer would, in memories that were just powered on.
 
     Raises
     ------
     ConfigError
-        If it does not fit.
+        If the image does not fit.
     """
     memory.clear()
     for segment in image.segments:
@@ -28,19 +28,19 @@ def load_segments(memory: BoardMemory, image: FirmwareImage) -> None:
 
 
 def load_running(memory: BoardMemory, image: FirmwareImage) -> None:
-    """Put an image where start-up code would: initialised data in RAM, and zeros behind them."""
+    """Write an image to its run addresses, as start-up code would: initialised data in RAM, and zeros after it."""
     for segment in image.segments:
         zeroed = segment.run_size - len(segment.data)
         memory.write(segment.run_address, segment.data + bytes(zeroed))
 
 
 def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
-    """Read initial stack pointer and reset vector; the part would lock up on wrong ones.
+    """Return the initial stack pointer and the reset vector, with which the part would start.
 
     Raises
     ------
     ConfigError
-        If they are none.
+        If one of them is invalid.
     """
     try:
         stack, entry = memory.read_words(image.vectors, 2)
@@ -51,7 +51,7 @@ def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
 
 
 def refuse_wrong_vectors(image: FirmwareImage, stack: int, entry: int) -> None:
-    """Raise a ConfigError when an initial stack pointer and a reset vector are none."""
+    """Raise a ConfigError if the initial stack pointer or the reset vector is invalid."""
     in_sram = SRAM[0] < stack <= SRAM[0] + SRAM[1] and stack % 4 == 0
     in_code = any(segment.address <= entry & ~1 < segment.address + len(segment.data) for segment in image.segments)
     if not (in_sram and in_code and entry & 1):

@@ -1,4 +1,4 @@
-"""Memories of other parts: named by the user, or guessed from what an image needs."""
+"""Memories of other parts: named by the user, or guessed from the image's needs."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from hiltest.virtual.program.elf import FirmwareImage
 _ITEM = re.compile(r"(flash|ram)=(0x[0-9a-f]{1,8}|\d{1,10}):(0x[0-9a-f]{1,8}|\d{1,10})([kKmM]?)", re.IGNORECASE)
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20}
 _PAGE = 1 << 12
-_LARGEST = 64 << 20  # of all memories together: the host keeps them
-# The architecture has data here. Elsewhere is flash, but for what is copied there or zeroed: parts have RAM there too.
+_LARGEST = 64 << 20  # of all memories together, because the host allocates them
+# The architecture puts data here. Elsewhere is flash, except for copied or zeroed segments: some parts have RAM there.
 _DATA_REGION = range(0x20000000, 0x40000000)
 _GUESSED_ROUND = 1 << 16
 _GUESSED_SPARE = 1 << 17  # RAM beyond what the image uses: stack and arguments
 _FORM = "write it as flash=0x08000000:512K,ram=0x20000000:128K"
 
 
-def memory_map(image: FirmwareImage, described: str | None = None) -> MemoryMap:
-    """Return the memories that an image is called on.
+def memory_map(image: FirmwareImage, description: str | None = None) -> MemoryMap:
+    """Return the memories for calling functions of an image.
 
     Parameters
     ----------
-    described
-        ``flash=0x08000000:512K,ram=0x20000000:128K``, each as often as there are such memories. By default the
-        MK64FN1M0's where the image fits them, and else what its segments need.
+    description
+        ``flash=0x08000000:512K,ram=0x20000000:128K``, with an item for each memory. By default the MK64FN1M0's
+        memories if the image fits them, otherwise those that its segments need.
 
     Raises
     ------
     ConfigError
-        If it describes none, or memories that overlap or lie where the processor has something else.
+        If the description is empty, or its memories overlap or lie where the processor has none.
     """
-    if described is not None:
-        return _parsed(described)
+    if description is not None:
+        return _parse(description)
     if all(_fits(MK64FN1M0, *span) for span in _spans(image)):
         return MK64FN1M0
     try:
-        return _guessed(image)
+        return _guess(image)
     except ConfigError as error:
         raise ConfigError(f"{image.name}: {error}; name its part's memories with --memory: {_FORM}") from error
 
@@ -57,17 +57,17 @@ def _fits(memory: MemoryMap, address: int, size: int) -> bool:
     return any(base <= address and address + size <= base + length for base, length in (*memory.flash, *memory.ram))
 
 
-def _parsed(described: str) -> MemoryMap:
-    found: dict[str, list[Region]] = {"flash": [], "ram": []}
-    for item in described.split(","):
+def _parse(description: str) -> MemoryMap:
+    regions: dict[str, list[Region]] = {"flash": [], "ram": []}
+    for item in description.split(","):
         match = _ITEM.fullmatch(item.strip())
         if match is None:
             raise ConfigError(f"--memory: {item.strip()!r} is no memory; {_FORM}")
         kind, address, size, unit = match.groups()
-        found[kind.lower()].append((int(address, 0), int(size, 0) * _UNITS[unit.upper()]))
-    if not found["ram"]:
-        raise ConfigError(f"--memory: {described!r} has no RAM, where arguments and stack are; {_FORM}")
-    memory = MemoryMap(tuple(found["flash"]), tuple(found["ram"]))
+        regions[kind.lower()].append((int(address, 0), int(size, 0) * _UNITS[unit.upper()]))
+    if not regions["ram"]:
+        raise ConfigError(f"--memory: {description!r} has no RAM, where arguments and stack are; {_FORM}")
+    memory = MemoryMap(tuple(regions["flash"]), tuple(regions["ram"]))
     try:
         _check(memory)
     except ConfigError as error:
@@ -91,8 +91,8 @@ def _check(memory: MemoryMap) -> None:
         raise ConfigError(f"more than {_LARGEST >> 20} MiB in all")
 
 
-def _guessed(image: FirmwareImage) -> MemoryMap:
-    """Take what segments load to as flash, and what they run in besides as RAM."""
+def _guess(image: FirmwareImage) -> MemoryMap:
+    """Return flash where segments are loaded, and RAM where they run elsewhere."""
     flash: list[Region] = []
     ram: list[Region] = []
     for segment in image.segments:
@@ -105,19 +105,19 @@ def _guessed(image: FirmwareImage) -> MemoryMap:
         ram.append((segment.run_address, segment.run_size))
     if not any(base in _DATA_REGION for base, _ in ram):
         ram.append((_DATA_REGION.start, 0))
-    memory = MemoryMap(tuple(_joined(flash, 0)), tuple(_joined(ram, _GUESSED_SPARE)))
+    memory = MemoryMap(tuple(_join(flash, 0)), tuple(_join(ram, _GUESSED_SPARE)))
     _check(memory)
     return memory
 
 
-def _joined(regions: list[Region], spare: int) -> list[Region]:
-    """Round to 64 KiB, and join what touches."""
-    joined: list[Region] = []
+def _join(regions: list[Region], spare: int) -> list[Region]:
+    """Round regions to 64 KiB, and join adjacent ones."""
+    rounded: list[Region] = []
     for base, size in sorted(regions):
         begin = base // _GUESSED_ROUND * _GUESSED_ROUND
         end = -(-(base + size + spare) // _GUESSED_ROUND) * _GUESSED_ROUND
-        if joined and begin <= sum(joined[-1]):
-            begin, before = joined.pop()
+        if rounded and begin <= sum(rounded[-1]):
+            begin, before = rounded.pop()
             end = max(end, begin + before)
-        joined.append((begin, end - begin))
-    return joined
+        rounded.append((begin, end - begin))
+    return rounded

@@ -1,4 +1,4 @@
-"""What firmware takes of the part's memories: flash, static RAM, and its stacks as deep as they have been."""
+"""Memory use of firmware: flash, static RAM, and the deepest extent of each stack."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from hiltest.virtual.program.elf import FirmwareImage
 
 
 def memory_use(image: FirmwareImage, memories: MemoryMap, stacks: Iterable[Stack]) -> dict[str, int]:
-    """Return bytes by what they are for.
+    """Return the bytes used, by purpose.
 
     Parameters
     ----------
     stacks
-        The first is the one that the firmware starts with.
+        Stacks of the firmware; it starts with the first.
 
     Returns
     -------
     dict of str to int
-        ``flash`` and ``ram``: what the ELF's segments take, zeroed data and code that is copied to RAM included.
-        ``stack_most``: the stack that the firmware starts with, exceptions' frames included. ``TASK.stack_most``:
-        the stack of each task, by the function that it begins with; of several that begin with one the deepest.
+        ``flash`` and ``ram``: the ELF's segments, with zeroed data and code that is copied to RAM.
+        ``stack_most``: the stack that the firmware starts with, including exception frames. ``TASK.stack_most``:
+        the stack of each task, by the function that it begins with; if several begin with one, the deepest.
     """
     used = {
-        "flash": sum(len(segment.data) for segment in image.segments if _within(segment.address, memories.flash)),
-        "ram": sum(segment.run_size for segment in image.segments if _within(segment.run_address, memories.ram)),
+        "flash": sum(len(segment.data) for segment in image.segments if _is_in(segment.address, memories.flash)),
+        "ram": sum(segment.run_size for segment in image.segments if _is_in(segment.run_address, memories.ram)),
     }
     for index, stack in enumerate(stacks):
         function = image.function_at(stack.first_pc)
@@ -35,5 +35,5 @@ def memory_use(image: FirmwareImage, memories: MemoryMap, stacks: Iterable[Stack
     return used
 
 
-def _within(address: int, ranges: Iterable[tuple[int, int]]) -> bool:
+def _is_in(address: int, ranges: Iterable[tuple[int, int]]) -> bool:
     return any(base <= address < base + size for base, size in ranges)

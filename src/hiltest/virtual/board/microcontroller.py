@@ -1,4 +1,4 @@
-"""The MK64FN1M0: its processor's peripherals, connected as the part's tables say."""
+"""The MK64FN1M0: the processor's peripherals, connected as the part's tables say."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import SRAM
 
-# Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
+# The effect of these blocks is invisible to firmware: their registers store writes, without a report.
 _STORED = ("SYSMPU",)
-_WITH_FIFO = 2  # UART0 and UART1 have FIFOs and the core clock
+_WITH_FIFO = 2  # number of UARTs with FIFOs and the core clock: UART0 and UART1
 
 ROOM_DEGC = 25.0
-_VLLS3 = 3  # it keeps RAM; those below it lose all, VLLS2 here too
+_VLLS3 = 3  # it keeps RAM; in lower modes all of it is lost, here in VLLS2 too
 
 
 class Microcontroller(Restorable):
@@ -49,32 +49,22 @@ class Microcontroller(Restorable):
     Parameters
     ----------
     i2c
-        Parts on I2C0 and I2C1.
+        Parts on I2C0 and on I2C1.
     strict
-        Whether a peripheral that is not modelled is a bus error.
+        True if an access to a peripheral that is not modelled is a bus error.
     flash_file
-        Holds the flash from run to run.
+        File that keeps the flash between runs.
 
     Attributes
     ----------
-    clocks : ClockGates
     uarts : tuple of Uart
         UART0 to UART5.
-    uart0 : Uart
-    timers : PeriodicTimers
-    watchdog : Watchdog
-    random_numbers : RandomNumbers
-    cycle_counter : CycleCounter
-    flash : FlashArray
-    i2c_buses : tuple of I2cBus
     ports : dict of str to Port
         By letter.
-    unmodelled : UnmodelledLog
-    bus : PeripheralBus
     adc_volts : dict of (int, int) to float
-        Voltages of the converters' inputs, by converter and channel; 0 V where there is none.
+        Input voltages of the converters, by converter and channel; 0 V by default.
     temperature_degc : callable
-        Answers the temperature of the chip.
+        Returns the temperature of the chip.
     bites : int
         Resets by the watchdog since power-on.
     """
@@ -115,12 +105,12 @@ class Microcontroller(Restorable):
         return self._chip.reset_bytes(self._base(name))
 
     def _chip_modules(self) -> list[Peripheral]:
-        """Make the peripherals that the part has around the processor."""
+        """Return the peripherals around the processor that run at any time."""
         processor, clocks, modules = self._processor, self.clocks, self._modules
         self.uarts = tuple(self._uart(number) for number in range(6))
         self.uart0 = self.uarts[0]
         self.timers = PeriodicTimers(processor, clocks, modules["PIT"])
-        self.watchdog = Watchdog(clocks, bite=self._bitten)
+        self.watchdog = Watchdog(clocks, bite=self._reset_by_watchdog)
         self.reset_control = ResetControl()
         self.ports = {letter: self._port(modules[f"PORT{letter}"]) for letter in "ABCDE"}
         self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
@@ -139,17 +129,17 @@ class Microcontroller(Restorable):
         return Uart(self._processor, self.clocks, clock, self._modules[f"UART{number}"], depth=depth)
 
     def _slow_modules(self) -> list[Peripheral]:
-        """Make what counts while the processor is stopped, and what a battery keeps."""
+        """Return the peripherals that count while the processor is stopped, or that a battery supplies."""
         processor, clocks, modules = self._processor, self.clocks, self._modules
         self.low_power_timer = LowPowerTimer(processor, clocks, modules["LPTMR0"])
         self.real_time_clock = RealTimeClock(processor, clocks, modules["RTC"])
         files = [BatteryRegisters(modules[name]) for name in ("RFVBAT", "RFSYS")]
-        self._kept: list[LowPowerTimer | RealTimeClock | BatteryRegisters | Watchdog]
-        self._kept = [self.watchdog, self.low_power_timer, self.real_time_clock, *files]
-        return [*self._kept[1:], *self._power_modules()]
+        self._persistent: list[LowPowerTimer | RealTimeClock | BatteryRegisters | Watchdog]
+        self._persistent = [self.watchdog, self.low_power_timer, self.real_time_clock, *files]
+        return [*self._persistent[1:], *self._power_modules()]
 
     def _power_modules(self) -> list[Peripheral]:
-        """Make what sleep depends on."""
+        """Return the peripherals that sleep depends on."""
         modules = self._modules
         oscillator = StoredRegisters("OSC", self._base("OSC"), self._initial("OSC"))
         self._power = PowerManagement("PMC", self._base("PMC"), self._initial("PMC"))
@@ -160,23 +150,23 @@ class Microcontroller(Restorable):
         return [oscillator, self._power, self._wake_up_unit, self.modes]
 
     def _flex_timers(self) -> list[FlexTimer]:
-        """Make the timers with channels, and lead those to their pins."""
+        """Return the timers with channels, connected to their pins."""
         timers = [
             FlexTimer(self._processor, self.clocks, self._modules[f"FTM{number}"], self.unmodelled.note)
             for number in range(4)
         ]
 
-        def tell(number: int, high: bool) -> None:
+        def pass_edge(number: int, high: bool) -> None:
             for timer in timers:
                 timer.clock_input(number, high)
 
-        self._lead_pins({f"FTM_CLKIN{number}": PinSignal(partial(tell, number)) for number in range(2)})
+        self._lead_pins({f"FTM_CLKIN{number}": PinSignal(partial(pass_edge, number)) for number in range(2)})
         for timer in timers:
             self._lead_pins(timer.signals)
         return timers
 
     def _converters(self) -> list[Converter]:
-        """Make the converters, and lead to them what they convert."""
+        """Return the converters, connected to their inputs."""
         self.adc_volts: dict[tuple[int, int], float] = {}
         self.temperature_degc: Callable[[], float] = lambda: ROOM_DEGC
 
@@ -191,7 +181,7 @@ class Microcontroller(Restorable):
         return [make(0), make(1)]
 
     def _lead_pins(self, signals: Mapping[str, PinSignal]) -> None:
-        """Connect the modules' signals to the pins that may carry them."""
+        """Connect the signals of modules to the pins that may carry them."""
         for pin in self._chip.pins:
             if pin.signal in signals:
                 self.ports[pin.port].lead(pin.number, pin.function, signals[pin.signal])
@@ -200,7 +190,7 @@ class Microcontroller(Restorable):
         return Port(self._processor, module, self._chip.reset_bytes(module.base))
 
     def _store_the_rest(self) -> None:
-        """Give every page that is left registers which keep what is written, and are reported."""
+        """Add registers that store writes, and are reported, for every page that is not modelled."""
         modelled = {peripheral.base >> 12 for peripheral in self._peripherals}
         self._peripherals += [
             UnmodelledPage(page << 12, modules, self._chip, self.unmodelled)
@@ -209,7 +199,7 @@ class Microcontroller(Restorable):
         ]
 
     def parts(self) -> list[HasState]:
-        """Return everything on the bus, the calendar, and the parts on the I2C buses."""
+        """Return everything on the bus, the event queue, and the parts on the I2C buses."""
         return [*self._peripherals, self.bus, self._processor.schedule, self.flash, self.unmodelled, *self.i2c_buses]
 
     # -- reset --------------------------------------------------------------------------------
@@ -217,8 +207,8 @@ class Microcontroller(Restorable):
     def reset(self, source: ResetSource) -> None:
         """Bring every peripheral to its state after a reset of the chip."""
         if source is ResetSource.POWER_ON:
-            for kept in self._kept:
-                kept.power_on()
+            for module in self._persistent:
+                module.power_on()
         self._wake_up_unit.keeps = source is ResetSource.WAKE_UP
         for peripheral in self._peripherals:
             peripheral.reset()
@@ -227,24 +217,24 @@ class Microcontroller(Restorable):
         self.reset_control.reset_by(source)
         self.watchdog.start()
 
-    def _bitten(self) -> None:
+    def _reset_by_watchdog(self) -> None:
         self.bites += 1
-        raise ResetRequested(ResetSource.WATCHDOG)  # the emulator stands still: nothing to abort
+        raise ResetRequested(ResetSource.WATCHDOG)  # the core is not running, so nothing must be aborted
 
     def _wake_up(self, vlls: int) -> None:
-        """Reset the part at the end of a VLLS mode, as soon as it runs."""
+        """Reset the part at the end of a VLLS mode, as soon as the core runs."""
 
         def wake() -> None:
             if vlls < _VLLS3:
                 self._processor.memory.write(SRAM[0], bytes(SRAM[1]))
             raise ResetRequested(ResetSource.WAKE_UP)
 
-        self._processor.schedule.at(self._processor.cycles, wake)
+        self._processor.schedule.call_at(self._processor.cycles, wake)
 
     # -- what is outside the chip -------------------------------------------------------------
 
     def pin(self, name: str) -> tuple[Port, int]:
-        """Return the port of a pin such as ``PTB9``, and its number there.
+        """Return the port of a pin such as ``PTB9``, and its number in the port.
 
         Raises
         ------
@@ -255,12 +245,12 @@ class Microcontroller(Restorable):
         return self.ports[letter], number
 
     def wire_to(self, pin: str | None) -> Callable[[bool], None] | None:
-        """Return what sets the level of a pin such as ``PTB9`` from outside; None for no pin."""
+        """Return a function that sets the level of a pin such as ``PTB9`` from outside; None if there is no pin."""
         if pin is None:
             return None
         port, number = self.pin(pin)
         return lambda high: port.drive(number, high)
 
     def describe_sleep(self) -> str:
-        """Say in which mode the processor sleeps."""
+        """Return a description of the processor's sleep mode."""
         return self.modes.describe()

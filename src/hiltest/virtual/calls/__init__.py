@@ -1,1 +1,1 @@
-"""Calls of functions: those that the host makes, and those that it watches while firmware runs."""
+"""Calls of functions, by the host or by firmware while it is watched."""

@@ -1,4 +1,4 @@
-"""Buffers for a called function, among them C structs with pointers in them."""
+"""Buffers for a called function, including C structs with pointers."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Structure:
     Parameters
     ----------
     *members
-        One behind the other, each aligned to its item size as the procedure call
-        standard has it, and the end to the largest of them.
+        In order; each is aligned to its item size as in the procedure call standard,
+        and the end to the largest item size.
 
     Examples
     --------
@@ -38,16 +38,15 @@ class Structure:
 
     @property
     def alignment(self) -> int:
-        """Alignment of its address [bytes]."""
         return max((_alignment(member) for member in self.members), default=1)
 
     @property
     def size(self) -> int:
-        """Bytes, padding included."""
-        end = max((offset + _size(member) for offset, member in self.laid_out()), default=0)
+        """Size with padding [bytes]."""
+        end = max((offset + _size(member) for offset, member in self.layout()), default=0)
         return _round_up(end, self.alignment)
 
-    def laid_out(self) -> Iterator[tuple[int, Any]]:
+    def layout(self) -> Iterator[tuple[int, Any]]:
         """Yield each member with its offset [bytes]."""
         offset = 0
         for member in self.members:
@@ -57,7 +56,7 @@ class Structure:
 
 
 def place(buffer: Any, reserve: Callable[[int], int], write: Callable[[int, Any], None]) -> int:
-    """Copy a buffer to target memory, and before it all that it points to.
+    """Copy a buffer to target memory, after everything that it points to.
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ def place(buffer: Any, reserve: Callable[[int], int], write: Callable[[int, Any]
     Returns
     -------
     int
-        Its address.
+        Address of the buffer.
     """
     if not isinstance(buffer, Structure):
         address = reserve(memoryview(buffer).nbytes)
@@ -77,11 +76,11 @@ def place(buffer: Any, reserve: Callable[[int], int], write: Callable[[int, Any]
         return address
     targets = {
         offset: place(member.buffer, reserve, write)
-        for offset, member in buffer.laid_out() if isinstance(member, Address)
+        for offset, member in buffer.layout() if isinstance(member, Address)
     }  # fmt: skip
     address = reserve(buffer.size)
     write(address, bytes(buffer.size))
-    for offset, member in buffer.laid_out():
+    for offset, member in buffer.layout():
         write(address + offset, struct.pack("<I", targets[offset]) if offset in targets else member)
     return address
 

@@ -1,4 +1,4 @@
-"""Core clock at which functions are called without boot: what makes seconds of their cycles."""
+"""Core clock for calls without boot, which converts their cycles into seconds."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from fractions import Fraction
 
 from hiltest.errors import ConfigError
 
-#: Without a word from the user [Hz]: the fastest of the MK64FN1M0.
+#: Default [Hz]: the fastest clock of the MK64FN1M0.
 CALL_HZ = 120_000_000
 _SLOWEST_HZ, _FASTEST_HZ = 1_000, 1_000_000_000
 _UNITS = {"": 1, "k": 1_000, "m": 1_000_000, "g": 1_000_000_000}
 _WRITTEN = re.compile(r"([0-9][0-9_]*(?:\.[0-9]+)?(?:e[0-9]{1,2})?) ?([kmg]?)(?:hz)?", re.IGNORECASE)
 
 
-def checked_clock(hz: float) -> int:
-    """Return a core clock [Hz], if it can be one.
+def check_clock(hz: float) -> int:
+    """Return a core clock [Hz] as an integer.
 
     Raises
     ------
     ConfigError
-        If it is no whole number of Hz from 1 kHz to 1 GHz.
+        If it is not a whole number of Hz from 1 kHz to 1 GHz.
     """
     if not (_SLOWEST_HZ <= hz <= _FASTEST_HZ and hz == int(hz)):
         raise ConfigError(f"a core clock of {hz} Hz: give a whole number of Hz from 1 kHz to 1 GHz, such as 48_000_000")
@@ -33,12 +33,12 @@ def parse_clock(text: str) -> int:
     Raises
     ------
     ConfigError
-        If it is none.
+        If the text is not a valid core clock.
     """
     written = _WRITTEN.fullmatch(text.strip())
     try:
         number = Fraction(written[1]) if written else Fraction(0)
-    except ValueError:  # underscores that do not stand between two digits
+    except ValueError:  # underscores that are not between two digits
         number = Fraction(0)
     hz = number * _UNITS[written[2].lower()] if written else number
     if not (_SLOWEST_HZ <= hz <= _FASTEST_HZ and hz.denominator == 1):

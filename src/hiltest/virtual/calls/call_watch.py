@@ -1,51 +1,49 @@
-"""Cycles of named functions while firmware runs, not instrumented."""
+"""Cycles of named functions while firmware runs, without instrumentation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.calls.calling import function_named
-from hiltest.virtual.processor.call_summary import Call, CallSummary, summarised
+from hiltest.virtual.calls.calling import find_function
+from hiltest.virtual.processor.call_summary import Call, CallSummary, summarise_calls
 from hiltest.virtual.processor.cpu import Processor
 
-_COLD = ".cold"  # the part of a function that the compiler moves away because it hardly ever runs
+_COLD = ".cold"  # suffix of the rarely executed part of a function, which the compiler moves away
 
 
 class CallWatch:
-    """Counts the calls of some functions; made by `VirtualCortexM4.watch_calls`.
+    """Counter of calls of some functions, from `VirtualCortexM4.watch_calls`.
 
     Parameters
     ----------
     processor
-        The emulator must not be running.
-    functions
-        Names.
+        Processor that is not running.
 
     Attributes
     ----------
     running : RunningCalls
-        Sees the calls of the processor.
+        Watches the calls of the processor.
     functions : dict of str to WatchedFunction
-        By name.
+        Watched functions by name.
     began : int
         Cycle of the latest `begin`.
 
     Raises
     ------
     ConfigError
-        No such function.
+        If a function does not exist.
     """
 
     def __init__(self, processor: Processor, functions: Iterable[str]) -> None:
         self._image = processor.image
         self.running = processor.calls
-        symbols = [function_named(self._image, name) for name in functions]
+        symbols = [find_function(self._image, name) for name in functions]
         self.functions = {symbol.name: self.running.watch(symbol.address) for symbol in symbols}
         self.begin()
 
     def begin(self) -> None:
-        """Leave the calls out that began before now."""
+        """Ignore calls that began before now."""
         self.running.settle()
         self.began = self.running.now()
         self._before = {
@@ -54,12 +52,12 @@ class CallWatch:
         }
 
     def look_at(self, address: int, size: int) -> None:
-        """Have `Call.left` say what memory holds at each return.
+        """Record a word of memory in `Call.word` at each return.
 
         Raises
         ------
         ConfigError
-            It says what another place holds already.
+            If another word is recorded already.
         """
         for name, function in self.functions.items():
             if function.looks_at not in (None, (address, size)):
@@ -68,34 +66,34 @@ class CallWatch:
 
     @property
     def cycles(self) -> int:
-        """Cycles that have passed since `begin`, asleep or not."""
+        """Cycles since `begin`, asleep or not."""
         return self.running.now() - self.began
 
     def calls(self, function: str) -> Sequence[Call]:
-        """Return the calls of a function that began and returned since `begin`, in the order of their return."""
+        """Return the calls of a function that began and returned since `begin`, in the order of their returns."""
         self.running.settle()
         first, _, _ = self._before[function]
         return [call for call in self.functions[function].calls[first:] if call.entered >= self.began]
 
     def stack(self, function: str) -> int | None:
-        """Return the bytes that the deepest of all its calls so far took; None where that is not known."""
+        """Return the bytes of stack that the deepest call used; None if any call's use is unknown."""
         self.running.settle()
-        taken = [call.stack for call in self.functions[function].calls]
-        known = [each for each in taken if each is not None]
-        return max(known) if known and len(known) == len(taken) else None
+        sizes = [call.stack for call in self.functions[function].calls]
+        known_sizes = [size for size in sizes if size is not None]
+        return max(known_sizes) if known_sizes and len(known_sizes) == len(sizes) else None
 
     def summary(self, function: str) -> CallSummary:
-        """Return what the calls of a function since `begin` come to."""
+        """Return the statistics of a function's calls since `begin`."""
         calls = self.calls(function)
         watched, (_, abandoned, came_back) = self.functions[function], self._before[function]
-        return summarised(
+        return summarise_calls(
             function, calls, self.cycles, abandoned=watched.abandoned - abandoned, open_calls=watched.open,
             came_back=watched.came_back - came_back, lost=watched.lost, ended_in=self._ended_in(function, calls),
         )  # fmt: skip
 
     def _ended_in(self, function: str, calls: Sequence[Call]) -> tuple[str, ...]:
-        """Name the other functions that returned in the place of one."""
+        """Return the other functions that returned in place of a function."""
         own = self.functions[function].address
-        found = {self._image.function_at(place) for place in {call.ended_in for call in calls}}
-        names = {each.name for each in found if each is not None and each.address != own}
+        symbols = {self._image.function_at(place) for place in {call.ended_in for call in calls}}
+        names = {symbol.name for symbol in symbols if symbol is not None and symbol.address != own}
         return tuple(sorted(name for name in names if name.partition(_COLD)[0] != function))

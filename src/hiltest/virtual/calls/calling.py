@@ -1,4 +1,4 @@
-"""Calling one function of an image, and putting the processor back afterwards."""
+"""Calls of one function of an image, after which the processor is restored."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ class CallResult:
     """Value and cost of a called function."""
 
     value: int | float | None
-    """Value of the function's type; r0 without debug information, None for void."""
+    """Return value in the function's type; r0 without debug information, None for void."""
     cycles: int
     instructions: int
-    """From its first instruction to its return, both included."""
+    """Instructions from the function's first to its return, both included."""
     clock_hz: float
-    """Core clock that it was called at [Hz]."""
+    """Core clock during the call [Hz]."""
     executed: Slice | None = field(default=None, compare=False, repr=False, kw_only=True)
-    """The call, to be executed again; None if devices answered to too many loads."""
+    """Slice that repeats the call; None if devices answered to too many loads."""
 
     @property
     def microseconds(self) -> float:
-        """Time of the cycles at that clock [us]."""
+        """Duration at that clock [us]."""
         return self.cycles / self.clock_hz * 1e6
 
 
 def _largest_gap(segments: Sequence[LoadSegment], first: int, limit: int) -> tuple[int, int]:
-    """Return where the most RAM in one piece is that no segment uses, from `first` to `limit`.
+    """Return the largest range of RAM from `first` to `limit` that no segment uses.
 
-    Behind the last one there may be none: linker scripts give the heap all that is left.
+    The end of RAM may not be free: linker scripts give the heap all the rest.
     """
     begin, gaps = first, []
     for segment in sorted(segments, key=lambda segment: segment.run_address):
@@ -53,22 +53,22 @@ def _largest_gap(segments: Sequence[LoadSegment], first: int, limit: int) -> tup
     return max(gaps, key=lambda gap: gap[1] - gap[0])
 
 
-def function_named(image: FirmwareImage, name: str) -> Symbol:
+def find_function(image: FirmwareImage, name: str) -> Symbol:
     """Return a function of an image.
 
     Raises
     ------
     ConfigError
-        There is none of that name; says which are near.
+        If no function has the name; the message lists similar ones.
     """
     function = image.symbols.get(name)
     if function is not None and function.is_function:
         return function
-    names = [known for known, entry in image.symbols.items() if entry.is_function]
+    names = [symbol_name for symbol_name, entry in image.symbols.items() if entry.is_function]
     plain = name.rpartition("::")[2]
-    made_of_it = [each for each in names if each.startswith(f"{name}.")]  # as fit.constprop.0
-    mangled = [each for each in names if each.startswith("_Z") and f"{len(plain)}{plain}" in each]
-    near = (made_of_it + mangled)[:3] or get_close_matches(name, names, n=3)
+    variants = [candidate for candidate in names if candidate.startswith(f"{name}.")]  # such as fit.constprop.0
+    mangled = [candidate for candidate in names if candidate.startswith("_Z") and f"{len(plain)}{plain}" in candidate]
+    near = (variants + mangled)[:3] or get_close_matches(name, names, n=3)
     hint = f"; near: {', '.join(near)}" if near else ""
     if not names:
         hint = ", nor any other: its symbols are stripped; give the ELF as it was linked"
@@ -76,7 +76,7 @@ def function_named(image: FirmwareImage, name: str) -> Symbol:
 
 
 class _Scratch:
-    """RAM that the image does not use, handed out from low to high."""
+    """RAM that the image does not use, allocated from low to high addresses."""
 
     def __init__(self, processor: Processor, limit: int) -> None:
         self._memory = processor.memory
@@ -111,9 +111,9 @@ def call_function(
     timeout_s: float,
 ) -> CallResult:  # fmt: skip
     """Call a function; see `VirtualCortexM4.call`."""
-    function = function_named(processor.image, symbol)
+    function = find_function(processor.image, symbol)
     registers = processor.registers
-    processor.save_floats()  # what an interrupted handler has not saved yet is not this function's
+    processor.save_floats()  # the interrupted code's lazily saved state must not count for this function
     saved = registers.general.read(), registers.floating_frame.read(), registers.primask.get(), processor.fpu_enabled
     control = registers.control.get()
     was_sleeping, processor.sleeping = processor.sleeping, False

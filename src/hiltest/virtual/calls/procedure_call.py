@@ -1,4 +1,4 @@
-"""Places of arguments and results by the procedure call standard (AAPCS), hard float and soft float."""
+"""Locations of arguments and results by the procedure call standard (AAPCS), for hard float and soft float."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ import numpy as np
 from hiltest.errors import ConfigError
 from hiltest.virtual.program.signatures import Element, Pointed, Signature
 
-#: What stands for a value of a C type: a number, or a buffer that is passed by its address.
+#: Value of a C type: a number, or a buffer that is passed by address.
 Argument = int | float | bytes | bytearray | Any
 
 _FLOAT_REGISTERS = 16
 _WIDE = ("signed64", "unsigned64", "double")
 _UNSUPPORTED = "a struct or another type that cannot be passed by value here"
-_FLOATS = frozenset("efdg")  # as the struct module and numpy have them
+_FLOATS = frozenset("efdg")  # format codes of struct and numpy
 _CODES = _FLOATS | frozenset("?bBhHiIlLqQ")
 _BUFFERS = "bytes, a bytearray, a contiguous numpy array or a Structure"
 
 
 class ArgumentRegisters:
-    """Core words (r0 to r3, then the stack) and float registers (s0 to s15), as they fill up.
+    """Allocation of core words (r0 to r3, then the stack) and float registers (s0 to s15) to arguments.
 
     Parameters
     ----------
     hard_float
-        Whether floats go to float registers; else they go with the integers.
+        True if floats go to float registers; otherwise they go with the integers.
 
     Attributes
     ----------
@@ -45,15 +45,15 @@ class ArgumentRegisters:
         self._free = list(range(_FLOAT_REGISTERS))
 
     def put(self, kind: str, bits: int) -> bool:
-        """Put one value where its type has it; False when a float register would be needed that is not there."""
+        """Allocate one value by its type; return False if no float register is free for it."""
         words = [bits & 0xFFFFFFFF, bits >> 32] if kind in _WIDE else [bits]
         if not self._hard_float or kind not in ("float", "double"):
             if kind in _WIDE and len(self.core) % 2:
                 self.core.append(0)  # eight bytes begin at an even register, and on the stack at a multiple of eight
             self.core += words
             return True
-        # The lowest that is free: a float fills the gap that a double has left.
-        place = next((each for each in self._free if self._fits(each, len(words))), None)
+        # The lowest free register: a float fills the gap that a double has left.
+        place = next((register for register in self._free if self._fits(register, len(words))), None)
         if place is None:
             return False
         for offset, word in enumerate(words):
@@ -74,16 +74,16 @@ def assign(
     Parameters
     ----------
     symbol
-        The function, for messages.
+        Name of the function, for messages.
     signature
-        None without debug information: then integers and buffers can be passed.
+        None without debug information: then only integers and buffers can be passed.
     place
         Copies a buffer to the board's RAM and returns its address.
 
     Raises
     ------
     ConfigError
-        When the arguments do not fit the function.
+        If the arguments do not fit the function.
     """
     kinds = signature.parameters if signature else ("unsigned",) * len(arguments)
     if signature and len(kinds) != len(arguments):
@@ -104,27 +104,28 @@ def assign(
 
 
 def _check_buffer(where: str, pointed: Pointed | None, argument: Argument) -> None:
-    """Refuse a buffer of numbers that are not those which the function will take them for; bytes may be anything."""
+    """Reject a buffer with a number type that the function does not expect; bytes may hold any type."""
     if pointed is None or not pointed.elements or isinstance(argument, int | float | bytes | bytearray | np.generic):
         return
     try:
         view = memoryview(argument)
-    except (TypeError, ValueError):  # a Structure, or what is no buffer at all and refused when it is placed
+    except (TypeError, ValueError):  # a Structure, or no buffer, which `place` rejects
         return
-    code = view.format.lstrip("@=<>!Z")  # Z: complex, a pair of what follows
+    code = view.format.lstrip("@=<>!Z")  # Z: complex, a pair of the next code
     if code not in _CODES:
         return
-    given = Element(code in _FLOATS, view.itemsize // (2 if "Z" in view.format else 1))
-    if given not in pointed.elements:
-        name = f"float{8 * given.size}" if given.is_float else f"{'u' if code.isupper() else ''}int{8 * given.size}"
-        wanted = " or ".join(sorted(map(str, pointed.elements)))
-        raise ConfigError(f"{where} is {pointed.text}, not an array of {name}: give {wanted}, or bytes")
+    element = Element(code in _FLOATS, view.itemsize // (2 if "Z" in view.format else 1))
+    if element not in pointed.elements:
+        kind = "float" if element.is_float else "uint" if code.isupper() else "int"
+        expected = " or ".join(sorted(map(str, pointed.elements)))
+        name = f"{kind}{8 * element.size}"
+        raise ConfigError(f"{where} is {pointed.text}, not an array of {name}: give {expected}, or bytes")
 
 
 def _bits(where: str, kind: str, argument: Argument, place: Callable[[Any], int], *, typed: bool) -> int:
     """Return an argument as the bits of its type."""
     if isinstance(argument, np.generic):
-        argument = argument.item()  # a number; as the buffer that it is, too, its address would be passed
+        argument = argument.item()  # otherwise it would be passed by address, because it is a buffer too
     if kind in ("float", "double"):
         return _float_bits(where, kind, argument)
     if isinstance(argument, int):
@@ -137,8 +138,8 @@ def _bits(where: str, kind: str, argument: Argument, place: Callable[[Any], int]
     try:
         return place(argument)
     except TypeError as error:
-        given = type(argument).__name__
-        raise ConfigError(f"{where} cannot be {given}: give a number, {_BUFFERS} ({error})") from error
+        argument_type = type(argument).__name__
+        raise ConfigError(f"{where} cannot be {argument_type}: give a number, {_BUFFERS} ({error})") from error
 
 
 def _integer_bits(where: str, kind: str, value: int) -> int:
@@ -158,14 +159,14 @@ def _float_bits(where: str, kind: str, argument: Argument) -> int:
 
 
 def result(kind: str, core: Sequence[int], floating: Sequence[int], *, hard_float: bool) -> int | float | None:
-    """Return what a function returned.
+    """Return the value that a function returned.
 
     Parameters
     ----------
     kind
-        Its type, as `Signature.returns`.
+        Type of the value, as in `Signature.returns`.
     core, floating
-        r0 and r1, s0 and s1, after its return.
+        r0 and r1, s0 and s1, after the return.
     """
     if kind == "void":
         return None

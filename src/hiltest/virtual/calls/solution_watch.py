@@ -1,4 +1,4 @@
-"""Cycles of functions that work in slices, by the solution that they come to."""
+"""Cycles of functions that work in slices, summed per solution."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from enum import Enum
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.calls.call_watch import CallWatch
-from hiltest.virtual.calls.kept_slices import KeptSlices, KeptSolution
-from hiltest.virtual.processor.call_summary import Call, Solution, SolutionSummary, solutions_summarised, solved
+from hiltest.virtual.calls.slice_recorder import RecordedSolution, SliceRecorder
+from hiltest.virtual.processor.call_summary import Call, Solution, SolutionSummary, sum_solutions, summarise_solutions
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.program.elf import FirmwareImage
 
@@ -19,7 +19,7 @@ _SIZES = (1, 2, 4)
 
 
 class EndsWhen(Enum):
-    """What a word in memory shows at the return of a solution's last slice, and at no other."""
+    """Condition on a word in memory that holds at the return of a solution's last slice only."""
 
     ZERO = "zero"
     CHANGED = "changed"
@@ -27,23 +27,23 @@ class EndsWhen(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SolutionEnd:
-    """How to tell that a solution is complete."""
+    """Criterion for a complete solution."""
 
     word: str | int
-    """A variable, and where in it: ``progress`` or ``sfg+0xa80``; or an address."""
+    """Variable with an optional offset (``progress`` or ``sfg+0xa80``), or an address."""
     when: EndsWhen = EndsWhen.ZERO
-    """What is looked for: 0, as of a state or a count of slices, or another value than at the return before, as of
-    a count of solutions."""
+    """Condition: the word is 0, for a state or a count of slices; or it differs from the previous return, for a count
+    of solutions."""
     size: int = 4
-    """Bytes of the word: 1, 2 or 4."""
+    """Size of the word [bytes]: 1, 2 or 4."""
 
     def address(self, image: FirmwareImage) -> int:
-        """Return where the word is.
+        """Return the address of the word.
 
         Raises
         ------
         ConfigError
-            There is no such variable, or the word is not within it.
+            If there is no such variable, or the word is not within it.
         """
         if isinstance(self.word, int):
             return self.word
@@ -64,23 +64,23 @@ class SolutionEnd:
 
 
 class SolutionWatch:
-    """Sums up slices by solution; made by `VirtualCortexM4.watch_solutions`.
+    """Counter of slices per solution, from `VirtualCortexM4.watch_solutions`.
 
     Parameters
     ----------
     processor
-        The emulator must not be running.
+        Processor that is not running.
     functions
-        What is called once for each slice; those of several functions together make a solution.
+        Functions that are called once for each slice; their calls together make a solution.
 
     Raises
     ------
     ConfigError
-        No such function or variable, or one of the functions is watched for another word already.
+        If a function or variable does not exist, or one of the functions is watched for another word already.
 
     Notes
     -----
-    A solution that had begun before `begin` is left out, as is the one under way.
+    Solutions that began before `begin` are ignored, and so is the current one.
     """
 
     def __init__(self, processor: Processor, functions: Iterable[str], end: SolutionEnd) -> None:
@@ -90,23 +90,22 @@ class SolutionWatch:
         self._functions = tuple(functions)
         self._watch = CallWatch(processor, self._functions)
         self._watch.look_at(self._address, end.size)
-        self._kept = KeptSlices(processor, self._watch, self._ends)
+        self._snapshots = SliceRecorder(processor, self._watch, self._ends)
         self.begin()
 
     def begin(self) -> None:
-        """Leave the solutions out that began before now."""
+        """Ignore solutions that began before now."""
         self._watch.begin()
         self._before = int.from_bytes(self._memory.read(self._address, self._end.size), "little")
-        self._kept.begin(self._before, is_whole=self._starts_whole)
+        self._snapshots.begin(self._before, is_whole=self._starts_whole)
 
     def _ends(self, slice_: Call, before: int) -> bool:
-        return slice_.left == 0 if self._end.when is EndsWhen.ZERO else slice_.left != before
+        return slice_.word == 0 if self._end.when is EndsWhen.ZERO else slice_.word != before
 
     @property
     def solutions(self) -> list[Solution]:
-        """Solutions since `begin`."""
         slices = sorted(call for name in self._functions for call in self._watch.calls(name))
-        return solved(slices, self._ends, before=self._before, is_whole=self._starts_whole)
+        return sum_solutions(slices, self._ends, before=self._before, is_whole=self._starts_whole)
 
     @property
     def _starts_whole(self) -> bool:
@@ -114,14 +113,15 @@ class SolutionWatch:
 
     @property
     def summary(self) -> SolutionSummary:
-        """What the solutions since `begin` come to."""
-        return solutions_summarised(self.solutions)
+        """Statistics of the solutions since `begin`."""
+        return summarise_solutions(self.solutions)
 
     @property
     def stack(self) -> int | None:
-        """Bytes that the deepest slice so far took; None where that is not known."""
-        return max((each for each in map(self._watch.stack, self._functions) if each is not None), default=None)
+        """Bytes of stack that the deepest slice used; None if that is unknown."""
+        sizes = map(self._watch.stack, self._functions)
+        return max((size for size in sizes if size is not None), default=None)
 
-    def latest(self) -> KeptSolution | None:
-        """Return the solution that was completed last since `begin`, to be computed once more; None without one."""
-        return self._kept.latest()
+    def latest(self) -> RecordedSolution | None:
+        """Return the latest complete solution since `begin`, for computing it again; None if there is none."""
+        return self._snapshots.latest()

@@ -1,13 +1,13 @@
 /* Calls of watched functions, while firmware runs.
  *
- * A function is watched at its first instruction and where its calls return to. A call counts from the function's first
- * instruction to its return, both included. Whatever an exception takes is counted apart: from its entry to its return,
- * those included, with all that is nested in it, and with what the code behind it takes longer because the exception
- * emptied the pipeline. Each exception that is active, and each task of a kernel, is a thread with calls of its own: a
- * thread that was interrupted goes on when registers are taken from where its own were put.
+ * A function is watched at its first instruction and at the return addresses of its calls. A call counts from the
+ * function's first instruction to its return, both included. Exceptions are counted separately: from entry to return,
+ * both included, with all nested exceptions, and with the extra cycles of the interrupted code because the exception
+ * emptied the pipeline. Each active exception, and each task of a kernel, is a thread with calls of its own: an
+ * interrupted thread resumes when registers are restored from the address at which its own were saved.
  *
- * A call that ends in a tail call returns where that does, and contains it. It is abandoned if the stack pointer gets
- * above its own (longjmp), if it is called anew with the same one, or if its thread ends.
+ * A call that ends in a tail call contains it, and returns when it does. It is abandoned if the stack pointer rises
+ * above its own (longjmp), if it is called anew with the same stack pointer, or if its thread ends.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -16,22 +16,22 @@
 #include "stacks.h"
 
 enum {
-    MOST_OPEN = 256,        /* calls under way in a thread */
-    MOST_THREADS = 32,      /* with calls under way */
-    MOST_NESTED = 64,       /* exceptions */
-    MOST_GIVEN_UP = 16,     /* calls of a thread whose stack was given up; the latest */
+    MOST_OPEN = 256,        /* open calls of a thread */
+    MOST_THREADS = 32,      /* threads with open calls */
+    MOST_NESTED = 64,       /* nested exceptions */
+    MOST_GIVEN_UP = 16,     /* recent calls of a thread whose stack was given up */
     MOST_FUNCTIONS = 4096,
-    MOST_PLACES = 8192,     /* functions, and addresses that they return to */
+    MOST_PLACES = 8192,     /* functions, and their return addresses */
     PLACE_BUCKETS = 16384,
     FIRST_ROOM = 1024,
-    MOST_CALLS = 1 << 22,   /* that wait to be read */
+    MOST_CALLS = 1 << 22,   /* calls that were not read yet */
     LONGEST_OVERLAP = 64,   /* instructions; a division keeps the FPU busy for far fewer */
     LINK = 14,
     NONE = -1,
 };
 static const uint32_t FIRST_EXC_RETURN = 0xFFFFFFE0u; /* a return address from here on ends an exception */
 
-/* How often a thread was interrupted, and cycles of that, and cycles of other threads. */
+/* Number of interruptions of a thread, their cycles, and cycles of other threads. */
 struct apart {
     int32_t times;
     int64_t interrupts, elsewhere;
@@ -39,11 +39,11 @@ struct apart {
 
 struct open_call {
     int32_t function;
-    uint32_t stack, lowest; /* stack pointer at its first instruction, and at its lowest, without exceptions */
+    uint32_t stack, lowest; /* stack pointer at its first instruction, and its lowest value, without exceptions */
     uint32_t return_address;
     bool outermost;
     int64_t entered;
-    struct apart apart;     /* of its thread when it was entered */
+    struct apart apart;     /* of its thread at the entry */
 };
 
 struct given_up {
@@ -51,7 +51,7 @@ struct given_up {
     uint32_t return_address, stack;
 };
 
-/* The jump that has just led to the next instruction, if one has. */
+/* The jump to the next instruction, if any. */
 struct arrival {
     bool has_jumped;
     uint32_t from;
@@ -59,10 +59,10 @@ struct arrival {
 
 struct thread {
     bool is_used, is_suspended;
-    uint32_t frame;           /* where its registers are, with flags, while it is suspended */
+    uint32_t frame;           /* address of its registers, with flags, while it is suspended */
     int64_t left_at;          /* cycle at which an exception was entered */
-    struct arrival arrival;   /* of the instruction that it goes on with */
-    struct pipeline pipeline; /* before that one */
+    struct arrival arrival;   /* of the instruction that it resumes with */
+    struct pipeline pipeline; /* before that instruction */
     struct apart apart;
     int32_t open_count, next_given_up;
     struct given_up given_up[MOST_GIVEN_UP];
@@ -72,7 +72,7 @@ struct thread {
 struct place {
     bool is_used;
     uint32_t address;
-    int32_t function; /* that begins there, or NONE */
+    int32_t function; /* the function that begins at the address, or NONE */
 };
 
 struct calls {
@@ -81,9 +81,9 @@ struct calls {
     int64_t open_count;
     bool is_paused;
     int64_t paused_at, paused_cycles;
-    int32_t current;                  /* number of the thread that runs */
+    int32_t current;                  /* number of the running thread */
     int32_t nested;
-    int32_t interrupted[MOST_NESTED]; /* threads, or NONE, by the exceptions that are active, the innermost last */
+    int32_t interrupted[MOST_NESTED]; /* threads, or NONE, by active exceptions, the innermost last */
     struct thread threads[MOST_THREADS];
     struct place places[PLACE_BUCKETS];
     struct machine_call *done;
@@ -94,7 +94,7 @@ struct calls {
 
 /* -- functions and places ---------------------------------------------------------------------------------------- */
 
-/* The entry of an address, or the free one where it would be: most are free. */
+/* Return the entry of an address, or the free entry for it; most are free. */
 static struct place *place_of(struct calls *calls, uint32_t address)
 {
     uint32_t bucket = (address >> 1) * 0x9E3779B1u % PLACE_BUCKETS;
@@ -103,7 +103,7 @@ static struct place *place_of(struct calls *calls, uint32_t address)
     return &calls->places[bucket];
 }
 
-/* Have `calls_arrive` called at an address. NULL if there are too many. */
+/* Call `calls_arrive` at an address. NULL if there are too many. */
 static struct place *watch_place(struct machine *machine, uint32_t address)
 {
     struct calls *calls = machine->calls;
@@ -173,7 +173,7 @@ void calls_destroy(struct machine *machine)
     machine->calls = NULL;
 }
 
-/* -- time, and what is done --------------------------------------------------------------------------------------- */
+/* -- time, and completed calls ------------------------------------------------------------------------------------ */
 
 static int64_t now(const struct machine *machine) { return machine->core.cycles - machine->calls->paused_cycles; }
 
@@ -182,7 +182,7 @@ static struct thread *current_thread(const struct machine *machine)
     return &machine->calls->threads[machine->calls->current];
 }
 
-/* A call that is done, for Python to read; NULL if there is no room. */
+/* Return a new record of a completed call for Python; NULL without room. */
 static struct machine_call *new_call(struct calls *calls)
 {
     if (calls->done_count == calls->done_room) {
@@ -203,7 +203,7 @@ static uint32_t word_at(struct machine *machine, const struct machine_function *
     return size <= sizeof word && machine_read(machine, function->looks_at, size, (uint8_t *)&word) ? word : 0;
 }
 
-/* A call has returned at a cycle; `place` is the instruction that did it. */
+/* Record a call that returned at a cycle by the instruction `place`. */
 static void close_call(
     struct machine *machine, const struct thread *thread, const struct open_call *open, int64_t cycle, uint32_t place)
 {
@@ -239,7 +239,7 @@ void machine_forget_calls(struct machine *machine)
         machine->calls->done_count = 0;
 }
 
-/* -- calls under way ---------------------------------------------------------------------------------------------- */
+/* -- open calls ---------------------------------------------------------------------------------------------------- */
 
 static void count_open(struct calls *calls, int32_t function, int more)
 {
@@ -253,21 +253,21 @@ static void lower(uint32_t *lowest, uint32_t address)
         *lowest = address;
 }
 
-/* Give how low the stack pointer has been to the innermost call. */
+/* Record the lowest stack pointer in the innermost call. */
 static void take_lowest(const struct machine *machine, struct thread *thread)
 {
     if (thread->open_count && machine->history.stacks.lowest)
         lower(&thread->open[thread->open_count - 1].lowest, machine->history.stacks.lowest);
 }
 
-/* Give the lowest addresses of calls from a number on to those around them. */
+/* Pass the lowest stack pointers of calls from a number on to the outer calls. */
 static void lower_outer(struct thread *thread, int32_t first)
 {
     for (int32_t i = thread->open_count - 1; i > 0 && i >= first; i--)
         lower(&thread->open[i - 1].lowest, thread->open[i].lowest);
 }
 
-/* Calls from a number on will not return. */
+/* Abandon calls from a number on. */
 static void abandon(struct calls *calls, struct thread *thread, int32_t first)
 {
     lower_outer(thread, first);
@@ -288,7 +288,7 @@ static struct given_up *given_up_at(struct thread *thread, uint32_t return_addre
     return NULL;
 }
 
-/* The stack pointer is above that of some calls: note that their stack was given up. */
+/* Note the calls whose stack was given up, because the stack pointer is above theirs. */
 static void give_up_below(struct calls *calls, struct thread *thread, uint32_t stack)
 {
     while (thread->open_count && thread->open[thread->open_count - 1].stack < stack) {
@@ -303,7 +303,7 @@ static void give_up_below(struct calls *calls, struct thread *thread, uint32_t s
     }
 }
 
-/* The first call that began with a stack pointer, if no call is below that. */
+/* Return the first call that began with a stack pointer, if no call is below it. */
 static int32_t first_with(const struct thread *thread, uint32_t stack)
 {
     int32_t first = thread->open_count;
@@ -343,7 +343,7 @@ static bool may_be_by_return(struct machine *machine, const struct arrival *arri
         && !writes_link(&jump);
 }
 
-/* An instruction that calls return to is about to execute. */
+/* Called when an instruction is about to execute that calls return to. */
 static void return_calls(struct machine *machine, uint32_t address, const struct arrival *arrival)
 {
     struct calls *calls = machine->calls;
@@ -367,7 +367,7 @@ static void return_calls(struct machine *machine, uint32_t address, const struct
         const struct open_call *call = &thread->open[i];
         if (returns && call->return_address == address)
             close_call(machine, thread, call, now(machine), arrival->from);
-        else /* a jump, but no return, led to where the call would have returned to */
+        else /* a jump, but not a return, led to the return address */
             calls->functions[call->function].abandoned++;
         count_open(calls, call->function, -1);
     }
@@ -384,19 +384,19 @@ static bool is_outermost(const struct calls *calls, const struct thread *thread,
     return true;
 }
 
-/* What the first instruction of a function waits because a branch led to it is the caller's. */
+/* Return the cycles of a function's first instruction that belong to the caller, because of its branch. */
 static int64_t late_cycles(const struct machine *machine, const struct node *node)
 {
-    struct pipeline left, state = *code_state(machine, node->state);
+    struct pipeline after, state = *code_state(machine, node->state);
     if (state.reached == REACHED_ANYHOW)
         return 0;
-    int32_t cycles = price_instruction(&machine->prices, &node->instruction, node->address, &state, &left);
+    int32_t cycles = price_instruction(&machine->prices, &node->instruction, node->address, &state, &after);
     state.reached = REACHED_ANYHOW;
-    return cycles - price_instruction(&machine->prices, &node->instruction, node->address, &state, &left);
+    return cycles - price_instruction(&machine->prices, &node->instruction, node->address, &state, &after);
 }
 
-/* Whether the call of a function that begins now is one that is under way: it jumps to its own beginning, or its first
- * instruction begins once more. A call from where another one was made with the same stack pointer ends that one. */
+/* Return whether the call that begins is an open one: it jumps to its own beginning, or its first instruction is
+ * repeated. A call from the address of another one with the same stack pointer ends that one. */
 static bool goes_on(
     struct machine *machine, int32_t function, uint32_t return_address, const struct arrival *arrival, int64_t cycle)
 {
@@ -439,7 +439,7 @@ static void enter_function(
     count_open(calls, function, 1);
     if (calls->functions[function].tells && calls->entered) {
         calls->entered(calls->context, function, cycle);
-        forget_answers(machine); /* whoever was told may have changed devices */
+        forget_answers(machine); /* the listener may have changed devices */
     }
 }
 
@@ -459,7 +459,7 @@ void calls_arrive(struct machine *machine, const struct node *node)
 
 /* -- threads ------------------------------------------------------------------------------------------------------ */
 
-/* Note what a thread needs to go on. */
+/* Record the state that a thread needs to resume. */
 static void leave_thread(struct machine *machine, struct thread *thread)
 {
     take_lowest(machine, thread);
@@ -468,7 +468,7 @@ static void leave_thread(struct machine *machine, struct thread *thread)
     thread->pipeline = machine->history.pipeline;
 }
 
-/* How much longer the code at the PC takes because a pipeline was emptied. */
+/* Return the extra cycles of the code at the PC because a pipeline was emptied. */
 static int64_t emptied_pipeline_cycles(struct machine *machine, const struct pipeline *pipeline)
 {
     struct pipeline emptied, state = *pipeline;
@@ -484,7 +484,7 @@ static int64_t emptied_pipeline_cycles(struct machine *machine, const struct pip
     return cycles;
 }
 
-/* A thread goes on. */
+/* Resume a thread. */
 static void resume_thread(struct machine *machine, struct thread *thread)
 {
     thread->is_suspended = false;
@@ -537,8 +537,8 @@ static void push(struct calls *calls, int32_t thread)
         calls->interrupted[calls->nested++] = thread;
 }
 
-/* An exception was entered from thread mode: none of those that were active goes on, and if a thread was suspended at
- * this frame, its stack is another's now. */
+/* End threads when an exception was entered from thread mode: earlier active exceptions are over, and a thread that was
+ * suspended at this frame has lost its stack. */
 static void end_stale_threads(struct calls *calls, uint32_t frame)
 {
     while (calls->nested) {
@@ -560,7 +560,7 @@ void calls_entered(struct machine *machine, uint32_t frame)
     if (from_thread)
         end_stale_threads(calls, frame);
     struct thread *thread = current_thread(machine);
-    if (!thread->open_count) { /* nothing has to be remembered: the handler takes the thread over */
+    if (!thread->open_count) { /* it needs no record: the handler takes its number over */
         push(calls, NONE);
         return;
     }
@@ -579,7 +579,7 @@ void calls_entered(struct machine *machine, uint32_t frame)
     calls->current = handler;
 }
 
-/* Close the calls of an exception: of its handler, and of functions that this one tail-called. */
+/* Close the calls of an exception: of its handler, and of functions that the handler tail-called. */
 static void end_handler(struct machine *machine, struct thread *handler, uint32_t place)
 {
     take_lowest(machine, handler);
@@ -603,7 +603,7 @@ void calls_left(struct machine *machine, uint32_t frame, int32_t cycles, uint32_
     int32_t number = calls->nested ? calls->interrupted[--calls->nested] : NONE;
     struct thread *interrupted = number == NONE ? NULL : &calls->threads[number];
     struct thread *thread = frame & FRAME_OF_THREAD ? suspended_at(calls, frame) : interrupted;
-    if (!thread) /* it has no calls, or begins */
+    if (!thread) /* it has no calls, or is new */
         return;
     int64_t gone = now(machine) + cycles - thread->left_at + emptied_pipeline_cycles(machine, &thread->pipeline);
     if (thread == interrupted) {

@@ -4,9 +4,9 @@
 #include <string.h>
 
 enum {
-    CHUNK = 4096,        /* nodes that are allocated at once */
+    CHUNK = 4096,        /* nodes per allocation */
     CHUNKS = 64,
-    SPARE = 64,          /* nodes that may still be made when code_is_full says so */
+    SPARE = 64,          /* nodes that can still be made when code_is_full returns true */
     FIRST_BUCKETS = 1 << 12, /* a power of two; there are always twice as many as nodes */
     STATES = 1 << 14,
     STATE_BUCKETS = 2 * STATES,
@@ -14,7 +14,7 @@ enum {
 };
 
 struct bucket {
-    uint32_t generation; /* it is empty if this is not code's */
+    uint32_t generation; /* the bucket is empty if this differs from the code's */
     struct node *node;
 };
 
@@ -24,20 +24,20 @@ struct marked {
     uint8_t marks;
 };
 
-/* Cycles of an instruction as a node has them, but by another price table. */
+/* Cycles of a node's instruction, by another price table. */
 struct cost {
     int32_t runs, jumps, skips;
 };
 
 struct code {
     struct node *chunks[CHUNKS];
-    struct cost *costs[CHUNKS]; /* of each node in a chunk by each table but the first */
+    struct cost *costs[CHUNKS]; /* by chunk: for each node, for each table but the first */
     uint32_t table_count;
     uint32_t count;
     uint32_t generation;
     struct bucket *buckets;
     uint32_t bucket_count;
-    struct pipeline *states; /* each is one for each table */
+    struct pipeline *states; /* each is an array with one state for each table */
     uint16_t state_buckets[STATE_BUCKETS]; /* number of a state + 1, or 0 */
     uint32_t state_count;
     struct marked marked[MARKED];
@@ -83,7 +83,7 @@ void code_forget(struct machine *machine)
     code->state_count = 0;
     machine->standing = UINT16_MAX;
     memset(code->state_buckets, 0, sizeof code->state_buckets);
-    if (++code->generation == 0) { /* it has come round: buckets of old may look new */
+    if (++code->generation == 0) { /* after a wrap-around old buckets could look new */
         memset(code->buckets, 0, code->bucket_count * sizeof *code->buckets);
         code->generation = 1;
     }
@@ -153,7 +153,7 @@ uint16_t code_next_state(struct machine *machine)
 
 /* -- marks ------------------------------------------------------------------------------------------------------- */
 
-/* The entry of an address, or the free one where it would be; NULL if the table is full. */
+/* Return the entry of an address, or the free entry for it; NULL if the table is full. */
 static struct marked *marked_at(struct code *code, uint32_t address)
 {
     uint32_t place = mix(0, address) % MARKED;
@@ -213,7 +213,7 @@ struct node *code_node(struct machine *machine, uint32_t number)
     return &machine->code->chunks[number / CHUNK][number % CHUNK];
 }
 
-/* Nodes that are there get the mark in place: a debugger sets and clears the same ones over and over. */
+/* Mark existing nodes in place, because a debugger sets and clears the same marks over and over. */
 static void mark_nodes(struct machine *machine, uint32_t address, uint8_t marks)
 {
     for (uint32_t i = 0; i < code_count(machine); i++) {
@@ -230,7 +230,7 @@ bool code_set_mark(struct machine *machine, uint32_t address, enum mark mark, bo
     struct marked *entry = marked_at(machine->code, address);
     if (!entry)
         return false;
-    entry->is_used = true; /* for good: entries behind it are found past it */
+    entry->is_used = true; /* permanently: later entries are found by passing it */
     entry->address = address;
     uint8_t marks = (uint8_t)(set ? entry->marks | mark : entry->marks & ~mark);
     if (marks != entry->marks)
@@ -239,27 +239,27 @@ bool code_set_mark(struct machine *machine, uint32_t address, enum mark mark, bo
     return true;
 }
 
-/* States that an instruction leaves, by table. */
-struct left {
+/* States after an instruction, by table. */
+struct states_after {
     struct pipeline next[MOST_TABLES], taken[MOST_TABLES], skipped[MOST_TABLES];
 };
 
 /* Price an instruction by one table. */
 static struct cost price(
     const struct prices *prices, const struct node *node, const struct pipeline *before, uint32_t table,
-    struct left *left)
+    struct states_after *after)
 {
     const struct instruction *instruction = &node->instruction;
     struct cost cost = {0};
-    cost.runs = price_instruction(prices, instruction, node->address, before, &left->next[table]);
+    cost.runs = price_instruction(prices, instruction, node->address, before, &after->next[table]);
     if (instruction->transfer) {
-        cost.jumps = cost.runs + price_refill(prices, instruction, &left->taken[table]);
-        left->next[table] = pipeline_past(prices, instruction);
+        cost.jumps = cost.runs + price_refill(prices, instruction, &after->taken[table]);
+        after->next[table] = pipeline_past(prices, instruction);
     }
     if (instruction->in_it_block) {
-        cost.skips = price_skipped(prices, instruction, node->address, before, &left->skipped[table]);
+        cost.skips = price_skipped(prices, instruction, node->address, before, &after->skipped[table]);
         if (instruction->transfer)
-            left->skipped[table] = pipeline_past(prices, instruction);
+            after->skipped[table] = pipeline_past(prices, instruction);
     }
     return cost;
 }
@@ -274,19 +274,19 @@ static void price_node(struct machine *machine, struct node *node)
 {
     struct code *code = machine->code;
     const struct pipeline *before = code_state(machine, node->state);
-    struct left left;
-    const struct cost cost = price(&machine->prices, node, before, 0, &left);
+    struct states_after after;
+    const struct cost cost = price(&machine->prices, node, before, 0, &after);
     node->cost = cost.runs;
     node->taken_cost = cost.jumps;
     node->skipped_cost = cost.skips;
     for (uint32_t table = 1; table < code->table_count; table++)
         costs_of(code, code->count - 1)[table - 1] =
-            price(&machine->tables[table - 1], node, before + table, table, &left);
-    node->left = code_state_number(machine, left.next);
+            price(&machine->tables[table - 1], node, before + table, table, &after);
+    node->next_state = code_state_number(machine, after.next);
     if (node->instruction.transfer)
-        node->left_taken = code_state_number(machine, left.taken);
+        node->taken_state = code_state_number(machine, after.taken);
     if (node->instruction.in_it_block)
-        node->left_skipped = code_state_number(machine, left.skipped);
+        node->skipped_state = code_state_number(machine, after.skipped);
 }
 
 static struct node *make_node(struct machine *machine, uint32_t address, uint8_t it_state, uint16_t state)
@@ -305,7 +305,7 @@ static struct node *make_node(struct machine *machine, uint32_t address, uint8_t
     node->path = machine->path;
     decode_instruction(address, first, second, it_state, machine->baseline, &node->instruction);
     if (node->instruction.operation == OP_BKPT)
-        node->instruction.condition = CONDITION_ALWAYS; /* also in an IT block, see BKPT */
+        node->instruction.condition = CONDITION_ALWAYS; /* even in an IT block, see BKPT */
     node->moves_stack = node->instruction.core_writes >> 13 & 1 || node->instruction.sets_stack;
     node->marks = marks_at(machine->code, address);
     node->operation = first_operation(machine, node);
@@ -327,7 +327,7 @@ static void insert_node(struct code *code, struct node *node)
     code->buckets[place] = (struct bucket){code->generation, node};
 }
 
-/* Have twice as many buckets; as many as before if there is no memory, until `code_is_full` says so. */
+/* Double the buckets; without room keep them, until `code_is_full` returns true. */
 static void add_buckets(struct code *code)
 {
     struct bucket *buckets = calloc(2 * (size_t)code->bucket_count, sizeof *buckets);
@@ -336,7 +336,7 @@ static void add_buckets(struct code *code)
     free(code->buckets);
     code->buckets = buckets;
     code->bucket_count *= 2;
-    for (uint32_t i = 0; i + 1 < code->count; i++) /* the last one is not inserted yet */
+    for (uint32_t i = 0; i + 1 < code->count; i++) /* the last node is not inserted yet */
         insert_node(code, &code->chunks[i / CHUNK][i % CHUNK]);
 }
 

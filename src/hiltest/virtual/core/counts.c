@@ -1,4 +1,4 @@
-/* Executions of instructions by address, which outlast the nodes that count them. */
+/* Execution counts of instructions by address, which outlast the nodes that count them. */
 #include <stdlib.h>
 
 #include "code.h"

@@ -1,4 +1,4 @@
-/* From halfwords to an instruction: which encoding it is, and what all encodings have in common. */
+/* Decoding: finding the encoding of an instruction, and the fields that all encodings have in common. */
 
 #include "decode.h"
 
@@ -9,7 +9,7 @@ enum { CARRY_STAYS = 2, CONDITION_NEVER = 15 };
 static const struct encoding_group *const NARROW[] = {narrow_groups, NULL};
 static const struct encoding_group *const WIDE[] = {data_groups, access_groups, float_groups, NULL};
 
-/* Find the encoding of an instruction among groups; NULL if no row matches. */
+/* Return the encoding of an instruction among groups; NULL if no row matches. */
 static const struct encoding *find_encoding(const struct encoding_group *const *lists, uint32_t bits)
 {
     for (; *lists; lists++) {
@@ -25,14 +25,14 @@ static const struct encoding *find_encoding(const struct encoding_group *const *
 }
 
 /* Condition of an instruction in an IT block. ITSTATE may hold condition 15, which is UNPREDICTABLE (A7.7, IT);
- * it is taken as "always", as Unicorn takes it. */
+ * as in Unicorn, it means "always". */
 static uint8_t block_condition(uint8_t it_state)
 {
     uint8_t condition = it_state >> 4;
     return condition == CONDITION_NEVER ? CONDITION_ALWAYS : condition;
 }
 
-/* Set the fields of an instruction that does nothing, in an IT block or not. */
+/* Set the fields of an instruction without effect, in an IT block or not. */
 static void clear(struct instruction *decoded, uint8_t size, uint8_t it_state)
 {
     bool in_it_block = it_state & 15;
@@ -45,7 +45,7 @@ static void clear(struct instruction *decoded, uint8_t size, uint8_t it_state)
     decoded->in_it_block = in_it_block;
 }
 
-/* Take the number of a register from its field. False if it must not be this one. */
+/* Read the number of a register from its field. False if the number is not allowed. */
 static bool take_register(const struct code_word *word, struct register_field field, uint8_t *number)
 {
     const unsigned low = field.low;
@@ -115,7 +115,7 @@ void set_shift(struct instruction *decoded, uint32_t type, uint32_t amount)
     }
 }
 
-/* An empty list is UNPREDICTABLE; Unicorn takes it as undefined. */
+/* An empty list is UNPREDICTABLE; it is undefined as in Unicorn. */
 void transfer_list(struct instruction *decoded, uint8_t mode)
 {
     decoded->mode = mode;

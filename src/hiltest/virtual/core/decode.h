@@ -1,7 +1,7 @@
-/* The tables of encodings that the decoder is made of.
+/* The decoder's tables of encodings.
  *
- * One row is one encoding of the ARMv7-M Architecture Reference Manual, DDI 0403E, and one group is one table of its
- * chapters A5 and A6. Inside a group the first row that matches counts, so a special case stands before the rule.
+ * A row is an encoding of the ARMv7-M Architecture Reference Manual, DDI 0403E, and a group is a table of its
+ * chapters A5 and A6. In a group the first matching row counts, so special cases stand before the general rule.
  */
 #ifndef HILTEST_DECODE_H
 #define HILTEST_DECODE_H
@@ -10,23 +10,23 @@
 
 /* An instruction before its fields are extracted. */
 struct code_word {
-    uint32_t bits;    /* its halfword, or its two halfwords with the first one in the upper half */
+    uint32_t bits;    /* the halfword, or both halfwords with the first one in the upper half */
     uint32_t address;
     bool in_it_block;
 };
 
-/* A field that holds the number of a register. */
+/* A field with the number of a register. */
 enum register_kind {
     REGISTER_ABSENT,
     REGISTER_LOW,    /* three bits: r0 to r7 */
-    REGISTER_NOT_PC, /* four bits, and UNPREDICTABLE with the PC. Nobody has published what the silicon does; to take the
+    REGISTER_NOT_PC, /* four bits, UNPREDICTABLE with the PC. The behaviour of silicon is not published; decoding the
                         instruction as undefined shows the mistake at once. */
     REGISTER_ANY,    /* four bits */
-    REGISTER_SINGLE, /* an s register: four bits, and a lowest bit that stands alone */
+    REGISTER_SINGLE, /* an s register: four bits, and a separate lowest bit */
     REGISTER_FIXED,  /* `low` itself */
 };
 struct register_field {
-    uint8_t low, kind; /* place of the lowest bit; enum register_kind */
+    uint8_t low, kind; /* lowest bit; enum register_kind */
 };
 
 /* A number of `width` bits from `low` on, shifted left by `shift`. */
@@ -35,15 +35,15 @@ struct number_field {
 };
 
 struct encoding {
-    const char *name;     /* the manual's, with the number of the encoding */
-    uint32_t mask, value; /* it is this encoding if bits & mask == value; of two bytes, in the lower half */
+    const char *name;     /* from the manual, with the number of the encoding */
+    uint32_t mask, value; /* match if bits & mask == value; encodings of two bytes are in the lower half */
     uint16_t operation;
     struct register_field d, n, m, a;
     struct number_field immediate, amount;
-    /* Write the other fields, if there are any: all above are written. It may change the operation, since one row may
+    /* Write the other fields, if there are any, after all fields above. It may change the operation, since a row may
      * stand for several forms of one. */
     void (*extract)(const struct code_word *word, struct instruction *decoded);
-    bool is_baseline;     /* ARMv6-M has this encoding of four bytes too; of two bytes it has all but CBZ, CBNZ and IT */
+    bool is_baseline;     /* ARMv6-M has this encoding of four bytes; of two bytes it has all but CBZ, CBNZ and IT */
 };
 
 struct encoding_group {
@@ -62,13 +62,13 @@ struct encoding_group {
 #define NUMBER(BIT, WIDTH, SHIFT) .immediate = {BIT, WIDTH, SHIFT}
 #define AMOUNT(BIT, WIDTH) .amount = {BIT, WIDTH, 0}
 
-/* Groups end with one that has no rows; each file offers its own. */
+/* Lists of groups, one for each file; a group without rows ends a list. */
 extern const struct encoding_group narrow_groups[], data_groups[], access_groups[], float_groups[];
 
-/* Write what the cycle model needs to know, from the fields that are written already (decode_costs.c). */
+/* Write the fields for the cycle model, from the other fields (decode_costs.c). */
 void describe_costs(struct instruction *decoded);
 
-/* Forms of a data-processing operation, counted from its first one, see DATA_OPERATIONS. */
+/* Forms of a data-processing operation, as offsets from its first one, see DATA_OPERATIONS. */
 enum { FORM_SETS_FLAGS = 1, FORM_REGISTER = 2, FORM_SHIFTED = 4, DATA_FORM_COUNT = 6 };
 /* Forms of an access, see ACCESS_OPERATIONS. */
 enum { ACCESS_IMMEDIATE, ACCESS_REGISTER, ACCESS_LITERAL, ACCESS_WRITES_BACK, ACCESS_FORM_COUNT };
@@ -84,7 +84,7 @@ static inline uint8_t register_at(const struct code_word *word, unsigned low)
     return (uint8_t)bits(word->bits, low + 3, low);
 }
 
-/* The lone bit of a single-precision register is bit 22, 7 or 5, by the place of the others: 12, 16 or 0. */
+/* The separate bit of a single-precision register is bit 22, 7 or 5, if the others are at 12, 16 or 0. */
 static inline uint8_t single_at(const struct code_word *word, unsigned low)
 {
     unsigned lone = low == 12 ? 22 : low == 16 ? 7 : 5;
@@ -108,7 +108,7 @@ static inline uint8_t count_bits(uint32_t mask)
 
 static inline void undefine(struct instruction *decoded) { decoded->operation = OP_UNDEFINED; }
 
-/* Whether a data-processing operation has the form that sets the flags. */
+/* Return whether a data-processing operation has a form that sets the flags. */
 static inline bool has_flag_form(const struct instruction *decoded)
 {
     return (decoded->operation - OP_AND_I) % 2 == FORM_SETS_FLAGS;

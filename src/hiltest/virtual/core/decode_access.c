@@ -23,7 +23,7 @@ static void literal(const struct code_word *word, struct instruction *decoded)
     decoded->immediate = is_set(word->bits, 23) ? base + decoded->immediate : base - decoded->immediate;
 }
 
-/* Hints of addresses that will be accessed soon. They do nothing but take part in the cycle model. */
+/* Prefetch hints. They have no effect except in the cycle model. */
 static void hint_address(const struct code_word *word, struct instruction *decoded)
 {
     decoded->address_registers = (uint16_t)((1u << register_at(word, 16)) & 0x7FFFu);
@@ -35,7 +35,7 @@ static void hint_address_register(const struct code_word *word, struct instructi
     decoded->address_registers |= (uint16_t)((1u << register_at(word, 0)) & 0x7FFFu);
 }
 
-/* Two words, with the offset in words (A5.3.6) */
+/* Transfers of two words, with the offset in words (A5.3.6). */
 static void take_pair(const struct code_word *word, struct instruction *decoded)
 {
     decoded->words = 2;
@@ -55,15 +55,15 @@ static void pair_literal(const struct code_word *word, struct instruction *decod
     decoded->immediate += literal_base(word);
 }
 
-/* A load into the SP is UNPREDICTABLE; Unicorn takes it as undefined. */
+/* A load into the SP is UNPREDICTABLE; it is undefined as in Unicorn. */
 static void load_exclusive(const struct code_word *word, struct instruction *decoded)
 {
     (void)word;
     if (decoded->d == SP) undefine(decoded);
 }
 
-/* A result in a register that the store uses, and the SP as result or value, are UNPREDICTABLE; Unicorn takes them as
- * undefined. */
+/* A result in a register that the store uses, and the SP as result or value, are UNPREDICTABLE; they are undefined as
+ * in Unicorn. */
 static void store_exclusive(const struct code_word *word, struct instruction *decoded)
 {
     (void)word;
@@ -76,8 +76,8 @@ static void table_branch(const struct code_word *word, struct instruction *decod
     decoded->immediate = pc_operand(word);
 }
 
-/* Multiple transfers (A5.3.5). A list of one register or none, and one with the base that is written back, are
- * UNPREDICTABLE; Unicorn takes them as undefined. */
+/* Multiple transfers (A5.3.5). A list of one register or none, and a list with the base that is written back, are
+ * UNPREDICTABLE; they are undefined as in Unicorn. */
 static void multiple(const struct code_word *word, struct instruction *decoded)
 {
     bool upward = is_set(word->bits, 23), writes_base = is_set(word->bits, 21);
@@ -92,16 +92,16 @@ static void store_multiple(const struct code_word *word, struct instruction *dec
     if (is_set(decoded->immediate, PC)) undefine(decoded);
 }
 
-/* Hints have the places of loads into the PC of less than a word (A5.3.8, A5.3.9). */
+/* Hints have the encodings of narrow loads into the PC (A5.3.8, A5.3.9). */
 #define HINT_ROWS(NAME, VALUE) \
     {NAME " (literal) T1", 0xFF7FF000, VALUE | 0x000FF000u, OP_NOP, .extract = hint_address}, \
     {NAME " (immediate) T1", 0xFFF0F000, VALUE | 0x0080F000u, OP_NOP, .extract = hint_address}, \
     {NAME " (immediate) T2", 0xFFF0FF00, VALUE | 0x0000FC00u, OP_NOP, .extract = hint_address}, \
     {NAME " (register) T1", 0xFFF0FFC0, VALUE | 0x0000F000u, OP_NOP, .extract = hint_address_register}
 
-/* MAY says whether the register that is transferred may be the PC: ANY or NOT_PC. Stores relative to the PC are
- * undefined, and transfers of the PC are but for LDR UNPREDICTABLE. LDRT, STRT and the like: nothing is protected from
- * unprivileged code here, so they are plain accesses. */
+/* MAY says whether the transferred register may be the PC: ANY or NOT_PC. Stores relative to the PC are
+ * undefined, and transfers of the PC are UNPREDICTABLE except for LDR. LDRT, STRT and the like are plain accesses,
+ * because no memory is protected from unprivileged code. */
 #define N NOT_PC(n, 16)
 #define ACCESS_ROWS(NAME, VALUE, MAY) \
     {#NAME " (immediate), 12 bits", 0xFFF00000, VALUE | 0x00800000u, OP_##NAME##_I, MAY(d, 12), N, NUMBER(0, 12, 0)}, \
@@ -141,7 +141,7 @@ static const struct encoding MULTIPLES[] = {
     {"LDMDB T1", 0xFFD00000, 0xE9100000, OP_LDM, N, NUMBER(0, 16, 0), .extract = multiple},
 };
 
-/* A5.3.6. The pairs have the places that bits P and W, both zero, leave to exclusive accesses and table branches. */
+/* A5.3.6. If bits P and W are both zero, the encodings are exclusive accesses and table branches instead of pairs. */
 #define STORED NOT_PC(a, 12), N, .extract = store_exclusive
 #define PAIR D, NOT_PC(a, 8), NUMBER(0, 8, 2)
 static const struct encoding PAIRS[] = {

@@ -1,10 +1,10 @@
-/* What the cycle model needs to know of an instruction, from its operation and its registers. */
+/* Fields of an instruction for the cycle model, from its operation and its registers. */
 
 #include "decode.h"
 
 static uint16_t core_mask(uint32_t number) { return (uint16_t)(1u << number); }
 
-/* `count` s registers from one on, at most up to s31. */
+/* Mask of `count` s registers from one on, at most up to s31. */
 static uint32_t single_mask(uint32_t first, uint32_t count)
 {
     return (uint32_t)(((UINT64_C(1) << count) - 1) << first);
@@ -38,11 +38,11 @@ static uint8_t row(const struct instruction *i)
     case OP_VMLA: case OP_VMLS: case OP_VNMLA: case OP_VNMLS:
     case OP_VFMA: case OP_VFMS: case OP_VFNMA: case OP_VFNMS: return ROW_fp_accumulate;
     case OP_VMOV_PAIR_TO_CORE: case OP_VMOV_PAIR_FROM_CORE: return ROW_fp_move_pair;
-    default: return i->operation >= OP_VADD ? ROW_fp : i->row; /* hints have their row already */
+    default: return i->operation >= OP_VADD ? ROW_fp : i->row; /* hints already have their row */
     }
 }
 
-/* Registers of the core that an operation writes as its result; a base that is written back is not among them. */
+/* Core registers that an operation writes as its result, without a base that is written back. */
 static uint16_t results(const struct instruction *i)
 {
     if (is_data(i)) return i->operation < OP_TST_I ? core_mask(i->d) : 0;
@@ -55,7 +55,7 @@ static uint16_t results(const struct instruction *i)
     case OP_SMLSLD: return core_mask(i->d) | core_mask(i->a);
     case OP_MOV_PC: case OP_ADD_PC: case OP_BX: return core_mask(PC);
     case OP_BL: case OP_BLX: return core_mask(LR) | core_mask(PC);
-    case OP_B: case OP_CBZ: case OP_CBNZ: case OP_TBB: case OP_TBH: /* they do nothing but branch */
+    case OP_B: case OP_CBZ: case OP_CBNZ: case OP_TBB: case OP_TBH: /* only branches */
     case OP_STM: case OP_STRD: case OP_CLREX: case OP_IT: case OP_SVC: case OP_BKPT: case OP_NOP: case OP_YIELD:
     case OP_WFE: case OP_WFI: case OP_SEV: case OP_DMB: case OP_DSB: case OP_ISB: case OP_CPS: case OP_MSR: return 0;
     case OP_VMRS: return i->d == PC ? 0 : core_mask(i->d); /* to the flags if d is 15 */
@@ -77,7 +77,7 @@ static uint16_t address_registers(const struct instruction *i)
     case OP_LDM: case OP_STM: case OP_LDRD: case OP_STRD: case OP_VLDM: case OP_VSTM: case OP_VLDR: case OP_VSTR:
     case OP_LDREX: case OP_LDREXB: case OP_LDREXH: case OP_STREX: case OP_STREXB: case OP_STREXH:
         return core_mask(i->n) & without_pc;
-    default: return i->address_registers; /* hints have theirs already */
+    default: return i->address_registers; /* hints already have theirs */
     }
 }
 
@@ -92,14 +92,14 @@ static void describe_transfer(struct instruction *i)
     i->conditional = i->transfer != TRANSFER_NONE && (falls_through || i->in_it_block);
 }
 
-/* FSTMX and FLDMX, whose base moves by a word more than they transfer, are no VPUSH and VPOP. */
+/* FSTMX and FLDMX, whose base moves by a word more than they transfer, are not VPUSH and VPOP. */
 static bool is_on_stack(const struct instruction *i, uint8_t mode)
 {
     return i->n == SP && i->mode == mode && i->immediate == 4u * i->words;
 }
 
-/* The s registers. The cycle model has always let VPUSH and VPOP wait for the registers of their lists, but no other
- * VSTM and VLDM; its measured counts rest on that. VCVT between fixed and floating point works in place. */
+/* The s registers. In the cycle model VPUSH and VPOP have always waited for the registers of their lists, but no other
+ * VSTM and VLDM; its measured counts depend on that. VCVT between fixed and floating point works in place. */
 static void describe_singles(struct instruction *i)
 {
     uint32_t d = single_mask(i->d & 31, 1), n = single_mask(i->n & 31, 1), m = single_mask(i->m & 31, 1);

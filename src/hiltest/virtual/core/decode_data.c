@@ -22,7 +22,7 @@ static void take_flag_bit(const struct code_word *word, struct instruction *deco
     if (is_set(word->bits, 20) && !has_flag_form(decoded)) decoded->operation += FORM_SETS_FLAGS;
 }
 
-/* A modified immediate constant (ThumbExpandImm_C, A5.3.2). Patterns of a zero byte are UNPREDICTABLE and zero here. */
+/* A modified immediate constant (ThumbExpandImm_C, A5.3.2). Patterns of a zero byte are UNPREDICTABLE, here zero. */
 static void modified(const struct code_word *word, struct instruction *decoded)
 {
     static const uint32_t PATTERNS[] = {0x00000001, 0x00010001, 0x01000100, 0x01010101};
@@ -66,16 +66,16 @@ static void signed_width(const struct code_word *word, struct instruction *decod
     decoded->immediate++;
 }
 
-/* SSAT16 and USAT16 stand where SSAT and USAT with ASR by 0 would be. */
+/* SSAT16 and USAT16 have the encodings of SSAT and USAT with ASR by 0. */
 static void saturate(const struct code_word *word, struct instruction *decoded)
 {
     decoded->shift = is_set(word->bits, 21) ? SHIFT_ASR : SHIFT_LSL;
     decoded->amount = (uint8_t)split_number(word);
     if (decoded->operation == OP_SSAT) decoded->immediate++;
-    if (decoded->shift == SHIFT_ASR && decoded->amount == 0) undefine(decoded); /* out of shape */
+    if (decoded->shift == SHIFT_ASR && decoded->amount == 0) undefine(decoded); /* not encodable */
 }
 
-/* A field that ends above bit 31 is UNPREDICTABLE (A7.7, SBFX and UBFX); Unicorn takes it as undefined. */
+/* A field that ends above bit 31 is UNPREDICTABLE (A7.7, SBFX and UBFX); it is undefined as in Unicorn. */
 static void extract_bits(const struct code_word *word, struct instruction *decoded)
 {
     decoded->amount = (uint8_t)split_number(word);
@@ -83,7 +83,7 @@ static void extract_bits(const struct code_word *word, struct instruction *decod
     if (decoded->amount + decoded->immediate > 32) undefine(decoded);
 }
 
-/* A field that ends below its beginning is UNPREDICTABLE (A7.7, BFC and BFI); Unicorn takes it as undefined. */
+/* A field that ends below its beginning is UNPREDICTABLE (A7.7, BFC and BFI); it is undefined as in Unicorn. */
 static void insert_bits(const struct code_word *word, struct instruction *decoded)
 {
     uint32_t lowest = split_number(word), highest = bits(word->bits, 4, 0);
@@ -94,7 +94,7 @@ static void insert_bits(const struct code_word *word, struct instruction *decode
         decoded->immediate = 0xFFFFFFFFu >> (31 - (highest - lowest)) << lowest;
 }
 
-/* A shifted register (A5.3.11). The rows name the form of a register that is not shifted. */
+/* A shifted register (A5.3.11). The rows name the form without a shift. */
 static void shifted(const struct code_word *word, struct instruction *decoded)
 {
     uint32_t type = bits(word->bits, 5, 4), amount = split_number(word);
@@ -117,7 +117,7 @@ static void shift_by_register(const struct code_word *word, struct instruction *
 
 /* Branches and control (A5.3.4) */
 
-/* A conditional branch in an IT block is UNPREDICTABLE; Unicorn takes it as undefined. */
+/* A conditional branch in an IT block is UNPREDICTABLE; it is undefined as in Unicorn. */
 static void branch_if(const struct code_word *word, struct instruction *decoded)
 {
     uint32_t offset = bits(word->bits, 26, 26) << 20 | bits(word->bits, 11, 11) << 19 | bits(word->bits, 13, 13) << 18
@@ -135,15 +135,15 @@ static void branch(const struct code_word *word, struct instruction *decoded)
     decoded->immediate = pc_operand(word) + (uint32_t)sign_extend(offset, 25);
 }
 
-/* Where the registers usually stand. */
+/* The usual positions of registers. */
 #define D NOT_PC(d, 8)
 #define N NOT_PC(n, 16)
 #define M NOT_PC(m, 0)
 #define D_N D, N
 #define D_N_M D, N, M
 #define ROTATION .amount = {4, 2, 3} /* in bits */
-/* d is the lower word, a the upper one. The same register twice is UNPREDICTABLE: the upper word is written last, as in
- * Unicorn. */
+/* d is the lower word, a the upper one. The same register twice is UNPREDICTABLE: as in Unicorn, the upper word is
+ * written last. */
 #define LONG NOT_PC(d, 12), NOT_PC(a, 8), N, M
 
 /* A5.3.1. The comparisons are forms with d = 15 that set flags, the moves forms with n = 15. */
@@ -184,7 +184,7 @@ static const struct encoding PLAIN[] = {
     {"UBFX T1", 0xFFF08020, 0xF3C00000, OP_UBFX, D_N, NUMBER(0, 5, 0), .extract = extract_bits},
 };
 
-/* A5.3.4. MSR, hints and the like stand where a branch would have condition 14 or 15. */
+/* A5.3.4. MSR, hints and the like have the encodings of branches with condition 14 or 15. */
 static const struct encoding CONTROL[] = {
     {"BL T1", 0xF800D000, 0xF000D000, OP_BL, .extract = branch, .is_baseline = true},
     {"B T4", 0xF800D000, 0xF0009000, OP_B, .extract = branch},
@@ -233,8 +233,8 @@ static const struct encoding SHIFTED[] = {
     PARALLEL_ROW(KIND, ASX, 0xFAA0F000u | CODE), PARALLEL_ROW(KIND, SUB8, 0xFAC0F000u | CODE), \
     PARALLEL_ROW(KIND, SUB16, 0xFAD0F000u | CODE), PARALLEL_ROW(KIND, SAX, 0xFAE0F000u | CODE)
 
-/* A5.3.12 to A5.3.15. In CLZ, RBIT and REV m stands twice; the lower one counts, as in Unicorn. n = 15 adds nothing:
- * SXTB and the like. */
+/* A5.3.12 to A5.3.15. CLZ, RBIT and REV have two fields for m; as in Unicorn, the lower one counts. n = 15 adds
+ * nothing: SXTB and the like. */
 static const struct encoding REGISTERS[] = {
     {"LSL to ROR (register) T2", 0xFF80F0F0, 0xFA00F000, OP_SHIFT, D_N_M, .extract = shift_by_register},
     {"SXTAH, SXTH T2", 0xFFF0F0C0, 0xFA00F080, OP_SXTAH, D, ANY(n, 16), M, ROTATION},
@@ -257,7 +257,7 @@ static const struct encoding REGISTERS[] = {
     PARALLEL_ROWS(U, 0x40u), PARALLEL_ROWS(UQ, 0x50u), PARALLEL_ROWS(UH, 0x60u),
 };
 
-/* A5.3.16 and A5.3.17. a = 15 adds nothing where the operation says so. */
+/* A5.3.16 and A5.3.17. a = 15 adds nothing if the operation says so. */
 static const struct encoding MULTIPLICATIONS[] = {
     {"MUL T2", 0xFFF0F0F0, 0xFB00F000, OP_MUL, D_N_M},
     {"MLA T1", 0xFFF000F0, 0xFB000000, OP_MLA, D_N_M, ANY(a, 12)},

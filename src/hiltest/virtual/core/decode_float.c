@@ -1,13 +1,13 @@
-/* Encodings of coprocessors: the FPU (DDI 0403E, A6.4 to A6.8), which is coprocessors 10 and 11, and those that are
- * missing (A5.3.18).
+/* Encodings of coprocessors: the FPU (DDI 0403E, A6.4 to A6.8), which is coprocessors 10 and 11, and missing
+ * coprocessors (A5.3.18).
  */
 
 #include "decode.h"
 
 #include <stddef.h>
 
-/* A d register: four bits; the lone bit would be its highest one, but FPv4-SP has d0 to d15. Returns the lower one of
- * its s registers. */
+/* A d register: four bits; the separate bit would be its highest one, but FPv4-SP has only d0 to d15. Returns the lower
+ * one of its s registers. */
 static uint8_t double_at(const struct code_word *word, struct instruction *decoded, unsigned low, unsigned highest)
 {
     if (is_set(word->bits, highest)) undefine(decoded);
@@ -30,7 +30,7 @@ static void to_integer(const struct code_word *word, struct instruction *decoded
     decoded->amount = (uint8_t)(is_signed | !truncates << 1);
 }
 
-/* More fraction bits than bits are UNPREDICTABLE (A7.7, VCVT). */
+/* A fraction with more bits than the number is UNPREDICTABLE (A7.7, VCVT). */
 static void fixed_point(const struct code_word *word, struct instruction *decoded)
 {
     bool is_signed = !is_set(word->bits, 16), is_long = is_set(word->bits, 7);
@@ -46,7 +46,7 @@ static void half_and_core(const struct code_word *word, struct instruction *deco
     decoded->n = (uint8_t)(double_at(word, decoded, 16, 7) | bits(word->bits, 21, 21));
 }
 
-/* Two s registers, the second of which would be s32 behind s31: UNPREDICTABLE (A7.7, VMOV). */
+/* Two s registers; s31 as the first one is UNPREDICTABLE (A7.7, VMOV). */
 static void pair_and_core(const struct code_word *word, struct instruction *decoded)
 {
     if (is_double(word)) decoded->m = double_at(word, decoded, 0, 5);
@@ -66,9 +66,9 @@ static void load_single(const struct code_word *word, struct instruction *decode
     if (decoded->n == PC) decoded->immediate += literal_base(word);
 }
 
-/* Registers past s31, and none, are UNPREDICTABLE (A7.7, VLDM); Unicorn takes them as undefined. An odd count of words
- * with d registers is FLDMX or FSTMX: the last word is not transferred, but the base moves by it, so `immediate` is the
- * distance that the base moves. */
+/* Registers beyond s31, and no registers, are UNPREDICTABLE (A7.7, VLDM); they are undefined as in Unicorn. An odd
+ * count of words with d registers is FLDMX or FSTMX: the last word is not transferred, but the base moves by it, so
+ * `immediate` is the distance that the base moves. */
 static void multiple(const struct code_word *word, struct instruction *decoded)
 {
     uint32_t count = bits(word->bits, 7, 0), transferred = is_double(word) ? count & ~1u : count;
@@ -86,7 +86,7 @@ static void multiple(const struct code_word *word, struct instruction *decoded)
 #define ACCESS SINGLE(d, 12), NUMBER(0, 8, 2)
 #define MULTIPLE ACCESS, NOT_PC(n, 16), .extract = multiple
 
-/* A6.5 to A6.8. Bit 8 says whether registers are d registers, of which only moves are left (FPv4-SP). */
+/* A6.5 to A6.8. Bit 8 selects d registers, for which FPv4-SP has only moves. */
 static const struct encoding FLOAT[] = {
     {"VMLA T1", 0xFFB00F50, 0xEE000A00, OP_VMLA, D_N_M},
     {"VMLS T1", 0xFFB00F50, 0xEE000A40, OP_VMLS, D_N_M},
@@ -130,7 +130,7 @@ static const struct encoding FLOAT[] = {
     {"VLDMDB T1, T2", 0xFFB00E00, 0xED300A00, OP_VLDM, MULTIPLE},
 };
 
-/* A5.3.18. The first two rows are undefined whatever the coprocessor. */
+/* A5.3.18. The first two rows are undefined for every coprocessor. */
 static const struct encoding COPROCESSORS[] = {
     {"Undefined instructions of the FPU", 0xFC000E00, 0xFC000A00, OP_UNDEFINED, .extract = NULL},
     {"Undefined coprocessor instructions", 0xEFE00000, 0xEC000000, OP_UNDEFINED, .extract = NULL},

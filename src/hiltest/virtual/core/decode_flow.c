@@ -1,4 +1,4 @@
-/* Instructions for those who read code without executing it: where they lead, and what they do to the stack pointer. */
+/* Analysis of instructions without executing them: continuation of execution, and changes of the stack pointer. */
 
 #include "decode.h"
 #include "machine.h"
@@ -38,7 +38,7 @@ static uint8_t entry_size(const struct instruction *i)
     return i->operation == OP_TBB ? 1 : i->operation == OP_TBH ? 2 : 4;
 }
 
-/* What write-back adds to a base. */
+/* Return the number that write-back adds to a base. */
 static int32_t written_back(const struct instruction *i)
 {
     int32_t bytes = 4 * i->words;

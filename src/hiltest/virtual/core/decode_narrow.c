@@ -30,13 +30,13 @@ static void multiply(const struct code_word *word, struct instruction *decoded)
     decoded->sets_flags = !word->in_it_block;
 }
 
-/* A register of which bit 7 of the halfword is the highest bit (A5.2.3). */
+/* A register whose highest bit is bit 7 of the halfword (A5.2.3). */
 static uint8_t high_register(const struct code_word *word)
 {
     return (uint8_t)(bits(word->bits, 2, 0) | bits(word->bits, 7, 7) << 3);
 }
 
-/* The PC as operand m is a number that the address decides, which another operation takes as its immediate. */
+/* With the PC as operand m, replace the operand by a number in the immediate of another operation. */
 static void fold_pc(const struct code_word *word, struct instruction *decoded, uint16_t immediate_form)
 {
     if (decoded->m != PC) return;
@@ -97,15 +97,15 @@ static void multiple(const struct code_word *word, struct instruction *decoded)
     transfer_list(decoded, loads_base ? 0 : MODE_WRITES_BACK);
 }
 
-/* IT inside an IT block is UNPREDICTABLE. It begins a new block whatever the condition, as in Unicorn. BKPT is
- * unconditional, inside an IT block too (A7.7, BKPT). */
+/* IT inside an IT block is UNPREDICTABLE. As in Unicorn, it begins a new block whatever the condition. BKPT is
+ * unconditional, even inside an IT block (A7.7, BKPT). */
 static void unconditional(const struct code_word *word, struct instruction *decoded)
 {
     (void)word;
     decoded->condition = CONDITION_ALWAYS;
 }
 
-/* A conditional branch in an IT block is UNPREDICTABLE; Unicorn takes it as undefined. */
+/* A conditional branch in an IT block is UNPREDICTABLE; it is undefined as in Unicorn. */
 static void branch_if(const struct code_word *word, struct instruction *decoded)
 {
     decoded->condition = (uint8_t)bits(word->bits, 11, 8);
@@ -223,7 +223,7 @@ static const struct encoding BRANCHES[] = {
     {"B T2", 0xF800, 0xE000, OP_B, .extract = branch},
 };
 
-/* The accesses have what the other groups leave. */
+/* Accesses come last, for the bits that the other groups do not match. */
 const struct encoding_group narrow_groups[] = {
     GROUP(0xC000, 0x0000, BASIC),
     GROUP(0xFC00, 0x4000, DATA),

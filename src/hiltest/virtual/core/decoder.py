@@ -1,4 +1,4 @@
-"""Code as the core decodes it."""
+"""Decoded instructions, as the core sees them."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any
 
 from hiltest.virtual.core.library import ffi, lib
 
-_AT_ONCE = 32  # instructions: readers often stop at a jump
+_AT_ONCE = 32  # instructions, because readers often stop at a jump
 
 
 def decode(address: int, code: bytes) -> Iterator[Any]:
-    """Yield the instructions of some code that begins outside an IT block, see struct machine_instruction.
+    """Yield the instructions of code that begins outside an IT block, see struct machine_instruction.
 
     Parameters
     ----------
     address : int
         Address of the first byte.
     code : bytes
-        An instruction that its end cuts off is left out.
+        Code; an incomplete last instruction is omitted.
     """
     decoded, it_state = ffi.new("struct machine_instruction[]", _AT_ONCE), ffi.new("uint8_t *")
     begin, place = ffi.from_buffer(code), 0
@@ -26,7 +26,7 @@ def decode(address: int, code: bytes) -> Iterator[Any]:
         address + place, begin + place, len(code) - place, it_state, decoded, _AT_ONCE
     ):
         for index in range(count):
-            yield ffi.new("struct machine_instruction *", decoded[index])  # which stays when `decoded` is overwritten
+            yield ffi.new("struct machine_instruction *", decoded[index])  # a copy, because `decoded` is reused
         place = decoded[count - 1].address + decoded[count - 1].size - address
 
 

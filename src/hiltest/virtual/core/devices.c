@@ -27,8 +27,8 @@ void forget_devices(struct machine *machine)
     machine->device_count = 0;
 }
 
-/* The first device that has all bytes of an access, whether its gate is open or not. There are few of them, and those
- * that are used most are added first. */
+/* Return the first device that has all bytes of an access, with any state of its gate. The search is linear, because
+ * there are few devices, and the most used ones are added first. */
 static struct device *device_with(const struct machine *machine, uint32_t address, uint32_t size)
 {
     for (int32_t i = 0; i < machine->device_count; i++) {
@@ -109,7 +109,7 @@ void machine_write_device(struct machine *machine, uint32_t address, uint32_t si
 
 /* -- snapshots ---------------------------------------------------------------------------------------------------- */
 
-/* Peripherals at some moment: what they have in common, and the structure of each, one after the other. */
+/* Peripherals at some moment: their common state, and the structure of each, one after the other. */
 struct device_states {
     struct calendar calendar;
     uint64_t requests;
@@ -138,7 +138,7 @@ struct device_states *copy_devices(const struct machine *machine)
     return states;
 }
 
-/* Events lie in the structures of their peripherals: the calendar's pointers to them hold as long as the machine. */
+/* Events are members of their peripherals: the queue's pointers to them are valid as long as the machine. */
 void restore_devices(struct machine *machine, const struct device_states *states)
 {
     machine->calendar = states->calendar;

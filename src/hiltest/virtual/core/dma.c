@@ -1,6 +1,6 @@
 /* eDMA and DMAMUX of Kinetis parts: sixteen channels that move data while the processor does something else.
  *
- * Minor loops are carried out one after the other and not interrupted. What one moves reaches memory and peripherals at
+ * Minor loops are carried out one after the other without interruption. Their data reaches memory and peripherals at
  * the end of the time that it takes, in pieces if it is long.
  */
 #include <string.h>
@@ -10,7 +10,7 @@
 enum { CHANNELS = 16, ALL_CHANNELS = (1 << CHANNELS) - 1, ERROR_LINE = CHANNELS };
 enum { CR = 0x0, ES = 0x4, ERQ = 0xC, EEI = 0x14, CEEI = 0x18, SEEI, CERQ, SERQ, CDNE, SSRT, CERR, CINT };
 enum { INT = 0x24, ERR = 0x2C, HRS = 0x34, DCHPRI = 0x100, DESCRIPTORS = 0x1000, REGISTER_BYTES = 2 * PAGE_BYTES };
-enum { CR_ERCA = 1 << 2, CR_HOE = 1 << 4, CR_HALT = 1 << 5, CR_EMLM = 1 << 7, CR_BITS = 0xFE }; /* nothing is cancelled */
+enum { CR_ERCA = 1 << 2, CR_HOE = 1 << 4, CR_HALT = 1 << 5, CR_EMLM = 1 << 7, CR_BITS = 0xFE }; /* no cancelling */
 enum { ES_DBE = 1, ES_SBE = 2, ES_SGE = 4, ES_NCE = 8, ES_DOE = 16, ES_DAE = 32, ES_SOE = 64, ES_SAE = 128 };
 enum { ES_CPE = 1 << 14, NO_COMMAND = 0x80, COMMAND_ALL = 0x40, DCHPRI_BITS = 0xCF, PRIORITY = 0xF };
 enum { CSR_START = 1, CSR_INTMAJOR = 2, CSR_INTHALF = 4, CSR_DREQ = 8, CSR_ESG = 16, CSR_MAJORELINK = 32 };
@@ -19,11 +19,11 @@ enum { CHCFG_ENBL = 0x80, CHCFG_TRIG = 0x40, CHCFG_SOURCE = 0x3F, ALWAYS_ON = 58
 static const uint32_t ES_VLD = 1u << 31, NBYTES_SMLOE = 1u << 31, NBYTES_DMLOE = 1u << 30;
 
 enum { BUS_BYTES = 4, MOST_BYTES = 32, ACCESSES = 256 /* at most at one event */ };
-/* Core clocks, as the manual's section on performance counts them: to begin and to end a minor loop, and for an access
- * of up to four bytes to memory, to read a peripheral, to write one. */
+/* Core clocks, as in the manual's section on performance: for the beginning and the end of a minor loop, and for an
+ * access of up to four bytes to memory, for reading a peripheral, and for writing one. */
 enum { BEGIN_CYCLES = 4, END_CYCLES = 3, MEMORY_CYCLES = 1, READ_CYCLES = 3, WRITE_CYCLES = 4 };
 
-/* A transfer control descriptor, as it lies in registers and in memory. */
+/* A transfer control descriptor, with the layout of registers and memory. */
 struct descriptor {
     uint32_t source;
     int16_t source_step;
@@ -40,19 +40,19 @@ struct descriptor {
 struct dma {
     struct device device;
     struct machine_dma connections;
-    struct event event; /* the end of a piece of the minor loop that is under way, or of its refusal */
+    struct event event; /* end of the current piece of the minor loop, or of its refusal */
     bool is_busy;
     uint32_t control, error, enabled, error_enabled, interrupts, errors; /* CR, ES, ERQ, EEI, INT, ERR */
     uint32_t driven;    /* levels of the interrupt lines, a bit each */
     uint8_t priorities[CHANNELS];
     struct descriptor descriptors[CHANNELS];
-    uint32_t channel;   /* whose minor loop is under way, or was the last one */
+    uint32_t channel;   /* channel of the current or the last minor loop */
     struct descriptor active;
     bool has_offset;    /* NBYTES has an offset of minor loops */
     uint32_t refusal;   /* bits of ES, or 0 */
-    int64_t left, moving; /* bytes; those that the event moves */
+    int64_t remaining, moving; /* bytes of the minor loop; bytes that the event moves */
     uint8_t sources[CHANNELS]; /* CHCFG of the DMAMUX */
-    uint32_t let_through; /* channels that their timer holds back, but for one request */
+    uint32_t let_through; /* channels that are gated by their timer, and have a request to pass */
 };
 
 struct multiplexer {
@@ -74,15 +74,15 @@ static bool is_requested(const struct machine *machine, const struct dma *dma, u
     return is_asked(machine, dma, channel) && (!is_held || dma->let_through >> channel & 1);
 }
 
-/* Whether a channel comes before one that has a lower number. */
+/* Return whether a channel precedes one that has a lower number. */
 static bool is_before(const struct dma *dma, uint32_t channel, uint32_t lower)
 {
-    if (dma->control & CR_ERCA) /* from high numbers to low, behind the one before */
+    if (dma->control & CR_ERCA) /* from high numbers to low, after the previous channel */
         return channel < dma->channel || lower >= dma->channel;
     return (dma->priorities[channel] & PRIORITY) > (dma->priorities[lower] & PRIORITY);
 }
 
-/* The channel that is next, or CHANNELS. */
+/* Return the next channel, or CHANNELS. */
 static uint32_t next_channel(const struct machine *machine, const struct dma *dma)
 {
     uint32_t next = CHANNELS;
@@ -106,7 +106,7 @@ static void drive(struct machine *machine, struct dma *dma)
 
 /* -- descriptors -------------------------------------------------------------------------------------------------- */
 
-/* Bytes of one access by its code; 0 for a code that means none. */
+/* Bytes of one access by its code; 0 for an invalid code. */
 static uint32_t access_bytes(int32_t code)
 {
     static const uint8_t bytes[8] = {1, 2, 4, 0, 16, 32, 0, 0};
@@ -129,10 +129,10 @@ static int64_t minor_bytes(const struct dma *dma, const struct descriptor *descr
     return descriptor->bytes & (has_offset(dma, descriptor) ? 0x3FF : NBYTES_DMLOE - 1);
 }
 
-/* Minor loops that CITER or BITER says. */
+/* Return the minor loops of CITER or BITER. */
 static int32_t loops_of(uint16_t iterations) { return iterations & (iterations & ITER_ELINK ? 0x1FF : ITER_ELINK - 1); }
 
-/* Bits of ES: what forbids to move anything. */
+/* Return bits of ES for errors that prevent the transfer. */
 static uint32_t error_of(const struct dma *dma, const struct descriptor *descriptor)
 {
     const int32_t source = (int32_t)source_bytes(descriptor), destination = (int32_t)destination_bytes(descriptor);
@@ -173,20 +173,20 @@ static bool is_peripheral(uint32_t address) { return address - DEVICE_BASE < DEV
 
 static int64_t words_of(uint32_t bytes) { return bytes > BUS_BYTES ? bytes / BUS_BYTES : 1; }
 
-/* Move the next piece at the end of the time that it takes from a cycle on. */
+/* Plan the move of the next piece, at the end of the time that it takes from a cycle on. */
 static void plan_piece(struct machine *machine, struct dma *dma, int64_t cycle)
 {
     const struct descriptor *active = &dma->active;
     const uint32_t source = source_bytes(active), destination = destination_bytes(active);
     const int64_t most = (int64_t)(source > destination ? source : destination) * ACCESSES;
-    dma->moving = dma->left < most ? dma->left : most;
+    dma->moving = dma->remaining < most ? dma->remaining : most;
     cycle += dma->moving / source * words_of(source) * (is_peripheral(active->source) ? READ_CYCLES : MEMORY_CYCLES);
     cycle += dma->moving / destination * words_of(destination)
         * (is_peripheral(active->destination) ? WRITE_CYCLES : MEMORY_CYCLES);
-    plan_event(machine, &dma->event, cycle + (dma->moving == dma->left ? END_CYCLES : 0));
+    plan_event(machine, &dma->event, cycle + (dma->moving == dma->remaining ? END_CYCLES : 0));
 }
 
-/* Begin a minor loop at a cycle, if one is wanted. */
+/* Begin a minor loop at a cycle, if one is requested. */
 static void begin(struct machine *machine, struct dma *dma, int64_t cycle)
 {
     const uint32_t channel = dma->control & CR_HALT ? CHANNELS : next_channel(machine, dma);
@@ -199,7 +199,7 @@ static void begin(struct machine *machine, struct dma *dma, int64_t cycle)
     dma->channel = channel;
     dma->active = *descriptor;
     dma->has_offset = dma->control & CR_EMLM;
-    dma->left = minor_bytes(dma, descriptor);
+    dma->remaining = minor_bytes(dma, descriptor);
     dma->refusal = !(dma->control & CR_ERCA) && has_equal_priorities(dma) ? ES_CPE : error_of(dma, descriptor);
     if (dma->refusal)
         plan_event(machine, &dma->event, cycle + BEGIN_CYCLES + END_CYCLES);
@@ -242,7 +242,7 @@ static bool store_bytes(struct machine *machine, uint32_t address, uint32_t size
     return !refused;
 }
 
-/* Returns 0, or the bit of ES of an access that has no answer. */
+/* Return 0, or the bit of ES for an access without an answer. */
 static uint32_t move_piece(struct machine *machine, const struct dma *dma, struct descriptor *active)
 {
     const uint32_t source = source_bytes(active), destination = destination_bytes(active);
@@ -264,7 +264,7 @@ static uint32_t move_piece(struct machine *machine, const struct dma *dma, struc
     return 0;
 }
 
-/* -- the end of it ------------------------------------------------------------------------------------------------ */
+/* -- end of a minor loop ------------------------------------------------------------------------------------------ */
 
 static void fail(struct dma *dma, uint32_t error)
 {
@@ -287,7 +287,7 @@ static void gather(struct machine *machine, struct dma *dma)
         dma->active = following;
 }
 
-/* Adjust the addresses and begin to count anew. */
+/* Adjust the addresses, and restart the count. */
 static void end_major_loop(struct machine *machine, struct dma *dma)
 {
     struct descriptor *active = &dma->active;
@@ -326,7 +326,7 @@ static void end_minor_loop(struct machine *machine, struct dma *dma)
         end_major_loop(machine, dma);
     else if (control & CSR_INTHALF && loops_of(active->loops) == loops_of(active->first_loops) >> 1)
         dma->interrupts |= 1u << dma->channel;
-    const int32_t started = registers->control & CSR_START; /* while it ran */
+    const int32_t started = registers->control & CSR_START; /* set while the loop ran */
     *registers = *active;
     registers->control = (uint16_t)((active->control & ~CSR_ACTIVE) | started);
     if (has_link)
@@ -341,14 +341,14 @@ static void go_on(struct machine *machine, struct event *event)
     uint32_t error = dma->refusal;
     if (!error) {
         error = move_piece(machine, dma, &dma->active);
-        dma->left -= dma->moving;
+        dma->remaining -= dma->moving;
         if (error)
             *registers = dma->active;
     }
     if (error) {
         registers->control &= (uint16_t)~CSR_ACTIVE;
         fail(dma, error);
-    } else if (dma->left) {
+    } else if (dma->remaining) {
         plan_piece(machine, dma, cycle);
         return;
     } else {
@@ -423,7 +423,7 @@ static void change_controls(struct dma *dma, uint32_t channels, uint16_t cleared
             dma->descriptors[channel].control = (uint16_t)((dma->descriptors[channel].control & ~cleared) | set);
 }
 
-/* The registers that set or clear one bit, or all. */
+/* Registers that set or clear one bit, or all. */
 static void command(struct dma *dma, uint32_t offset, uint8_t value)
 {
     const uint32_t bits = value & COMMAND_ALL ? ALL_CHANNELS : 1u << (value & 0xF);
@@ -454,7 +454,7 @@ static void write_byte(struct machine *machine, struct device *device, uint32_t 
     look(machine, dma);
 }
 
-/* Of CSR, what the controller owns stays as it is. */
+/* The controller's own bits of CSR are not changed. */
 static void write_descriptor(struct dma *dma, uint32_t offset, uint32_t size, uint32_t value)
 {
     struct descriptor *descriptor = &dma->descriptors[offset / sizeof *descriptor];
@@ -466,10 +466,10 @@ static void write_descriptor(struct dma *dma, uint32_t offset, uint32_t size, ui
     if (place + size <= CSR_PLACE || place >= CSR_PLACE + CSR_BYTES)
         return;
     int32_t written = descriptor->control;
-    const int32_t kept = before & (CSR_ACTIVE | (written & CSR_DONE));
-    if (kept & CSR_DONE)
+    const int32_t preserved = before & (CSR_ACTIVE | (written & CSR_DONE));
+    if (preserved & CSR_DONE)
         written &= ~(CSR_MAJORELINK | CSR_ESG);
-    descriptor->control = (uint16_t)((written & ~(CSR_ACTIVE | CSR_DONE)) | kept);
+    descriptor->control = (uint16_t)((written & ~(CSR_ACTIVE | CSR_DONE)) | preserved);
 }
 
 static void write_register(
@@ -511,7 +511,7 @@ static uint32_t read_source(struct machine *machine, struct device *device, uint
     return value;
 }
 
-/* Find the channels that timers hold back. */
+/* Update the channels that timers gate. */
 static void hold_channels(struct machine *machine, struct dma *dma)
 {
     uint32_t held = 0;

@@ -1,32 +1,32 @@
 /* DWT: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set (DDI 0403E, C1.8).
  *
- * The host is given the latest readings with the state before each, so that it can have counted again what ran between.
+ * The host receives the latest readings with the state before each, to count again the code between them.
  */
 #include <stdlib.h>
 
 #include "devices.h"
 
 enum { CTRL = 0x0, CYCCNT = 0x4, CTRL_CYCCNTENA = 1, CTRL_NOCYCCNT = 1 << 25, CTRL_COMPARATORS = 4 << 28 };
-enum { POLLS = 16, SOON_CYCLES = 40 }; /* as many readings so soon after each other time nothing */
-enum { READINGS = 400 };               /* four for each of the steps that one command times, 80 at most, and some */
+enum { POLLS = 16, SOON_CYCLES = 40 }; /* so many readings in quick succession time nothing */
+enum { READINGS = 400 };               /* four for each of up to 80 steps that one command times, and a reserve */
 static const uint32_t DWT_BASE = 0xE0001000;
 
-/* Reading number n is at n % READINGS, until the host takes it. */
+/* Reading number n is at n % READINGS, until the host removes it. */
 struct readings {
-    int64_t made, taken;
+    int64_t added, removed;
     struct machine_reading entries[READINGS];
 };
 
 struct dwt {
     struct device device;
-    struct readings *readings; /* no part of the state */
+    struct readings *readings; /* not part of the state */
     bool is_absent, is_traced, is_enabled;
     uint32_t count; /* at the cycle `since` */
     int64_t since;
-    int64_t loads;  /* of devices before the latest reading, */
+    int64_t loads;  /* of devices before the latest reading */
     int64_t read_at;
-    uint32_t place; /* which this instruction made */
-    int32_t polls;  /* so many like it came before */
+    uint32_t place; /* instruction of the latest reading */
+    int32_t polls;  /* number of similar readings before */
 };
 
 static bool is_counting(const struct dwt *dwt) { return dwt->is_traced && dwt->is_enabled && !dwt->is_absent; }
@@ -39,12 +39,12 @@ static void advance(const struct machine *machine, struct dwt *dwt)
     dwt->since = machine->core.cycles;
 }
 
-/* A reading that nothing is known of. */
+/* Return a new reading without content. */
 static struct machine_reading *add_reading(struct readings *readings)
 {
-    struct machine_reading *reading = &readings->entries[readings->made++ % READINGS];
-    if (readings->made - readings->taken > READINGS)
-        readings->taken++;
+    struct machine_reading *reading = &readings->entries[readings->added++ % READINGS];
+    if (readings->added - readings->removed > READINGS)
+        readings->removed++;
     machine_forget_snapshot(reading->snapshot);
     reading->snapshot = NULL;
     return reading;
@@ -62,7 +62,7 @@ static void keep_reading(struct machine *machine, struct dwt *dwt)
     dwt->loads = machine->core.device_loads;
 }
 
-/* Whether one instruction reads the counter over and over, each time soon after the last. */
+/* Return whether one instruction reads the counter over and over, each time soon after the last. */
 static bool is_polled(const struct core *core, struct dwt *dwt)
 {
     const bool is_again = core->r[15] == dwt->place && core->cycles - dwt->read_at <= SOON_CYCLES;
@@ -83,7 +83,7 @@ static uint32_t read_register(struct machine *machine, struct device *device, ui
     if (!is_polled(&machine->core, dwt))
         keep_reading(machine, dwt);
     else if (dwt->polls == POLLS)
-        add_reading(dwt->readings); /* which ends a succession: what runs between polled readings is not kept */
+        add_reading(dwt->readings); /* marks a gap, because the code between polled readings is not kept */
     return part_of_word(dwt->count, 0, size);
 }
 
@@ -147,9 +147,9 @@ void machine_set_counter(struct machine *machine, bool is_present)
 bool machine_take_reading(struct machine *machine, struct machine_reading *reading)
 {
     const struct dwt *dwt = (const struct dwt *)device_of(machine, DWT_BASE);
-    if (!dwt || dwt->readings->taken == dwt->readings->made)
+    if (!dwt || dwt->readings->removed == dwt->readings->added)
         return false;
-    struct machine_reading *oldest = &dwt->readings->entries[dwt->readings->taken++ % READINGS];
+    struct machine_reading *oldest = &dwt->readings->entries[dwt->readings->removed++ % READINGS];
     *reading = *oldest;
     oldest->snapshot = NULL;
     return true;

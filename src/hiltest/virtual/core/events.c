@@ -4,8 +4,8 @@
 
 #include "state.h"
 
-/* Whole ticks of each cycle, and of each `denominator` cycles, are counted apart: no product is larger than the ticks
- * themselves, or than what machine_set_clock allows. */
+/* Whole ticks of each cycle, and of each `denominator` cycles, are counted separately: no product is larger than the
+ * ticks themselves, or than machine_set_clock allows. */
 int64_t clock_ticks(const struct clock *clock, int64_t cycle)
 {
     int64_t passed = cycle - clock->since, rest = clock->numerator % clock->denominator;
@@ -32,7 +32,7 @@ int64_t ticks_now(const struct machine *machine, int32_t clock)
     return clock_ticks(&machine->calendar.clocks[clock], machine->core.cycles);
 }
 
-/* -- the calendar ------------------------------------------------------------------------------------------------- */
+/* -- the event queue ---------------------------------------------------------------------------------------------- */
 
 static void insert_event(struct calendar *calendar, struct event *event)
 {
@@ -110,7 +110,7 @@ int32_t machine_add_clock(struct machine *machine)
     return calendar->clock_count++;
 }
 
-/* The rate of a clock has changed: find the cycles of its events anew, in an order that stays. */
+/* Compute the cycles of a clock's events after a change of its rate, in a stable order. */
 static void replan_events(struct machine *machine, int32_t clock)
 {
     struct calendar *calendar = &machine->calendar;

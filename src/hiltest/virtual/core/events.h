@@ -1,4 +1,4 @@
-/* What peripherals in C plan to do at a cycle, and the clocks that they count in. */
+/* Events that peripherals in C plan for a cycle, and the clocks that they count in. */
 #ifndef HILTEST_EVENTS_H
 #define HILTEST_EVENTS_H
 
@@ -11,7 +11,7 @@ enum { PLANNED_EVENTS = 128, CLOCKS = 16, NO_CLOCK = -1 };
 static const int64_t NEVER = INT64_MAX;
 
 /* A clock of the part. Its ticks at a cycle are ticks + (remainder + (cycle - since) * numerator) / denominator, exact
- * and rounded down; with a numerator of 0 it stands still. */
+ * and rounded down; with a numerator of 0 it is stopped. */
 struct clock {
     int64_t since, ticks, remainder, numerator, denominator;
 };
@@ -19,13 +19,13 @@ struct clock {
 static inline int64_t earlier(int64_t a, int64_t b) { return a < b ? a : b; }
 
 int64_t clock_ticks(const struct clock *clock, int64_t cycle);
-/* First cycle at which so many ticks have passed; NEVER while the clock stands still. */
+/* Return the first cycle at which so many ticks have passed; NEVER while the clock is stopped. */
 int64_t clock_cycle(const struct clock *clock, int64_t tick);
 
 /* The structure whose member FIELD is an event. */
 #define OWNER(EVENT, TYPE, FIELD) ((TYPE *)(void *)((char *)(EVENT) - offsetof(TYPE, FIELD)))
 
-/* An entry of the calendar, which lies in the structure of its peripheral. All of it is zero at first, but for `fire`. */
+/* An event in the queue, as a member of its peripheral's structure. It is zeroed at first, except for `fire`. */
 struct event {
     void (*fire)(struct machine *machine, struct event *event);
     int64_t cycle;
@@ -34,22 +34,22 @@ struct event {
     bool is_planned;
 };
 
-/* The calendar: events in the order of their cycles, those of one cycle in the order in which they were planned. */
+/* The event queue, in order of cycles; events at one cycle keep the order in which they were planned. */
 struct calendar {
     struct event *events[PLANNED_EVENTS];
     int32_t count;
-    int64_t time; /* cycle at which the event that fires was due: what follows from it counts from there */
+    int64_t time; /* due cycle of the event that fires, from which its consequences count */
     struct clock clocks[CLOCKS];
     int32_t clock_count;
 };
 
-/* Plan an event, or plan it anew. A peripheral has a fixed number of events, so that there is room for all. */
+/* Plan an event, or replan it. There is room for all, because a peripheral has a fixed number of events. */
 void plan_event(struct machine *machine, struct event *event, int64_t cycle);
 void plan_event_at_tick(struct machine *machine, struct event *event, int32_t clock, int64_t tick);
 void cancel_event(struct machine *machine, struct event *event);
-/* Ticks of a clock now. */
+/* Return the present ticks of a clock. */
 int64_t ticks_now(const struct machine *machine, int32_t clock);
-/* Have a clock tick that stands still otherwise: it counts pulses. */
+/* Advance a stopped clock by a tick, to count pulses. */
 void tick_clock(struct machine *machine, int32_t clock);
 
 #endif

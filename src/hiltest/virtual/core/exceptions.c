@@ -1,4 +1,4 @@
-/* Entering and leaving exceptions, and what that costs: frames, EXC_RETURN, floating-point state, escalation of faults.
+/* Entry and return of exceptions, with their costs: frames, EXC_RETURN, floating-point state, escalation of faults.
  *
  * References are to the ARMv7-M Architecture Reference Manual, DDI 0403E.
  */
@@ -8,14 +8,14 @@
 #include "registers.h"
 #include "stacks.h"
 
-/* A frame: r0 to r3, r12, lr, the return address, xPSR; an extended one goes on with s0 to s15, FPSCR and a word that
- * is not used (B1.5.6 and B1.5.7). */
+/* A frame: r0 to r3, r12, lr, the return address, xPSR; an extended one also has s0 to s15, FPSCR and an unused word
+ * (B1.5.6 and B1.5.7). */
 enum {
     FRAME_LR = 5, FRAME_PC = 6, FRAME_XPSR = 7, FRAME_WORDS = 8, FRAME_BYTES = 32, EXTENDED_FRAME_BYTES = 104,
     S_REGISTERS = 16, FLOATING_WORDS = 17, FLOATING_BYTES = 68,
 };
 
-#define EXC_RETURN 0xFFFFFFE1u /* the bits that are always set (B1.5.8) */
+#define EXC_RETURN 0xFFFFFFE1u /* bits that are always set (B1.5.8) */
 enum { RETURN_PROCESS_STACK = 1 << 2, RETURN_THREAD = 1 << 3, RETURN_BASIC_FRAME = 1 << 4 };
 
 /* -- faults ------------------------------------------------------------------------------------------------------- */
@@ -23,7 +23,7 @@ enum { RETURN_PROCESS_STACK = 1 << 2, RETURN_THREAD = 1 << 3, RETURN_BASIC_FRAME
 #define CFSR_BFARVALID (1u << 15)
 #define HFSR_FORCED (1u << 30)
 
-/* The exception that takes a kind of fault, and its bits in CFSR and HFSR (B1.5.14, B3.2.15, B3.2.16). */
+/* The exception of a kind of fault, and its bits in CFSR and HFSR (B1.5.14, B3.2.15, B3.2.16). */
 struct fault_entry {
     int32_t exception;
     uint32_t cfsr, hfsr;
@@ -56,14 +56,14 @@ void note_fault(
         *fault = (struct machine_fault){kind, cause, place & ~1u, address, value, size};
 }
 
-/* Note a fault that is about an EXC_RETURN or a stacked xPSR. */
+/* Record a fault due to an EXC_RETURN or a stacked xPSR. */
 static bool refuse_return(struct machine *machine, int32_t kind, int32_t cause, uint32_t place, uint32_t value)
 {
     note_fault(machine, kind, cause, place, 0, value, 0);
     return false;
 }
 
-/* Set what the handler reads. ARMv6-M has no status registers. */
+/* Set the fault status for the handler. ARMv6-M has no status registers. */
 static void record(struct machine *machine, const struct machine_fault *fault, bool is_forced)
 {
     struct core *core = &machine->core;
@@ -90,12 +90,12 @@ static void write_words(struct machine *machine, uint32_t address, const uint32_
     if (place)
         memcpy(place, words, 4 * count);
     else
-        machine_write(machine, address, 4 * count, (const uint8_t *)words); /* the page holds code, or it ends there */
+        machine_write(machine, address, 4 * count, (const uint8_t *)words); /* the page has code, or ends in between */
 }
 
 /* -- floating-point state ----------------------------------------------------------------------------------------- */
 
-/* A frame that does not lie in RAM any more is not written: its memory is gone, and nobody can read it. */
+/* A frame that is no longer in RAM is not written: its memory is gone, and cannot be read. */
 static void save_floating_point(struct machine *machine)
 {
     struct core *core = &machine->core;
@@ -120,15 +120,15 @@ void machine_save_floats(struct machine *machine)
 {
     if (machine->core.lazy_frame == 0)
         return;
-    forget_answers(machine); /* FPCCR shows it */
+    forget_answers(machine); /* FPCCR has changed */
     save_floating_point(machine);
     machine->core.cycles += machine->prices.value[ROW_fp_frame];
 }
 
 /* -- entry -------------------------------------------------------------------------------------------------------- */
 
-/* Nothing of the code before an entry or a return reaches what comes behind it. Both set the event register (B1.5.18)
- * and clear the local monitor (A3.4.4). */
+/* Clear the pipeline at an entry or a return, so that earlier code has no effect on later code. Both set the event
+ * register (B1.5.18) and clear the local monitor (A3.4.4). */
 static void start_anew(struct machine *machine)
 {
     machine_flush_pipeline(machine);
@@ -138,7 +138,7 @@ static void start_anew(struct machine *machine)
     machine->core.event = true;
 }
 
-/* Write the frame at `base`, but only reserve the room for floating-point state if that is saved lazily (B1.5.7). */
+/* Write the frame at `base`; if floating-point state is saved lazily, only reserve its room (B1.5.7). */
 static void push_frame(struct machine *machine, uint32_t base, uint32_t size)
 {
     struct core *core = &machine->core;
@@ -159,7 +159,7 @@ static void push_frame(struct machine *machine, uint32_t base, uint32_t size)
     }
 }
 
-/* Read the vector of an exception: 0 if the table is in no memory. That fault takes the place of one at stacking. */
+/* Return the vector of an exception: 0 if the table is in no memory. That fault replaces one at stacking. */
 static uint32_t read_vector(struct machine *machine, int32_t exception)
 {
     struct core *core = &machine->core;
@@ -174,7 +174,7 @@ static uint32_t read_vector(struct machine *machine, int32_t exception)
     return vector;
 }
 
-/* A return that is followed by an entry at once has counted both (tail chaining, B1.5.12). */
+/* A return that is directly followed by an entry has counted both (tail chaining, B1.5.12). */
 static int32_t entry_cycles(const struct machine *machine, bool saves)
 {
     const struct core *core = &machine->core;
@@ -190,7 +190,7 @@ static uint32_t frame_flags(uint32_t exc_return)
         | ((exc_return & RETURN_THREAD) != 0 ? FRAME_OF_THREAD : 0);
 }
 
-/* Enter an exception (B1.5.6). If something is wrong on the way in, core.fault is set afterwards. */
+/* Enter an exception (B1.5.6). A fault of the entry sets core.fault. */
 static void enter(struct machine *machine, int32_t exception)
 {
     struct core *core = &machine->core;
@@ -218,7 +218,7 @@ static void enter(struct machine *machine, int32_t exception)
     core->is_chained = core->is_saved = core->sleeping = false;
     start_anew(machine);
     if (exception == EXCEPTION_HARD_FAULT && core->fault.kind == FAULT_STACKING) {
-        record(machine, &core->fault, false); /* nothing is more urgent: the handler runs without a frame (B1.5.15) */
+        record(machine, &core->fault, false); /* no more urgent handler exists: it runs without a frame (B1.5.15) */
         core->fault.kind = FAULT_NONE;
     }
 }
@@ -229,7 +229,7 @@ bool take_exception(struct machine *machine)
     int32_t ceiling = machine_ceiling(machine, false);
     int32_t exception = core->gated ? EXCEPTION_NONE : machine_next_exception(machine, ceiling);
     if (exception == EXCEPTION_NONE) {
-        core->is_chained = false; /* what waited at the return has been withdrawn */
+        core->is_chained = false; /* the exception that was pending at the return has been withdrawn */
         return false;
     }
     enter(machine, exception);
@@ -238,19 +238,19 @@ bool take_exception(struct machine *machine)
 
 /* -- delivery of faults ------------------------------------------------------------------------------------------- */
 
-/* The handler of a fault: its own if that is enabled and may run, otherwise HardFault's; EXCEPTION_NONE is lockup
+/* Return the handler of a fault: its own if it is enabled and may run, otherwise HardFault's; EXCEPTION_NONE is lockup
  * (B1.5.14 and B1.5.15). */
-static int32_t fault_handler(struct machine *machine, int32_t wanted)
+static int32_t fault_handler(struct machine *machine, int32_t exception)
 {
     int32_t priority = machine_execution_priority(machine, machine_ceiling(machine, false));
-    bool is_enabled = !machine->baseline && (machine->core.fault_enabled >> wanted & 1) != 0;
-    if (is_enabled && machine_preemption_priority(machine, wanted) < priority)
-        return wanted;
+    bool is_enabled = !machine->baseline && (machine->core.fault_enabled >> exception & 1) != 0;
+    if (is_enabled && machine_preemption_priority(machine, exception) < priority)
+        return exception;
     bool is_lockup = priority <= machine_preemption_priority(machine, EXCEPTION_HARD_FAULT);
     return is_lockup ? EXCEPTION_NONE : EXCEPTION_HARD_FAULT;
 }
 
-/* Each handler that is entered is more urgent than the one before it, so there are at most as many as fault
+/* Each handler that is entered is more urgent than the previous one, so there are at most as many as fault
  * exceptions. */
 int32_t machine_deliver_fault(struct machine *machine)
 {
@@ -260,11 +260,11 @@ int32_t machine_deliver_fault(struct machine *machine)
         core->fault.kind = FAULT_NONE;
         if (fault.kind <= FAULT_NONE || fault.kind >= FAULT_KINDS)
             return EXCEPTION_NONE;
-        int32_t wanted = FAULT_TABLE[fault.kind].exception;
-        last = fault_handler(machine, wanted);
+        int32_t exception = FAULT_TABLE[fault.kind].exception;
+        last = fault_handler(machine, exception);
         if (last == EXCEPTION_NONE)
             return EXCEPTION_NONE;
-        record(machine, &fault, last != wanted);
+        record(machine, &fault, last != exception);
         enter(machine, last);
         if (core->fault.kind == FAULT_NONE)
             return last;
@@ -275,7 +275,7 @@ int32_t machine_deliver_fault(struct machine *machine)
 
 /* -- return ------------------------------------------------------------------------------------------------------- */
 
-/* EXC_RETURN values (B1.5.8); without an FPU, and in ARMv6-M, every frame is a basic one. */
+/* Return whether a value is an EXC_RETURN (B1.5.8); without an FPU, and in ARMv6-M, every frame is a basic one. */
 static bool is_return_value(const struct machine *machine, uint32_t exc_return)
 {
     switch (exc_return | (machine->baseline ? 0 : RETURN_BASIC_FRAME)) {
@@ -299,13 +299,13 @@ static bool may_return(const struct machine *machine, uint32_t exc_return)
     return active_exceptions(core) > 1;
 }
 
-/* Read the frame that a return takes its registers from. False: core.fault is set, and nothing has changed. */
+/* Return the frame from which a return restores registers. False: core.fault is set, and nothing has changed. */
 static bool find_frame(
     struct machine *machine, uint32_t exc_return, uint32_t place, uint32_t base, uint32_t frame[FRAME_WORDS])
 {
     const struct core *core = &machine->core;
     uint32_t size = (exc_return & RETURN_BASIC_FRAME) != 0 ? FRAME_BYTES : EXTENDED_FRAME_BYTES;
-    /* In thread mode a branch to an EXC_RETURN is one to an address where nothing may be executed (B1.5.8). */
+    /* In thread mode an EXC_RETURN is an address from which nothing may be executed (B1.5.8). */
     if (core->exception == EXCEPTION_NONE || active_exceptions(core) == 0)
         return refuse_return(machine, FAULT_EXECUTE_NEVER, CAUSE_RETURN_THREAD, place, exc_return);
     if (!may_return(machine, exc_return))
@@ -320,8 +320,8 @@ static bool find_frame(
     return true;
 }
 
-/* Take floating-point state out of an extended frame, unless the registers still hold it: then it was never saved.
- * Returns whether it had to be read. A basic frame says nothing about state that waits to be saved. */
+/* Restore floating-point state from an extended frame, unless the registers still hold it, because it was never saved.
+ * Returns whether it had to be read. A basic frame does not affect state that waits to be saved. */
 static bool unstack_floating_point(struct machine *machine, uint32_t exc_return, uint32_t base)
 {
     struct core *core = &machine->core;
@@ -338,7 +338,7 @@ static void deactivate(struct machine *machine)
 {
     struct core *core = &machine->core;
     if (last_active(core) != EXCEPTION_NMI)
-        core->faultmask = 0; /* B1.5.8: a return from NMI leaves it */
+        core->faultmask = 0; /* a return from NMI does not clear it (B1.5.8) */
     end_exception(core);
     machine->looks = true;
 }
@@ -359,7 +359,7 @@ static void unstack(struct machine *machine, uint32_t exc_return, uint32_t base,
     core->r[15] = frame[FRAME_PC] & ~1u;
 }
 
-/* What a return takes: to the code that was interrupted, or to the handler that follows at once (B1.5.12). */
+/* Return the cycles of a return: to the interrupted code, or to the handler that follows directly (B1.5.12). */
 static int32_t return_cycles(struct machine *machine, bool restores)
 {
     struct core *core = &machine->core;
@@ -403,7 +403,7 @@ bool leave_exception(struct machine *machine, uint32_t exc_return, uint32_t plac
 
 /* -- sleep -------------------------------------------------------------------------------------------------------- */
 
-/* Take the event that ends a WFE (B1.5.18): with SCR.SEVONPEND an exception that becomes pending is one. */
+/* Consume the event that ends a WFE (B1.5.18): with SCR.SEVONPEND a newly pending exception is one. */
 static bool take_event(struct core *core)
 {
     bool is_set = core->event || (core->sends_on_pend && core->newly_pending);
@@ -411,7 +411,7 @@ static bool take_event(struct core *core)
     return is_set;
 }
 
-/* If it is an event that wakes the core, the event is taken. PRIMASK does not keep WFI asleep (B1.5.19). */
+/* If an event wakes the core, it is consumed. PRIMASK does not keep WFI asleep (B1.5.19). */
 bool is_woken(struct machine *machine, bool for_event)
 {
     if (machine->core.gated)

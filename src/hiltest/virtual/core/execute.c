@@ -1,4 +1,4 @@
-/* The interpreter. It is compiled twice, see execute_waits.c: most machines pay nothing for waits. */
+/* The interpreter. It is compiled twice, see execute_waits.c, so that most machines do not pay for waits. */
 #include "execute.h"
 
 #include <string.h>
@@ -55,12 +55,12 @@ static inline uint32_t add_setting_flags(struct core *core, uint32_t a, uint32_t
 
 /* -- memory ------------------------------------------------------------------------------------------------------ */
 
-/* What an access that is not to plain memory needs to know: the time, and which instruction runs. */
+/* Store the state that accesses outside plain memory need: time, and current instruction. */
 #define PUBLISH() \
     (core->cycles = cycles, core->instructions = instructions, core->r[PC] = node->address, \
      core->it_state = node->it_state, machine->running = node)
 
-/* CCR.UNALIGN_TRP: halfwords and words at other addresses than multiples of their size fault. */
+/* CCR.UNALIGN_TRP: unaligned halfwords and words fault. */
 static bool is_trapped(struct machine *machine, const struct node *node, uint32_t address, uint32_t size)
 {
     if (!machine->core.unaligned_traps || address % size == 0)
@@ -79,7 +79,7 @@ static inline int32_t count_wait(struct machine *machine, int32_t wait)
     return wait;
 }
 
-/* Cycles that an instruction waits which is fetched at a cycle. */
+/* Return the cycles that an instruction waits which is fetched at a cycle. */
 static inline int32_t fetch_wait(struct machine *machine, const struct node *node, int64_t cycle)
 {
     return WAITS
@@ -87,7 +87,7 @@ static inline int32_t fetch_wait(struct machine *machine, const struct node *nod
         : 0;
 }
 
-/* Cycles that its only access waits, or its first one. */
+/* Return the cycles that its only access waits, or its first one. */
 static inline int32_t access_wait(
     struct machine *machine, const struct node *node, uint32_t address, uint32_t size, int64_t cycle)
 {
@@ -97,7 +97,7 @@ static inline int32_t access_wait(
         : 0;
 }
 
-/* Cycles that the words of a transfer wait. */
+/* Return the cycles that the words of a transfer wait. */
 static int32_t transfer_wait(struct machine *machine, const struct node *node, uint32_t address, int64_t cycle)
 {
     const uint32_t words = node->instruction.words;
@@ -108,7 +108,7 @@ static int32_t transfer_wait(struct machine *machine, const struct node *node, u
     return count_wait(machine, wait);
 }
 
-/* Whether a jump of an instruction to itself waits for nothing over and over. */
+/* Return whether an instruction that jumps to itself never waits. */
 static inline bool is_settled(const struct machine *machine, const struct node *node)
 {
     return !WAITS || waits_are_over(machine->waits, node->address, node->instruction.size);
@@ -120,8 +120,8 @@ static inline void forget_fetched_word(struct machine *machine)
         waits_forget_word(machine->waits);
 }
 
-/* r13 was written: its lowest bits stay zero (DDI 0403E, B1.4.7), and it may be lower than ever. `next` is where
- * execution goes on: a switch of stacks jumps to the function that begins on the new one. */
+/* Called after a write to r13: its lowest bits stay zero (DDI 0403E, B1.4.7), and it may have a new lowest value.
+ * `next` is the next instruction: a switch of stacks jumps to the function that begins on the new one. */
 static inline void follow_stack(struct machine *machine, const struct node *node, uint32_t next)
 {
     machine->core.r[13] &= ~3u;
@@ -130,8 +130,8 @@ static inline void follow_stack(struct machine *machine, const struct node *node
 
 /* -- floating point ---------------------------------------------------------------------------------------------- */
 
-/* Make the state of the FPU that of this context (ExecuteFPCheck): save what an exception left to be saved, and have
- * the next exception save this one. */
+/* Switch the FPU to this context (ExecuteFPCheck): save the state that an exception saves lazily, and make the next
+ * exception save this context's. */
 static void prepare_floating_point(struct machine *machine)
 {
     struct core *core = &machine->core;
@@ -149,7 +149,7 @@ static bool floating_point_is_ready(const struct core *core)
 
 static inline uint32_t negated(uint32_t value) { return value ^ 0x80000000u; }
 
-/* Multiply-accumulate, rounded once or twice; the operations' page says which operands are negated. */
+/* Multiply-accumulate, rounded once or twice; the operations' pages say which operands are negated. */
 static uint32_t accumulate(uint16_t operation, uint32_t d, uint32_t n, uint32_t m, uint32_t *fpscr)
 {
     switch (operation) {
@@ -197,7 +197,7 @@ static void move_status(struct core *core, const struct instruction *i)
     }
 }
 
-/* Everything that the FPU does apart from the most frequent operations. */
+/* Execute floating-point operations that are not frequent. */
 static void compute_float(struct core *core, const struct instruction *i)
 {
     uint32_t n = core->s[i->n], m = core->s[i->m], *d = &core->s[i->d], *fpscr = &core->fpscr;
@@ -228,7 +228,7 @@ static void compute_float(struct core *core, const struct instruction *i)
     }
 }
 
-/* -- integer operations that are not worth a case of their own ---------------------------------------------------- */
+/* -- integer operations that do not need a case of their own ------------------------------------------------------ */
 
 static void multiply_long(struct core *core, const struct instruction *i)
 {
@@ -253,7 +253,7 @@ static void multiply_long(struct core *core, const struct instruction *i)
     core->r[i->a] = (uint32_t)(sum >> 32);
 }
 
-/* A sum of 32 bits that sets Q if it overflows. */
+/* Return a sum of 32 bits, and set Q if it overflows. */
 static uint32_t add_setting_q(struct core *core, int64_t a, int64_t b)
 {
     int64_t sum = a + b;
@@ -281,7 +281,7 @@ static void multiply_signed(struct core *core, const struct instruction *i)
         break;
     case OP_SMLAD: *d = add_setting_q(core, low + high, addend); break;
     case OP_SMLSD: *d = add_setting_q(core, low - high, addend); break;
-    default: { /* SMMLA, SMMLS: the products' upper halves, of sums that wrap */
+    default: { /* SMMLA, SMMLS: the upper halves of the products, with sums that wrap */
         uint64_t sum = (uint64_t)addend << 32;
         uint64_t whole = (uint64_t)((int64_t)as_signed(n) * as_signed(m));
         sum = i->operation == OP_SMMLA ? sum + whole : sum - whole;
@@ -384,7 +384,7 @@ static void compute_rest(struct core *core, const struct instruction *i)
 
 /* -- the loop ---------------------------------------------------------------------------------------------------- */
 
-/* Until which cycle to execute, after something may have asked to look. */
+/* Return the cycle up to which to execute, after a possible request for a check. */
 static int64_t nearest(const struct machine *machine, int64_t horizon)
 {
     if (machine->looks)
@@ -392,7 +392,7 @@ static int64_t nearest(const struct machine *machine, int64_t horizon)
     return earlier(horizon, earlier(machine->core.deadline, machine_next_event(machine)));
 }
 
-/* Return the node that execution goes on with, or NULL if `machine_run` has to make room or find a fault first. */
+/* Return the next node, or NULL if `machine_run` has to make room or find a fault first. */
 static struct node *follow(struct machine *machine, uint32_t address, uint8_t it_state, uint16_t state)
 {
     return code_is_full(machine) || address == machine->core.return_address
@@ -400,7 +400,7 @@ static struct node *follow(struct machine *machine, uint32_t address, uint8_t it
         : code_at(machine, address, it_state, state);
 }
 
-/* Return the node behind another one as above, and link it to there unless a profile has to see each passage. */
+/* Return the node after another one as above, and link it unless a profile has to see each passage. */
 static struct node *follow_behind(
     struct machine *machine, struct node *node, struct node **link, uint8_t it_state, uint16_t state)
 {
@@ -412,7 +412,7 @@ static struct node *follow_behind(
     return next;
 }
 
-/* Have the core stand before an instruction. */
+/* Set the core's state to that before an instruction. */
 static void stand_at(struct machine *machine, uint32_t address, uint8_t it_state, uint16_t state)
 {
     machine->core.r[PC] = address;
@@ -422,7 +422,7 @@ static void stand_at(struct machine *machine, uint32_t address, uint8_t it_state
     memcpy(&machine->history.pipeline, code_state(machine, state), sizeof machine->history.pipeline);
 }
 
-/* The six forms of a data-processing operation. VALUE computes from `a` (r[n]) and `b`; FLAGS does so and sets them,
+/* The six forms of a data-processing operation. VALUE computes from `a` (r[n]) and `b`; FLAGS also sets the flags,
  * with the shifter's carry in `shifter`. */
 #define DATA_CASES(NAME, VALUE, FLAGS) \
     case OP_##NAME##_I: { uint32_t a = r[i->n], b = i->immediate; (void)a; VALUE; break; } \
@@ -449,7 +449,7 @@ static void stand_at(struct machine *machine, uint32_t address, uint8_t it_state
             goto faulted; \
     } while (0)
 
-/* An access to memory beside the bytes that can be reached at once: publish, then go on from what may have changed. */
+/* An access outside directly accessible bytes: publish, then continue from the state that may have changed. */
 #define ELSEWHERE(ACCESS) \
     do { \
         PUBLISH(); \
@@ -466,7 +466,7 @@ static void stand_at(struct machine *machine, uint32_t address, uint8_t it_state
         if (WAITS) \
             cycles += transfer_wait(machine, node, first_word, cycles); \
     } while (0)
-/* An exclusive access, which happens if HAPPENS holds behind it. */
+/* An exclusive access, which happens if HAPPENS is true afterwards. */
 #define EXCLUSIVE(ACCESS, SIZE, HAPPENS) \
     do { \
         const uint32_t address = r[i->n] + i->immediate; \
@@ -545,7 +545,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         struct node *from;
         uint32_t target;
     dispatch:
-        if (WAITS && operation < OPERATIONS) /* else an IT block may skip it yet */
+        if (WAITS && operation < OPERATIONS) /* otherwise an IT block may still skip it */
             cycles += fetch_wait(machine, node, cycles);
         switch (operation) {
         case OP_MARKED:
@@ -677,7 +677,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
                 break;
             if (i->immediate == node->address) {
                 if (!core->may_loop) {
-                    core->passes_breakpoint = node->marks & MARK_BREAKPOINT; /* it is over already */
+                    core->passes_breakpoint = node->marks & MARK_BREAKPOINT; /* the breakpoint has been reported */
                     outcome = LOOPED;
                     goto stands;
                 }
@@ -781,7 +781,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         case OP_VSTR: {
             const uint32_t address = r[i->n] + i->immediate;
             const bool is_plain = i->words == 1 && address % 4 == 0;
-            FLOAT_IS_READY(); /* what it saves may close the page */
+            FLOAT_IS_READY(); /* saving state may close the page */
             uint8_t *bytes = is_plain ? writable_bytes(machine, address, 4) : NULL;
             if (bytes)
                 memcpy(bytes, &core->s[i->d], 4);
@@ -803,7 +803,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             break;
         }
 
-        /* The instruction is over, and execution goes on behind it. */
+        /* The instruction is complete, and execution continues after it. */
         if (node->moves_stack)
             follow_stack(machine, node, node->address + i->size);
         node->runs++;
@@ -813,10 +813,10 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         node = from->next;
         if (!node) {
             uint8_t it_state = i->operation == OP_IT ? (uint8_t)i->immediate : advance_it_state(from->it_state);
-            node = follow_behind(machine, from, &from->next, it_state, from->left);
+            node = follow_behind(machine, from, &from->next, it_state, from->next_state);
             if (!node) {
                 machine->history.previous = from->address;
-                stand_at(machine, from->address + i->size, it_state, from->left);
+                stand_at(machine, from->address + i->size, it_state, from->next_state);
                 goto over;
             }
         }
@@ -832,10 +832,10 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         node = from->skipped;
         if (!node) {
             uint8_t it_state = advance_it_state(from->it_state);
-            node = follow_behind(machine, from, &from->skipped, it_state, from->left_skipped);
+            node = follow_behind(machine, from, &from->skipped, it_state, from->skipped_state);
             if (!node) {
                 machine->history.previous = from->address;
-                stand_at(machine, from->address + i->size, it_state, from->left_skipped);
+                stand_at(machine, from->address + i->size, it_state, from->skipped_state);
                 goto over;
             }
         }
@@ -851,7 +851,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             cycles += node->taken_cost;
             instructions++;
             machine->history.previous = node->address;
-            stand_at(machine, node->address + i->size, 0, node->left_taken);
+            stand_at(machine, node->address + i->size, 0, node->taken_state);
             goto over;
         }
     jumps_within:
@@ -876,7 +876,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         target = i->immediate | 1;
     arrives: {
         bool links = !machine->profiles || profile_follows(machine, node, target & ~1u, true);
-        struct node *taken = target & 1 ? follow(machine, target & ~1u, 0, node->left_taken) : NULL;
+        struct node *taken = target & 1 ? follow(machine, target & ~1u, 0, node->taken_state) : NULL;
         from = node;
         cycles += node->taken_cost;
         instructions++;
@@ -885,7 +885,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             core->thumb = target & 1;
             machine->history.previous = machine->history.jumped_from = node->address;
             machine->history.jumped_at = instructions;
-            stand_at(machine, target & ~1u, 0, node->left_taken);
+            stand_at(machine, target & ~1u, 0, node->taken_state);
             goto over;
         }
         if (links) {

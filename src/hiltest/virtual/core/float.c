@@ -1,7 +1,7 @@
-/* Single-precision arithmetic of the FPU with integers, for every mode and every special value, see float.h. */
+/* Single-precision arithmetic of the FPU with integers, for all modes and special values, see float.h. */
 #include "float.h"
 
-/* The definitions of float.h for callers that do not have them inline. */
+/* External definitions of the inline functions of float.h. */
 extern inline float to_float(uint32_t bits);
 extern inline uint32_t from_float(float number);
 extern inline bool is_final(uint32_t result, uint32_t fpscr);
@@ -13,7 +13,7 @@ extern inline uint32_t float_multiply_add(uint32_t addend, uint32_t a, uint32_t 
 enum {
     TOP_BIT = 62,
     FRACTION_BITS = 23, EXPONENT_BIAS = 127, SPECIAL_EXPONENT = 0xFF,
-    MANTISSA_SHIFT = TOP_BIT - FRACTION_BITS, /* between a mantissa of 24 bits and one whose top bit is TOP_BIT */
+    MANTISSA_SHIFT = TOP_BIT - FRACTION_BITS, /* from a mantissa of 24 bits to one whose top bit is TOP_BIT */
     HALF_FRACTION_BITS = 10, HALF_SPECIAL_EXPONENT = 0x1F,
     HALF_MAGNITUDE = 0x7FFF, HALF_INFINITY = 0x7C00, HALF_DEFAULT_NAN = 0x7E00, HALF_QUIET_BIT = 0x200,
     NEAREST = 0, UPWARD = 1, DOWNWARD = 2, TOWARDS_ZERO = 3,
@@ -22,7 +22,7 @@ enum {
 static const uint32_t sign_bit = 0x80000000u, infinity_bits = 0x7F800000u, default_nan = 0x7FC00000u;
 static const uint32_t fraction_mask = 0x007FFFFFu, quiet_bit = 0x00400000u;
 
-/* In the order in which the operands' kinds prevail if one is a NaN. */
+/* In the order of precedence if an operand is a NaN. */
 enum kind { KIND_NUMBER, KIND_ZERO, KIND_INFINITY, KIND_QUIET, KIND_SIGNALING };
 
 /* An operand or an intermediate result. A number is mantissa * 2^(exponent - TOP_BIT), and TOP_BIT is the leading one
@@ -32,7 +32,7 @@ struct value {
     bool negative;
     int32_t exponent;
     uint64_t mantissa;
-    uint32_t bits; /* of an operand: a NaN is passed on as it came */
+    uint32_t bits; /* of an operand, because a NaN is passed on unchanged */
 };
 
 struct format {
@@ -74,7 +74,7 @@ static uint64_t shift_with_sticky_bit(uint64_t number, int32_t distance)
     return number >> distance | (number << (64 - distance) != 0);
 }
 
-/* A number that is split into an integer and a fraction of 64 bits. */
+/* A number split into an integer and a fraction of 64 bits. */
 struct split {
     uint64_t integer, fraction;
 };
@@ -90,7 +90,7 @@ static struct split split_at(uint64_t number, int32_t distance)
     return (struct split){0, distance == 64 ? number : number != 0};
 }
 
-/* Whether a magnitude rounds away from zero. */
+/* Return whether a magnitude rounds away from zero. */
 static bool rounds_up(struct split magnitude, bool negative, uint32_t mode)
 {
     const uint64_t half = (uint64_t)1 << 63;
@@ -113,7 +113,7 @@ static uint32_t overflow(bool negative, const struct format *format, uint32_t *f
 }
 
 /* Round mantissa * 2^(exponent - TOP_BIT) to a format; return the magnitude's bits (FPRound). The mantissa is not zero,
- * and its lowest bit may stand for further bits. */
+ * and its lowest bit may be sticky. */
 static uint32_t round_magnitude(
     bool negative, int32_t exponent, uint64_t mantissa, const struct format *format, uint32_t *fpscr)
 {
@@ -130,7 +130,7 @@ static uint32_t round_magnitude(
     const struct split magnitude = split_at(mantissa << zeros, distance);
     if (is_tiny && magnitude.fraction != 0)
         *fpscr |= FPSCR_UFC;
-    /* The leading one of a normal number counts one in the exponent field; so does a carry that rounding makes. */
+    /* The leading one of a normal number adds one to the exponent field, and so does a carry from rounding. */
     const uint64_t exponent_field = is_tiny ? 0 : (uint64_t)-below_minimum;
     const uint64_t packed = (exponent_field << format->fraction_bits) + magnitude.integer
         + rounds_up(magnitude, negative, rounding_mode(*fpscr));
@@ -153,7 +153,7 @@ static uint32_t round_single(bool negative, int32_t exponent, uint64_t mantissa,
     return sign_of(negative) | round_magnitude(negative, exponent, mantissa, &single_format, fpscr);
 }
 
-/* Split an operand (FPUnpack); flush a subnormal one to zero if FPSCR asks for that. */
+/* Split an operand (FPUnpack); flush a subnormal one to zero if FPSCR says so. */
 static struct value unpack(uint32_t bits, uint32_t *fpscr)
 {
     const int32_t exponent = (int32_t)(bits >> FRACTION_BITS & SPECIAL_EXPONENT);
@@ -200,10 +200,10 @@ static uint32_t pack(struct value value, uint32_t *fpscr)
     return sign_of(value.negative) | (value.kind == KIND_INFINITY ? infinity_bits : 0);
 }
 
-/* An exact zero as the sum of numbers with different signs. */
+/* Return the zero that is the exact sum of numbers with different signs. */
 static uint32_t zero_sum(uint32_t fpscr) { return sign_of(rounding_mode(fpscr) == DOWNWARD); }
 
-/* Add two numbers. Only if their exponents differ by at most 1 may many leading bits cancel out; then no bit is shifted
+/* Add two numbers. Many leading bits can cancel out only if the exponents differ by at most 1; then no bit is shifted
  * out, since mantissas have at most 48 bits. */
 static uint32_t add_numbers(struct value a, struct value b, uint32_t *fpscr)
 {
@@ -226,13 +226,13 @@ static uint32_t add_values(struct value a, struct value b, uint32_t *fpscr)
     return pack(a.kind == KIND_INFINITY || b.kind == KIND_ZERO ? a : b, fpscr);
 }
 
-/* Whether the product of two values is infinity times zero. */
+/* Return whether the product of two values is infinity times zero. */
 static bool is_invalid_product(struct value a, struct value b)
 {
     return (a.kind == KIND_INFINITY && b.kind == KIND_ZERO) || (a.kind == KIND_ZERO && b.kind == KIND_INFINITY);
 }
 
-/* Multiply two values that are neither NaNs nor infinity and zero; a number is not rounded yet. */
+/* Multiply two values that are neither NaNs nor infinity and zero; the product of numbers is not rounded yet. */
 static struct value multiply_values(struct value a, struct value b)
 {
     struct value product = {.kind = KIND_NUMBER, .negative = a.negative != b.negative};
@@ -253,7 +253,7 @@ static uint32_t add_or_subtract(uint32_t a, uint32_t b, bool subtracts, uint32_t
 {
     struct value values[] = {unpack(a, fpscr), unpack(b, fpscr)};
     if (is_nan(values[0]) || is_nan(values[1]))
-        return propagate_nan(values, 2, fpscr); /* with the sign that it has */
+        return propagate_nan(values, 2, fpscr); /* with its own sign */
     values[1].negative = values[1].negative != subtracts;
     return add_values(values[0], values[1], fpscr);
 }
@@ -283,7 +283,7 @@ uint32_t general_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t 
     return add_values(values[0], multiply_values(values[1], values[2]), fpscr);
 }
 
-/* Divide two numbers. The quotient has 39 or 40 bits, more than enough for rounding if the lowest one tells of a
+/* Divide two numbers. The quotient has 39 or 40 bits, which suffice for rounding if the lowest one is set for a
  * remainder. */
 static struct value divide_numbers(struct value a, struct value b)
 {
@@ -319,7 +319,7 @@ uint32_t float_divide(uint32_t a, uint32_t b, uint32_t *fpscr)
     return is_final(quotient, *fpscr) ? quotient : general_divide(a, b, fpscr);
 }
 
-/* Return the integer square root, rounded down; the lowest bit is set if there is a remainder. The radicand is at least
+/* Return the integer square root, rounded down, with the lowest bit set for a remainder. The radicand is at least
  * 2^62, so the root has 32 bits, of which rounding needs 26. */
 static uint64_t integer_root(uint64_t radicand)
 {
@@ -357,7 +357,7 @@ uint32_t float_square_root(uint32_t a, uint32_t *fpscr)
     return is_final(root, *fpscr) ? root : general_square_root(a, fpscr);
 }
 
-/* Whether a is less than b: two values of which none is a NaN and that are not equal. */
+/* Return whether a is less than b, for unequal values that are not NaNs. */
 static bool is_less(struct value a, struct value b)
 {
     if (a.kind == KIND_ZERO)
@@ -381,7 +381,7 @@ uint32_t float_compare(uint32_t a, uint32_t b, bool signals, uint32_t *fpscr)
     return is_less(x, y) ? less : greater;
 }
 
-/* Saturate a magnitude with a sign to a number of bits (SatQ); return it extended to 32 bits by its sign. */
+/* Saturate a signed magnitude to a number of bits (SatQ); return it sign-extended to 32 bits. */
 static uint32_t saturate(uint64_t magnitude, bool negative, uint32_t bits, bool is_signed, bool *saturated)
 {
     const uint64_t range = (uint64_t)1 << (is_signed ? bits - 1 : bits);
@@ -426,7 +426,7 @@ uint32_t float_from_fixed(
     if (magnitude == 0)
         return 0;
     if (fraction_bits == 0 && magnitude >> (FRACTION_BITS + 1) == 0)
-        return sign_of(negative) | from_float((float)magnitude); /* it is exact */
+        return sign_of(negative) | from_float((float)magnitude); /* exact */
     uint32_t status = nearest ? *fpscr & ~(uint32_t)FPSCR_ROUNDING : *fpscr;
     const uint32_t result = round_single(negative, TOP_BIT - (int32_t)fraction_bits, magnitude, &status);
     *fpscr |= status;

@@ -1,8 +1,8 @@
 /* Single-precision arithmetic of the FPU, exact to the bit: NaNs, rounding modes, flush-to-zero, exception flags.
  *
- * The general arithmetic works with integers. The host calculates in the case that takes most of the time of real
- * firmware: FPSCR says to round to nearest and not to flush to zero, the result is neither special nor tiny, and a result
- * before it was inexact, so that no exception flag can change: IXC is cumulative.
+ * The general arithmetic works with integers. The host calculates in the case that dominates real firmware: FPSCR
+ * selects round-to-nearest without flush-to-zero, the result is neither special nor tiny, and an earlier result
+ * was inexact, so that no exception flag can change, because IXC is cumulative.
  *
  * All values are IEEE 754 bit patterns. References are to the ARMv7-M Architecture Reference Manual, DDI 0403E, A2.5
  * and B1.4; the pseudocode's names are FPAdd, FPMul and so on.
@@ -23,9 +23,9 @@ enum {
     FPSCR_FZ = 1 << 24, FPSCR_DN = 1 << 25, FPSCR_AHP = 1 << 26,
 };
 #define FPSCR_FLAGS 0xF0000000u    /* N, Z, C, V */
-#define FPSCR_WRITABLE 0xF7C0009Fu /* what VMSR changes */
+#define FPSCR_WRITABLE 0xF7C0009Fu /* bits that VMSR changes */
 
-/* Each function takes FPSCR by pointer: it reads its modes and sets its cumulative exception bits. Addition, subtraction,
+/* Each function takes FPSCR by pointer, to read modes and to set cumulative exception bits. Addition, subtraction,
  * multiplication and multiplication with addition are at the end of this file. */
 uint32_t float_divide(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t float_square_root(uint32_t a, uint32_t *fpscr);
@@ -34,10 +34,10 @@ uint32_t float_square_root(uint32_t a, uint32_t *fpscr);
 uint32_t float_compare(uint32_t a, uint32_t b, bool signals, uint32_t *fpscr);
 
 /* Convert to a number of `bits` bits (16 or 32) with `fraction_bits` of fraction, saturated (FPToFixed); 16-bit results
- * are extended to 32 by their sign. `truncates`: towards zero, otherwise by FPSCR. */
+ * are sign-extended to 32. `truncates`: towards zero, otherwise by FPSCR. */
 uint32_t float_to_fixed(
     uint32_t a, uint32_t bits, uint32_t fraction_bits, bool is_signed, bool truncates, uint32_t *fpscr);
-/* The other way; `nearest`: round to nearest whatever FPSCR says (VCVT of fixed-point numbers), otherwise by FPSCR. */
+/* The inverse; `nearest`: round to nearest whatever FPSCR says (VCVT of fixed-point numbers), otherwise by FPSCR. */
 uint32_t float_from_fixed(
     uint32_t value, uint32_t bits, uint32_t fraction_bits, bool is_signed, bool nearest, uint32_t *fpscr);
 
@@ -45,7 +45,7 @@ uint32_t float_from_fixed(
 uint32_t float_to_half(uint32_t a, uint32_t *fpscr);
 uint32_t float_from_half(uint32_t half, uint32_t *fpscr);
 
-/* The general arithmetic, which the functions below use where the host's is not the same. */
+/* The general arithmetic, for the cases in which the host's differs. */
 uint32_t general_add(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_multiply(uint32_t a, uint32_t b, uint32_t *fpscr);
@@ -67,9 +67,9 @@ inline uint32_t from_float(float number)
     return bits;
 }
 
-/* Whether a result of the host is the FPU's and leaves FPSCR as it is: it is a finite number from 2^-64 on, rounded to
- * nearest, and IXC is set already. So far from the subnormal numbers a result is the same even if a library that was
- * compiled with -ffast-math has made the host flush them to zero. */
+/* Return whether a result of the host is the FPU's and leaves FPSCR unchanged: it is a finite number from 2^-64 on,
+ * rounded to nearest, and IXC is set already. So far from subnormal numbers a result is the same even if a library that
+ * was compiled with -ffast-math has made the host flush them to zero. */
 inline bool is_final(uint32_t result, uint32_t fpscr)
 {
     const uint32_t smallest = (uint32_t)(127 - 64) << 23, infinity = 0x7F800000u;

@@ -1,11 +1,11 @@
 /* FTM of Kinetis parts: 16-bit counters whose channels compare, capture and make pulse widths (K64 reference manual,
  * chapter "FlexTimer Module").
  *
- * Nothing happens at an edge that nobody sees: flags, levels and values that are taken over follow from the ticks that
- * have passed. The next edge is planned only if it interrupts or somebody hears its channel.
+ * Unobserved edges cause no events: flags, levels and loaded values are computed from the elapsed
+ * ticks. The next edge is planned only if it interrupts or its channel is listened to.
  *
- * DMA requests, quadrature, faults, dead time, dual capture, hardware triggers, inversion and a common time base are not
- * modelled, and noted when firmware asks for them. Capture has no filter and no delay.
+ * DMA requests, quadrature, faults, dead time, dual capture, hardware triggers, inversion and a common time base are
+ * not modelled, and are reported if firmware requests them. Capture has no filter and no delay.
  */
 #include "devices.h"
 
@@ -26,32 +26,32 @@ enum kind { NOTHING, CAPTURE, COMPARE, PULSE_WIDTH };
 struct channel {
     uint32_t control;    /* CnSC without its flag */
     uint32_t value;      /* CnV in effect */
-    int32_t buffered;    /* CnV that was written and is not taken over yet, or NOTHING_BUFFERED */
-    bool flag, flag_seen; /* CHF, and whether it was read since it was set: a zero written clears it then */
-    bool high;           /* the output, before polarity; of a pulse width only while the counter stands still */
-    int32_t shown;       /* level that somebody was told */
+    int32_t buffered;    /* written CnV that is not loaded yet, or NOTHING_BUFFERED */
+    bool flag, flag_seen; /* CHF, and true if it was read after it was set: writing zero then clears it */
+    bool high;           /* output before polarity; for a pulse width only while the counter is stopped */
+    int32_t shown;       /* last reported level */
 };
 
 /* Phases are prescaled ticks since the counter was at its initial value, counting up. */
 struct counter {
     uint32_t initial, modulo; /* CNTIN and MOD */
     bool up_down;
-    int64_t began;       /* prescaled tick at which this round began */
+    int64_t began;       /* prescaled tick at the beginning of this round */
 };
 
 struct ftm {
     struct device device;
     struct machine_ftm connections;
     int32_t external;    /* clock that counts the rising edges of a pin */
-    struct event edge;   /* the next one that somebody sees */
-    uint32_t heard;      /* channels whose levels somebody follows, a bit each */
+    struct event edge;   /* next observed edge */
+    uint32_t heard;      /* channels that are listened to, a bit each */
     struct counter counter;
-    int64_t phase;       /* while the counter stands still */
+    int64_t phase;       /* while the counter is stopped */
     int64_t origin;      /* tick of the source from which prescaled ticks count */
-    int64_t seen;        /* prescaled tick up to which everything is known */
+    int64_t counted_to;  /* prescaled tick up to which the state is computed */
     int64_t overflows;
     bool flag, flag_seen; /* TOF */
-    int32_t modulo, initial; /* MOD and CNTIN that are not taken over yet, or NOTHING_BUFFERED */
+    int32_t modulo, initial; /* written MOD and CNTIN that are not loaded yet, or NOTHING_BUFFERED */
     struct channel channels[CHANNELS];
     uint32_t registers[REGISTER_BYTES / WORD_BYTES];
 };
@@ -60,10 +60,10 @@ static uint32_t word(const struct ftm *ftm, uint32_t offset) { return ftm->regis
 
 /* -- the counter -------------------------------------------------------------------------------------------------- */
 
-/* The rest of a division, which is not negative. */
+/* Return the non-negative remainder of a division. */
 static int64_t rest(int64_t dividend, int64_t divisor) { return (dividend % divisor + divisor) % divisor; }
 
-/* Steps from the initial value to a value, and to the last one. */
+/* Return the steps from the initial value to a value, and to the last one. */
 static int64_t height_of(const struct counter *counter, uint32_t value) { return (value - counter->initial) & 0xFFFF; }
 
 static int64_t top_of(const struct counter *counter)
@@ -78,7 +78,7 @@ static int64_t period_of(const struct counter *counter)
     return !counter->up_down ? top + 1 : top ? 2 * top : 1;
 }
 
-/* Phase at which TOF is set and buffered values are taken over: behind MOD. */
+/* Return the phase at which TOF is set and buffered values are loaded: after MOD. */
 static int64_t overflow_phase(const struct counter *counter) { return (top_of(counter) + 1) % period_of(counter); }
 
 static int64_t height_at(const struct counter *counter, int64_t phase)
@@ -87,20 +87,20 @@ static int64_t height_at(const struct counter *counter, int64_t phase)
     return phase <= top ? phase : 2 * top - phase;
 }
 
-/* First tick behind another at which the counter is at a phase. */
+/* Return the first tick after another at which the counter is at a phase. */
 static int64_t next_tick(const struct counter *counter, int64_t phase, int64_t after)
 {
     return after + rest(phase - (after - counter->began) - 1, period_of(counter)) + 1;
 }
 
-/* How often it is at a phase behind one tick and up to another. */
+/* Return how often the counter is at a phase after one tick and up to another. */
 static int64_t times_between(const struct counter *counter, int64_t phase, int64_t after, int64_t until)
 {
     int64_t first = next_tick(counter, phase, after);
     return first > until ? 0 : 1 + (until - first) / period_of(counter);
 }
 
-/* The phases at which it has a value: none, one, or one on the way up and one on the way down. */
+/* Find the phases with a value: none, one, or one in each direction. */
 static int32_t find_matches(const struct counter *counter, uint32_t value, int64_t phases[2])
 {
     int64_t height = height_of(counter, value), period = period_of(counter);
@@ -122,38 +122,38 @@ static bool is_counting(const struct ftm *ftm) { return source_of(ftm) != NO_CLO
 static int64_t phase_of(const struct ftm *ftm)
 {
     const struct counter *counter = &ftm->counter;
-    return is_counting(ftm) ? rest(ftm->seen - counter->began, period_of(counter)) : ftm->phase;
+    return is_counting(ftm) ? rest(ftm->counted_to - counter->began, period_of(counter)) : ftm->phase;
 }
 
-/* Count on from a phase. */
+/* Continue counting from a phase. */
 static void restart(struct machine *machine, struct ftm *ftm, int64_t phase)
 {
     ftm->phase = phase;
     if (!is_counting(ftm))
         return;
     ftm->origin = ticks_now(machine, source_of(ftm));
-    ftm->seen = 0;
+    ftm->counted_to = 0;
     ftm->counter.began = -phase;
 }
 
-/* -- values that are taken over later ----------------------------------------------------------------------------- */
+/* -- buffered values ---------------------------------------------------------------------------------------------- */
 
 /* The bits of COMBINE of the pair that a channel belongs to. */
 static uint32_t pair_of(const struct ftm *ftm, int32_t index) { return word(ftm, COMBINE) >> 8 * (index / 2); }
 
-/* Whether the end of a round takes everything over. */
+/* Return whether the end of a round loads all values. */
 static bool loads_at_once(const struct ftm *ftm)
 {
     return !(word(ftm, MODE) & MODE_FTMEN) || word(ftm, PWMLOAD) & PWMLOAD_LDOK;
 }
 
-/* Whether the end of a round is the loading point of a software trigger. */
+/* Return whether the end of a round is the loading point of a software trigger. */
 static bool synchronises(const struct ftm *ftm)
 {
     return word(ftm, SYNC) & SYNC_SWSYNC && word(ftm, SYNC) & SYNC_POINTS;
 }
 
-/* Whether something will be taken over at the end of this round. */
+/* Return whether the end of this round loads any value. */
 static bool will_load(const struct ftm *ftm)
 {
     bool has_buffered = ftm->modulo >= 0 || ftm->initial >= 0;
@@ -177,7 +177,7 @@ static void take_over_all(struct ftm *ftm)
         take_over(&ftm->channels[index].value, &ftm->channels[index].buffered);
 }
 
-/* Take over what a software trigger lets through; it is over then. */
+/* Load the values that a software trigger selects, and end the trigger. */
 static void synchronise(struct ftm *ftm)
 {
     uint32_t options = word(ftm, SYNCONF);
@@ -216,7 +216,7 @@ static enum kind kind_of(const struct ftm *ftm, int32_t index)
     return control & CH_EDGES ? CAPTURE : NOTHING;
 }
 
-/* Whether a pulse width is in its active part. */
+/* Return whether a pulse width is in its active part. */
 static bool is_active(const struct ftm *ftm, int32_t index)
 {
     const struct counter *counter = &ftm->counter;
@@ -255,7 +255,7 @@ static void raise_flag(struct channel *channel)
     channel->flag_seen = false;
 }
 
-/* Take note that the counter was so often at the value of a channel. */
+/* Count so many matches of a channel's value. */
 static void match(struct channel *channel, enum kind kind, int64_t times)
 {
     uint32_t action = channel->control & CH_EDGES;
@@ -269,7 +269,7 @@ static void match(struct channel *channel, enum kind kind, int64_t times)
 
 /* -- counting ----------------------------------------------------------------------------------------------------- */
 
-/* Overflows that will not set TOF before one does: NUMTOF. */
+/* Return the number of overflows that will not set TOF before the next one that does: NUMTOF. */
 static int64_t silent_overflows(const struct ftm *ftm) { return rest(-ftm->overflows, (word(ftm, CONF) & 0x1F) + 1); }
 
 static void count_overflows(struct ftm *ftm, int64_t times)
@@ -281,33 +281,33 @@ static void count_overflows(struct ftm *ftm, int64_t times)
     ftm->overflows += times;
 }
 
-/* Take over values at the end of a round. A counter that is on its way down goes on down from wherever the new top is. */
+/* Load values at the end of a round. A counter on its way down continues down from the new top. */
 static void end_round(struct ftm *ftm, bool loads)
 {
     struct counter *counter = &ftm->counter;
-    int64_t height = height_at(counter, ftm->seen - counter->began);
+    int64_t height = height_at(counter, ftm->counted_to - counter->began);
     if (loads_at_once(ftm))
         take_over_all(ftm);
     else if (synchronises(ftm))
         synchronise(ftm);
     if (loads && counter->up_down)
-        counter->began = ftm->seen - rest(2 * top_of(counter) - height, period_of(counter));
+        counter->began = ftm->counted_to - rest(2 * top_of(counter) - height, period_of(counter));
 }
 
-/* Count up to a tick; nothing is taken over before it. */
+/* Count up to a tick, before which no value is loaded. */
 static void count_to(struct ftm *ftm, int64_t until, bool loads)
 {
     struct counter *counter = &ftm->counter;
     for (int32_t index = 0; index < ftm->connections.channels; index++) {
         int64_t phases[2], times = 0;
-        for (int32_t left = find_matches(counter, ftm->channels[index].value, phases); left > 0; left--)
-            times += times_between(counter, phases[left - 1], ftm->seen, until);
+        for (int32_t matches = find_matches(counter, ftm->channels[index].value, phases); matches > 0; matches--)
+            times += times_between(counter, phases[matches - 1], ftm->counted_to, until);
         if (times)
             match(&ftm->channels[index], kind_of(ftm, index), times);
     }
-    int64_t overflows = times_between(counter, overflow_phase(counter), ftm->seen, until);
+    int64_t overflows = times_between(counter, overflow_phase(counter), ftm->counted_to, until);
     counter->began += (until - counter->began) / period_of(counter) * period_of(counter);
-    ftm->seen = until;
+    ftm->counted_to = until;
     if (overflows) {
         count_overflows(ftm, overflows);
         end_round(ftm, loads);
@@ -316,16 +316,16 @@ static void count_to(struct ftm *ftm, int64_t until, bool loads)
 
 static int64_t next_overflow(const struct ftm *ftm)
 {
-    return next_tick(&ftm->counter, overflow_phase(&ftm->counter), ftm->seen);
+    return next_tick(&ftm->counter, overflow_phase(&ftm->counter), ftm->counted_to);
 }
 
-/* Count up to now, in two steps if the end of a round takes something over. */
+/* Count up to now, in two steps if the end of a round loads values. */
 static void advance(struct machine *machine, struct ftm *ftm)
 {
     if (!is_counting(ftm))
         return;
     int64_t now = (ticks_now(machine, source_of(ftm)) - ftm->origin) >> (word(ftm, SC) & 7);
-    while (ftm->seen < now) {
+    while (ftm->counted_to < now) {
         bool loads = will_load(ftm);
         count_to(ftm, loads ? earlier(now, next_overflow(ftm)) : now, loads);
     }
@@ -333,19 +333,19 @@ static void advance(struct machine *machine, struct ftm *ftm)
 
 /* -- the next edge ------------------------------------------------------------------------------------------------ */
 
-/* The next tick at which the counter is at the value of one of some channels. */
+/* Return the next tick at which the counter is at the value of one of some channels. */
 static int64_t next_match(const struct ftm *ftm, uint32_t channels)
 {
     int64_t tick = NEVER, phases[2];
     for (int32_t index = 0; index < ftm->connections.channels; index++) {
-        int32_t left = channels >> index & 1 ? find_matches(&ftm->counter, ftm->channels[index].value, phases) : 0;
-        for (; left > 0; left--)
-            tick = earlier(tick, next_tick(&ftm->counter, phases[left - 1], ftm->seen));
+        int32_t matches = channels >> index & 1 ? find_matches(&ftm->counter, ftm->channels[index].value, phases) : 0;
+        for (; matches > 0; matches--)
+            tick = earlier(tick, next_tick(&ftm->counter, phases[matches - 1], ftm->counted_to));
     }
     return tick;
 }
 
-/* The next tick at which something happens that is seen without being looked at. */
+/* Return the next tick of an observable change. */
 static int64_t next_edge(const struct ftm *ftm)
 {
     uint32_t awaited = 0, followed = 0;
@@ -366,7 +366,7 @@ static int64_t next_edge(const struct ftm *ftm)
 
 static int64_t source_tick(const struct ftm *ftm, int64_t tick) { return ftm->origin + (tick << (word(ftm, SC) & 7)); }
 
-/* Have an answer hold until a flag or a level may change. */
+/* Let an answer hold until a flag or a level may change. */
 static void hold_level(struct machine *machine, const struct ftm *ftm)
 {
     if (!is_counting(ftm))
@@ -391,7 +391,7 @@ static void drive(struct machine *machine, const struct ftm *ftm)
     machine_set_line(machine, ftm->connections.interrupt, level);
 }
 
-/* Show what has become of flags and levels, and come back when that changes. */
+/* Apply changes of flags and levels, and plan the next change. */
 static void settle(struct machine *machine, struct ftm *ftm)
 {
     uint32_t changed = 0;
@@ -425,7 +425,7 @@ static void reset(struct machine *machine, struct device *device)
         ftm->registers[i] = 0;
     ftm->registers[MODE / WORD_BYTES] = MODE_AFTER_RESET;
     ftm->counter = (struct counter){0};
-    ftm->phase = ftm->origin = ftm->seen = ftm->overflows = 0;
+    ftm->phase = ftm->origin = ftm->counted_to = ftm->overflows = 0;
     ftm->modulo = ftm->initial = NOTHING_BUFFERED;
     ftm->flag = ftm->flag_seen = false;
     settle(machine, ftm);
@@ -437,7 +437,7 @@ static struct channel *channel_at(struct ftm *ftm, uint32_t offset)
     return offset >= FIRST_CHANNEL && index < (uint32_t)ftm->connections.channels ? &ftm->channels[index] : NULL;
 }
 
-/* Reading a flag is half of clearing it. */
+/* Reading a flag is the first step of clearing it. */
 static uint32_t read_channel(struct channel *channel, bool is_value)
 {
     if (is_value)
@@ -559,7 +559,7 @@ static void write_word(struct machine *machine, struct ftm *ftm, uint32_t offset
     }
 }
 
-/* The bits that ask for what is not modelled. */
+/* Return the bits that request unmodelled functions. */
 static uint32_t unmodelled_bits(struct ftm *ftm, uint32_t offset)
 {
     if (channel_at(ftm, offset))
@@ -568,7 +568,7 @@ static uint32_t unmodelled_bits(struct ftm *ftm, uint32_t offset)
     case MODE: return 0xE0;          /* interrupts and modes of faults */
     case SYNC: return 0x70;          /* hardware triggers */
     case COMBINE: return 0x5C5C5C5C; /* faults, dead time and dual capture of each pair */
-    case 0x6C: return 0xFF;          /* EXTTRIG: triggers of others */
+    case 0x6C: return 0xFF;          /* EXTTRIG: triggers for other modules */
     case 0x7C: return 0x7F;          /* FLTCTRL: faults */
     case 0x80: return 0x1;           /* QDCTRL: quadrature */
     case CONF: return 0x600;         /* a common time base */
@@ -583,7 +583,7 @@ static void write_register(
     struct ftm *ftm = (struct ftm *)device;
     advance(machine, ftm);
     for (int32_t index = 0; index < ftm->connections.channels; index++)
-        ftm->channels[index].high = is_high(ftm, index); /* in case that the counter stops */
+        ftm->channels[index].high = is_high(ftm, index); /* for the case that the counter stops */
     if (value & unmodelled_bits(ftm, offset))
         ftm->connections.note(ftm->connections.context, device->base + offset, size, value);
     if (offset % WORD_BYTES == 0)

@@ -16,7 +16,7 @@ static const int16_t DIVIDER[DIVIDERS] = {
     640, 768, 896, 1024, 1152, 1280, 1536, 1920, 1280, 1536, 1792, 2048, 2304, 2560, 3072, 3840,
 };
 
-/* When something pulls a wire low [ps]; nothing does if both are 0. */
+/* Time for which a wire is pulled low [ps]; both are 0 if it is not. */
 struct hold {
     int64_t begin, end;
 };
@@ -26,15 +26,15 @@ struct i2c {
     struct machine_i2c connections;
     struct hold holds[2]; /* by enum i2c_wire */
     struct event completion;
-    int64_t enabled_at;   /* time since which it has been enabled [ps] */
+    int64_t enabled_at;   /* time of the last enabling [ps] */
     uint8_t registers[REGISTERS];
     uint8_t status, data;
-    uint8_t arriving;     /* byte under way, which cannot be read before it is complete */
+    uint8_t arriving;     /* byte in transfer, which cannot be read before it is complete */
     bool is_transferring;
     bool sends_address;   /* the next byte follows a START */
     bool receives;
-    bool is_acknowledged; /* the byte under way */
-    bool loses;           /* arbitration, at the end of the byte under way */
+    bool is_acknowledged; /* byte in transfer */
+    bool loses;           /* arbitration, at the end of the byte in transfer */
     bool asks_dma;        /* from the end of a byte to the next access to D */
 };
 
@@ -54,7 +54,7 @@ static bool is_held(const struct machine *machine, const struct i2c *i2c, int32_
     return i2c->holds[wire].begin <= now && now < i2c->holds[wire].end;
 }
 
-/* Whether SDA fell while the module was enabled and SCL high, which is a START to it, and no STOP has followed. */
+/* Return whether SDA fell while the module was enabled and SCL high, which is a START, without a later STOP. */
 static bool sees_start(const struct machine *machine, const struct i2c *i2c)
 {
     return is_held(machine, i2c, I2C_SDA) && i2c->holds[I2C_SDA].begin >= i2c->enabled_at;
@@ -82,7 +82,7 @@ static void reset(struct machine *machine, struct device *device)
 
 /* -- bytes -------------------------------------------------------------------------------------------------------- */
 
-/* Begin a byte that takes so many clocks of the wire; it waits for as long as SCL is held. */
+/* Begin a byte of so many clocks of the wire; it is delayed while SCL is held. */
 static void begin_byte(struct machine *machine, struct i2c *i2c, int32_t clocks)
 {
     uint8_t frequency = i2c->registers[F];
@@ -117,15 +117,15 @@ static void complete_byte(struct machine *machine, struct event *event)
     drive(machine, i2c);
 }
 
-/* D is accessed: the request for that is over. */
+/* End the DMA request after an access to D. */
 static void end_request(struct machine *machine, struct i2c *i2c)
 {
     i2c->asks_dma = false;
     drive(machine, i2c);
 }
 
-/* Send a byte while SDA is held: arbitration is lost at its first bit that is 1. Of a byte that is all zeros nothing is
- * lost, and low is what acknowledges it. */
+/* Send a byte while SDA is held: arbitration is lost at its first bit that is 1. A byte of zeros loses no arbitration,
+ * and the held wire acknowledges it. */
 static void send_against_hold(struct machine *machine, struct i2c *i2c, uint8_t value)
 {
     int32_t clocks = CLOCKS_A_BYTE;
@@ -154,7 +154,7 @@ static void send(struct machine *machine, struct i2c *i2c, uint8_t value)
     begin_byte(machine, i2c, is_address ? CLOCKS_A_BYTE + START_CLOCKS : CLOCKS_A_BYTE);
 }
 
-/* Answer with the byte that has arrived; as receiver, begin the next one. */
+/* Return the byte that has arrived; as receiver, begin the next one. */
 static uint8_t receive(struct machine *machine, struct i2c *i2c)
 {
     uint8_t control = i2c->registers[C1];
@@ -193,7 +193,7 @@ static uint8_t read_byte(struct machine *machine, struct device *device, uint32_
     struct i2c *i2c = (struct i2c *)device;
     if (offset == S) {
         if (i2c->holds[I2C_SDA].end)
-            hold_answer(machine, 0); /* what BUSY shows comes and goes without an event */
+            hold_answer(machine, 0); /* BUSY changes without an event */
         return sees_start(machine, i2c) ? i2c->status | S_BUSY : i2c->status;
     }
     if (offset == D)

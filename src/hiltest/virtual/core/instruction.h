@@ -1,4 +1,4 @@
-/* A decoded Thumb instruction: what it does, and what the cycle model needs to know of it.
+/* A decoded Thumb instruction: its operation, and its properties for the cycle model.
  *
  * References are to the ARMv7-M Architecture Reference Manual, DDI 0403E.
  */
@@ -21,7 +21,7 @@
 /* Loads and stores of one value. Each has four forms:
  *   _I   r[n] + immediate (a signed number)                _L  the address `immediate` (PC-relative)
  *   _R   r[n] + (r[m] << amount)                           _W  r[n] + immediate with write-back, see `mode`
- * The register that is transferred is d. A load into d = 15 is a branch.
+ * The transferred register is d. A load into d = 15 is a branch.
  */
 #define ACCESS_OPERATIONS(X) X(LDR) X(LDRB) X(LDRH) X(LDRSB) X(LDRSH) X(STR) X(STRB) X(STRH)
 
@@ -34,12 +34,12 @@
     OP_##KIND##ADD16, OP_##KIND##ASX, OP_##KIND##SAX, OP_##KIND##SUB16, OP_##KIND##ADD8, OP_##KIND##SUB8,
 
 enum operation {
-    OP_UNDEFINED,      /* UDF and everything that no encoding matches: UsageFault, UNDEFINSTR */
+    OP_UNDEFINED,      /* UDF and all bits that match no encoding: UsageFault, UNDEFINSTR */
     OP_NO_COPROCESSOR, /* CDP, MCR, MRC, LDC, STC and the like: UsageFault, NOCP */
     DATA_OPERATIONS(DATA_FORMS)
     ACCESS_OPERATIONS(ACCESS_FORMS)
     PARALLEL_KINDS(PARALLEL_FORMS)
-    /* Shifts by a register: d = n shifted by the low byte of r[m]; `shift` says how, `sets_flags` whether N, Z, C. */
+    /* Shifts by a register: d = n shifted by the low byte of r[m]; kind in `shift`; `sets_flags`: N, Z, C. */
     OP_SHIFT,
     OP_MOVT,  /* upper half of d = immediate */
     OP_MOV_PC, OP_ADD_PC, /* MOV pc, m and ADD pc, pc, m (n = 15): branches without interworking */
@@ -62,7 +62,7 @@ enum operation {
     OP_SMLALD, OP_SMLSLD, /* a:d += */
     OP_SMMLA, OP_SMMLS, /* the upper word; `amount` bit 0 rounds; SMMUL is SMMLA with a = 15 */
     OP_USADA8, /* sum of absolute differences; USAD8 with a = 15 */
-    OP_BFI, OP_BFC, /* `amount` is the lowest bit, `immediate` the mask of the field where it lies in d; BFI from n */
+    OP_BFI, OP_BFC, /* `amount` is the lowest bit, `immediate` the mask of the field in d; BFI from n */
     OP_SBFX, OP_UBFX, /* from bit `amount` of n, `immediate` bits */
     /* Extension of r[m] rotated right by `amount` (0, 8, 16, 24), + r[n] or nothing if n = 15 */
     OP_SXTAB, OP_SXTAH, OP_UXTAB, OP_UXTAH, OP_SXTAB16, OP_UXTAB16,
@@ -78,11 +78,11 @@ enum operation {
     OP_CBZ, OP_CBNZ, /* r[n] */
     OP_IT, /* `immediate` is the eight bits of ITSTATE */
     OP_SVC, OP_BKPT, /* number `immediate` */
-    OP_NOP, OP_YIELD, OP_WFE, OP_WFI, OP_SEV, /* PLD, PLI and hints that are not allocated are NOP */
+    OP_NOP, OP_YIELD, OP_WFE, OP_WFI, OP_SEV, /* PLD, PLI and unallocated hints are NOP */
     OP_DMB, OP_DSB, OP_ISB,
     OP_CPS, /* `amount` bit 1: PRIMASK, bit 0: FAULTMASK; `immediate` 1 sets, 0 clears */
-    OP_MRS, OP_MSR, /* d from, or n to the special register SYSm = `immediate`; MSR: `amount` is the mask (2: flags, 1: GE) */
-    /* Floating point, single precision. Registers d, n and m are numbers of s registers (0 to 31), but where said. */
+    OP_MRS, OP_MSR, /* d from, n to special register SYSm = `immediate`; MSR: `amount` is the mask (2: flags, 1: GE) */
+    /* Floating point, single precision. Registers d, n and m are numbers of s registers (0 to 31), unless noted. */
     OP_VADD, OP_VSUB, OP_VMUL, OP_VNMUL, OP_VDIV,
     OP_VMLA, OP_VMLS, OP_VNMLA, OP_VNMLS, /* rounded twice */
     OP_VFMA, OP_VFMS, OP_VFNMA, OP_VFNMS, /* fused */
@@ -114,7 +114,7 @@ enum mode {
 
 enum { CONDITION_ALWAYS = 14 };
 
-/* Classes that a row of a timing profile prices; the names of the rows are `ROW_NAMES` in this order. */
+/* Instruction classes that a row of a timing profile prices; `ROW_NAMES` has the names in this order. */
 #define COST_ROWS(X) \
     X(data) X(divide) X(it) X(it_skipped) X(barrier) X(system) X(exclusive) X(load) X(store) X(store_register_offset) \
     X(multiple_base) X(branch) X(table_branch) X(fp) X(fp_accumulate) X(fp_divide) X(fp_load) X(fp_store) \
@@ -124,8 +124,8 @@ enum cost_row { COST_ROWS(ROW_ENUMERATOR) INSTRUCTION_ROWS };
 
 enum transfer {
     TRANSFER_NONE,
-    TRANSFER_DIRECT,   /* the target stands in the instruction */
-    TRANSFER_INDIRECT, /* it comes from a register or from memory */
+    TRANSFER_DIRECT,   /* the target is in the instruction */
+    TRANSFER_INDIRECT, /* the target comes from a register or from memory */
 };
 
 struct instruction {
@@ -136,20 +136,20 @@ struct instruction {
     uint8_t shift;      /* enum shift */
     uint8_t amount;
     uint8_t mode;       /* enum mode, or 0 */
-    uint8_t words;      /* moved by a multiple transfer (LDM, STM, LDRD, STRD, VLDM, VSTM, VLDR and VSTR of d registers) */
+    uint8_t words;      /* of a multiple transfer (LDM, STM, LDRD, STRD, VLDM, VSTM, VLDR and VSTR of d registers) */
     bool sets_flags;
-    uint8_t carry;      /* of a data-processing immediate that sets flags: 0 or 1, or 2 if C stays as it is */
+    uint8_t carry;      /* of a data-processing immediate that sets flags: 0 or 1, or 2 if C is unchanged */
     uint32_t immediate;
 
     /* For prices, see prices.h. Bit i of a mask is r[i], or s[i] for the fp_ ones. */
     uint8_t row;        /* enum cost_row */
     uint8_t transfer;   /* enum transfer */
-    bool conditional;   /* a transfer that may fall through: B with a condition, CBZ, CBNZ, any transfer in an IT block */
+    bool conditional;   /* a transfer that may fall through: B with condition, CBZ, CBNZ, any transfer in an IT block */
     bool in_it_block;
     bool uses_fpu;
-    bool sets_stack;    /* the stack pointer becomes something else than itself plus or minus a number or a register */
-    uint16_t address_registers; /* that an access takes its address from, without the PC */
-    uint16_t loaded_registers;  /* that a single load writes, without the base that is written back */
+    bool sets_stack;    /* the stack pointer becomes another value than itself plus or minus a number or a register */
+    uint16_t address_registers; /* sources of an access's address, without the PC */
+    uint16_t loaded_registers;  /* destinations of a single load, without a base that is written back */
     uint16_t core_writes;       /* core registers written */
     uint32_t fp_reads, fp_writes;
     uint32_t fp_addend;         /* read only as the addend of a multiply-accumulate; not in fp_reads */
@@ -157,20 +157,20 @@ struct instruction {
 
 /* Decode the instruction that begins with `first`.
  *
- * address: its address, an even number. first, second: its halfwords; `second` is not looked at if it has two bytes.
- * it_state: ITSTATE before it, 0 outside an IT block. In one, 16-bit data processing does not set flags (DDI 0403E,
- * A7.3.2) and `condition` is the block's. baseline: only ARMv6-M's instructions are defined, everything else is
+ * address: its address, an even number. first, second: its halfwords; `second` is ignored if it has two bytes.
+ * it_state: ITSTATE before it, 0 outside an IT block. In a block, 16-bit data processing does not set flags (DDI 0403E,
+ * A7.3.2) and `condition` is the block's. baseline: only ARMv6-M's instructions are defined, all others are
  * OP_UNDEFINED.
- * Every field of *decoded is written. UNPREDICTABLE encodings are decoded as Cortex-M4 silicon or, where that is not
- * known, as QEMU's and Unicorn's decoder takes them; what neither defines is OP_UNDEFINED.
+ * Every field of *decoded is written. UNPREDICTABLE encodings are decoded as by Cortex-M4 silicon or, if that is
+ * unknown, as by the decoder of QEMU and Unicorn; encodings that neither defines are OP_UNDEFINED.
  */
 void decode_instruction(
     uint32_t address, uint16_t first, uint16_t second, uint8_t it_state, bool baseline, struct instruction *decoded);
 
-/* Bytes of the instruction that begins with a halfword: 2 or 4. */
+/* Return the size of the instruction that begins with a halfword: 2 or 4 bytes. */
 static inline uint8_t instruction_size(uint16_t first) { return first >> 11 >= 0x1D ? 4 : 2; }
 
-/* ITSTATE behind an instruction of an IT block (DDI 0403E, A7.3.3, ITAdvance). */
+/* Return ITSTATE after an instruction of an IT block (DDI 0403E, A7.3.3, ITAdvance). */
 static inline uint8_t advance_it_state(uint8_t it_state)
 {
     return it_state & 7 ? (uint8_t)((it_state & 0xE0) | (it_state << 1 & 0x1F)) : 0;

@@ -12,13 +12,13 @@ static inline uint32_t rotate_right(uint32_t value, uint32_t by)
 
 static inline int32_t as_signed(uint32_t value) { return (int32_t)value; }
 
-/* Arithmetic shift to the right by 0 to 31, as C11 leaves it to the implementation. */
+/* Arithmetic shift to the right by 0 to 31, which C11 leaves to the implementation. */
 static inline uint32_t shift_arithmetic(uint32_t value, uint32_t by)
 {
     return value >> 31 ? ~(~value >> by) : value >> by;
 }
 
-/* Shift by any number of bits from 0 to 255; *carry changes if it is not 0 (Shift_C). */
+/* Shift by any number of bits from 0 to 255; *carry changes if the number is not 0 (Shift_C). */
 static inline uint32_t shift_value(uint32_t value, uint32_t shift, uint32_t by, uint32_t *carry)
 {
     if (shift == SHIFT_RRX) {
@@ -56,7 +56,7 @@ static inline int32_t sign_extend(uint32_t value, uint32_t bits)
     return (int32_t)((value ^ sign) - sign);
 }
 
-/* Half `upper` of a word, with its sign. */
+/* Return half `upper` of a word, sign-extended. */
 static inline int32_t signed_half(uint32_t value, uint32_t upper)
 {
     return sign_extend(upper ? value >> 16 : value, 16);
@@ -88,7 +88,7 @@ static inline uint32_t saturate_unsigned(int64_t value, uint32_t bits, uint32_t 
 enum parallel_kind { PARALLEL_S, PARALLEL_Q, PARALLEL_SH, PARALLEL_U, PARALLEL_UQ, PARALLEL_UH };
 enum parallel_form { FORM_ADD16, FORM_ASX, FORM_SAX, FORM_SUB16, FORM_ADD8, FORM_SUB8 };
 
-/* One lane of parallel arithmetic: bring a sum or difference to `bits` bits; *ge is its GE flag. */
+/* One lane of parallel arithmetic: reduce a sum or difference to `bits` bits; *ge is its GE flag. */
 static inline uint32_t parallel_lane(int32_t sum, uint32_t bits, enum parallel_kind kind, bool adds, uint32_t *ge)
 {
     uint32_t ignored = 0, mask = (1u << bits) - 1;
@@ -105,7 +105,7 @@ static inline uint32_t parallel_lane(int32_t sum, uint32_t bits, enum parallel_k
     }
 }
 
-/* Parallel addition and subtraction; *ge gets the four GE flags if the kind is S or U. */
+/* Parallel addition and subtraction; the kinds S and U set the four GE flags in *ge. */
 static inline uint32_t parallel(uint32_t a, uint32_t b, enum parallel_kind kind, enum parallel_form form, uint32_t *ge)
 {
     bool is_signed = kind < PARALLEL_U;

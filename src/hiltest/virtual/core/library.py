@@ -1,7 +1,7 @@
-"""The core's library and its binding: built from the sources that are there, and loaded.
+"""The core's library and its binding.
 
-`ffi` has the types of machine.h, `lib` its functions. Both come from cffi; the build has generated the module
-`_machine`, so that nothing is parsed here.
+`ffi` has the types of machine.h, `lib` its functions. cffi generates the module `_machine` at build time, so that
+nothing has to be parsed at import.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _CHECKOUT = Path(__file__).parents[4]
 
 
 def _load() -> tuple[Any, Any]:
-    """Return `ffi` and `lib`; an editable install builds them anew if its sources have changed."""
+    """Return `ffi` and `lib`; an editable install rebuilds them if their sources have changed."""
     is_editable = (_CHECKOUT / "hatch_build.py").is_file()
     reason = core_is_missing_because()
     if reason and is_editable:
@@ -28,7 +28,7 @@ def _load() -> tuple[Any, Any]:
         raise ConfigError(f"no core for the virtual board: {reason}. {remedy}")
     try:
         ffi = import_module("hiltest.virtual.core._machine").ffi
-        # It stays until the process ends: machines are destroyed late, when Python has let go of everything else.
+        # The library stays loaded until the process ends, because machines are destroyed late.
         return ffi, ffi.dlopen(str(CORE), ffi.RTLD_NOW | ffi.RTLD_NODELETE)
     except (ImportError, OSError) as error:
         raise ConfigError(f"the virtual board's core cannot be loaded: {error}. Install hiltest again") from error
@@ -40,16 +40,16 @@ ffi, lib = _load()
 def guarded_callback(
     declaration: str, action: Callable[..., int | None], abort: Callable[[BaseException], None]
 ) -> Any:
-    """Return an action as a callback of the library, which has to be kept: the library has only the pointer.
+    """Return an action as a callback of the library, to which the caller must keep a reference.
 
     Parameters
     ----------
     declaration : str
-        Type of the callback in C; its first parameter is a context, which the action does not get.
+        C type of the callback; its first parameter is a context, which the action does not receive.
     action : callable
-        Answers an integer, or None if the type is void.
+        Returns an integer, or None if the type is void.
     abort : callable
-        Gets any exception of the action, since the library cannot pass it on; 0 is the answer then.
+        Called with any exception of the action, since the library cannot pass it on; the callback then returns 0.
     """
     nothing = None if declaration.startswith("void(") else 0
 

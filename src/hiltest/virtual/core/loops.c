@@ -1,9 +1,9 @@
-/* Turns of a loop that waits, counted without executing each.
+/* Counting of turns of a waiting loop without executing each.
  *
- * An instruction has read a device over and over, and the answer was known; or the core has been for a while in a short
- * loop that stores nothing, as if it waited for an interrupt that changes a variable. From there one turn is executed
- * step by step. If it comes back to the same state of the core with the same memory, and has asked no device, the turns
- * behind it are like it until an event or the deadline. What the instructions do need not be understood for that.
+ * An instruction has read a device over and over with a cached answer; or the core has been for a while in a short
+ * loop that stores nothing, as if it waited for an interrupt that changes a variable. Then one turn is executed
+ * step by step. If it returns to the same state of core and memory without asking a device, further
+ * turns are equal up to an event or the deadline. The instructions need not be understood for that.
  */
 #include <stddef.h>
 #include <stdlib.h>
@@ -13,7 +13,7 @@
 
 enum { MOST_STEPS = 256, MOST_WORDS = 64, WORD_BYTES = 4, MOST_PATIENCE = 1024, MOST_INSTRUCTIONS = 8 };
 
-/* A step of a turn: which count of its node it has raised. */
+/* A step of a turn: the count of its node that it has raised. */
 struct step {
     struct node *node;
     uint64_t *count;
@@ -32,7 +32,7 @@ struct turn {
     int64_t era, asked, repeats[KNOWN_ANSWERS];
     struct step steps[MOST_STEPS];
     uint32_t step_count;
-    struct word words[MOST_WORDS]; /* that it stores to */
+    struct word words[MOST_WORDS]; /* previous values of stored words */
     uint32_t word_count;
     bool is_over;
 };
@@ -51,7 +51,7 @@ static bool keep_word(struct machine *machine, struct turn *turn, uint32_t addre
     return machine_read(machine, address, WORD_BYTES, word->bytes);
 }
 
-/* Where an instruction stores, if it does; 0 bytes: nowhere. False: that is not said here. */
+/* Find the destination of an instruction's store; 0 bytes without one. False if it is unknown here. */
 static bool find_store(const struct core *core, const struct instruction *i, uint32_t *address, uint32_t *size)
 {
     *address = i->mode & MODE_POST ? core->r[i->n] : core->r[i->n] + i->immediate;
@@ -75,7 +75,7 @@ static bool find_store(const struct core *core, const struct instruction *i, uin
     }
 }
 
-/* Keep the memory that an instruction is about to store to. False if that cannot be done. */
+/* Save the memory that an instruction is about to overwrite. False if that is impossible. */
 static bool keep_memory(struct machine *machine, struct turn *turn, const struct instruction *instruction)
 {
     uint32_t address, size;
@@ -102,24 +102,24 @@ static bool has_same_memory(struct machine *machine, const struct turn *turn)
 
 static void begin_turn(struct machine *machine, struct turn *turn)
 {
-    struct known_answers *known = &machine->known;
+    struct known_answers *cache = &machine->answer_cache;
     turn->core = machine->core;
     turn->history = machine->history;
     if (machine->waits)
         turn->waits = *machine->waits;
-    turn->era = known->era;
-    turn->asked = known->asked;
+    turn->era = cache->era;
+    turn->asked = cache->asked;
     for (int i = 0; i < KNOWN_ANSWERS; i++)
-        turn->repeats[i] = known->entries[i].repeats;
+        turn->repeats[i] = cache->entries[i].repeats;
     turn->step_count = turn->word_count = 0;
     turn->is_over = false;
-    known->soonest = INT64_MAX;
+    cache->soonest = INT64_MAX;
 }
 
-/* Execute one instruction and note what it was. Returns as `go_on`; *stops is set if the turn is not one that waits. */
+/* Execute and record one instruction. Returns as `go_on`; *stops is set if the turn does not wait. */
 static int32_t take_step(struct machine *machine, struct turn *turn, bool *stops)
 {
-    const struct known_answers *known = &machine->known;
+    const struct known_answers *cache = &machine->answer_cache;
     struct node *node = next_node(machine);
     *stops = true;
     if (!node)
@@ -130,11 +130,11 @@ static int32_t take_step(struct machine *machine, struct turn *turn, bool *stops
     const int32_t reason = execute_from(machine, node, INT64_MIN);
     turn->steps[turn->step_count++] = (struct step){
         node, node->runs != runs ? &node->runs : node->jumps != jumps ? &node->jumps : &node->skips};
-    *stops = machine->looks || machine->core.sleeping || known->era != turn->era || known->asked != turn->asked;
+    *stops = machine->looks || machine->core.sleeping || cache->era != turn->era || cache->asked != turn->asked;
     return reason;
 }
 
-/* Execute up to where the turn began, or until a cycle. Returns as `go_on`. */
+/* Execute up to the beginning of the turn, or until a cycle. Returns as `go_on`. */
 static int32_t execute_turn(struct machine *machine, struct turn *turn, int64_t until)
 {
     const struct core *core = &machine->core;
@@ -150,7 +150,7 @@ static int32_t execute_turn(struct machine *machine, struct turn *turn, int64_t 
     return -1;
 }
 
-/* Whether a turn has changed nothing but counts. */
+/* Return whether a turn has changed nothing but counts. */
 static bool has_same_state(struct machine *machine, const struct turn *turn)
 {
     const size_t first = offsetof(struct core, r), bytes = offsetof(struct core, deadline) - first;
@@ -165,7 +165,7 @@ static bool has_same_state(struct machine *machine, const struct turn *turn)
 
 /* -- many turns --------------------------------------------------------------------------------------------------- */
 
-/* Repeat the answers of the latest turn, so that the latest ones of all turns are kept. */
+/* Repeat the answers of the last turn, so that the latest answers of all turns are stored. */
 static void repeat_answers(struct machine *machine, int64_t loads, int64_t turns)
 {
     struct core *core = &machine->core;
@@ -182,7 +182,7 @@ static void repeat_answers(struct machine *machine, int64_t loads, int64_t turns
 static void count_turns(struct machine *machine, const struct turn *turn, int64_t turns)
 {
     struct core *core = &machine->core;
-    struct known_answers *known = &machine->known;
+    struct known_answers *cache = &machine->answer_cache;
     const int64_t instructions = core->instructions - turn->core.instructions;
     const int64_t loads = core->device_loads - turn->core.device_loads;
     if (machine->history.jumped_at > turn->core.instructions)
@@ -194,7 +194,7 @@ static void count_turns(struct machine *machine, const struct turn *turn, int64_
     for (uint32_t i = 0; i < turn->step_count; i++)
         *turn->steps[i].count += (uint64_t)turns;
     for (int i = 0; i < KNOWN_ANSWERS; i++) {
-        struct known_answer *entry = &known->entries[i];
+        struct known_answer *entry = &cache->entries[i];
         if (entry->repeats == turn->repeats[i])
             continue;
         entry->repeats += turns * (entry->repeats - turn->repeats[i]);
@@ -204,11 +204,11 @@ static void count_turns(struct machine *machine, const struct turn *turn, int64_
         repeat_answers(machine, loads, turns);
 }
 
-/* How many more turns end before something can be different. */
+/* Return how many more turns end before anything can differ. */
 static int64_t turns_until(const struct machine *machine, const struct turn *turn, int64_t until)
 {
     const struct core *core = &machine->core;
-    const int64_t end = machine->known.soonest < until ? machine->known.soonest : until;
+    const int64_t end = machine->answer_cache.soonest < until ? machine->answer_cache.soonest : until;
     const int64_t period = core->cycles - turn->core.cycles;
     const bool fits = core->device_loads - turn->core.device_loads <= ANSWERS;
     return fits && period > 0 && end > core->cycles ? (end - core->cycles) / period : 0;
@@ -216,7 +216,7 @@ static int64_t turns_until(const struct machine *machine, const struct turn *tur
 
 int32_t pass_turns(struct machine *machine, int64_t until, int32_t *patience, int32_t least)
 {
-    machine->known.polled = NULL;
+    machine->answer_cache.polled = NULL;
     if (!machine->turn)
         machine->turn = malloc(sizeof *machine->turn);
     struct turn *turn = machine->turn;
@@ -230,15 +230,15 @@ int32_t pass_turns(struct machine *machine, int64_t until, int32_t *patience, in
     if (turns) {
         count_turns(machine, turn, turns);
         *patience = least;
-    } else if (!is_cut_short && *patience < MOST_PATIENCE && (!is_wait || machine->known.soonest < until)) {
-        *patience *= 2; /* it costs more than it gains: try again later */
+    } else if (!is_cut_short && *patience < MOST_PATIENCE && (!is_wait || machine->answer_cache.soonest < until)) {
+        *patience *= 2; /* the cost exceeds the gain: try again later */
     }
     return reason;
 }
 
 /* -- loops that poll memory --------------------------------------------------------------------------------------- */
 
-/* Whether an instruction may be part of a wait that shows no store, no call and no indirect jump. */
+/* Return whether an instruction may be part of a waiting loop: no store, no call, no indirect jump. */
 static bool may_wait(const struct instruction *instruction)
 {
     const bool jumps_far = instruction->transfer == TRANSFER_INDIRECT || instruction->operation == OP_BL;
@@ -247,7 +247,7 @@ static bool may_wait(const struct instruction *instruction)
     return !jumps_far && !stores;
 }
 
-/* The branch that leads back to before a node, behind at most so many instructions; NULL if there is none. */
+/* Return the branch that leads back to before a node, after at most so many instructions; NULL without one. */
 static const struct node *closing_branch(const struct node *node)
 {
     const uint32_t first = node->address;

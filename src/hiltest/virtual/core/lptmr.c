@@ -1,7 +1,7 @@
-/* LPTMR of Kinetis parts: a 16-bit timer on clocks that go on while the processor is stopped, or a counter of pulses.
+/* LPTMR of Kinetis parts: a 16-bit timer on clocks that run while the processor is stopped, or a counter of pulses.
  *
- * It goes on through every reset but power-on. As a counter of pulses it has no glitch filter: what PSR.PRESCALE says of
- * it changes nothing. Nothing happens at the end of a round that does not interrupt: the flag follows from the counts.
+ * Only power-on resets it. The counter of pulses has no glitch filter: PSR.PRESCALE does not
+ * affect it. The end of a round that does not interrupt is no event: the flag is computed from the counts.
  */
 #include "devices.h"
 
@@ -15,13 +15,13 @@ struct lptmr {
     int32_t inputs[2];    /* clocks that count the edges of pins */
     struct event compare; /* the count leaves the compare value, if that interrupts */
     uint32_t control, prescale;
-    int32_t compare_value, latched; /* CMR; CNR: the count when it was last written */
-    int64_t began;        /* of this round, in ticks of what it counts */
-    int64_t due;          /* counts from there at which the flag is set, unless it is */
+    int32_t compare_value, latched; /* CMR; CNR: the count at the last write to it */
+    int64_t began;        /* start of this round, in ticks of its source */
+    int64_t due;          /* counts from the start after which the flag is set, unless it is set already */
     bool flag;
 };
 
-/* The clock that it counts; NO_CLOCK for the output of a comparator, which is not modelled. */
+/* Return the clock that it counts; NO_CLOCK for the output of a comparator, which is not modelled. */
 static int32_t source_of(const struct lptmr *lptmr)
 {
     uint32_t pin = lptmr->control >> 4 & 3;
@@ -32,7 +32,7 @@ static int32_t source_of(const struct lptmr *lptmr)
 
 static bool is_counting(const struct lptmr *lptmr) { return lptmr->control & CSR_TEN && source_of(lptmr) != NO_CLOCK; }
 
-/* Binary logarithm of the ticks that make one count. */
+/* Return the binary logarithm of the ticks per count. */
 static uint32_t shift_of(const struct lptmr *lptmr)
 {
     return lptmr->control & CSR_TMS || lptmr->prescale & PSR_PBYP ? 0 : (lptmr->prescale >> 3 & 0xF) + 1;
@@ -48,7 +48,7 @@ static int64_t counts_of(const struct machine *machine, const struct lptmr *lptm
 
 static void begin_round(struct lptmr *lptmr, int64_t counts) { lptmr->began += counts << shift_of(lptmr); }
 
-/* Count up to now. While the flag is set nothing tells of the ends of rounds. */
+/* Count up to now. While the flag is set, ends of rounds are not recorded. */
 static void advance(const struct machine *machine, struct lptmr *lptmr)
 {
     bool is_free = lptmr->control & CSR_TFC;
@@ -66,7 +66,7 @@ static void advance(const struct machine *machine, struct lptmr *lptmr)
 
 static int64_t due_tick(const struct lptmr *lptmr) { return lptmr->began + (lptmr->due << shift_of(lptmr)); }
 
-/* Find when the count leaves the compare value next, and come back then if that interrupts. */
+/* Plan the event at which the count leaves the compare value, if that interrupts. */
 static void plan(struct machine *machine, struct lptmr *lptmr)
 {
     int64_t counts = counts_of(machine, lptmr);
@@ -88,7 +88,7 @@ static void leave_compare(struct machine *machine, struct event *event)
     drive(machine, lptmr);
 }
 
-/* Of a reset of the chip only the interrupt line notices anything. */
+/* A reset of the chip changes only the interrupt line. */
 static void reset(struct machine *machine, struct device *device) { drive(machine, (struct lptmr *)device); }
 
 static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)

@@ -1,4 +1,4 @@
-/* A machine as a whole: it is made, reset, and run from one stop to the next. */
+/* A machine as a whole: creation, reset, and running from one stop to the next. */
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,7 +7,7 @@
 #include "stacks.h"
 
 enum { SLICE_CYCLES = 4000000 }; /* about 10 ms of wall time */
-/* How soon after an event to look for a loop that waits, and how seldom at last, see patience_in_loop. */
+/* Delay after an event before looking for a waiting loop, and its upper limit, see patience_in_loop. */
 enum { FIRST_LOOK_CYCLES = 256, MOST_LOOK_CYCLES = 16384 };
 
 struct machine *machine_create(bool baseline)
@@ -137,7 +137,7 @@ void machine_reset(struct machine *machine)
     machine_flush_pipeline(machine);
 }
 
-/* Whether the architecture forbids code at an address: devices, and the system region (DDI 0403E, B3.1). */
+/* Return whether the architecture forbids code at an address: devices, and the system region (DDI 0403E, B3.1). */
 static bool is_never_executed(uint32_t address)
 {
     return (address >= 0x40000000 && address < 0x60000000) || address >= 0xA0000000;
@@ -176,7 +176,7 @@ bool machine_wakes(struct machine *machine)
     return !machine->core.gated && is_woken(machine, machine->core.waits_for_event);
 }
 
-/* Take what is pending, and wake up from it; false if the core sleeps on. */
+/* Enter pending exceptions, and wake up for them; false if the core continues to sleep. */
 static bool attend(struct machine *machine)
 {
     struct core *core = &machine->core;
@@ -190,7 +190,7 @@ static bool attend(struct machine *machine)
     return !core->sleeping;
 }
 
-/* Execute until something has to be looked at. Returns a reason to stop, or -1. */
+/* Execute until a check is needed. Returns a reason to stop, or -1. */
 static int32_t go_on(struct machine *machine, int64_t slice_end)
 {
     struct core *core = &machine->core;
@@ -226,7 +226,7 @@ int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon
     }
 }
 
-/* Let time pass asleep up to the next event. False if whoever called machine_run has to decide what happens. */
+/* Let time pass in sleep up to the next event. False if the caller of machine_run has to decide. */
 static bool sleep_on(struct machine *machine)
 {
     struct core *core = &machine->core;
@@ -241,7 +241,7 @@ static bool sleep_on(struct machine *machine)
     return true;
 }
 
-/* Whether an event has fired that somebody waits for. */
+/* Return whether an event has fired that the host waits for. */
 static bool concerns_host(const struct machine *machine)
 {
     int32_t stops_at = machine->core.stops_at;
@@ -253,7 +253,7 @@ static int32_t run(struct machine *machine)
     struct core *core = &machine->core;
     int64_t slice_end = core->cycles + SLICE_CYCLES, pace = FIRST_LOOK_CYCLES, look_at = core->cycles + pace;
     core->fault.kind = FAULT_NONE;
-    look_at_stack(machine, true, core->r[15]); /* somebody may have set the stack pointer */
+    look_at_stack(machine, true, core->r[15]); /* the host may have set the stack pointer */
     machine->has_fired = machine->told_host = false;
     for (;;) {
         if (machine_next_event(machine) <= core->cycles)
@@ -276,11 +276,11 @@ static int32_t run(struct machine *machine)
             return STOP_FAULT;
         const int64_t until = earlier(slice_end, earlier(core->deadline, machine_next_event(machine)));
         if (core->cycles >= until)
-            continue; /* it has passed on the way into an exception */
+            continue; /* the deadline has passed during the entry of an exception */
         if (core->instructions >= core->instruction_limit)
             return STOP_STEP;
         int32_t reason;
-        int32_t *patience = machine->known.polled ? &machine->known.polled->patience : NULL;
+        int32_t *patience = machine->answer_cache.polled ? &machine->answer_cache.polled->patience : NULL;
         const int32_t least = patience ? FIRST_PATIENCE : LEAST_LOOKS;
         if (!patience && core->cycles >= look_at) {
             patience = patience_in_loop(machine);

@@ -1,4 +1,4 @@
-"""A machine of the core's library, as Python owns it."""
+"""A machine of the core's library, owned by Python."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.core.library import ffi, guarded_callback, lib
 from hiltest.virtual.model.timing import TimingProfile
 
-#: Later than any cycle: `core.deadline` if nothing is due.
+#: Later than any cycle: `core.deadline` without a due event.
 NEVER = 2**63 - 1
 
-#: Answers a load from an address, of so many bytes; raises `RefusedAccess` if it is a bus error.
+#: Returns the value of a load from an address and a size in bytes; raises `RefusedAccess` for a bus error.
 ReadRegister = Callable[[int, int], int]
 WriteRegister = Callable[[int, int, int], None]
 
@@ -23,11 +23,11 @@ class BankSwitches(NamedTuple):
     Attributes
     ----------
     keeps_line : bool
-        Whether the line that was read last is kept.
+        True if the last line read is kept.
     reads_ahead_code, reads_ahead_data : bool
-        Whether the next line is read behind a fetch, and behind an access to data.
+        True if a fetch, or an access to data, also reads the next line.
     caches_code, caches_data : bool
-        Whether words that were fetched, and accessed, enter the cache. What is in it is found there all the same.
+        True if fetched words, or accessed data, enter the cache. Words in the cache are used all the same.
     """
 
     keeps_line: bool = True
@@ -43,9 +43,9 @@ class Snapshot:
     Parameters
     ----------
     handle : struct snapshot
-        It is freed with this object.
+        Freed with this object.
     machine : Machine, optional
-        Whose peripherals it has: they stay as long as their states.
+        Machine whose peripherals the snapshot has, which must live as long as their states.
     """
 
     __slots__ = ("_machine", "handle")
@@ -58,11 +58,11 @@ class Snapshot:
 
     @property
     def core(self) -> Any:
-        """State of the core, see machine.h; to be read only."""
+        """State of the core, see machine.h; for reading only."""
         return lib.machine_snapshot_core(self.handle)
 
     def read(self, address: int, size: int) -> bytes:
-        """Read what a memory held.
+        """Return the content of a memory.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class Machine:
     Parameters
     ----------
     profile : TimingProfile
-        Gives the prices.
+        Prices of instructions.
 
     Attributes
     ----------
@@ -102,19 +102,19 @@ class Machine:
         self.refusal = ""
         self._bus: list[Any] = []
         for name, row in profile.rows.items():
-            # Rows that no instruction has, such as the doubt about all of them, are not the core's.
+            # Rows that price no instruction, such as the doubt about all of them, are not passed to the core.
             lib.machine_set_price(self.handle, 0, name.encode(), row.value)
         for name, row in profile.memory.items():
             if not lib.machine_set_memory_row(self.handle, name.encode(), row.value):
                 raise ConfigError(f"{profile.name}: memory.{name} of {row.value} is not supported")
 
     def add_memory(self, base: int, size: int, *, writable: bool) -> memoryview:
-        """Add a memory; return its bytes, to be read only.
+        """Add a memory; return its bytes, for reading only.
 
         Raises
         ------
         ConfigError
-            If it overlaps another one, or there are too many.
+            If it overlaps another one, or there are too many memories.
         """
         pointer = lib.machine_add_memory(self.handle, base, size, writable)
         if pointer == ffi.NULL:
@@ -122,11 +122,11 @@ class Machine:
         return memoryview(ffi.buffer(pointer, size)).toreadonly()
 
     def switch_flash_bank(self, bank: int, switches: BankSwitches) -> None:
-        """Set what the flash controller does for half 0 or 1 of the flash; nothing if the profile has no memories."""
+        """Set the switches for half 0 or 1 of the flash; without memory rows in the profile, do nothing."""
         lib.machine_switch_flash_bank(self.handle, bank, *switches)
 
     def forget_flash_lines(self) -> None:
-        """Forget the line of flash that was read last, and the one that was read ahead."""
+        """Drop the line of flash that was read last, and the prefetched one."""
         lib.machine_forget_flash_lines(self.handle)
 
     def forget_flash_way(self, way: int) -> None:
@@ -134,12 +134,12 @@ class Machine:
         lib.machine_forget_flash_way(self.handle, way)
 
     def add_clock(self) -> int:
-        """Add a clock that peripherals in C count in; return its number.
+        """Add a clock for peripherals in C; return its number.
 
         Raises
         ------
         ConfigError
-            If there are too many.
+            If there are too many clocks.
         """
         number: int = lib.machine_add_clock(self.handle)
         if number < 0:
@@ -147,66 +147,65 @@ class Machine:
         return number
 
     def set_clock(self, number: int, since: int, ticks: int, remainder: int, numerator: int, denominator: int) -> None:
-        """Change the rate of a clock from a cycle on; its events are planned anew, see machine_set_clock."""
+        """Change the rate of a clock from a cycle on, and replan its events; see machine_set_clock."""
         lib.machine_set_clock(self.handle, number, since, ticks, remainder, numerator, denominator)
 
     def set_request(self, source: int, level: bool) -> None:
-        """Drive a source of DMA requests."""
         lib.machine_set_request(self.handle, source, level)
 
     def snapshot(self, *, with_devices: bool = False) -> Snapshot:
-        """Take a snapshot, inside a device's access of the state before the instruction that runs.
+        """Return a snapshot; inside a device's access, one of the state before the current instruction.
 
         Parameters
         ----------
         with_devices : bool
-            Whether it has the peripherals in C and their events: then only this machine can go back to it.
+            True to include the peripherals in C and their events: only this machine can restore such a snapshot.
         """
         return Snapshot(lib.machine_snapshot(self.handle, with_devices), self if with_devices else None)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a snapshot: of this machine, or of another one with the same memories.
+        """Restore a snapshot of this machine, or of another one with the same memories.
 
         Raises
         ------
         ConfigError
-            If the memories are not the same, the peripherals are another machine's, or an instruction is under way.
+            If the memories differ, the peripherals are another machine's, or an instruction is being executed.
         """
         if not lib.machine_restore(self.handle, snapshot.handle):
             raise ConfigError("a snapshot of other memories or peripherals, or an instruction is under way")
 
     def tell_repeated(self, tell: Callable[[int, int, int], None], abort: Callable[[BaseException], None]) -> None:
-        """Have told which address an instruction has read again, and how often; `abort` gets any exception."""
+        """Report addresses that an instruction has read again, and how often; `abort` is called with exceptions."""
         self._repeated = guarded_callback("void(void *, uint32_t, uint32_t, int64_t)", tell, abort)
         lib.machine_tell_repeated(self.handle, self._repeated, ffi.NULL)
 
     def answers(self, first: int) -> Any:
-        """Return what devices have answered to loads from a number on, or None if that is not kept any more.
+        """Return the answers of devices to loads from a number on; None if they are no longer stored.
 
         Parameters
         ----------
         first : int
-            Number of the first load, as `core.device_loads` counts them.
+            Number of the first load, as counted in `core.device_loads`.
         """
         count = self.core.device_loads - first
         answers = ffi.new("uint32_t[]", count) if 0 <= count <= lib.MOST_ANSWERS else ffi.NULL
         return answers if answers and lib.machine_answers(self.handle, first, count, answers) else None
 
     def connect(self, read: ReadRegister, write: WriteRegister, abort: Callable[[BaseException], None]) -> None:
-        """Have accesses beside memories answered; `abort` gets any exception but `RefusedAccess`."""
+        """Answer accesses outside memories; `abort` is called with any exception but `RefusedAccess`."""
 
         @ffi.callback("uint32_t(void *, uint32_t, uint32_t, bool *)")  # type: ignore[untyped-decorator]
-        def on_read(_context: Any, address: int, size: int, refused: Any) -> int:
+        def read_register(_context: Any, address: int, size: int, refused: Any) -> int:
             try:
                 return read(address, size) & (1 << 8 * size) - 1
             except RefusedAccess as error:
                 self.refusal, refused[0] = str(error), True
-            except BaseException as error:  # the library cannot pass it on; `abort` has it raised again
+            except BaseException as error:  # the library cannot pass it on, but `abort` has it raised again
                 abort(error)
             return 0
 
         @ffi.callback("void(void *, uint32_t, uint32_t, uint32_t, bool *)")  # type: ignore[untyped-decorator]
-        def on_write(_context: Any, address: int, size: int, value: int, refused: Any) -> None:
+        def write_register(_context: Any, address: int, size: int, value: int, refused: Any) -> None:
             try:
                 write(address, size, value)
             except RefusedAccess as error:
@@ -214,5 +213,5 @@ class Machine:
             except BaseException as error:  # as above
                 abort(error)
 
-        self._bus = [on_read, on_write]  # the library keeps only the pointers
+        self._bus = [read_register, write_register]  # the library keeps only the pointers
         lib.machine_connect(self.handle, ffi.new("struct machine_bus *", (ffi.NULL, *self._bus))[0])

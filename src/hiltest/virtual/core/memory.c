@@ -11,7 +11,7 @@ enum {
 };
 static const uint32_t PRIVATE_PERIPHERALS = 0xE0000000, PRIVATE_BYTES = 0x100000;
 
-/* The host has the byte order of the part, as execute.c takes for granted too. */
+/* The host must have the byte order of the part, as in execute.c. */
 static uint32_t assemble(const uint8_t *bytes, uint32_t size)
 {
     uint32_t value = 0;
@@ -21,7 +21,7 @@ static uint32_t assemble(const uint8_t *bytes, uint32_t size)
 
 /* -- watchpoints ----------------------------------------------------------------------------------------------- */
 
-/* A watchpoint of some kinds that has bytes of a range, or NULL. */
+/* Return a watchpoint of some kinds that has bytes of a range, or NULL. */
 static const struct watchpoint *watchpoint_within(
     const struct machine *machine, uint32_t address, uint32_t size, uint32_t kinds)
 {
@@ -35,7 +35,7 @@ static const struct watchpoint *watchpoint_within(
     return NULL;
 }
 
-/* Take note of an access that is over, if it met a watchpoint. */
+/* Record a completed access if it met a watchpoint. */
 static void look_at_access(struct machine *machine, uint32_t address, uint32_t size, uint32_t kind)
 {
     const struct watchpoint *watchpoint = watchpoint_within(machine, address, size, kind);
@@ -53,7 +53,7 @@ static bool overlaps(const struct memory *memory, uint32_t base, uint32_t size)
     return (uint64_t)base < (uint64_t)memory->base + memory->size && (uint64_t)memory->base < (uint64_t)base + size;
 }
 
-/* Watchpoints, code, and a copy that no longer equals the page have to be looked at. */
+/* Accesses must be checked at watchpoints, code, and pages that a copy still equals. */
 void open_page(struct machine *machine, const struct memory *memory, uint32_t offset)
 {
     uint32_t address = memory->base + offset;
@@ -144,7 +144,7 @@ void mark_code(struct machine *machine, uint32_t address, uint32_t size)
         return;
     for (uint32_t offset = 0; offset < size; offset += 2) {
         memory->has_code[(address + offset - memory->base) / 2] = 1;
-        machine->writable[(address + offset) >> PAGE_BITS] = NULL; /* stores there have to be looked at */
+        machine->writable[(address + offset) >> PAGE_BITS] = NULL; /* stores to it must be checked */
     }
 }
 
@@ -162,7 +162,7 @@ void unmark_code(struct machine *machine)
 
 static bool is_within(uint32_t address, uint32_t base, uint32_t size) { return address - base < size; }
 
-/* Whether the bus answers for an address; a machine without a bus has memories alone. */
+/* Return whether the bus answers for an address; a machine without a bus has only memories. */
 static bool is_device(const struct machine *machine, uint32_t address)
 {
     if (!machine->bus.read)
@@ -182,8 +182,8 @@ static bool refuse(struct machine *machine, int32_t cause, uint32_t address, uin
     return false;
 }
 
-/* An access through an alias has faulted: name the alias as the address, and its target as the value. A store faults
- * in the load that it begins with, and is a store all the same. */
+/* Describe the fault of an access through an alias: the alias is the address, and its target the value. A store faults
+ * in the load that it begins with, but is still a store. */
 static bool name_alias(struct machine *machine, bool stores, uint32_t address)
 {
     struct machine_fault *fault = &machine->core.fault;
@@ -219,7 +219,7 @@ static bool write_device(struct machine *machine, uint32_t address, uint32_t siz
     return !refused || refuse(machine, CAUSE_WRITE_REFUSED, address, size);
 }
 
-/* Where the byte, halfword or word lies that has the bit of an alias, and the bit's number in it (DDI 0403E, B3.1). */
+/* Return the address of the byte, halfword or word with an alias's bit, and the number of the bit (DDI 0403E, B3.1). */
 static uint32_t aliased(uint32_t address, uint32_t size, uint32_t *bit)
 {
     uint32_t region = is_within(address, SRAM_ALIAS, ALIAS_BYTES) ? SRAM_ALIAS : PERIPHERAL_ALIAS;
@@ -245,7 +245,7 @@ static bool load_elsewhere(struct machine *machine, uint32_t address, uint32_t s
     if (is_device(machine, address))
         return read_device(machine, address, size, value);
     if (size > 1 && memory_at(machine, address, 1) && memory_at(machine, address + size - 1, 1)) {
-        *value = 0; /* it lies across two memories that touch */
+        *value = 0; /* it crosses two adjacent memories */
         for (uint32_t i = 0; i < size; i++) {
             uint32_t byte = 0;
             if (!load_elsewhere(machine, address + i, 1, &byte))

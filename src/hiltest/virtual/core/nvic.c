@@ -1,8 +1,8 @@
-/* Which exceptions are pending, enabled and active, and which of them may be taken (DDI 0403E, B1.5.4 and B3.4). */
+/* Sets of pending, enabled and active exceptions, and their priorities (DDI 0403E, B1.5.4 and B3.4). */
 #include "state.h"
 
 enum { PRIORITY_NMI = -2, PRIORITY_HARD_FAULT = -1 };
-/* In the first word of a set: the exceptions that no register of the NVIC disables, and the first interrupts. */
+/* Bits in the first word of a set: exceptions that the NVIC cannot disable, and the first interrupts. */
 #define SYSTEM_EXCEPTIONS 0xFFFEu
 #define INTERRUPTS_OF_FIRST_WORD 0xFFFF0000u
 
@@ -20,7 +20,7 @@ static void exclude(uint32_t set[EXCEPTION_WORDS], int32_t exception)
     set[exception / 32] &= ~(1u << exception % 32);
 }
 
-/* Number of the lowest bit of a word that is not zero. */
+/* Return the number of the lowest set bit of a word that is not zero. */
 static int32_t lowest_bit(uint32_t word)
 {
     int32_t number = 0;
@@ -36,14 +36,14 @@ static bool exists(const struct core *core, int32_t exception)
         && (exception < FIRST_INTERRUPT || exception - FIRST_INTERRUPT < core->interrupts);
 }
 
-/* Exception of an external interrupt, or EXCEPTION_NONE if the part does not have the interrupt. */
+/* Return the exception of an external interrupt, or EXCEPTION_NONE if the part does not have it. */
 static int32_t exception_of(const struct core *core, int32_t interrupt)
 {
     bool is_number = interrupt >= 0 && interrupt < EXCEPTIONS - FIRST_INTERRUPT;
     return is_number && interrupt < core->interrupts ? FIRST_INTERRUPT + interrupt : EXCEPTION_NONE;
 }
 
-/* -- what software and peripherals change ------------------------------------------------------------------------- */
+/* -- changes by software and peripherals -------------------------------------------------------------------------- */
 
 void machine_pend(struct machine *machine, int32_t exception)
 {
@@ -53,7 +53,7 @@ void machine_pend(struct machine *machine, int32_t exception)
     if (!holds(core->pending, exception))
         core->newly_pending = true;
     include(core->pending, exception);
-    forget_answers(machine); /* registers of the NVIC show it */
+    forget_answers(machine); /* registers of the NVIC have changed */
     machine->looks = true;
 }
 
@@ -158,7 +158,7 @@ static bool preempts(struct machine *machine, int32_t exception, int32_t ceiling
     return machine_preemption_priority(machine, exception) < machine_execution_priority(machine, ceiling);
 }
 
-/* -- the one that comes first ------------------------------------------------------------------------------------- */
+/* -- the most urgent exception ------------------------------------------------------------------------------------ */
 
 /* Bits of a word of exceptions that are pending and enabled. */
 static uint32_t ready_exceptions(const struct core *core, int32_t word)

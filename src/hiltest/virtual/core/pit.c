@@ -1,7 +1,7 @@
 /* PIT of Kinetis parts: four periodic timers on the bus clock, which can be chained.
  *
- * Nothing happens at an expiry that nobody sees: how many have passed is counted when somebody looks, and the next one
- * is planned only if it interrupts or lets a DMA request through.
+ * Unobserved expiries cause no events: they are counted when a register is read, and the next one
+ * is planned only if it interrupts or passes a DMA request.
  */
 #include "devices.h"
 
@@ -11,11 +11,11 @@ enum { MCR_FRZ = 1, MCR_MDIS = 2, MCR_AFTER_RESET = 6 };
 enum { TCTRL_TEN = 1, TCTRL_TIE = 2, TCTRL_CHN = 4, TCTRL_BITS = 7 };
 
 struct channel {
-    uint32_t load;      /* LDVAL: taken over at the next expiry */
-    uint32_t reload;    /* what this round began with */
+    uint32_t load;      /* LDVAL, which the next expiry loads */
+    uint32_t reload;    /* initial value of this round */
     uint32_t control;
     bool flag;
-    int64_t began;      /* beginning of this round, in ticks of what it counts */
+    int64_t began;      /* beginning of this round, in ticks of its source */
     int64_t expiries;
     int64_t enabled_at; /* [ps] */
 };
@@ -23,11 +23,11 @@ struct channel {
 struct pit {
     struct device device;
     struct machine_pit connections;
-    struct event expiry; /* the next one that somebody sees */
+    struct event expiry; /* next observed expiry */
     uint32_t control;    /* MCR */
-    uint32_t heard;      /* channels whose expiries let DMA requests through, a bit each */
+    uint32_t heard;      /* channels whose expiries pass DMA requests, a bit each */
     int64_t held;        /* ticks that have reached the timers, while the module is disabled */
-    int64_t lost;        /* ticks of the bus clock that never did */
+    int64_t lost;        /* ticks of the bus clock that have not reached them */
     struct channel channels[CHANNELS];
 };
 
@@ -43,7 +43,7 @@ static bool is_chained(const struct pit *pit, int32_t index)
     return index > 0 && pit->channels[index].control & TCTRL_CHN;
 }
 
-/* Ticks of what a channel counts: of the bus clock, or expiries of the channel before. */
+/* Return the ticks of a channel's source: the bus clock, or expiries of the previous channel. */
 static int64_t counted(const struct pit *pit, int32_t index, int64_t ticks)
 {
     return is_chained(pit, index) ? pit->channels[index - 1].expiries : ticks;
@@ -57,7 +57,7 @@ static uint32_t value_of(const struct machine *machine, const struct pit *pit, i
     return (uint32_t)(channel->reload - (counted(pit, index, ticks_of(machine, pit)) - channel->began));
 }
 
-/* Count the expiries of a channel, if there were any. */
+/* Count the expiries of a channel; return whether there were any. */
 static bool count_expiries(struct channel *channel, int64_t elapsed)
 {
     if (!(channel->control & TCTRL_TEN) || elapsed <= channel->reload)
@@ -70,7 +70,7 @@ static bool count_expiries(struct channel *channel, int64_t elapsed)
     return true;
 }
 
-/* Count up to now, from the first channel to `last`: each may count the expiries of the one before. */
+/* Count up to now, from the first channel to `last`: each may count the expiries of the previous one. */
 static void advance(struct machine *machine, struct pit *pit, int32_t last)
 {
     int64_t ticks = ticks_of(machine, pit);
@@ -84,12 +84,12 @@ static void advance(struct machine *machine, struct pit *pit, int32_t last)
 
 /* -- the next expiry ---------------------------------------------------------------------------------------------- */
 
-/* Sums and products of chained rounds, which may be longer than any time. */
+/* Sums and products of chained rounds, which saturate at NEVER. */
 static int64_t sum(int64_t a, int64_t b) { return a > NEVER - b ? NEVER : a + b; }
 
 static int64_t product(int64_t a, int64_t b) { return b && a > NEVER / b ? NEVER : a * b; }
 
-/* Bus clocks from one expiry of a channel to the next. */
+/* Return the bus clocks between expiries of a channel. */
 static int64_t period_of(const struct pit *pit, int32_t index)
 {
     int64_t period = 1;
@@ -98,8 +98,8 @@ static int64_t period_of(const struct pit *pit, int32_t index)
     return pit->channels[index].control & TCTRL_TEN ? product(period, (int64_t)pit->channels[index].load + 1) : NEVER;
 }
 
-/* Bus clocks up to the next expiry of a channel. One that is chained waits for the one before, and then for so many
- * rounds of it as its value says. */
+/* Return the bus clocks up to the next expiry of a channel. A chained channel waits for an expiry of the previous one,
+ * and then for so many of its rounds as the value says. */
 static int64_t until_expiry(const struct machine *machine, const struct pit *pit, int32_t index)
 {
     int64_t clocks = 0;
@@ -112,20 +112,20 @@ static int64_t until_expiry(const struct machine *machine, const struct pit *pit
     return sum(clocks, (int64_t)value_of(machine, pit, index) + 1);
 }
 
-/* Tick of the bus clock so many from now; NEVER if that is beyond any time. */
+/* Return the tick of the bus clock so many from now; NEVER if it is too large. */
 static int64_t tick_after(const struct machine *machine, const struct pit *pit, int64_t clocks)
 {
     return sum(clocks, ticks_now(machine, pit->connections.clock));
 }
 
-/* Cycle at which a channel expires next. */
+/* Return the cycle at which a channel expires next. */
 static int64_t expiry_cycle(const struct machine *machine, const struct pit *pit, int32_t index)
 {
     int64_t tick = tick_after(machine, pit, until_expiry(machine, pit, index));
     return tick < NEVER ? clock_cycle(&machine->calendar.clocks[pit->connections.clock], tick) : NEVER;
 }
 
-/* Plan the next expiry of a channel that interrupts or is heard. */
+/* Plan the next expiry of a channel that interrupts or is listened to. */
 static void plan(struct machine *machine, struct pit *pit)
 {
     int64_t clocks = NEVER;
@@ -175,7 +175,7 @@ static void enable_module(struct machine *machine, struct pit *pit, uint32_t val
     pit->lost = ticks_now(machine, pit->connections.clock) - ticks;
 }
 
-/* A channel that is enabled begins a round; one that counts something else from now on has as many ticks to go. */
+/* An enabled channel begins a round; a channel whose source changes keeps its remaining ticks. */
 static void control_channel(struct machine *machine, struct pit *pit, int32_t index, uint32_t value)
 {
     struct channel *channel = &pit->channels[index];

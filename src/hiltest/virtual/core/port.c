@@ -13,12 +13,12 @@ struct port {
     struct device device;
     struct machine_port connections;
     struct machine_pins pins;
-    uint8_t registers[PORT_BYTES]; /* those that keep what is written */
+    uint8_t registers[PORT_BYTES]; /* registers that store writes */
     uint32_t output, direction, flags; /* PDOR, PDDR, ISFR */
-    /* Pins whose control registers say so. */
+    /* Pins by settings of their control registers. */
     uint32_t gpio, digital, pulled_up, on_rise, on_fall, at_low, at_high;
-    uint8_t functions[PINS]; /* that the multiplexers select */
-    uint32_t unseen;         /* pins that were silent when the levels were found */
+    uint8_t functions[PINS]; /* selected by the multiplexers */
+    uint32_t unseen;         /* pins that were silent at the last update */
 };
 
 /* All ports have one page of GPIO registers. */
@@ -27,7 +27,7 @@ struct gpio {
     struct port *ports[PORTS];
 };
 
-/* Find the level of every pin, and what follows from it. */
+/* Compute the level of every pin, and its consequences. */
 static void settle(struct machine *machine, struct port *port)
 {
     struct machine_pins *pins = &port->pins;
@@ -37,13 +37,13 @@ static void settle(struct machine *machine, struct port *port)
     const uint32_t resting = (pins->outside & pins->outside_high) | (~pins->outside & port->pulled_up);
     pins->levels = ((driving & output) | (~driving & resting)) & port->digital;
     pins->driven_low = driving & ~output;
-    const uint32_t seen = ~(port->unseen | pins->silent); /* when the others have changed is not known */
-    const uint32_t rose = pins->levels & ~levels_before & seen, fell = levels_before & ~pins->levels & seen;
+    const uint32_t visible = ~(port->unseen | pins->silent); /* the other pins have changed at an unknown time */
+    const uint32_t rose = pins->levels & ~levels_before & visible, fell = levels_before & ~pins->levels & visible;
     port->unseen = pins->silent;
     port->flags |= (rose & port->on_rise) | (fell & port->on_fall);
     port->flags |= ((pins->levels & port->at_high) | (~pins->levels & port->at_low)) & port->digital;
     machine_set_line(machine, port->connections.interrupt, port->flags);
-    if ((rose | fell | ((low_before ^ pins->driven_low) & seen)) & pins->watched)
+    if ((rose | fell | ((low_before ^ pins->driven_low) & visible)) & pins->watched)
         port->connections.changed(port->connections.context, rose, fell);
 }
 
@@ -56,7 +56,7 @@ static uint32_t word_at(const struct port *port, uint32_t number)
 
 static uint32_t bit_if(bool condition, uint32_t pin) { return (uint32_t)condition << pin; }
 
-/* Gather what the pin control registers say into a mask for each question. */
+/* Collect the pins' control registers into a mask for each setting. */
 static void configure(struct machine *machine, struct port *port)
 {
     bool has_another_function = false;
@@ -83,7 +83,7 @@ static void configure(struct machine *machine, struct port *port)
 
 /* -- PORT --------------------------------------------------------------------------------------------------------- */
 
-/* Interrupt flags stand in ISFR and in each pin's own register. */
+/* Interrupt flags are in ISFR and in each pin's own register. */
 static uint32_t read_port(struct machine *machine, struct device *device, uint32_t offset, uint32_t size)
 {
     const struct port *port = (const struct port *)device;
@@ -96,7 +96,7 @@ static uint32_t read_port(struct machine *machine, struct device *device, uint32
     return part_of_word(word, offset, size);
 }
 
-/* The low halves of the control registers of 16 pins: those that the upper half of a value names. */
+/* Write the low halves of the control registers of 16 pins that the upper half of a value selects. */
 static void write_controls(struct port *port, uint32_t first, uint32_t value)
 {
     for (uint32_t pin = 0; pin < PINS / 2; pin++)
@@ -125,7 +125,7 @@ static void write_port(struct machine *machine, struct device *device, uint32_t 
     configure(machine, port);
 }
 
-/* What is outside stays as it is. */
+/* The world outside the chip does not change. */
 static void reset_port(struct machine *machine, struct device *device)
 {
     struct port *port = (struct port *)device;

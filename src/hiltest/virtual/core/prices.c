@@ -1,4 +1,4 @@
-/* The cycle model: what one instruction costs behind the ones before it.
+/* The cycle model: the cost of an instruction after the instructions before it.
  *
  * "TRM" is the Arm Cortex-M4 technical reference manual; the profiles (profiles/ *.toml) name the source of each row.
  */
@@ -9,21 +9,21 @@
 #define ROW_NAME(NAME) #NAME,
 static const char *const ROW_NAMES[PRICE_ROWS] = {COST_ROWS(ROW_NAME) RULE_ROWS(ROW_NAME)};
 
-enum { DEAREST = 1000 }; /* the largest value that a profile may have; sums stay far within 32 bits */
+enum { DEAREST = 1000 }; /* largest value in a profile; sums stay far within 32 bits */
 
-/* The rows that switch on the rules of fetching and of addresses, all of them at once. */
+/* Rows that enable the rules of fetching and of addresses, all at once. */
 static const uint8_t FETCH_ROWS[] = {
     ROW_address_use, ROW_it_folded, ROW_it_skipped, ROW_target_misplaced, ROW_return_misplaced, ROW_fetch_late,
     ROW_fetch_late_fp, ROW_fetch_late_integer,
 };
 enum { FETCH_ROW_COUNT = sizeof FETCH_ROWS / sizeof FETCH_ROWS[0] };
 
-/* What may make the fetch late, and the rows that say for how long. */
+/* Possible causes of a late fetch, with rows for the delay. */
 enum late { LATE_NOTHING, LATE_SLOW, LATE_FLOATING_POINT, LATE_INTEGER };
 static const uint8_t LATE_ROWS[] = {0, ROW_fetch_late, ROW_fetch_late_fp, ROW_fetch_late_integer};
-enum { MISPLACED_ON_END = 3 }; /* the instruction that finds its second half not fetched, unless a row says another */
+enum { MISPLACED_ON_END = 3 }; /* number of the instruction whose second half is late, unless a row says another */
 
-/* States are compared as bytes: none of them may be padding, whose value nobody defines. */
+/* States are compared as bytes, so they must not have padding, whose value is undefined. */
 _Static_assert(
     sizeof(struct pipeline) == 5 * sizeof(uint8_t) + sizeof(bool) + 3 * sizeof(uint16_t) + 2 * sizeof(uint32_t),
     "struct pipeline has padding");
@@ -53,7 +53,7 @@ static bool has_fetch_rules(const struct prices *prices)
 static int32_t smaller(int32_t a, int32_t b) { return a < b ? a : b; }
 static int32_t larger(int32_t a, int32_t b) { return a > b ? a : b; }
 
-/* The core fetches words: four bytes at an address that is no multiple of four are in two of them. */
+/* The core fetches words: four bytes at an address that is not a multiple of four are in two words. */
 static bool is_misplaced(const struct instruction *instruction, uint32_t address)
 {
     return instruction->size == 4 && address % 4 != 0;
@@ -61,13 +61,13 @@ static bool is_misplaced(const struct instruction *instruction, uint32_t address
 
 /* --- The rules of every profile ----------------------------------------------------------------------------------- */
 
-/* Cycles of a multiply-accumulate that go on under integer instructions; the cycle of its issue never does. */
+/* Cycles of a multiply-accumulate that overlap integer instructions; the cycle of its issue never does. */
 static int32_t hidden_cycles(const struct prices *prices)
 {
     return smaller(prices->value[ROW_fp_accumulate_hidden], larger(prices->value[ROW_fp_accumulate] - 1, 0));
 }
 
-/* A load overlaps the load right before it unless it needs its result (TRM, 3.3.2); a store buffer that is not empty
+/* A load overlaps the load right before unless it needs its result (TRM, 3.3.2); a store buffer that is not empty
  * delays it. */
 static int32_t load_cycles(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
@@ -78,16 +78,16 @@ static int32_t load_cycles(
     return prices->value[ROW_load] + late;
 }
 
-/* Cycles of an instruction without what it waits for. */
+/* Cycles of an instruction without waits. */
 static int32_t own_cycles(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
     switch (instruction->row) {
     case ROW_multiple_base: return prices->value[ROW_multiple_base] + instruction->words;
-    case ROW_fp_divide: return 1; /* it is issued; the FPU is busy from here on */
+    case ROW_fp_divide: return 1; /* the cycle of its issue; the FPU stays busy */
     case ROW_fp_accumulate: return prices->value[ROW_fp_accumulate] - hidden_cycles(prices);
     case ROW_load: return load_cycles(prices, instruction, state);
-    case ROW_store: /* it fills the second cycle of a load */
+    case ROW_store: /* it uses the second cycle of a load */
         return prices->value[state->before == ROW_load ? ROW_store_behind_load : ROW_store];
     default: return prices->value[instruction->row];
     }
@@ -99,11 +99,11 @@ static int32_t fpu_wait(
 {
     if (state->divided & (instruction->fp_reads | instruction->fp_addend))
         return state->fpu_busy + prices->value[ROW_fp_divide_use] - prices->value[ROW_fp_divide];
-    /* The addend of a multiply-accumulate is needed late: it is not waited for. */
+    /* The addend of a multiply-accumulate is needed late, so nothing waits for it. */
     return state->fpu_busy + (state->fp_result & instruction->fp_reads ? prices->value[ROW_fp_use] : 0);
 }
 
-/* Cycles as the field `fpu_busy` holds them. */
+/* Return cycles in the format of `fpu_busy`. */
 static uint16_t busy_cycles(int32_t cycles) { return (uint16_t)smaller(larger(cycles, 0), UINT16_MAX); }
 
 static uint8_t single_access(uint8_t row)
@@ -113,59 +113,59 @@ static uint8_t single_access(uint8_t row)
     return row == ROW_store || row == ROW_store_register_offset ? ROW_store : 0;
 }
 
-/* What a floating-point instruction leaves of the FPU; it has waited for the one before. */
-static void leave_fpu(const struct prices *prices, const struct instruction *instruction, struct pipeline *left)
+/* Set the state of the FPU after a floating-point instruction, which has waited for the previous one. */
+static void leave_fpu(const struct prices *prices, const struct instruction *instruction, struct pipeline *after)
 {
     if (instruction->row == ROW_fp_divide) {
-        left->fpu_busy = busy_cycles(prices->value[ROW_fp_divide] - 1);
-        left->divided = instruction->fp_writes;
+        after->fpu_busy = busy_cycles(prices->value[ROW_fp_divide] - 1);
+        after->divided = instruction->fp_writes;
     } else if (instruction->row == ROW_fp_accumulate) {
-        left->fpu_busy = busy_cycles(hidden_cycles(prices));
-        left->fp_result = instruction->fp_writes;
+        after->fpu_busy = busy_cycles(hidden_cycles(prices));
+        after->fp_result = instruction->fp_writes;
     } else if (instruction->row == ROW_fp) {
-        left->fp_result = instruction->fp_writes;
+        after->fp_result = instruction->fp_writes;
     }
 }
 
-/* What is left of the FPU's work behind an integer instruction that took `cycles`. */
-static void pass_fpu(const struct pipeline *state, int32_t cycles, struct pipeline *left)
+/* Set the state of the FPU after an integer instruction that took `cycles`. */
+static void pass_fpu(const struct pipeline *state, int32_t cycles, struct pipeline *after)
 {
-    left->fpu_busy = busy_cycles(state->fpu_busy - cycles);
-    /* The result is there a cycle later than the FPU: it is remembered for the instruction that meets it then. */
+    after->fpu_busy = busy_cycles(state->fpu_busy - cycles);
+    /* The result is ready a cycle later than the FPU: it is recorded for the instruction at that cycle. */
     if (state->fpu_busy > 0 && state->fpu_busy >= cycles) {
-        left->fp_result = state->fp_result;
-        left->divided = state->divided;
+        after->fp_result = state->fp_result;
+        after->divided = state->divided;
     }
 }
 
-/* Price an instruction by the rows that every profile has. `left` is another object than `state`. */
+/* Price an instruction by the rows that every profile has. `after` is another object than `state`. */
 static int32_t price_by_every_profile(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state,
-    struct pipeline *left)
+    struct pipeline *after)
 {
     int32_t wait = instruction->uses_fpu ? fpu_wait(prices, instruction, state) : 0;
     int32_t cycles = own_cycles(prices, instruction, state) + wait;
-    *left = (struct pipeline){0};
-    if (instruction->transfer != TRANSFER_NONE) /* it empties the pipeline, and a division that still runs ends first */
+    *after = (struct pipeline){0};
+    if (instruction->transfer != TRANSFER_NONE) /* it empties the pipeline, after any running division */
         return larger(cycles, state->fpu_busy);
-    left->before = single_access(instruction->row);
-    left->loaded = instruction->row == ROW_load ? instruction->loaded_registers : 0;
+    after->before = single_access(instruction->row);
+    after->loaded = instruction->row == ROW_load ? instruction->loaded_registers : 0;
     if (instruction->uses_fpu)
-        leave_fpu(prices, instruction, left);
+        leave_fpu(prices, instruction, after);
     else
-        pass_fpu(state, cycles, left);
+        pass_fpu(state, cycles, after);
     return cycles;
 }
 
 /* --- The rules of fetching and of addresses ----------------------------------------------------------------------- */
 
-/* IT behind an instruction of two bytes is folded onto it: it takes no time by itself (TRM, 3.3.1). */
+/* IT after an instruction of two bytes is folded onto it, and takes no time of its own (TRM, 3.3.1). */
 static bool is_folded(const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
     return prices->has[ROW_it_folded] && state->narrow && instruction->row == ROW_it;
 }
 
-/* There is no forwarding path from a result to the address of the access right behind it (TRM, 3.3.2). */
+/* No forwarding path leads from a result to the address of the next access (TRM, 3.3.2). */
 static int32_t address_wait(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
@@ -177,7 +177,7 @@ static int32_t late_fetch(const struct prices *prices, uint8_t late)
     return late == LATE_NOTHING ? 0 : prices->value[LATE_ROWS[late]];
 }
 
-/* Which one of misplaced instructions on end is fetched late. */
+/* Return the number of the late one among successive misplaced instructions. */
 static int32_t misplaced_on_end(const struct prices *prices)
 {
     return prices->has[ROW_misplaced_on_end] ? prices->value[ROW_misplaced_on_end] : MISPLACED_ON_END;
@@ -194,7 +194,7 @@ static int32_t fetch_wait(const struct prices *prices, const struct pipeline *st
     return late;
 }
 
-/* Whether an instruction begins a run of misplaced ones: what it is, or LATE_NOTHING. */
+/* Return the kind of an instruction that begins a run of misplaced ones, or LATE_NOTHING. */
 static uint8_t late_behind(const struct prices *prices, const struct instruction *instruction)
 {
     if (instruction->uses_fpu)
@@ -202,29 +202,29 @@ static uint8_t late_behind(const struct prices *prices, const struct instruction
     return prices->value[ROW_fetch_late_integer] ? LATE_INTEGER : LATE_NOTHING;
 }
 
-/* Note how far the fetch is behind an instruction that occupied the core for `cycles`. */
+/* Set the state of fetching after an instruction that occupied the core for `cycles`. */
 static void leave_fetch(
     const struct prices *prices, const struct instruction *instruction, bool misplaced, const struct pipeline *state,
-    int32_t cycles, struct pipeline *left)
+    int32_t cycles, struct pipeline *after)
 {
     uint8_t run = (uint8_t)(state->misplaced + 1);
     bool goes_on = state->late != LATE_NOTHING && misplaced && run < misplaced_on_end(prices);
     bool passes = state->late != LATE_NOTHING && instruction->size == 2 && prices->value[ROW_late_past_narrow];
     if (cycles >= 2) {
-        left->late = LATE_SLOW;
+        after->late = LATE_SLOW;
     } else if (goes_on) {
-        left->late = state->late;
-        left->misplaced = run;
+        after->late = state->late;
+        after->misplaced = run;
     } else {
-        left->late = late_behind(prices, instruction);
-        if (passes && left->late == LATE_NOTHING) {
-            left->late = state->late;
-            left->misplaced = state->misplaced;
+        after->late = late_behind(prices, instruction);
+        if (passes && after->late == LATE_NOTHING) {
+            after->late = state->late;
+            after->misplaced = state->misplaced;
         }
     }
 }
 
-/* Registers that the next address may wait for. */
+/* Return the registers that the next address may wait for. */
 static uint16_t computed_registers(const struct prices *prices, const struct instruction *instruction)
 {
     bool computes = instruction->row == ROW_data || instruction->row == ROW_divide;
@@ -233,23 +233,23 @@ static uint16_t computed_registers(const struct prices *prices, const struct ins
 
 static int32_t price_by_all_rules(
     const struct prices *prices, const struct instruction *instruction, uint32_t address,
-    const struct pipeline *state, struct pipeline *left)
+    const struct pipeline *state, struct pipeline *after)
 {
     if (is_folded(prices, instruction, state)) {
-        *left = *state;
-        left->late = LATE_NOTHING;
-        left->misplaced = 0;
+        *after = *state;
+        after->late = LATE_NOTHING;
+        after->misplaced = 0;
         return prices->value[ROW_it_folded];
     }
     bool misplaced = is_misplaced(instruction, address);
-    int32_t cycles = price_by_every_profile(prices, instruction, state, left);
+    int32_t cycles = price_by_every_profile(prices, instruction, state, after);
     cycles += address_wait(prices, instruction, state);
     if (instruction->transfer != TRANSFER_NONE) {
-        *left = pipeline_past(prices, instruction);
+        *after = pipeline_past(prices, instruction);
     } else {
-        left->computed = computed_registers(prices, instruction);
-        left->narrow = prices->has[ROW_it_folded] && instruction->size == 2;
-        leave_fetch(prices, instruction, misplaced, state, cycles, left);
+        after->computed = computed_registers(prices, instruction);
+        after->narrow = prices->has[ROW_it_folded] && instruction->size == 2;
+        leave_fetch(prices, instruction, misplaced, state, cycles, after);
     }
     return misplaced ? cycles + fetch_wait(prices, state) : cycles;
 }
@@ -258,44 +258,44 @@ static int32_t price_by_all_rules(
 
 int32_t price_instruction(
     const struct prices *prices, const struct instruction *instruction, uint32_t address,
-    const struct pipeline *state, struct pipeline *left)
+    const struct pipeline *state, struct pipeline *after)
 {
-    const struct pipeline before = *state; /* `left` may be the same object */
+    const struct pipeline before = *state; /* `after` may be the same object */
     if (has_fetch_rules(prices))
-        return price_by_all_rules(prices, instruction, address, &before, left);
-    return price_by_every_profile(prices, instruction, &before, left);
+        return price_by_all_rules(prices, instruction, address, &before, after);
+    return price_by_every_profile(prices, instruction, &before, after);
 }
 
 int32_t price_skipped(
     const struct prices *prices, const struct instruction *instruction, uint32_t address,
-    const struct pipeline *state, struct pipeline *left)
+    const struct pipeline *state, struct pipeline *after)
 {
     if (!prices->has[ROW_it_skipped])
-        return price_instruction(prices, instruction, address, state, left);
-    /* It is fetched and passes; it accesses, reads and writes nothing. */
+        return price_instruction(prices, instruction, address, state, after);
+    /* It is fetched and passes the pipeline, but accesses, reads and writes nothing. */
     const struct instruction skipped = {
         .row = ROW_it_skipped, .size = instruction->size, .transfer = instruction->transfer};
-    return price_instruction(prices, &skipped, address, state, left);
+    return price_instruction(prices, &skipped, address, state, after);
 }
 
 struct pipeline pipeline_reached(enum reached reached)
 {
     struct pipeline state = {0};
-    if (reached == REACHED_PAST_BRANCH) /* what is behind a branch of two bytes: an IT may be folded onto it */
+    if (reached == REACHED_PAST_BRANCH) /* after a branch of two bytes an IT may be folded onto it */
         state.narrow = true;
     else
         state.reached = (uint8_t)reached;
     return state;
 }
 
-/* How a transfer comes to its target, if that can matter. */
+/* Return how a transfer reaches its target, if that can matter. */
 static enum reached reached_by(const struct prices *prices, const struct instruction *instruction)
 {
     if (!has_fetch_rules(prices))
         return REACHED_ANYHOW;
     if (instruction->transfer != TRANSFER_DIRECT)
         return REACHED_BY_REGISTER;
-    /* Nothing at a multiple of four is misplaced: one state less to price it from. */
+    /* Targets at multiples of four are never misplaced: a common state avoids further prices. */
     return instruction->immediate % 4 ? REACHED_BY_BRANCH : REACHED_ANYHOW;
 }
 
@@ -310,9 +310,9 @@ static enum rule_row refill_row(const struct prices *prices, const struct instru
     return ROW_refill_indirect;
 }
 
-int32_t price_refill(const struct prices *prices, const struct instruction *instruction, struct pipeline *left)
+int32_t price_refill(const struct prices *prices, const struct instruction *instruction, struct pipeline *after)
 {
-    *left = pipeline_reached(reached_by(prices, instruction));
+    *after = pipeline_reached(reached_by(prices, instruction));
     return prices->value[refill_row(prices, instruction)];
 }
 

@@ -1,9 +1,9 @@
-/* Profiles: what each instruction costs and why, along each path of calls.
+/* Profiles: the cost of each instruction and its causes, along each path of calls.
  *
- * While a profile is made, nodes belong to the path on which they are executed, so that their counts are of it. Paths
- * are followed where nodes lead from one to the next: BL and BLX call; an indirect transfer to where a call would come
- * back to returns; other code that is jumped to, or reached by going on, is a function under the one that leads there.
- * Code that was inlined is part of the function that it was inlined into. A function that calls itself stays one path.
+ * While a profile is made, nodes belong to the path on which they are executed, so that their counts are the path's.
+ * Paths follow the transfers between nodes: BL and BLX call; an indirect transfer to the return address of a call
+ * returns; other code that is jumped to, or reached without a jump, is a function under the one that leads to it.
+ * Inlined code is part of the function that it was inlined into. A recursive function stays one path.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -12,8 +12,8 @@
 
 enum {
     LINK_REGISTER = 14, STACK_POINTER = 13,
-    DEEPEST = 100,       /* from here on a function that calls itself through others goes back to its own path */
-    ROOT = 1,            /* the path of the function that is called; 0 is no path */
+    DEEPEST = 100,       /* from this depth on an indirectly recursive function returns to its own path */
+    ROOT = 1,            /* the path of the called function; 0 is no path */
     MOST_FRAMES = 1 << 20, MOST_PATHS = 1 << 20, MOST_COSTS = 1 << 24,
     FIRST_ROOM = 1024,
 };
@@ -21,7 +21,7 @@ static const uint32_t NO_FUNCTION = UINT32_MAX;
 #define ROW_NAME(NAME) #NAME,
 static const char *const ROW_NAMES[INSTRUCTION_ROWS] = {COST_ROWS(ROW_NAME)};
 
-/* A call that has not returned: where it will, with which stack pointer, and what it entered. */
+/* An open call: its return address, stack pointer and function. */
 struct frame {
     uint32_t return_address, stack_pointer;
     uint32_t caller, entered;
@@ -41,13 +41,13 @@ struct profile {
     uint32_t frame_count, frame_room;
     struct machine_cost *costs;
     uint32_t cost_count, cost_room;
-    int64_t idle_cycles; /* of the machine, as far as they belong to a path */
+    int64_t idle_cycles; /* of the machine, up to which they were assigned to paths */
     bool is_short;   /* of memory */
 };
 
 /* -- memory ------------------------------------------------------------------------------------------------------- */
 
-/* Return an array that has room for one more element. If there is none, the profile is short of memory and *room is not
+/* Return an array with room for one more element. Without room the profile is short of memory and *room is not
  * larger than `count`. */
 static void *with_room(
     struct profile *profile, void *elements, uint32_t *room, uint32_t count, size_t size, uint32_t most)
@@ -105,7 +105,7 @@ static uint32_t function_of(const struct profile *profile, uint32_t path)
     return profile->paths[path].shown.function;
 }
 
-/* Start of the function that an address belongs to. */
+/* Return the start of the function that an address belongs to. */
 static uint32_t owner_of(const struct profile *profile, uint32_t address)
 {
     uint32_t low = 0, high = profile->code_count;
@@ -120,7 +120,7 @@ static uint32_t owner_of(const struct profile *profile, uint32_t address)
     return code && address < code->end ? code->function : NO_FUNCTION;
 }
 
-/* The path of a function that another one leads to. */
+/* Return the path of a function that is reached from another path. */
 static uint32_t path_to(struct profile *profile, uint32_t path, uint32_t function)
 {
     if (function_of(profile, path) == function)
@@ -149,13 +149,13 @@ static void enter_call(struct machine *machine, uint32_t target, uint32_t return
             (struct frame){return_address, machine->core.r[STACK_POINTER], caller, machine->path};
 }
 
-/* Leave the innermost call that comes back to an address; false if none does. */
+/* Leave the innermost call with a return address; false if there is none. */
 static bool leave_call(struct machine *machine, uint32_t target)
 {
     struct profile *profile = machine->profile;
     for (uint32_t i = profile->frame_count; i-- > 0;) {
         const struct frame *frame = &profile->frames[i];
-        /* A lower stack pointer than at the call: a jump within a deeper recursion, no return. */
+        /* A lower stack pointer than at the call belongs to a jump within a deeper recursion, not to a return. */
         if (frame->return_address == target && machine->core.r[STACK_POINTER] >= frame->stack_pointer) {
             machine->path = frame->caller;
             profile->frame_count = i;
@@ -165,7 +165,7 @@ static bool leave_call(struct machine *machine, uint32_t target)
     return false;
 }
 
-/* A function that has jumped away since the last call: coming back to it makes no path longer. */
+/* Return a function that has jumped away since the last call: returning to it must not lengthen the path. */
 static uint32_t left_by_tail_call(const struct machine *machine, uint32_t function)
 {
     const struct profile *profile = machine->profile;
@@ -179,7 +179,7 @@ static uint32_t left_by_tail_call(const struct machine *machine, uint32_t functi
     return 0;
 }
 
-/* Go on in the same function, or in another one that was jumped to; false if it is another one. */
+/* Continue in the same function, or in another one after a jump; false if it is another one. */
 static bool stay(struct machine *machine, uint32_t target)
 {
     struct profile *profile = machine->profile;
@@ -192,7 +192,7 @@ static bool stay(struct machine *machine, uint32_t target)
     return false;
 }
 
-/* Give the time asleep since the last change of the path to the one until now. */
+/* Assign the sleep since the last change of the path to the present path. */
 static void settle_sleep(struct machine *machine)
 {
     struct profile *profile = machine->profile;
@@ -219,7 +219,7 @@ bool profile_follows(struct machine *machine, const struct node *from, uint32_t 
 
 /* -- costs -------------------------------------------------------------------------------------------------------- */
 
-/* The sums of a node; NULL if there is no memory for them. */
+/* Return the sums of a node; NULL without room. */
 static struct machine_cost *new_cost(struct profile *profile, uint32_t path, uint32_t address, int32_t row)
 {
     profile->costs = with_room(
@@ -231,7 +231,7 @@ static struct machine_cost *new_cost(struct profile *profile, uint32_t path, uin
     return cost;
 }
 
-/* Take away from a pipeline's state what an instruction may wait for by one cause. */
+/* Remove one possible cause of waits from a pipeline's state. */
 static void take_away(struct pipeline *state, enum machine_stall stall)
 {
     switch (stall) {
@@ -245,19 +245,19 @@ static void take_away(struct pipeline *state, enum machine_stall stall)
     }
 }
 
-/* Add the cost of some executions of a node that do not jump, or are skipped. The work is what is left when nothing
- * before makes it wait: the parts always add up to the whole. */
+/* Add the cost of some executions of a node that do not jump, or are skipped. The work is the cost without any cause
+ * of waits, so that the parts always add up to the whole. */
 static void add_cost(
     const struct machine *machine, const struct node *node, bool is_skipped, uint64_t times, struct machine_cost *cost)
 {
     int32_t (*price)(
         const struct prices *, const struct instruction *, uint32_t, const struct pipeline *, struct pipeline *) =
         is_skipped ? price_skipped : price_instruction;
-    struct pipeline state = *code_state(machine, node->state), left;
-    int32_t cycles = price(&machine->prices, &node->instruction, node->address, &state, &left);
+    struct pipeline state = *code_state(machine, node->state), after;
+    int32_t cycles = price(&machine->prices, &node->instruction, node->address, &state, &after);
     for (int stall = 0; stall < STALL_TAKEN_BRANCH; stall++) {
         take_away(&state, (enum machine_stall)stall);
-        int32_t less = price(&machine->prices, &node->instruction, node->address, &state, &left);
+        int32_t less = price(&machine->prices, &node->instruction, node->address, &state, &after);
         if (less < cycles) {
             cost->stall_cycles[stall] += times * (uint64_t)(cycles - less);
             cycles = less;

@@ -1,7 +1,7 @@
-/* Registers that the core holds in parts: xPSR, the two stack pointers, CONTROL. References are to DDI 0403E. */
+/* Registers that the core stores in parts: xPSR, the two stack pointers, CONTROL. References are to DDI 0403E. */
 #include "registers.h"
 
-/* Where the parts of xPSR lie (B1.4.2). */
+/* Positions of the parts of xPSR (B1.4.2). */
 enum {
     N_BIT = 31, Z_BIT = 30, C_BIT = 29, V_BIT = 28, Q_BIT = 27, IT_LOW_BIT = 25, GE_BIT = 16, IT_HIGH_BIT = 10,
     BASELINE_EXCEPTION = 0x3F, /* ARMv6-M has six bits of IPSR, and neither Q nor GE nor IT */
@@ -64,7 +64,7 @@ void machine_set_stack_pointer(struct machine *machine, bool process, uint32_t v
     *pointer = value & ~3u;
 }
 
-/* Handler mode leaves SPSEL as it is (B1.4.4). ARMv6-M without the unprivileged extension has SPSEL alone. */
+/* Handler mode does not change SPSEL (B1.4.4). ARMv6-M without the unprivileged extension has only SPSEL. */
 void machine_set_control(struct machine *machine, uint32_t value)
 {
     struct core *core = &machine->core;

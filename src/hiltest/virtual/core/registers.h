@@ -6,7 +6,7 @@
 
 enum {
     CONTROL_NPRIV = 1 << 0, CONTROL_SPSEL = 1 << 1, CONTROL_FPCA = 1 << 2, /* B1.4.4 */
-    XPSR_EXCEPTION = 0x1FF, XPSR_REALIGNED = 1 << 9, XPSR_THUMB = 1 << 24, /* B1.4.2; bit 9 is of frames only */
+    XPSR_EXCEPTION = 0x1FF, XPSR_REALIGNED = 1 << 9, XPSR_THUMB = 1 << 24, /* B1.4.2; bit 9 is in frames only */
 };
 
 /* FPCCR (B3.2.21), and the modes of FPSCR that FPDSCR gives a new context: AHP, DN, FZ, RMode. */
@@ -20,7 +20,7 @@ static inline bool uses_process_stack(const struct core *core)
     return core->exception == EXCEPTION_NONE && (core->control & CONTROL_SPSEL) != 0;
 }
 
-/* Set IPSR and CONTROL; r13 becomes the stack pointer that follows from them. */
+/* Set IPSR and CONTROL, and switch r13 to the stack pointer that they select. */
 void set_mode(struct core *core, uint32_t exception, uint32_t control);
 
 #endif

@@ -1,4 +1,4 @@
-/* Slices of an execution, executed again on another machine to count them by several price tables at once. */
+/* Slices of an execution, executed again on another machine and counted by several price tables at once. */
 #include <stdlib.h>
 
 #include "code.h"
@@ -28,11 +28,11 @@ bool machine_answers(struct machine *machine, int64_t first, int32_t count, uint
     return true;
 }
 
-/* The devices of a slice that is executed again. */
+/* The devices of a slice during its repetition. */
 struct recording {
     const struct slice *slice;
-    int32_t given; /* answers that were given */
-    bool is_over;  /* one more was asked for */
+    int32_t answered; /* number of repeated answers */
+    bool is_over;  /* a further answer was requested */
 };
 
 /* Without a recording every answer is zero. */
@@ -43,8 +43,8 @@ static uint32_t answer(void *context, uint32_t address, uint32_t size, bool *ref
     (void)size;
     if (!recording)
         return 0;
-    if (recording->given < recording->slice->answer_count)
-        return recording->slice->answers[recording->given++];
+    if (recording->answered < recording->slice->answer_count)
+        return recording->slice->answers[recording->answered++];
     *refused = recording->is_over = true; /* a bus fault ends the run, and its instruction is not counted */
     return 0;
 }
@@ -58,14 +58,14 @@ static void ignore(void *context, uint32_t address, uint32_t size, uint32_t valu
     (void)refused;
 }
 
-/* Have nothing interrupt a machine: what a device asks for is not part of a slice. */
+/* Disable interrupts, because requests of devices are not part of a slice. */
 static void mask_exceptions(struct core *core)
 {
     for (int word = 0; word < EXCEPTION_WORDS; word++)
         core->pending[word] = core->lines[word] = core->enabled[word] = 0;
 }
 
-/* Nodes are linked past an address that was not the return address before. */
+/* Drop the nodes, because they are linked across an address that was not the return address before. */
 static void set_return_address(struct machine *machine, uint32_t address)
 {
     if (machine->core.return_address != address)
@@ -73,7 +73,7 @@ static void set_return_address(struct machine *machine, uint32_t address)
     machine->core.return_address = address;
 }
 
-/* Run to a reason to stop that is not the wall time. */
+/* Run to a stop other than for the wall time. */
 static int32_t run_on(struct machine *machine, struct machine_bus bus)
 {
     int32_t reason;
@@ -90,7 +90,7 @@ static bool run_slice(struct machine *machine, const struct slice *slice)
 {
     struct recording recording = {slice, 0, false};
     int32_t reason = run_on(machine, (struct machine_bus){&recording, answer, ignore});
-    bool returns = reason == STOP_RETURNED && recording.given == slice->answer_count;
+    bool returns = reason == STOP_RETURNED && recording.answered == slice->answer_count;
     return returns || (reason == STOP_FAULT && recording.is_over);
 }
 
@@ -106,7 +106,7 @@ bool machine_count_again(struct machine *machine, const struct slice *slice, int
     if (!run_slice(machine, slice) || core->cycles - cycles != slice->cycles
         || core->instructions - instructions != slice->instructions)
         return false;
-    /* Time that passed beside instructions, asleep or on the way into an exception, is of no table. */
+    /* Time outside instructions, in sleep or in the entry of an exception, is in no table. */
     int64_t sums[MOST_TABLES] = {0};
     code_add_cycles(machine, sums);
     if (sums[0] != slice->cycles)
@@ -128,7 +128,7 @@ bool machine_call_again(struct machine *machine, const struct snapshot *begin, i
         *machine->waits = held;
         machine->waits->free_at = core->cycles;
     }
-    machine_flush_pipeline(machine); /* whatever led to the function is not part of the call */
+    machine_flush_pipeline(machine); /* earlier code must not affect the call */
     const uint32_t stack = core->r[13];
     core->deadline = core->cycles + most_cycles;
     set_return_address(machine, core->r[14] & ~1u);

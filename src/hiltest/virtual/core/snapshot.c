@@ -1,8 +1,8 @@
-/* Snapshots: the state of a machine with its memories, to go back to it or to go on from it on another machine.
+/* Snapshots: the state of a machine with its memories, to be restored on it or on another machine.
  *
- * Pages are shared by all snapshots in which they are alike. A page of a memory has a copy from the moment a snapshot is
- * taken until the page is written; the first store to it after a snapshot is looked at for that reason. So a snapshot
- * copies only pages that were written since the one before it.
+ * Snapshots share equal pages. A page of a memory has a copy from a snapshot until the page is written, and
+ * for that reason the first store to it after a snapshot is checked. So a snapshot
+ * copies only pages that were written since the previous one.
  */
 #include <stddef.h>
 #include <stdlib.h>
@@ -18,7 +18,7 @@ struct snapshot_memory {
 struct snapshot {
     struct core core;
     struct history history;
-    bool has_waits; /* of memories */
+    bool has_waits; /* state of the memories' waits */
     struct memory_waits waits;
     struct device_states *devices; /* of `machine`, or NULL */
     const struct machine *machine;
@@ -64,7 +64,7 @@ void drop_copies(struct machine *machine, struct memory *memory, uint32_t offset
     }
 }
 
-/* Return the copy of a page, which is made if there is none. NULL if there is no room for it. */
+/* Return the copy of a page, and make it if necessary. NULL without room. */
 static struct page *copy_of(struct machine *machine, struct memory *memory, uint32_t page)
 {
     if (memory->copies[page])
@@ -75,11 +75,11 @@ static struct page *copy_of(struct machine *machine, struct memory *memory, uint
     copy->holders = 1;
     memcpy(copy->bytes, memory->bytes + page * PAGE_BYTES, PAGE_BYTES);
     memory->copies[page] = copy;
-    machine->writable[memory->base / PAGE_BYTES + page] = NULL; /* the first store to it has to be looked at */
+    machine->writable[memory->base / PAGE_BYTES + page] = NULL; /* the first store to it must be checked */
     return copy;
 }
 
-/* Whether two states of a page differ in bytes that were decoded as instructions. */
+/* Return whether two states of a page differ in bytes that were decoded as instructions. */
 static bool differs_in_code(const uint8_t *has_code, const uint8_t *before, const uint8_t *after)
 {
     for (uint32_t halfword = 0; halfword < PAGE_BYTES / 2; halfword++)
@@ -88,7 +88,7 @@ static bool differs_in_code(const uint8_t *has_code, const uint8_t *before, cons
     return false;
 }
 
-/* Have a page of a memory be what a copy says. */
+/* Restore a page of a memory from a copy. */
 static void restore_page(struct machine *machine, struct memory *memory, uint32_t page, struct page *copy)
 {
     uint8_t *bytes = memory->bytes + page * PAGE_BYTES;
@@ -137,7 +137,7 @@ struct snapshot *machine_snapshot(struct machine *machine, bool with_devices)
         return NULL;
     snapshot->core = machine->core;
     snapshot->history = machine->history;
-    if (machine->running) /* it has not been counted yet: the pipeline is the one before it, too */
+    if (machine->running) /* the current instruction is not counted: the pipeline is the one before it, too */
         snapshot->history.pipeline = *code_state(machine, machine->running->state);
     snapshot->page_count = 0;
     snapshot->has_waits = machine->waits;
@@ -201,12 +201,12 @@ static void restore_memories(struct machine *machine, const struct snapshot *sna
             restore_page(machine, &machine->memories[i], page, *copy++);
 }
 
-/* Restore the core apart from how `machine_run` behaves. */
+/* Restore the core without the settings of `machine_run`. */
 static void restore_core(struct machine *machine, const struct core *state)
 {
     struct core *core = &machine->core;
     if (core->fpu_enabled != state->fpu_enabled)
-        machine->code_changed = true; /* nodes tell instructions that the FPU's permission stops */
+        machine->code_changed = true; /* nodes depend on CPACR's permission to use the FPU */
     memcpy(core, state, offsetof(struct core, deadline));
 }
 

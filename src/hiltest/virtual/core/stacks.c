@@ -1,8 +1,8 @@
-/* How deep the stacks of firmware have been, seen by where its stack pointer was.
+/* Depths of the firmware's stacks, from the values of its stack pointer.
  *
- * A stack is a range of addresses that the stack pointer has had without a jump: instructions and exceptions' frames
- * lower it. If the stack pointer is set to an address outside all known ranges, such as a new task's, a stack begins
- * there. Nothing is painted.
+ * A stack is a range of addresses that the stack pointer has had without a jump: instructions and exception frames
+ * lower it. If the stack pointer is set to an address outside all known ranges, such as a new task's, a new stack
+ * begins at it. Memory is not filled with a pattern.
  */
 #include "stacks.h"
 
@@ -13,7 +13,7 @@ static bool holds(const struct machine_stack *stack, uint32_t address)
     return stack->lowest <= address && address <= stack->top;
 }
 
-/* Number of the stack that an address belongs to, or -1. */
+/* Return the number of the stack that an address belongs to, or -1. */
 static int32_t stack_with(const struct stacks *stacks, uint32_t address)
 {
     for (int32_t i = 0; i < stacks->count; i++)
@@ -22,7 +22,7 @@ static int32_t stack_with(const struct stacks *stacks, uint32_t address)
     return -1;
 }
 
-/* If the table is full, the newest stack makes room. */
+/* If the table is full, the newest stack is dropped. */
 static int32_t begin_stack(struct stacks *stacks, uint32_t top, uint32_t pc)
 {
     if (stacks->count < MOST_STACKS)
@@ -37,8 +37,8 @@ static void lower(uint32_t *lowest, uint32_t address)
         *lowest = address;
 }
 
-/* Drop the stacks whose top is in the range of another one: they were first seen half way down, or the one above has
- * run into them, so no border between them remains. Returns the new number of the one that stays. */
+/* Drop the stacks whose top is in the range of another one: they were first seen below their top, or the stack above
+ * has overflowed into them. Returns the new number of the stack that stays. */
 static int32_t merge(struct stacks *stacks, int32_t number)
 {
     struct machine_stack stack = stacks->entries[number];
@@ -59,8 +59,8 @@ static int32_t merge(struct stacks *stacks, int32_t number)
     return place;
 }
 
-/* Set the range in which the stack pointer may move unseen. While calls are watched it ends at the lowest address of
- * the stack pointer since they were looked at. */
+/* Set the range in which the stack pointer may move without a check. While calls are watched it ends at the lowest
+ * stack pointer since the last check. */
 static void set_range(struct machine *machine)
 {
     const struct machine_stack *stack = &machine->history.stacks.entries[machine->history.stacks.current];
@@ -74,7 +74,7 @@ void stack_moves(struct machine *machine, bool jumps, uint32_t pc)
     struct stacks *stacks = &machine->history.stacks;
     const uint32_t pointer = machine->core.r[13];
     if (stacks->count == 0 || !holds(&stacks->entries[stacks->current], pointer)) {
-        /* From where it went down without a jump. */
+        /* The start of a descent without a jump. */
         bool descends = !jumps && stacks->count && pointer < stacks->entries[stacks->current].lowest;
         int32_t number = descends ? stacks->current : stack_with(stacks, pointer);
         if (number < 0)
@@ -87,9 +87,9 @@ void stack_moves(struct machine *machine, bool jumps, uint32_t pc)
     set_range(machine);
 }
 
-void stacks_seek_lowest(struct machine *machine, bool wanted)
+void stacks_seek_lowest(struct machine *machine, bool seeks)
 {
-    if (wanted) {
+    if (seeks) {
         machine->history.stacks.lowest = machine->core.r[13];
         stack_moves(machine, true, machine->core.r[15]);
     } else if (machine->history.stacks.lowest) {
@@ -108,8 +108,8 @@ uint32_t stacks_used(const struct machine *machine, uint32_t above, uint32_t low
     return UINT32_MAX;
 }
 
-/* A kernel that switches tasks puts their other registers below the frame of a thread's exception, while the handler
- * has another stack: the stack pointer never shows it. */
+/* A kernel that switches tasks saves their other registers below the frame of a thread's exception, while the handler
+ * uses another stack, so that the stack pointer never shows it. */
 void stacks_handler_begins(struct machine *machine)
 {
     struct stacks *stacks = &machine->history.stacks;

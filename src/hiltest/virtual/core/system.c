@@ -44,14 +44,14 @@ static void write_flags(struct core *core, uint32_t mask, uint32_t value)
         core->ge = value >> 16 & 0xF;
 }
 
-/* BASEPRI_MAX only raises the priority: a value of 0 does nothing, and neither does one that is less urgent. */
+/* BASEPRI_MAX only raises the priority: 0 and less urgent values have no effect. */
 static void raise_base_priority(struct core *core, uint32_t value)
 {
     if (value && (core->basepri == 0 || value < core->basepri))
         core->basepri = value;
 }
 
-/* ARMv6-M has none; it cannot be set by NMI or by HardFault. */
+/* ARMv6-M has no FAULTMASK; NMI and HardFault cannot set it. */
 static void set_fault_mask(struct machine *machine, uint32_t value)
 {
     if (!machine->baseline && (!value || machine_execution_priority(machine, PRIORITY_IDLE) > -1))

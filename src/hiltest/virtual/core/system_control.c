@@ -1,5 +1,5 @@
 /* The System Control Space: registers of the NVIC and of the SCB (DDI 0403E, B3.2 and B3.4). SysTick has a file of its
- * own, and answers before this page is asked. */
+ * own, and answers before this page. */
 #include "devices.h"
 #include "registers.h"
 
@@ -7,7 +7,7 @@ enum { ICTR = 0x004, ISER = 0x100, ICER = 0x180, ISPR = 0x200, ICPR = 0x280, IAB
 enum { IPR = 0x400, CPUID = 0xD00, ICSR = 0xD04, VTOR = 0xD08, AIRCR = 0xD0C, SCR = 0xD10, CCR = 0xD14 };
 enum { SHPR = 0xD18, SHPR_END = 0xD24, SHCSR = 0xD24, CFSR = 0xD28, HFSR = 0xD2C, MMFAR = 0xD34, BFAR = 0xD38 };
 enum { CPACR = 0xD88, DEMCR = 0xDFC, STIR = 0xF00, FPCCR = 0xF34, FPCAR = 0xF38, FPDSCR = 0xF3C };
-enum { GROUP_BITS = 0xF80, GROUP_OFFSET = 0x7F }; /* of an offset among the registers with a bit an interrupt */
+enum { GROUP_BITS = 0xF80, GROUP_OFFSET = 0x7F }; /* parts of an offset among registers with a bit per interrupt */
 
 enum { ICSR_ISRPENDING = 1 << 22, ICSR_RETTOBASE = 1 << 11, ICSR_VECTPENDING_SHIFT = 12 };
 enum { AIRCR_SYSRESETREQ = 4, AIRCR_KEY = 0x05FA, AIRCR_PRIGROUP_SHIFT = 8, STIR_INTID = 0x1FF };
@@ -20,10 +20,10 @@ static const uint32_t AIRCR_READ_KEY = 0xFA050000;
 struct system_control {
     struct device device;
     struct machine_system_control connections;
-    uint32_t stored[PAGE_BYTES / 4]; /* registers that keep what is written */
+    uint32_t stored[PAGE_BYTES / 4]; /* registers that store writes */
 };
 
-/* Exceptions that have bits in a register: of ICSR those that set and, below them, clear; the others of SHCSR. */
+/* Exceptions with bits in a register: in ICSR bits that set and, below them, clear; the others are in SHCSR. */
 struct exception_bit {
     uint32_t bit;
     int32_t exception;
@@ -39,7 +39,7 @@ static const struct exception_bit FAULT_ACTIVE[ACTIVE_BITS] = {
 static const struct exception_bit FAULT_PENDED[PENDED_BITS] = {
     {12, EXCEPTION_USAGE_FAULT}, {13, EXCEPTION_MEM_MANAGE}, {14, EXCEPTION_BUS_FAULT}, {15, EXCEPTION_SVCALL}};
 
-/* The bits of those exceptions that are in the first word of a set: none of them is an interrupt. */
+/* Return the register bits of those exceptions that are in the first word of a set. */
 static uint32_t bits_of(const struct exception_bit *bits, int32_t count, uint32_t set)
 {
     uint32_t word = 0;
@@ -48,9 +48,9 @@ static uint32_t bits_of(const struct exception_bit *bits, int32_t count, uint32_
     return word;
 }
 
-/* -- readings ----------------------------------------------------------------------------------------------------- */
+/* -- reads -------------------------------------------------------------------------------------------------------- */
 
-/* Bits of 32 interrupts of a set from a multiple of 32 on; the set begins with the 16 exceptions of the system. */
+/* Bits of 32 interrupts of a set from a multiple of 32 on; the set begins with the 16 system exceptions. */
 static uint32_t interrupts_of(const uint32_t set[EXCEPTION_WORDS], uint32_t first)
 {
     uint32_t word = first / 32;
@@ -139,7 +139,7 @@ static uint32_t read_word(struct machine *machine, struct device *device, uint32
 
 /* -- writes ------------------------------------------------------------------------------------------------------- */
 
-/* Ones do something to their interrupts. */
+/* Ones change their interrupts, zeros do nothing. */
 static void write_interrupts(struct machine *machine, uint32_t offset, uint32_t value)
 {
     int32_t interrupt = (int32_t)(8 * (offset & GROUP_OFFSET));
@@ -194,7 +194,7 @@ static void write_reset_control(struct machine *machine, const struct system_con
         control->connections.request_reset(control->connections.context);
 }
 
-/* Take a register that keeps what is written and does something beside that. */
+/* Write a register that stores writes and has a further effect. */
 static void write_stored(struct machine *machine, struct system_control *control, uint32_t offset, uint32_t value)
 {
     struct core *core = &machine->core;
@@ -234,7 +234,7 @@ static void write_word(struct machine *machine, struct system_control *control, 
     }
 }
 
-/* Take a part of a word: the rest of it stays, but for registers in which zeros change nothing. */
+/* Write a part of a word: the rest is unchanged, and zero in registers in which zeros change nothing. */
 static void write_part(
     struct machine *machine, struct system_control *control, uint32_t offset, uint32_t size, uint32_t value)
 {
@@ -262,7 +262,7 @@ static void write_register(
         write_part(machine, control, offset, size, value);
 }
 
-/* The state of the processor that registers show is reset with it, see machine_reset. */
+/* Other state that the registers show is reset with the processor, see machine_reset. */
 static void reset(struct machine *machine, struct device *device)
 {
     struct system_control *control = (struct system_control *)device;

@@ -1,4 +1,4 @@
-/* SysTick, the 24-bit system timer (DDI 0403E, B3.3). It counts the core clock, whatever CLKSOURCE is written. */
+/* SysTick, the 24-bit system timer (DDI 0403E, B3.3). It counts the core clock for every value of CLKSOURCE. */
 #include "devices.h"
 
 enum { CSR = 0x0, RVR = 0x4, CVR = 0x8, REGISTER_BYTES = 0x10 };
@@ -7,11 +7,11 @@ static const uint32_t SYSTICK_BASE = 0xE000E010, CALIB_VALUE = 0xC0000000; /* NO
 
 struct systick {
     struct device device;
-    struct event expiry; /* it is planned while the timer counts */
+    struct event expiry; /* planned while the timer counts */
     int32_t clock;
     uint32_t control, reload;
-    uint32_t held;       /* the count while it does not */
-    int64_t expires_at;  /* tick behind that at which it is zero */
+    uint32_t held;       /* count while the timer is stopped */
+    int64_t expires_at;  /* tick after the one at which the count is zero */
     bool flag;
 };
 
@@ -29,7 +29,7 @@ static void expire_at(struct machine *machine, struct systick *timer, int64_t ti
     plan_event_at_tick(machine, &timer->expiry, timer->clock, tick);
 }
 
-/* Count on from a value, or from the reload value if that is zero; with neither it stays at zero. */
+/* Count from a value, or from the reload value if that is zero; if both are zero the count stays zero. */
 static void start(struct machine *machine, struct systick *timer, uint32_t count)
 {
     cancel_event(machine, &timer->expiry);
@@ -68,7 +68,7 @@ static void write_control(struct machine *machine, struct systick *timer, uint32
         start(machine, timer, timer->held);
 }
 
-/* Answer a word register; a reading of CSR clears COUNTFLAG. */
+/* Return a word register; a read of CSR clears COUNTFLAG. */
 static uint32_t read_word(struct machine *machine, struct device *device, uint32_t offset)
 {
     struct systick *timer = (struct systick *)device;
@@ -96,7 +96,7 @@ static void write_register(
     } else if (offset == RVR) {
         timer->reload = value & COUNT_MASK;
         if (timer->control & CSR_ENABLE && !timer->expiry.is_planned)
-            start(machine, timer, 0); /* it stands at zero */
+            start(machine, timer, 0); /* the count is zero */
     } else if (offset == CVR) {
         timer->flag = false;
         timer->held = 0;

@@ -14,7 +14,7 @@ static bool is_aligned(struct machine *machine, uint32_t address, uint32_t size,
     return false;
 }
 
-/* First address of a transfer; *after is its base behind it, if that is written back. */
+/* Return the first address of a transfer; *after is the base after it, if that is written back. */
 static uint32_t first_address(const struct core *core, const struct instruction *i, uint32_t *after)
 {
     const uint32_t base = i->n == PROGRAM_COUNTER ? 0 : core->r[i->n];
@@ -42,7 +42,7 @@ static void write_back(struct core *core, const struct instruction *instruction,
         core->r[instruction->n] = after;
 }
 
-/* Load or store a word of a transfer: from or to `bytes`, which are moved on, or elsewhere if there are none. */
+/* Load or store a word of a transfer at `bytes`, and advance them, or through the bus if they are NULL. */
 static inline bool load_word(struct machine *machine, const uint8_t **bytes, uint32_t address, uint32_t *value)
 {
     if (!*bytes)

@@ -1,5 +1,5 @@
 /* UARTs of Kinetis parts: bytes of ten bits, with their FIFOs, interrupts and DMA requests (K64 reference manual,
- * chapter "Universal Asynchronous Receiver/Transmitter"). At the far end of the wires is the host. */
+ * chapter "Universal Asynchronous Receiver/Transmitter"). The host is at the far end of the wires. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,7 +15,7 @@ enum { CFIFO_TXFLUSH = 0x80, CFIFO_RXFLUSH = 0x40 };
 enum { SFIFO_TXEMPT = 0x80, SFIFO_RXEMPT = 0x40, SFIFO_RXOF = 0x04, SFIFO_TXOF = 0x02, SFIFO_RXUF = 0x01 };
 enum { SFIFO_FLAGS = SFIFO_RXOF | SFIFO_TXOF | SFIFO_RXUF };
 enum { BITS_A_BYTE = 10, DEPTH = 8 };
-static const double BAUD_TOLERANCE = 0.03; /* beyond this the last bits of a byte are sampled in their neighbours */
+static const double BAUD_TOLERANCE = 0.03; /* with a larger difference the last bits are sampled in their neighbours */
 static const double PICOSECONDS = 1e12;
 
 /* Bytes between the host and a UART: at most QUEUE_LIMIT of them. */
@@ -33,24 +33,24 @@ struct fifo {
 struct uart {
     struct device device;
     struct machine_uart connections;
-    struct queue incoming, sent; /* bytes from the host, and bytes for it that it has not fetched */
-    bool has_lost;               /* some of the latter */
+    struct queue incoming, sent; /* bytes from the host, and unfetched bytes for it */
+    bool has_lost;               /* sent bytes were lost */
     int32_t expected_count, expected_byte; /* see machine_uart_expect */
     double line_baud;            /* at the far end of the wires */
     int64_t line_byte_ps;
     struct event arrival;        /* of the first byte of `incoming` */
-    struct event idle;           /* the line has been quiet for the time of a byte */
-    struct event end;            /* of the byte `shifting`; it is planned while there is one */
+    struct event idle;           /* end of a byte's time of silence on the line */
+    struct event end;            /* of the byte `shifting`; planned while there is one */
     uint8_t shifting;
-    uint8_t flags, flags_seen;   /* of S1: IDLE, OR, FE; and those that its last reading showed */
+    uint8_t flags, flags_seen;   /* of S1: IDLE, OR, FE; and the value at the last read */
     uint8_t registers[REGISTERS];
     struct fifo receive, transmit;
 };
 
 /* -- bytes of the host -------------------------------------------------------------------------------------------- */
 
-/* Make room for so many more bytes behind the last one. False if they are too many, or there is no memory. The memory is
- * at least twice as large as needed: as many bytes are taken as moved before they are moved again. */
+/* Make room for so many more bytes at the end. False if they are too many, or without room. The memory is at least
+ * twice as large as needed, so that each byte is moved at most once on average. */
 static bool queue_reserve(struct queue *queue, int32_t count)
 {
     if (count > QUEUE_LIMIT - queue->count)
@@ -72,7 +72,7 @@ static bool queue_reserve(struct queue *queue, int32_t count)
     return true;
 }
 
-/* Put a byte at the end. False if there is no room that was reserved. */
+/* Append a byte. False without reserved room. */
 static bool queue_put(struct queue *queue, uint8_t byte)
 {
     if (queue->begin + queue->count == queue->capacity)
@@ -81,16 +81,16 @@ static bool queue_put(struct queue *queue, uint8_t byte)
     return true;
 }
 
-/* Take at most so many bytes from the beginning; returns how many. */
+/* Remove at most so many bytes from the beginning; return their number. */
 static int32_t queue_take(struct queue *queue, uint8_t *bytes, int32_t count)
 {
-    const int32_t taken = count < queue->count ? count : queue->count;
-    if (taken <= 0)
+    const int32_t size = count < queue->count ? count : queue->count;
+    if (size <= 0)
         return 0;
-    memcpy(bytes, queue->bytes + queue->begin, (size_t)taken);
-    queue->begin += taken;
-    queue->count -= taken;
-    return taken;
+    memcpy(bytes, queue->bytes + queue->begin, (size_t)size);
+    queue->begin += size;
+    queue->count -= size;
+    return size;
 }
 
 /* -- FIFOs -------------------------------------------------------------------------------------------------------- */
@@ -124,8 +124,8 @@ static uint8_t status_of(const struct uart *uart)
     return status;
 }
 
-/* C2's TIE, TCIE, RIE and ILIE stand where S1 has TDRE, TC, RDRF and IDLE, and so do C5's TDMAS and RDMAS, which make
- * DMA requests of TDRE and RDRF. */
+/* C2's TIE, TCIE, RIE and ILIE are at the bits of TDRE, TC, RDRF and IDLE in S1, and so are C5's TDMAS and RDMAS, which
+ * turn TDRE and RDRF into DMA requests. */
 static void drive(struct machine *machine, const struct uart *uart)
 {
     const struct machine_uart *connections = &uart->connections;
@@ -143,7 +143,7 @@ static void drive(struct machine *machine, const struct uart *uart)
 
 /* -- rates -------------------------------------------------------------------------------------------------------- */
 
-/* The module clock is divided by a 32nd of this for 16 times the rate. */
+/* Return the divisor of the module clock, in 32nds, for 16 times the rate. */
 static int64_t divisor_of(const struct uart *uart)
 {
     return ((uart->registers[BDH] & 0x1F) << 8 | uart->registers[BDL]) * 32 + (uart->registers[C4] & 0x1F);
@@ -167,7 +167,7 @@ static bool is_garbled(const struct machine *machine, const struct uart *uart)
 
 /* -- receiving ---------------------------------------------------------------------------------------------------- */
 
-/* The module stands still in STOP. */
+/* The module is stopped in STOP. */
 static bool listens(const struct machine *machine, const struct uart *uart)
 {
     bool runs = uart->device.is_clocked && machine->calendar.clocks[uart->connections.clock].numerator;
@@ -236,17 +236,17 @@ static void reset(struct machine *machine, struct device *device)
 {
     struct uart *uart = (struct uart *)device;
     cancel_event(machine, &uart->end);
-    cancel_event(machine, &uart->idle); /* bytes go on arriving, at a receiver that is off */
+    cancel_event(machine, &uart->idle); /* bytes continue to arrive, at a disabled receiver */
     memset(uart->registers, 0, sizeof uart->registers);
     uart->registers[BDL] = 0x04;
-    uart->registers[PFIFO] = uart->connections.depth == DEPTH ? PFIFO_SIZES : 0; /* 8 each */
+    uart->registers[PFIFO] = uart->connections.depth == DEPTH ? PFIFO_SIZES : 0; /* 8 bytes each */
     uart->registers[RWFIFO] = 1;
     uart->receive.count = uart->transmit.count = 0;
     uart->flags = uart->flags_seen = 0;
     drive(machine, uart);
 }
 
-/* Reading S1 and then D clears the flags that S1 showed. */
+/* A read of S1 followed by a read of D clears the flags that S1 showed. */
 static uint8_t read_data(struct machine *machine, struct uart *uart)
 {
     uint8_t byte = 0;
@@ -325,7 +325,7 @@ static void destroy(struct device *device)
     free(uart->sent.bytes);
 }
 
-/* Bytes between host and board are the host's: none is under way afterwards. */
+/* Bytes between host and board are not part of the state: afterwards none is in transit. */
 static void restore(struct device *device, const void *state)
 {
     struct uart *uart = (struct uart *)device;

@@ -5,11 +5,11 @@
 
 #define NOTHING UINT32_MAX
 
-/* The core fetches words. */
+/* Fetches are of words. */
 enum { WORD_BYTES = 4, WORD_BITS = 2 };
-enum { PARTS = 100 }; /* conflicts are priced in hundredths of a cycle an access: a measurement gives their mean */
+enum { PARTS = 100 }; /* conflicts cost hundredths of a cycle per access: their mean, which was measured */
 
-#define UPPER_SRAM 0x20000000u /* SRAM_L ends and SRAM_U begins here, the SRAM region of DDI 0403E, B3.1 */
+#define UPPER_SRAM 0x20000000u /* SRAM_L ends and SRAM_U begins at this address (DDI 0403E, B3.1) */
 #define SRAM_END 0x20030000u
 #define HALF_FLASH_BYTES 0x80000u
 
@@ -38,7 +38,7 @@ static uint32_t bits_of(int32_t power)
     return bits;
 }
 
-/* Take over what the rows say of lines and cache. */
+/* Set the geometry of lines and cache from the rows. */
 static void set_geometry(struct memory_waits *waits)
 {
     waits->line_shift = bits_of(waits->value[MEMORY_flash_line_bytes]) - WORD_BITS;
@@ -73,7 +73,7 @@ bool set_memory_row(struct memory_waits *waits, const char *row, int32_t value)
     return false;
 }
 
-/* --- What is remembered ------------------------------------------------------------------------------------------- */
+/* --- State -------------------------------------------------------------------------------------------------------- */
 
 void waits_reset(struct memory_waits *waits)
 {
@@ -105,7 +105,7 @@ void waits_forget_word(struct memory_waits *waits) { waits->word = NOTHING; }
 
 void waits_flush(struct memory_waits *waits)
 {
-    waits->parts_owed = 0; /* else a call would take a cycle more because of what was called before it */
+    waits->parts_owed = 0; /* otherwise a call would depend on the calls before it */
     waits_forget_word(waits);
 }
 
@@ -148,12 +148,12 @@ static int64_t next_edge(const struct memory_waits *waits, int64_t cycle)
     return (earliest + clocks - 1) / clocks * clocks;
 }
 
-/* Read a line from the array, unless it is the one that is read ahead; returns how long that takes. */
+/* Read a line from the array, unless it is the prefetched one; return the cycles. */
 static int32_t read_line(struct memory_waits *waits, uint32_t line, int64_t cycle, bool keeps, bool reads_ahead)
 {
     int64_t clocks = waits->value[MEMORY_flash_clocks];
     int64_t ready = next_edge(waits, cycle) + clocks;
-    if (line == waits->ahead) /* it is there when the array is free again */
+    if (line == waits->ahead) /* it is available when the array is free again */
         ready = cycle > waits->free_at ? cycle : waits->free_at;
     waits->line = keeps ? line : NOTHING;
     waits->ahead = NOTHING;
@@ -165,7 +165,7 @@ static int32_t read_line(struct memory_waits *waits, uint32_t line, int64_t cycl
     return (int32_t)(ready - cycle);
 }
 
-/* Put an entry at the place of another one, and this place first. */
+/* Replace the entry at a place, and move the place to the front. */
 static void use_entry(struct cache_set *set, uint32_t place, uint32_t entry)
 {
     uint8_t way = set->ways[place];
@@ -177,14 +177,14 @@ static void use_entry(struct cache_set *set, uint32_t place, uint32_t entry)
     set->ways[0] = way;
 }
 
-/* Whether the entry of a word was used last of its set: it waits for nothing, and changes nothing. */
+/* Return whether the entry of a word is the most recent one of its set: it neither waits nor changes anything. */
 static bool is_used_last(const struct memory_waits *waits, uint32_t word)
 {
     uint32_t entry = word >> waits->entry_shift;
     return waits->sets[entry & waits->set_mask].entries[0] == entry;
 }
 
-/* Wait for a word whose entry was not used last. */
+/* Return the wait for a word whose entry is not the most recent one. */
 static int32_t wait_for_word(
     struct memory_waits *waits, uint32_t word, int64_t cycle, const struct bank_switches *switches, bool is_fetched)
 {
@@ -212,7 +212,7 @@ static bool is_flash(const struct memory_waits *waits, uint32_t address)
     return address >> 1 < waits->half_flash_bytes;
 }
 
-/* Access the words from `first` to `last`; an instruction or data may straddle two of them, and two lines. */
+/* Access the words from `first` to `last`; an instruction or data may straddle two words, and two lines. */
 static int32_t wait_for_words(struct memory_waits *waits, uint32_t first, uint32_t last, int64_t cycle, bool is_fetched)
 {
     const struct bank_switches *switches = &waits->switches[first * WORD_BYTES >= waits->half_flash_bytes];
@@ -250,8 +250,8 @@ bool waits_are_over(const struct memory_waits *waits, uint32_t address, uint32_t
 
 /* --- Data --------------------------------------------------------------------------------------------------------- */
 
-/* Halfwords and words at halfwords are made of two parts, words at odd addresses of three (TRM, 3.3.2); pairs of words
- * are two words. */
+/* Halfwords at odd addresses and words at halfwords are two parts, words at odd addresses three (TRM, 3.3.2); pairs of
+ * words are two words. */
 static int32_t unaligned_wait(const struct memory_waits *waits, uint32_t address, uint32_t size)
 {
     uint32_t unit = size < WORD_BYTES ? size : WORD_BYTES;
@@ -260,7 +260,7 @@ static int32_t unaligned_wait(const struct memory_waits *waits, uint32_t address
     return waits->value[MEMORY_unaligned] * (size == WORD_BYTES && address % 2 ? 2 : 1);
 }
 
-/* Hundredths of a cycle that an instruction waits in the mean because code is fetched from the bank of its data. Code
+/* Mean wait of an instruction [hundredths of a cycle] because code is fetched from the bank of its data. Code
  * in flash and data in SRAM_L are both on the code bus. */
 static int32_t conflict_parts(const struct memory_waits *waits, uint32_t code, uint32_t words, uint32_t data)
 {

@@ -1,8 +1,8 @@
 """Classes of cycles: the work of a class of instructions, or a stall.
 
-The work of an instruction is what it costs when nothing before it makes it wait; what is above that is a
-stall. The core finds its cause by taking away, one after the other, what the pipeline remembers: the parts
-therefore always add up to the whole.
+The work of an instruction is its cost if no earlier instruction delays it; the rest of its cost is a
+stall. The core finds the causes by removing the pipeline's state step by step, so that the parts always
+add up to the whole.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ class Stall(StrEnum):
     """Reason why an instruction cost more than its work."""
 
     TAKEN_BRANCH = "taken_branch"
-    """The pipeline refills behind a transfer that is taken."""
+    """Refill of the pipeline after a taken transfer."""
     FP_RESULT = "fp_result"
-    """It uses what the floating-point instruction right before it computes."""
+    """Use of a result of the floating-point instruction right before."""
     DIVISION = "division"
-    """VDIV or VSQRT still occupies the FPU, or its result is not there yet; a multiply-accumulate, in a timing
+    """VDIV or VSQRT still occupies the FPU, or its result is not ready; or a multiply-accumulate, in a timing
     profile that hides some of its cycles."""
     LOAD_USE = "load_use"
-    """A load takes its address from the load right before it, so the two do not overlap."""
+    """A load whose address comes from the load right before, so that the two do not overlap."""
     STORE_BUFFER = "store_buffer"
-    """A load right behind a store waits for it."""
+    """A load that waits for the store right before."""
     ADDRESS = "address"
-    """It makes an address of what the instruction right before it computes; in a profile that knows that."""
+    """An address from a result of the instruction right before, in a profile with that rule."""
     FETCH = "fetch"
-    """Its four bytes do not begin at a multiple of four, and are not fetched yet; in a profile that knows that."""
+    """Four bytes not at a multiple of four that are not fetched yet, in a profile with that rule."""
 
 
 WORK_OF_ROW = {
@@ -52,11 +52,11 @@ WORK_OF_ROW = {
     "fp": Work.FLOATING_POINT, "fp_accumulate": Work.FLOATING_POINT, "fp_divide": Work.FLOATING_POINT,
     "fp_move_pair": Work.FLOATING_POINT,
 }  # fmt: skip
-"""Class of each row of a timing profile that prices instructions."""
+"""Work of each instruction row of a timing profile."""
 
 STALL_NUMBERS = {
     Stall.TAKEN_BRANCH: lib.STALL_TAKEN_BRANCH, Stall.FP_RESULT: lib.STALL_FP_RESULT,
     Stall.DIVISION: lib.STALL_DIVISION, Stall.LOAD_USE: lib.STALL_LOAD_USE,
     Stall.STORE_BUFFER: lib.STALL_STORE_BUFFER, Stall.ADDRESS: lib.STALL_ADDRESS, Stall.FETCH: lib.STALL_FETCH,
 }  # fmt: skip
-"""Number of each cause in the core's results."""
+"""Number of each stall in the core's results."""

@@ -1,7 +1,7 @@
-"""Uncertainty range of a count: what ran is executed again, counted with the rows of the timing profile moved.
+"""Uncertainty range of a count, from executing the code again with other values in uncertain profile rows.
 
-A count under a moved table is what the board would have counted, had it been made with that table. What no row explains
-is a part of the count, by a row of its own.
+A count with other values is the count of a board whose profile has those values. A row of its own states the share of
+counts that no row explains.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.processor.slices import PriceTables, Slice
 
-# The result is usable when the FPU is free, or a cycle later: they are uncertain together.
+# The result is usable when the FPU is free, or a cycle later: the two rows are uncertain together.
 _TOGETHER = {"fp_divide": "fp_divide_use"}
 
 
@@ -31,7 +31,7 @@ class Move:
 
 
 def moves(profile: TimingProfile) -> Iterator[Move]:
-    """Yield what can move in a profile: each uncertain row, or two rows that only move together."""
+    """Yield the uncertainties of a profile: a row, or two rows that move together."""
     rows = profile.rows
     second = {row.against for row in rows.values()} | set(_TOGETHER.values())
     for name, row in rows.items():
@@ -54,18 +54,16 @@ def cycle_range(
     Parameters
     ----------
     profile
-        Profile that it was counted by.
-    cycles
-        The count.
+        Profile of the count.
     whole
-        What was counted.
+        Slices that were counted.
     empty
-        What was counted and subtracted.
+        Slices that were counted and subtracted.
 
     Returns
     -------
     CycleRange or None
-        None if these slices do not make up the count: an exception came between, or the processor slept.
+        None if these slices do not reproduce the count, due to an exception or sleep.
     """
     if not whole:
         return None
@@ -102,23 +100,23 @@ def _count(
 
 
 _Key = tuple[str, str]
-_made: WeakKeyDictionary[Machine, dict[_Key, PriceTables]] = WeakKeyDictionary()
-_MOST_MADE = 4  # of a machine: for the moves of one row and for those of all, by two profiles
+_cached_tables: WeakKeyDictionary[Machine, dict[_Key, PriceTables]] = WeakKeyDictionary()
+_MOST_CACHED = 4  # for a machine: for the moves of one row and for those of all, by two profiles
 
 
 def _price_tables(machine: Machine, profile: TimingProfile, tables: Sequence[Mapping[str, int]]) -> PriceTables:
-    """Return price tables, those that were made before if there are such: they have priced much of the code."""
-    made = _made.setdefault(machine, {})
+    """Return price tables, cached if possible, because they have already priced much of the code."""
+    cached = _cached_tables.setdefault(machine, {})
     key = profile.digest, repr(tables)
-    prices = made.pop(key, None) or PriceTables(machine, profile, tables)
-    made[key] = prices  # the one that was used longest ago stands first
-    if len(made) > _MOST_MADE:
-        del made[next(iter(made))]
+    prices = cached.pop(key, None) or PriceTables(machine, profile, tables)
+    cached[key] = prices  # the least recently used key stands first
+    if len(cached) > _MOST_CACHED:
+        del cached[next(iter(cached))]
     return prices
 
 
 def _doubt(profile: TimingProfile, cycles: int) -> int:
-    """Return by how many cycles a count may be wrong where every row is right."""
+    """Return the error of a count [cycles] that is possible even if every row is right."""
     row = profile.rows.get(DOUBT)
     return math.ceil(cycles * row.value / 1000) if row else 0
 
@@ -129,7 +127,7 @@ def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:
     Returns
     -------
     CycleRange or None
-        None for a profile without such rows: zero wait states were assumed, and the truth is no such band above that.
+        None for a profile without such rows: the count then assumes zero wait states, and has no range.
     """
     if not profile.memory:
         return None
@@ -142,18 +140,16 @@ def range_where_it_ran(
 ) -> CycleRange | None:
     """Return the uncertainty range of a timed count, for the memory that the code ran from.
 
-    What code in flash waits for is of no row: its count carries the uncertainty that the profile states, whatever ran.
+    No cost row covers waits for flash: a count of code in flash has the uncertainty that the profile states.
 
     Parameters
     ----------
     profile
-        Profile that it was counted by.
+        Profile of the count.
     cycle_model
-        Its placement says where it ran.
-    cycles
-        The count.
+        Its placement names the memory.
     executed
-        What was counted, and what was subtracted; None if that is unknown.
+        Slices that were counted, and those that were subtracted; None if they are unknown.
     """
     if in_flash(cycle_model):
         return flash_range(profile, cycles)
@@ -161,16 +157,16 @@ def range_where_it_ran(
 
 
 class TimedSteps:
-    """Records what ran in steps that the firmware timed one after the other.
+    """Recorder of the slices of steps that the firmware timed one after the other.
 
     Parameters
     ----------
     counter
-        Counter that firmware reads around each step, and around the empty call in front of each.
+        Counter that firmware reads around each step, and around the empty call before each.
     profile
-        Profile that it was counted by.
+        Profile of the counts.
     cycle_model
-        Its placement says where they ran.
+        Its placement names the memory.
     """
 
     def __init__(self, counter: CycleCounter, profile: TimingProfile, cycle_model: str) -> None:
@@ -178,20 +174,20 @@ class TimedSteps:
         self._cycles = 0
         self._whole: list[Slice] = []
         self._empty: list[Slice] = []
-        self._known = True
+        self._complete = True
 
     def add(self, cycles: Sequence[int], overhead_cycles: int) -> None:
-        """Record the steps that were timed last, in order; after one that cannot be found nothing is known."""
+        """Record the steps that were timed last, in order; one unknown step makes the whole unknown."""
         executed = self._counter.executed_in_steps(cycles, overhead_cycles)
-        self._known = self._known and executed is not None
+        self._complete = self._complete and executed is not None
         self._cycles += sum(cycles)
         if executed:
             self._whole += executed[0]
             self._empty += executed[1]
 
     def band(self) -> CycleRange | None:
-        """Return the uncertainty range of all steps together; None where it is unknown."""
+        """Return the uncertainty range of all steps together; None if it is unknown."""
         if not self._cycles:
             return None
-        executed = (self._whole, self._empty) if self._known else None
+        executed = (self._whole, self._empty) if self._complete else None
         return range_where_it_ran(self._profile, self._cycle_model, self._cycles, executed)

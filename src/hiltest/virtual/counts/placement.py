@@ -1,4 +1,4 @@
-"""Loops that lose cycles because of where their instructions lie, and how to place them."""
+"""Loops that lose cycles because of their instructions' addresses, and remedies."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from dataclasses import dataclass
 from hiltest.virtual.program.elf import FirmwareImage
 
 LEAST_SHARE = 0.01
-"""A loop that loses less than this part of the whole is not named."""
+"""A loop that loses less than this share of the total is omitted."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoopPlacement:
-    """A loop, and what the place of its instructions costs by the cycle model."""
+    """A loop, and the cycles that its placement costs by the cycle model."""
 
     function: str
     location: str
-    """Where it is; `location` is empty without debug information."""
+    """Source line; empty without debug information."""
     address: int
     last: int
-    """Its first instruction, and the branch back."""
+    """Addresses of its first instruction, and of the branch back."""
     turns: int
-    """How often the branch back was taken."""
+    """Number of times that the branch back was taken."""
     misplaced: int
     wide: int
-    """Instructions of four bytes that it executed, those first that do not begin at a multiple of four."""
+    """Executed instructions of four bytes: those not at a multiple of four, and all."""
     cycles: int
-    """Cycles that they waited to be fetched; those of loops within it are theirs."""
+    """Cycles that they waited to be fetched, without inner loops."""
     advice: str
-    """What moves the instructions that wait most."""
+    """Change that moves the instructions that wait most."""
 
 
 @dataclass(slots=True)
 class FetchTally:
-    """How often an instruction was executed, and for how many cycles it waited to be fetched."""
+    """Executions of an instruction, and the cycles that it waited to be fetched."""
 
     address: int
     size: int
@@ -44,12 +44,12 @@ class FetchTally:
 
     @property
     def misplaced(self) -> bool:
-        """Whether it has four bytes and does not begin at a multiple of four: two words have to be fetched."""
+        """Return whether its four bytes are not at a multiple of four, so that two words have to be fetched."""
         return self.size == 4 and self.address % 4 != 0
 
 
 Loop = tuple[int, int]
-"""Addresses of its first instruction and of the branch back."""
+"""Addresses of the first instruction and of the branch back."""
 
 
 def placements(
@@ -60,16 +60,12 @@ def placements(
 
     Parameters
     ----------
-    name
-        The function's.
     loops
-        How often each branch back was taken.
+        Number of times that each branch back was taken.
     executed
-        The function's instructions, by address.
-    image
-        Tells source lines.
+        Executed instructions of the function, by address.
     text_at
-        Tells the text of the instruction at an address.
+        Returns the text of the instruction at an address.
     """
     inside: dict[Loop, list[FetchTally]] = {}
     for address, tally in executed.items():
@@ -77,18 +73,18 @@ def placements(
         if around:
             inside.setdefault(min(around, key=lambda loop: loop[1] - loop[0]), []).append(tally)
     for loop, tallies in inside.items():
-        wide = [each for each in tallies if each.size == 4]
-        late = sum(each.late for each in wide)
+        wide = [tally for tally in tallies if tally.size == 4]
+        late = sum(tally.late for tally in wide)
         if late:
             yield LoopPlacement(
                 name, image.location_at(loop[0]), *loop, loops[loop],
-                sum(each.executions for each in wide if each.misplaced),
-                sum(each.executions for each in wide), late, _advice(loop, tallies, text_at),
+                sum(tally.executions for tally in wide if tally.misplaced),
+                sum(tally.executions for tally in wide), late, _advice(loop, tallies, text_at),
             )  # fmt: skip
 
 
 def _advice(loop: Loop, tallies: list[FetchTally], text_at: Callable[[int], str]) -> str:
-    """Say what moves the run of misplaced instructions that waits most."""
+    """Return the change that moves the run of misplaced instructions that waits most."""
     ends = {tally.address + tally.size: tally for tally in tallies}
     late: Counter[int] = Counter()
     for tally in tallies:

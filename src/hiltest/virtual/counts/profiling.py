@@ -1,7 +1,7 @@
 """Profile of the cycles of one call: by function, source line, instruction, and kind of work or stall.
 
-The core counts each instruction on each path of calls, and splits its cost by the timing profile, so the tables add up
-to the total that was counted. What memories made instructions wait stands beside them.
+The core counts each instruction on each path of calls, and splits its cost by the timing profile, so that the tables
+add up to the total. Waits for memories are separate.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from hiltest.virtual.program.elf import FirmwareImage, Symbol
 from hiltest.virtual.program.instruction_text import instruction_text
 
 _SRAM_U = 0x20000000
-_COLD = ".cold"  # the part of a function that the compiler moves away because it hardly ever runs
+_COLD = ".cold"  # suffix of the rarely executed part of a function, which the compiler moves away
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +37,18 @@ class FunctionCost:
 
     name: str
     calls: int
-    """How often it was entered."""
+    """Number of entries."""
     cycles: int
     self_cycles: int
-    """Cycles with the functions that it called, and without."""
+    """Cycles with and without its callees."""
     instructions: int
     stall_cycles: int
-    """Its own."""
+    """Stall cycles of the function itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineCost:
-    """Cost of one source line; code inlined from elsewhere counts where it was written."""
+    """Cost of one source line; inlined code counts at its own line."""
 
     location: str
     cycles: int
@@ -71,7 +71,7 @@ class AddressCost:
 
 @dataclass(frozen=True, slots=True)
 class StackCost:
-    """Cycles of the last function of a chain of calls, without those that it called."""
+    """Cycles of the last function of a chain of calls, without its callees."""
 
     functions: tuple[str, ...]
     cycles: int
@@ -79,33 +79,32 @@ class StackCost:
 
 @dataclass(frozen=True, slots=True)
 class CallProfile(CallResult):
-    """Value and cost of a called function, and where its cycles went."""
+    """Value and cost of a called function, and the distribution of its cycles."""
 
     function: str
     cycle_model: str
-    """Timing profile and placement of the code that ran: ``cortex-m4-trm/2@sram``."""
+    """Timing profile and placement of the code: ``cortex-m4-trm/2@sram``."""
     work: Mapping[Work, int]
     stalls: Mapping[Stall, int]
-    """Cycles of each class of instructions and of each cause of waiting; with `asleep_cycles` they add up to
+    """Cycles of each class of instructions and of each stall; with `asleep_cycles` they add up to
     `cycles`."""
     asleep_cycles: int
-    """Cycles in which no instruction ran: WFI."""
+    """Cycles without an instruction: WFI."""
     functions: tuple[FunctionCost, ...]
     lines: tuple[LineCost, ...]
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
     """Most expensive first; `lines` is empty without debug information."""
     band: CycleRange | None
-    """Uncertainty range of `cycles`; None when more than instructions took time, and for code in flash by a profile
-    that knows no memories."""
+    """Uncertainty range of `cycles`; None if other things than instructions took time, and for code in flash if the
+    profile has no memory rows."""
     memory_cycles: int | None = None
-    """What accesses waited for, of no instruction in the tables; None when the timing profile knows no memories."""
+    """Cycles of waits for memories, which the tables omit; None if the timing profile has no memory rows."""
     loops: tuple[LoopPlacement, ...] = ()
-    """Those whose instructions lie badly, the one that loses most first; none by a profile without rules of
-    fetching."""
+    """Loops with badly placed instructions, the most expensive first; empty if the profile has no fetch rules."""
 
     def share(self, cycles: int) -> float:
-        """Return a part of the total [%]."""
+        """Return the share of the total [%]."""
         return 100.0 * cycles / self.cycles
 
 
@@ -113,21 +112,19 @@ def profile_call(
     board: VirtualCortexM4, function: str, *arguments: Argument, timeout_s: float = HANG_S,
     clock_hz: float | None = None,
 ) -> CallProfile:  # fmt: skip
-    """Call one function of an image and find out where its cycles go.
+    """Call one function of an image, and count its cycles in detail.
 
     Parameters
     ----------
-    function
-        Its name.
     *arguments, timeout_s, clock_hz
-        As `VirtualCortexM4.call` takes them.
+        As for `VirtualCortexM4.call`.
 
     Raises
     ------
     ConfigError
-        No such function, or arguments that do not fit it.
+        If the function does not exist, or the arguments do not fit it.
     BoardFault
-        The function faulted or hung.
+        If the function faults or hangs.
     """
     processor = board.processor
     machine, core = processor.machine.handle, processor.core
@@ -149,17 +146,17 @@ def profile_call(
 
 
 class _Owners:
-    """Which function an address belongs to, and what it is called.
+    """Assignment of addresses to functions, and their names.
 
     Attributes
     ----------
     ranges : list of (int, int, int)
-        First address of some code, the address behind it, and where the function begins that it is part of; in order.
+        Begin and end of some code, and the beginning of its function; in order.
     """
 
-    def __init__(self, image: FirmwareImage, called: Symbol | None) -> None:
+    def __init__(self, image: FirmwareImage, callee: Symbol | None) -> None:
         self.ranges: list[tuple[int, int, int]] = []
-        self._names = {called.address: called.name} if called else {}
+        self._names = {callee.address: callee.name} if callee else {}
         starts = sorted({symbol.address for symbol in image.functions})
         for start, following in itertools.pairwise([*starts, 1 << 32]):
             symbol = image.function_at(start)
@@ -172,12 +169,12 @@ class _Owners:
             self._names.setdefault(owner.address, owner.name)
 
     def name(self, function: int) -> str:
-        """Return the name of the function that begins at an address; code without a symbol is named by that."""
+        """Return the name of the function at an address; without a symbol the address is its name."""
         return self._names.get(function, f"{function:#x}")
 
 
 class _Tally:
-    """A running sum of costs."""
+    """Running sum of costs."""
 
     __slots__ = ("cycles", "executions", "stall_cycles")
 
@@ -185,25 +182,24 @@ class _Tally:
         self.executions, self.cycles, self.stall_cycles = 0, cycles, 0
 
     def add(self, executions: int, cycles: int, stall_cycles: int) -> None:
-        """Add `executions` of something."""
         self.executions += executions
         self.cycles += cycles
         self.stall_cycles += stall_cycles
 
 
 class _Path:
-    """A function as it was reached along one path of calls; `functions` has where each on the path begins."""
+    """A function as reached along one path of calls; `functions` has the beginning of each function on the path."""
 
-    def __init__(self, described: Any, caller: tuple[int, ...]) -> None:
-        self.function: int = described.function
+    def __init__(self, record: Any, caller: tuple[int, ...]) -> None:
+        self.function: int = record.function
         self.functions = (*caller, self.function)
-        self.entries: int = described.entries
-        self.asleep_cycles: int = described.idle_cycles
+        self.entries: int = record.entries
+        self.asleep_cycles: int = record.idle_cycles
         self.own = _Tally(self.asleep_cycles)
 
 
 class _Sums:
-    """Adds up what ran on all paths."""
+    """Sums of the costs on all paths."""
 
     def __init__(self, processor: Processor, owners: _Owners) -> None:
         self._image, self._timing, self._memory = processor.image, processor.profile, processor.memory
@@ -237,11 +233,11 @@ class _Sums:
         return instruction_text(address, self._memory.code_at(address))
 
     def profile(self, function: str, result: CallResult, memory_cycles: int) -> CallProfile:
-        """Make the tables."""
+        """Return the profile with all tables."""
         root = self._paths[0]
-        beside = result.cycles - memory_cycles - sum(path.own.cycles for path in self._paths)  # on the way to a handler
-        root.asleep_cycles += beside
-        root.own.cycles += beside
+        entering = result.cycles - memory_cycles - sum(path.own.cycles for path in self._paths)  # entries of handlers
+        root.asleep_cycles += entering
+        root.own.cycles += entering
         nothing: list[Slice] = []
         executed = ([result.executed], nothing) if result.executed else None
         addresses = tuple(sorted(self._address_costs(), key=lambda cost: (-cost.cycles, cost.address)))
@@ -265,7 +261,7 @@ class _Sums:
 
     @property
     def _names(self) -> dict[int, str]:
-        """Names of functions; static ones of the same name are told apart by their addresses."""
+        """Names of functions; static ones with the same name also have their addresses."""
         names = {path.function: self._owners.name(path.function) for path in self._paths}
         often = Counter(names.values())
         return {function: name if often[name] == 1 else f"{name}@{function:#x}" for function, name in names.items()}
@@ -275,7 +271,7 @@ class _Sums:
         """Timing profile and the memories that the code ran from, the one with the most cycles first."""
         cycles: Counter[str] = Counter()
         for (_, address), tally in self._addresses.items():
-            in_flash = self._memory.map.in_flash(address)
+            in_flash = self._memory.map.is_in_flash(address)
             cycles["flash" if in_flash else "sram" if address < _SRAM_U else "sram_u"] += tally.cycles
         return f"{self._timing.name}@{'+'.join(name for name, _ in cycles.most_common())}"
 
@@ -294,7 +290,7 @@ class _Sums:
             calls[path.function] += path.entries
             tally = path.own
             own.setdefault(path.function, _Tally()).add(tally.executions, tally.cycles, tally.stall_cycles)
-            # A recursive function is on the path more than once, and its cycles count once.
+            # A recursive function is on the path more than once, but its cycles count once.
             for function in set(path.functions):
                 inclusive[function] += tally.cycles
         names = self._names
@@ -313,10 +309,10 @@ class _Sums:
 def _read_paths(machine: Machine) -> Iterator[_Path]:
     callers: list[tuple[int, ...]] = [()]
     for number in itertools.count(1):
-        described = lib.machine_path(machine.handle, number)
-        if described == ffi.NULL:
+        record = lib.machine_path(machine.handle, number)
+        if record == ffi.NULL:
             return
-        path = _Path(described, callers[described.caller])
+        path = _Path(record, callers[record.caller])
         callers.append(path.functions)
         yield path
 
@@ -330,7 +326,7 @@ def _read_costs(machine: Machine) -> Iterator[Any]:
 
 
 def _line_costs(addresses: tuple[AddressCost, ...]) -> Iterator[LineCost]:
-    """Sum by source line; nothing if no line is known."""
+    """Sum up by source line; yield nothing if no line is known."""
     lines: dict[str, _Tally] = {}
     for cost in addresses:
         lines.setdefault(cost.location, _Tally()).add(cost.executions, cost.cycles, cost.stall_cycles)

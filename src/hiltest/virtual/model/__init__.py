@@ -1,1 +1,1 @@
-"""What instructions cost: tables of clock cycles, and the files that hold them."""
+"""Costs of instructions: tables of clock cycles, and their files."""

@@ -1,4 +1,4 @@
-"""Timing profiles in files: those that ship in the package, and a user's own, checked before use."""
+"""Timing profiles in files, shipped with the package or written by users, and checked before use."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from hiltest.strict_json import read_bounded, shown
 from hiltest.virtual.model.timing import CostRow, TimingProfile
 
 DEFAULT_PROFILE = "cortex-m4-trm/2"
-#: Has the memories of the K64F, and the default profile's instructions.
+#: Profile with the memories of the K64F, and the default profile's instructions.
 MEMORY_PROFILE = "cortex-m4-k64f/2"
 SUFFIX = ".toml"
 
-#: Every row of a profile, and what it prices.
+#: Rows of every profile, and the instructions that each prices.
 ROWS = {
     "data": "moves, arithmetic, logic, shifts, saturation, SIMD, multiplies, long and accumulating ones too",
     "divide": "SDIV, UDIV",
@@ -50,7 +50,7 @@ ROWS = {
     "exception_entry": "exception entry",
     "exception_return": "exception return",
 }
-#: Rows that a profile may have or not, and what each prices; without one its rule does not hold.
+#: Optional rows of a profile, and their meaning; without a row its rule does not hold.
 RULES = {
     "address_use": "added when an address is made of what the data-processing instruction right before computed",
     "it_folded": "IT behind an instruction of two bytes",
@@ -66,7 +66,7 @@ RULES = {
     "fp_frame": "added when a frame's floating-point registers are saved, at once or lazily, and restored",
     "doubt_permille": "thousandths of any count by which it may be wrong where every row is right",
 }
-#: Every row of what the memories add, and what it says.
+#: Rows of the memories, and their meaning.
 MEMORY_ROWS = {
     "flash_clocks": "core clocks of one clock of the flash",
     "flash_line_bytes": "what one read of the flash brings",
@@ -82,26 +82,26 @@ MEMORY_ROWS = {
     "flash_lower_multiple": "hundredths of a clock: LDM, STM, code in flash, data in SRAM_L",
     "flash_uncertainty": "percent of a total of code in flash",
 }
-#: Rows of memories that a profile may have or not.
+#: Optional rows of the memories.
 MEMORY_RULES = {"unaligned": "added for each part but the first of an access at no multiple of its size"}
-#: The least that a row can be, where that is more than 0. A branch to itself must take time, or it would never meet the
-#: event that ends it; what a read of the flash brings has whole words in it.
+#: Least value of rows, if it is more than 0. A branch to itself must take time, or it would never reach the event that
+#: ends it; a read of the flash brings whole words.
 AT_LEAST = {
     "branch": 1, "fp_accumulate": 1, "fp_divide": 1, "flash_clocks": 1, "flash_line_bytes": 4, "cache_entry_bytes": 4,
     "cache_ways": 1, "cache_sets": 1,
 }  # fmt: skip
-_DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
+_DEAREST = 1000  # cycles: far more than any instruction takes, while sums stay within 32 bits
 _AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100, "cache_ways": 16, "cache_sets": 64}  # as core/waits.h
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
 _LARGEST_FILE = 64 * 1024
 _TABLES = ("name", "base", "memory_base", "cost", "memory", "board", "measured")  # the last two price nothing
 _KEYS = ("value", "band", "source", "against")
 _NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
-#: A profile that has each table's rows.
+#: A profile that has all rows of a table.
 _WITH_ROWS = {"cost": DEFAULT_PROFILE, "memory": MEMORY_PROFILE}
 
 
-def _otherwise(table: str = "cost") -> str:
+def _advice(table: str = "cost") -> str:
     return (
         f'write base = "{_WITH_ROWS[table]}" below its name, and only the rows that you know better; or start from '
         "a copy of a profile that ships: `hiltest timing show` says which file"
@@ -110,7 +110,7 @@ def _otherwise(table: str = "cost") -> str:
 
 @cache
 def shipped_profiles() -> dict[str, Path]:
-    """Return the profiles that ship with the package: name and file."""
+    """Return the shipped profiles: name and file."""
     folder = Path(str(resources.files("hiltest.virtual.model"))) / "profiles"
     files = sorted([*folder.glob(f"*{SUFFIX}"), *folder.glob(f"silicon/*{SUFFIX}")])
     return {tomllib.loads(file.read_text(encoding="utf-8"))["name"]: file for file in files}
@@ -122,12 +122,12 @@ def load_profile(name: str) -> TimingProfile:
     Parameters
     ----------
     name
-        Name of a packaged profile, or a file of one's own, which ends in ``.toml``.
+        Name of a shipped profile, or a user's own file, which ends in ``.toml``.
 
     Raises
     ------
     ConfigError
-        If there is none of that name, or the file is no timing profile; the message says where and what to do.
+        If there is no such profile, or the file is not a timing profile; the message says where and what to do.
     """
     file = place_of(name)
     content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
@@ -140,51 +140,51 @@ def measured_file(file: Path) -> tuple[dict[str, Any], str, dict[str, CostRow]]:
     Returns
     -------
     content : dict
-        All that the file has, of which ``board`` and ``measured`` are as anybody may have written them.
+        Everything in the file; ``board`` and ``measured`` are unchecked.
     name : str
     rows : dict of str to CostRow
 
     Raises
     ------
     ConfigError
-        If it is no timing profile.
+        If the file is not a timing profile.
     """
     content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
-    name, rows, _ = _parsed(str(file), content)
+    name, rows, _ = _parse(str(file), content)
     return tomllib.loads(content.decode("utf-8")), name, rows
 
 
 def place_of(name: str) -> Path:
-    """Return the file of a profile; it is there when the profile is one that ships.
+    """Return the file of a profile, which exists if the profile is a shipped one.
 
     Raises
     ------
     ConfigError
-        If it is neither a profile that ships nor the name of a file.
+        If the name is neither a shipped profile nor a file.
     """
     if name.endswith(SUFFIX):
         return Path(name)
     file = shipped_profiles().get(name)
     if file is None:
-        known = ", ".join(shipped_profiles())
-        raise ConfigError(f"no timing profile {name!r}; known: {known}; a file of your own ends in {SUFFIX}")
+        names = ", ".join(shipped_profiles())
+        raise ConfigError(f"no timing profile {name!r}; known: {names}; a file of your own ends in {SUFFIX}")
     return file
 
 
 @cache
 def _profile_of(place: str, content: bytes, *, shipped: bool) -> TimingProfile:
-    # The same content gives the same object: priced blocks are kept by it.
-    return TimingProfile(*_parsed(place, content), shipped=shipped)
+    # The same content gives the same object, by which priced blocks are cached.
+    return TimingProfile(*_parse(place, content), shipped=shipped)
 
 
-def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[str, CostRow]]:
-    """Return name, cost rows and memory rows; those that are not given are the base's, where one is named."""
+def _parse(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[str, CostRow]]:
+    """Return name, cost rows and memory rows; missing rows are those of the base, if there is one."""
     try:
         data = tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_otherwise()}") from error
+        raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_advice()}") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(f"{place}: not TOML: {error}; {_otherwise()}") from error
+        raise ConfigError(f"{place}: not TOML: {error}; {_advice()}") from error
     for key in sorted(data.keys() - set(_TABLES)):
         raise UnknownKeyError(key, where=place, known=_TABLES)
     name = data.get("name")
@@ -211,59 +211,59 @@ def _base(
     place: str, name: str, base: Any, *, key: str = "base"
 ) -> tuple[dict[str, CostRow], dict[str, CostRow]]:
     if not isinstance(base, str) or base not in shipped_profiles() or base == name:
-        known = ", ".join(shipped_profile for shipped_profile in shipped_profiles() if shipped_profile != name)
-        raise ConfigError(f"{place}: {key}: must be a profile that ships: {known}; not {shown(base)}")
+        names = ", ".join(shipped_profile for shipped_profile in shipped_profiles() if shipped_profile != name)
+        raise ConfigError(f"{place}: {key}: must be a profile that ships: {names}; not {shown(base)}")
     profile = load_profile(base)
     return profile.rows, profile.memory
 
 
 def _table(
-    place: str, table: str, given: Any, known: Mapping[str, str], base: dict[str, CostRow],
+    place: str, table: str, rows: Any, required: Mapping[str, str], base: dict[str, CostRow],
     optional: Mapping[str, str] | None = None,
 ) -> dict[str, CostRow]:
-    if not isinstance(given, dict):
-        raise ConfigError(f"{place}: it has no table [{table}.ROW]; {_otherwise(table)}")
-    every = (*known, *(optional or ()))
-    for key in sorted(given.keys() - set(every)):
+    if not isinstance(rows, dict):
+        raise ConfigError(f"{place}: it has no table [{table}.ROW]; {_advice(table)}")
+    every = (*required, *(optional or ()))
+    for key in sorted(rows.keys() - set(every)):
         raise UnknownKeyError(key, where=f"{place}: {table}", known=every)
-    if missing := [row for row in known if row not in given and row not in base]:
-        raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_otherwise(table)}")
+    if missing := [row for row in required if row not in rows and row not in base]:
+        raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_advice(table)}")
     return {
-        row: _row(f"{place}: {table}.{row}", row, given[row]) if row in given else base[row]
-        for row in every if row in given or row in base
+        row: _row(f"{place}: {table}.{row}", row, rows[row]) if row in rows else base[row]
+        for row in every if row in rows or row in base
     }
 
 
-def _row(place: str, row: str, given: Any) -> CostRow:
-    if not isinstance(given, dict):
-        raise ConfigError(f"{place}: must be a table of value, band and source, not {shown(given)}")
-    for key in sorted(given.keys() - set(_KEYS)):
+def _row(place: str, row: str, table: Any) -> CostRow:
+    if not isinstance(table, dict):
+        raise ConfigError(f"{place}: must be a table of value, band and source, not {shown(table)}")
+    for key in sorted(table.keys() - set(_KEYS)):
         raise UnknownKeyError(key, where=place, known=_KEYS)
-    band, source = given.get("band"), given.get("source")
+    band, source = table.get("band"), table.get("source")
     if not isinstance(band, list) or len(band) != 2:
         raise ConfigError(f"{place}.band: must be the lowest and the highest cycles, such as [2, 3], not {shown(band)}")
-    value = _cycles(f"{place}.value", row, given.get("value"))
+    value = _cycles(f"{place}.value", row, table.get("value"))
     low, high = (_cycles(f"{place}.band", row, bound) for bound in band)
     if not low <= value <= high:
         raise ConfigError(f"{place}.band: {low} to {high} does not hold the value {value}; correct one of them")
     if not isinstance(source, str) or not 0 < len(source.strip()) <= 500:
         raise ConfigError(f"{place}.source: must say in up to 500 characters where the number comes from")
-    if not source.isprintable():  # it is shown at a terminal, which would obey some of the others
+    if not source.isprintable():  # a terminal would obey other characters
         raise ConfigError(f"{place}.source: must be one line of printable characters, not {shown(source)}")
-    against = given.get("against", "")
+    against = table.get("against", "")
     if against != "" and (against not in ROWS or against == row):
         raise ConfigError(f"{place}.against: must be another row that it sums up with, not {shown(against)}")
     return CostRow(value, (low, high), source, against)
 
 
-def _cycles(place: str, row: str, given: Any) -> int:
+def _cycles(place: str, row: str, cycles: Any) -> int:
     least, most = AT_LEAST.get(row, 0), _AT_MOST.get(row, _DEAREST)
-    if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
-        what = "whole cycles" if row not in MEMORY_ROWS else "a whole number"
-        raise ConfigError(f"{place}: must be {what} from {least} to {most}, not {shown(given)}")
-    if row in _POWERS_OF_TWO and given & (given - 1):
-        raise ConfigError(f"{place}: must be a power of two, not {given}")
-    return given
+    if not isinstance(cycles, int) or isinstance(cycles, bool) or not least <= cycles <= most:
+        expected = "whole cycles" if row not in MEMORY_ROWS else "a whole number"
+        raise ConfigError(f"{place}: must be {expected} from {least} to {most}, not {shown(cycles)}")
+    if row in _POWERS_OF_TWO and cycles & (cycles - 1):
+        raise ConfigError(f"{place}: must be a power of two, not {cycles}")
+    return cycles
 
 
 def _check_division(place: str, rows: dict[str, CostRow]) -> None:
@@ -276,7 +276,7 @@ def _check_division(place: str, rows: dict[str, CostRow]) -> None:
 
 
 def _check_accumulation(place: str, rows: dict[str, CostRow], *, own: bool) -> None:
-    """Refuse more hidden cycles than there can be; a base's range may reach further, and is cut."""
+    """Reject more hidden cycles than possible; the range of a base may be larger, and is cut."""
     dearest, hidden = rows["fp_accumulate"].band[1], rows["fp_accumulate_hidden"]
     if hidden.value >= dearest or (own and hidden.band[1] >= dearest):
         raise ConfigError(

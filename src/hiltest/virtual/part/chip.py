@@ -1,7 +1,7 @@
-"""The part as its tables have it: memories, peripherals, registers and pins of the MK64FN1M0.
+"""Tables of the MK64FN1M0: memories, peripherals, registers and pins.
 
 The tables in ``mk64f12/`` hold facts of the part (names, addresses, widths, values after
-reset, clock gates, interrupts, sources of DMA requests), as its reference manual lists them.
+reset, clock gates, interrupts, sources of DMA requests) from its reference manual.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Region = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class MemoryMap:
-    """Memories of a part; as text, as ``--memory`` takes them."""
+    """Memories of a part; their text has the format of ``--memory``."""
 
     flash: tuple[Region, ...]
     ram: tuple[Region, ...]
@@ -33,8 +33,8 @@ class MemoryMap:
         kinds = (("flash", self.flash), ("ram", self.ram))
         return ",".join(f"{kind}=0x{base:08x}:{size >> 10}K" for kind, regions in kinds for base, size in regions)
 
-    def in_flash(self, address: int) -> bool:
-        """Whether flash is at an address."""
+    def is_in_flash(self, address: int) -> bool:
+        """Return whether flash is at an address."""
         return any(base <= address < base + size for base, size in self.flash)
 
 
@@ -50,19 +50,18 @@ class ChipRegister:
 
 @dataclass(frozen=True, slots=True)
 class ChipPeripheral:
-    """One peripheral."""
 
     name: str
     base: int
     size: int
-    """Its addresses."""
+    """Size of its address range [bytes]."""
     gates: tuple[tuple[int, int], ...]
-    """Number of the SCGC register (1 to 7) and bit; any one that is set gives it a clock. Empty: it always has one."""
+    """Number of an SCGC register (1 to 7) and bit; any set bit enables the clock, which is always on without bits."""
     registers: tuple[ChipRegister, ...]
     interrupts: tuple[int, ...]
-    """Its interrupts, in the order of the vector table."""
+    """Interrupt numbers, in the order of the vector table."""
     requests: tuple[int, ...]
-    """Its sources of the DMA multiplexer."""
+    """Sources of the DMA multiplexer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +95,7 @@ class Chip:
     Parameters
     ----------
     pins
-        Signals that pins may carry: of the timers, on the pins that the FRDM-K64F's headers have.
+        Signals that pins may carry: those of the timers, on the pins of the FRDM-K64F's headers.
     """
 
     def __init__(self, peripherals: tuple[ChipPeripheral, ...], pins: tuple[ChipPin, ...]) -> None:
@@ -119,11 +118,11 @@ class Chip:
 
     @property
     def pages(self) -> Mapping[int, list[ChipPeripheral]]:
-        """The peripherals of each page of 4 KiB, counted from address 0, that has any."""
+        """Peripherals by page of 4 KiB, counted from address 0."""
         return self._pages
 
     def register_name(self, address: int) -> str | None:
-        """Name the register at an address; by peripheral and offset where the table has none, None where nothing is."""
+        """Return the name of the register at an address; peripheral and offset without one, None without peripheral."""
         register = self._registers.get(address)
         if register is not None:
             return register.name
@@ -134,7 +133,7 @@ class Chip:
         return f"{nearest.name}+0x{address - nearest.base:03X}"
 
     def reset_bytes(self, base: int) -> dict[int, int]:
-        """Collect the bytes of a page that are not zero after reset, by offset."""
+        """Return the bytes of a page that are not zero after reset, by offset."""
         return dict(self._reset_bytes.get(base // _PAGE, {}))
 
 
@@ -145,13 +144,13 @@ def table(name: str) -> Iterator[dict[str, str]]:
 
 
 def _copies(row: dict[str, str]) -> list[str]:
-    """Expand the column of copies: nothing, how many, or what each is called."""
+    """Return the names of a row's copies, from their number or their names."""
     copies = row["copies"]
     return [str(index) for index in range(int(copies))] if copies.isdigit() else copies.split() or [""]
 
 
 def memories() -> MemoryMap:
-    """Read which memories the part has."""
+    """Return the memories of the part."""
     rows = list(table("memories.csv"))
     flash, ram = (
         tuple((int(row["base"], 0), int(row["size"], 0)) for row in rows if row["kind"] == kind)
@@ -162,7 +161,7 @@ def memories() -> MemoryMap:
 
 @cache
 def mk64f12() -> Chip:
-    """Read the tables of the part's peripherals and pins."""
+    """Return the peripherals and pins from the part's tables."""
     kinds: dict[str, list[tuple[str, int, int, int]]] = {}
     for row in table("registers.csv"):
         for index, copy in enumerate(_copies(row)):

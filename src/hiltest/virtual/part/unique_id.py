@@ -1,8 +1,8 @@
-"""Unique id of virtual boards, by which they are recognised on any serial line."""
+"""Unique id of virtual boards, which identifies them on any serial line."""
 
 from __future__ import annotations
 
-#: What stands in SIM_UIDH to SIM_UIDL, most significant byte first, where a chip has a number of its own.
+#: SIM_UIDH to SIM_UIDL, most significant byte first; a real chip has a number of its own.
 VIRTUAL_UNIQUE_ID = b"virtual-frdmk64f"
-#: What `hiltest serve --replay` puts in the place of the recorded board's.
+#: Replacement for the id of a recorded board in `hiltest serve --replay`.
 REPLAYED_UNIQUE_ID = b"replayed-session"

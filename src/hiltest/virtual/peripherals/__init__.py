@@ -1,1 +1,1 @@
-"""The peripherals of the MK64F, one module each, on the `bus` that hands them their register accesses."""
+"""The peripherals of the MK64F, one module each, and the `bus` that passes register accesses to them."""

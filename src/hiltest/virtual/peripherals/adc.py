@@ -1,4 +1,4 @@
-"""ADC16: voltages become numbers, each after the time that the manual's table says."""
+"""ADC16: conversion of voltages, with the timing of the manual's table."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _TEMPERATURE, _BANDGAP, _VREFH, _VREFL, _OFF = 26, 27, 29, 30, 31
 _BANDGAP_V = 1.0
 _SENSOR_V, _SENSOR_V_PER_DEGC, _SENSOR_DEGC = 0.716, 0.00162, 25.0  # typical, of the data sheet
 _OWN_HZ = {0: 5_200_000, 1: 6_200_000, 2: 2_400_000, 3: 4_000_000}  # ADACK, typical, by ADLPC and ADHSC
-_OWN_START_S = 5e-6  # of ADACK, where it does not run already
-# By CFG1.MODE: bits, and clocks of a conversion, single-ended and of a pair.
+_OWN_START_S = 5e-6  # start-up of ADACK, if it does not run already
+# By CFG1.MODE: bits, and clocks of a conversion; for single-ended and for differential inputs.
 _BITS, _PAIR_BITS = (8, 12, 10, 16), (9, 13, 11, 16)
 _CONVERSION, _PAIR_CONVERSION = (17, 20, 20, 25), (27, 30, 30, 34)
 _LONG_SAMPLE = (20, 12, 6, 2)  # further clocks, by CFG2.ADLSTS
@@ -33,28 +33,22 @@ _CALIBRATION_CLOCKS = 14_000  # with 32 averages, as the manual has it
 class Converter(Restorable):
     """One ADC16 module.
 
-    An ideal converter: offset, gain and calibration registers keep what is written and change no result.
-    Inputs a and b of CFG2.MUXSEL are one. Hardware triggers are not modelled, and noted.
+    This is an ideal converter: offset, gain and calibration registers store writes and change no result.
+    Inputs a and b of CFG2.MUXSEL are the same. Hardware triggers are not modelled, and are reported.
 
     Parameters
     ----------
-    processor
-        Interrupts.
-    clocks
-        Its clocks.
-    module
-        Its addresses and interrupt.
     note
-        Told address, size and value of a write that asks for what is not modelled.
+        Called with address, size and value of a write that requests an unmodelled function.
 
     Attributes
     ----------
     volts : callable
-        Answers the voltage of a channel; of a differential one between its pins.
+        Returns the voltage of a channel [V]; for a differential channel the one between its pins.
     temperature_degc : callable
-        Answers the temperature of the chip.
+        Returns the temperature of the chip [degC].
     on_request : callable
-        Told the level of its source of DMA requests.
+        Called with the module's DMA request source and its new level.
     """
 
     steady = frozenset(range(0x1000)) - frozenset(range(_RA, _RB + 4))
@@ -91,17 +85,17 @@ class Converter(Restorable):
         return _OWN_HZ[self._registers[_CFG1] >> 6 & 2 | self._registers[_CFG2] >> 2 & 1]
 
     def _ticks(self, clocks: int, bus_clocks: int) -> tuple[Clock, int]:
-        """Clock that the conversion follows, and how many of its ticks so many clocks of the converter take."""
-        config, known = self._registers[_CFG1], self._clocks
+        """Return the clock that the conversion follows, and its ticks in so many clocks of the converter."""
+        config, sources = self._registers[_CFG1], self._clocks
         divided = clocks << (config >> 5 & 3)
         source = config & 3
         if source == 0:
-            return known.bus, divided + bus_clocks
-        hz = {1: IRC48M_HZ, 2: float(known.oscillator.hz)}.get(source, self._own_hz)
-        bus_s = bus_clocks / float(known.bus.hz) if known.bus.hz else 0.0
+            return sources.bus, divided + bus_clocks
+        hz = {1: IRC48M_HZ, 2: float(sources.oscillator.hz)}.get(source, self._own_hz)
+        bus_s = bus_clocks / float(sources.bus.hz) if sources.bus.hz else 0.0
         starts = source == 3 and not self._registers[_CFG2] & 8
         seconds = divided / hz + bus_s + (_OWN_START_S if starts else 0)
-        return known.time, round(seconds * PICOSECONDS)
+        return sources.time, round(seconds * PICOSECONDS)
 
     def _conversion_clocks(self, pair: bool, *, is_first: bool) -> int:
         config, more = self._registers[_CFG1], self._registers[_CFG2]
@@ -131,12 +125,12 @@ class Converter(Restorable):
         clocks = self._conversion_clocks(bool(control & _DIFF), is_first=is_first)
         source, ticks = self._ticks(clocks, 5 if is_first else 0)
         before, end = self._end
-        # The next conversion follows without a gap, however late the core comes to notice the end of this one.
+        # The next conversion follows without a gap, however late the core notices the end of this one.
         begin = source.now() if is_first or before is not source else end
         self._end = source, begin + ticks
-        self._event = source.at(begin + ticks, self._converted)
+        self._event = source.call_at(begin + ticks, self._finish_conversion)
 
-    def _converted(self) -> None:
+    def _finish_conversion(self) -> None:
         self._event = None
         result = self._result()
         if self._passes(result):
@@ -147,7 +141,7 @@ class Converter(Restorable):
         self._drive()
 
     def _result(self) -> int:
-        """Number that the selected channel's voltage makes."""
+        """Return the conversion result of the selected channel."""
         control, mode = self._registers[_SC1A], self._registers[_CFG1] >> 2 & 3
         channel = control & _CHANNEL
         inside = {
@@ -160,11 +154,11 @@ class Converter(Restorable):
         return min(max(steps, -full if control & _DIFF else 0), full - 1)
 
     def _passes(self, result: int) -> bool:
-        """Whether the compare function lets a result through."""
+        """Return whether the compare function accepts a result."""
         control = self._registers[_SC2]
         if not control & _ACFE:
             return True
-        first, second = (_signed(self._registers[cv], self._registers[_SC1A]) for cv in (_CV1, _CV2))
+        first, second = (_compare_value(self._registers[cv], self._registers[_SC1A]) for cv in (_CV1, _CV2))
         greater = bool(control & _ACFGT)
         if not control & _ACREN:
             return (result >= first) is greater
@@ -182,9 +176,9 @@ class Converter(Restorable):
             self._fail()
             return
         source, ticks = self._ticks(_CALIBRATION_CLOCKS * self._averages // 32, 100)
-        self._event = source.after(ticks, self._calibrated)
+        self._event = source.after(ticks, self._finish_calibration)
 
-    def _calibrated(self) -> None:
+    def _finish_calibration(self) -> None:
         self._event = None
         self._registers[_SC3] &= ~_CAL
         self._registers[_SC1A] |= _COCO
@@ -197,7 +191,7 @@ class Converter(Restorable):
     # -- registers ----------------------------------------------------------------------------
 
     def read(self, offset: int, size: int) -> int:
-        """Answer a register; reading a result clears its COCO."""
+        """Return a register; reading a result clears its COCO."""
         register = offset & ~3
         value = self._registers.get(register, 0)
         if register in (_RA, _RB):
@@ -208,9 +202,8 @@ class Converter(Restorable):
         return value >> 8 * (offset & 3)
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a word register."""
         if self._registers[_SC3] & _CAL:
-            self._fail()  # what is written while it calibrates spoils it
+            self._fail()  # a write during calibration makes it fail
         if offset == _SC1A:
             self._registers[_SC1A] = value & 0x7F
             if self._registers[_SC2] & _ADTRG:
@@ -222,8 +215,8 @@ class Converter(Restorable):
             if value & _ADTRG:
                 self._note(self.base + offset, size, value)
         elif offset == _SC3:
-            kept = self._registers[_SC3] & _CALF & ~value
-            self._registers[_SC3] = value & 0x0F | kept
+            failed = self._registers[_SC3] & _CALF & ~value
+            self._registers[_SC3] = value & 0x0F | failed
             if value & _CAL:
                 self._calibrate()
         elif offset in self._registers and offset not in (_RA, _RB):
@@ -236,6 +229,6 @@ class Converter(Restorable):
         self._nvic.set_line(self._interrupt, bool(done & _COCO and done & _AIEN))
 
 
-def _signed(value: int, control: int) -> int:
-    """Number in a compare register: of a pair it has a sign."""
+def _compare_value(value: int, control: int) -> int:
+    """Return a compare register's value, which has a sign for differential inputs."""
     return value - 0x10000 if control & _DIFF and value & 0x8000 else value

@@ -1,4 +1,4 @@
-"""The peripheral bus: the block at each address, and the bus error where there is none."""
+"""The peripheral bus: the block at each address, and bus errors elsewhere."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ class Peripheral(HasState, Protocol):
     Attributes
     ----------
     name : str
-        As the reference manual calls it.
+        Name in the reference manual.
     base : int
         First address; blocks are 4 KiB apart.
     clocked : bool
-        Whether its clock gate is open. An access with a closed gate is a bus
+        True if its clock gate is open. An access with a closed gate is a bus
         fault on the part, and a `BoardFault` here.
 
     Notes
     -----
-    A block may declare `steady`: offsets of the bytes that change only at events of the schedule and at writes to any
-    block, and whose reading changes nothing. The core asks for them once and answers again by itself until then. If a
-    reading changes something all the same, `read` tells the processor: `read_changed`. A block may also declare
-    `counters`: bytes that change with time, and whose reading changes nothing. The reading of all other bytes may
-    change any block. A block that is a `CountsReads` is told of the readings that the core has answered.
+    A block may declare `steady`: offsets of the bytes that change only at events of the queue and at writes to any
+    block, and that a read does not change. The core reads them once and repeats the answers by itself until then. If a
+    read changes something all the same, `read` calls the processor's `read_changed`. A block may also declare
+    `counters`: bytes that change with time, and that a read does not change. A read of any other byte may change any
+    block. A block that is a `CountsReads` is informed of the reads that the core has answered.
     """
 
     name: str
@@ -44,11 +44,11 @@ class Peripheral(HasState, Protocol):
     clocked: bool
 
     def read(self, offset: int, size: int) -> int:
-        """Answer a read of 1, 2 or 4 bytes."""
+        """Return the value of 1, 2 or 4 bytes."""
         ...
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a write of 1, 2 or 4 bytes."""
+        """Write 1, 2 or 4 bytes."""
         ...
 
     def reset(self) -> None:
@@ -57,23 +57,23 @@ class Peripheral(HasState, Protocol):
 
 
 def read_by_bytes(peripheral: Peripheral, offset: int, size: int) -> int:
-    """Answer a wide read of registers of one byte each."""
+    """Return the value of a wide read from one-byte registers."""
     return sum(peripheral.read(offset + index, 1) << 8 * index for index in range(size))
 
 
 def write_by_bytes(peripheral: Peripheral, offset: int, size: int, value: int) -> None:
-    """Take a wide write to registers of one byte each."""
+    """Split a wide write among one-byte registers."""
     for index in range(size):
         peripheral.write(offset + index, 1, value >> 8 * index & 0xFF)
 
 
 class StoredRegisters(Restorable):
-    """A block whose registers keep what is written and do nothing else that firmware could see.
+    """A block whose registers only store writes.
 
     Parameters
     ----------
     name
-        As the reference manual calls it.
+        Name in the reference manual.
     base
         First address.
     initial
@@ -88,41 +88,38 @@ class StoredRegisters(Restorable):
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state after a chip reset."""
         self._bytes = bytearray(0x1000)
         for offset, value in self._initial.items():
             self._bytes[offset] = value
 
     @property
     def steady(self) -> Offsets:
-        """Offsets of steady bytes: all, unless a class that answers reads in another way says nothing of it."""
+        """Offsets of steady bytes: all, or none if a subclass has a `read` of its own and no `steady`."""
         return ALL_STEADY if type(self).read is StoredRegisters.read else NONE_STEADY
 
     def word(self, offset: int) -> int:
-        """The 32-bit register at an offset."""
+        """Return the 32-bit register at an offset."""
         return int.from_bytes(self._bytes[offset : offset + 4], "little")
 
     def read(self, offset: int, size: int) -> int:
-        """Answer what was written last."""
         return int.from_bytes(self._bytes[offset : offset + size], "little")
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Keep what is written."""
         self._bytes[offset : offset + size] = value.to_bytes(size, "little")
 
 
 @runtime_checkable
 class CountsReads(Protocol):
-    """A block that wants to know of readings that the core has answered by itself."""
+    """A block that counts the reads that the core has answered by itself."""
 
-    def repeated(self, address: int, place: int, reads: int) -> None:
-        """Take note that the instruction at `place` has read an address so many times more."""
+    def count_repeats(self, address: int, place: int, reads: int) -> None:
+        """Count `reads` more of an address by the instruction at `place`."""
         ...
 
 
 @cache
-def _declared(steady: frozenset[int], counters: frozenset[int], *, counts_reads: bool) -> Any:
-    """Return what a page declares, byte by byte; pages that declare the same share it."""
+def _declare_bytes(steady: frozenset[int], counters: frozenset[int], *, counts_reads: bool) -> Any:
+    """Return a page's declaration for each byte; pages with equal declarations share it."""
     tells = lib.DEVICE_TELLS if counts_reads else 0
     kinds = dict.fromkeys(counters, lib.DEVICE_KEEPS | tells)
     kinds |= dict.fromkeys(steady, lib.DEVICE_KEEPS | lib.DEVICE_STEADY | tells)
@@ -130,16 +127,12 @@ def _declared(steady: frozenset[int], counters: frozenset[int], *, counts_reads:
 
 
 class PeripheralBus(Restorable):
-    """Connects the processor's loads and stores to peripherals.
+    """Connection of the processor's loads and stores to peripherals.
 
     Parameters
     ----------
-    processor
-        Processor that makes the accesses.
-    peripherals
-        The blocks.
     register_name
-        Names the register of the chip at an address; None where it has nothing. None: the memories are another part's.
+        Returns the chip's register at an address, or None; it is None if the memories are another part's.
     """
 
     def __init__(
@@ -148,41 +141,41 @@ class PeripheralBus(Restorable):
     ) -> None:  # fmt: skip
         self._register_name = register_name
         self._pages = {peripheral.base >> 12: peripheral for peripheral in peripherals}
-        self._open: dict[int, Peripheral] = {}  # by page: those that need no look
+        self._open: dict[int, Peripheral] = {}  # by page: blocks that need no further check
         processor.machine.connect(self._checked_read, self._checked_write, processor.abort)
         self._declare(processor)
 
     def _declare(self, processor: Processor) -> None:
-        """Tell the core which bytes are steady, and have it tell of repeated readings."""
+        """Declare the steady bytes to the core, and have it report repeated reads."""
         machine = processor.machine
         for page, peripheral in self._pages.items():
             steady = frozenset(getattr(peripheral, "steady", NONE_STEADY))
             counters = frozenset(getattr(peripheral, "counters", NONE_STEADY))
             if steady or counters:
-                declared = _declared(steady, counters, counts_reads=isinstance(peripheral, CountsReads))
+                declared = _declare_bytes(steady, counters, counts_reads=isinstance(peripheral, CountsReads))
                 lib.machine_declare_page(machine.handle, page << 12, declared)
-        machine.tell_repeated(self._tell_repeated, processor.abort)
+        machine.tell_repeated(self._report_repeated, processor.abort)
 
-    def _tell_repeated(self, address: int, place: int, reads: int) -> None:
+    def _report_repeated(self, address: int, place: int, reads: int) -> None:
         peripheral = self._pages[address >> 12]
         if isinstance(peripheral, CountsReads):
-            peripheral.repeated(address, place, reads)
+            peripheral.count_repeats(address, place, reads)
 
     def _checked_read(self, address: int, size: int) -> int:
-        """Answer a load, if it is no bus error."""
+        """Read for a load, or raise a bus error."""
         peripheral = self._open.get(address >> 12)
         if peripheral is None or address % _PAGE + size > _PAGE:  # an access may straddle two pages
-            peripheral = self._opened(address, size)
+            peripheral = self._open_peripheral(address, size)
         return peripheral.read(address % _PAGE, size)
 
     def _checked_write(self, address: int, size: int, value: int) -> None:
-        """Take a store, if it is no bus error."""
+        """Write for a store, or raise a bus error."""
         peripheral = self._open.get(address >> 12)
         if peripheral is None or address % _PAGE + size > _PAGE:
-            peripheral = self._opened(address, size)
+            peripheral = self._open_peripheral(address, size)
         peripheral.write(address % _PAGE, size, value)
 
-    def _opened(self, address: int, size: int) -> Peripheral:
+    def _open_peripheral(self, address: int, size: int) -> Peripheral:
         reason = self.reason_against(address, size)
         if reason is not None:
             raise RefusedAccess(reason)
@@ -190,15 +183,15 @@ class PeripheralBus(Restorable):
         return peripheral
 
     def read(self, address: int, size: int) -> int:
-        """Read a register, as an access to its address would."""
+        """Read a register by its address."""
         return self._pages[address >> 12].read(address & 0xFFF, size)
 
     def write(self, address: int, size: int, value: int) -> None:
-        """Write a register, as an access to its address would."""
+        """Write a register by its address."""
         self._pages[address >> 12].write(address & 0xFFF, size, value)
 
     def reason_against(self, address: int, size: int) -> str | None:
-        """Say why an access is a bus error, if it is: every byte of it needs a peripheral with a clock."""
+        """Return the reason why an access is a bus error, if any: each byte needs a peripheral with a clock."""
         for page in {address >> 12, (address + size - 1) >> 12}:
             peripheral = self._pages.get(page)
             if peripheral is None:
@@ -213,5 +206,5 @@ class PeripheralBus(Restorable):
         return None
 
     def look_again(self) -> None:
-        """Check the next access to each page: clock gates have changed."""
+        """Check the next access to each page again, because clock gates have changed."""
         self._open.clear()

@@ -1,4 +1,4 @@
-"""A peripheral that the core's library has: what Python asks of its registers goes there."""
+"""Peripherals in the core's library, as Python accesses them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from hiltest.virtual.core.machine import Machine
 
 
 class CoreDevice(Restorable):
-    """A block of registers in C, which the core reaches without Python.
+    """A block of registers in C, which the core accesses without Python.
 
     Parameters
     ----------
     machine
-        It has the block already.
+        Machine that already has the block.
     name
-        As the reference manual calls it.
+        Name in the reference manual.
     base
         First address.
     """
@@ -28,7 +28,7 @@ class CoreDevice(Restorable):
 
     @property
     def clocked(self) -> bool:
-        """Whether its clock gate is open."""
+        """Return whether the clock gate is open."""
         return self._clocked
 
     @clocked.setter
@@ -37,14 +37,11 @@ class CoreDevice(Restorable):
         lib.machine_set_clocked(self._handle, self.base, clocked)
 
     def read(self, offset: int, size: int) -> int:
-        """Answer a read of 1, 2 or 4 bytes."""
         value: int = lib.machine_read_device(self._handle, self.base + offset, size)
         return value
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a write of 1, 2 or 4 bytes."""
         lib.machine_write_device(self._handle, self.base + offset, size, value)
 
     def reset(self) -> None:
-        """Return to the state after a chip reset."""
         lib.machine_reset_device(self._handle, self.base)

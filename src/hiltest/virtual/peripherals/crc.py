@@ -1,4 +1,4 @@
-"""CRC: a check value of 16 or 32 bits over what is written, with any polynomial."""
+"""CRC: a check value of 16 or 32 bits over the written data, with any polynomial."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 
 _DATA, _GPOLY, _CTRL = 0x0, 0x4, 0x8
-_TOT, _TOTR = 30, 28  # two bits each: bit 1 turns the bytes round in some way, see `_transposed`
+_TOT, _TOTR = 30, 28  # two-bit fields, whose bit 1 selects a transposition, see `_transpose`
 _FXOR, _WAS, _TCRC = 1 << 26, 1 << 25, 1 << 24
 _WRITABLE = 0xF7000000
 _RESET = (0xFFFFFFFF, 0x00001021, 0)  # DATA, GPOLY, CTRL
 _MIRRORED = tuple(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
-def _transposed(data: bytes, how: int) -> bytes:
-    """Turn data round as a field TOT or TOTR says: 1 bits in each byte, 2 bits and bytes, 3 bytes."""
+def _transpose(data: bytes, how: int) -> bytes:
+    """Transpose data by a field TOT or TOTR: 1 bits in each byte, 2 bits and bytes, 3 bytes."""
     if how in (1, 2):
         data = bytes(_MIRRORED[byte] for byte in data)
     return data[::-1] if how & 2 else data
@@ -24,13 +24,8 @@ def _transposed(data: bytes, how: int) -> bytes:
 class CheckValue(Restorable):
     """The CRC module.
 
-    An access is as wide as its data: a byte, a halfword or a word, of which the highest byte goes first, after
-    the transposition of TOT. A seed (WAS) is taken as it is written. The check value is there at once.
-
-    Parameters
-    ----------
-    module
-        Its address.
+    An access is as wide as its data: a byte, a halfword or a word, whose highest byte goes first, after
+    the transposition by TOT. A seed (WAS) is stored as written. The check value is available at once.
     """
 
     steady = ALL_STEADY  # only a write changes anything
@@ -42,11 +37,9 @@ class CheckValue(Restorable):
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state after reset."""
         self._check, self._polynomial, self._control = _RESET
 
     def read(self, offset: int, size: int) -> int:
-        """Answer a register, or a part of it."""
         register = offset & ~3
         value = {_DATA: self._result(), _GPOLY: self._polynomial, _CTRL: self._control}.get(register, 0)
         return value >> 8 * (offset & 3)
@@ -57,19 +50,18 @@ class CheckValue(Restorable):
             value &= 0xFFFF
         if self._control & _FXOR:
             value ^= 0xFFFFFFFF if self._control & _TCRC else 0xFFFF
-        return int.from_bytes(_transposed(value.to_bytes(4, "little"), self._control >> _TOTR & 3), "little")
+        return int.from_bytes(_transpose(value.to_bytes(4, "little"), self._control >> _TOTR & 3), "little")
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a register, or a part of it."""
         register = offset & ~3
         if register == _GPOLY:
-            self._polynomial = _replaced(self._polynomial, offset, size, value)
+            self._polynomial = _replace_bytes(self._polynomial, offset, size, value)
         elif register == _CTRL:
-            self._control = _replaced(self._control, offset, size, value) & _WRITABLE
+            self._control = _replace_bytes(self._control, offset, size, value) & _WRITABLE
         elif register == _DATA and self._control & _WAS:
-            self._check = _replaced(self._check, offset, size, value)
+            self._check = _replace_bytes(self._check, offset, size, value)
         elif register == _DATA:
-            for byte in _transposed(value.to_bytes(size, "big"), self._control >> _TOT & 3):
+            for byte in _transpose(value.to_bytes(size, "big"), self._control >> _TOT & 3):
                 self._feed(byte)
 
     def _feed(self, byte: int) -> None:
@@ -81,7 +73,7 @@ class CheckValue(Restorable):
         self._check = check
 
 
-def _replaced(word: int, offset: int, size: int, value: int) -> int:
-    """Return a register with the bytes of an access in it."""
+def _replace_bytes(word: int, offset: int, size: int, value: int) -> int:
+    """Return a register with the bytes of an access replaced."""
     shift, mask = 8 * (offset & 3), (1 << 8 * size) - 1
     return word & ~(mask << shift) | value << shift

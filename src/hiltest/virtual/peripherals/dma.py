@@ -1,4 +1,4 @@
-"""eDMA and DMAMUX, as Python sees them: the core's library has them."""
+"""eDMA and DMAMUX in the core's library, as Python accesses them."""
 
 from __future__ import annotations
 
@@ -15,20 +15,18 @@ _DESCRIPTORS = 0x1000
 class DmaPage(CoreDevice):
     """A page of registers of the eDMA or of the DMAMUX."""
 
-    steady = ALL_STEADY  # what it moves and reports, and who requests it, changes at events
+    steady = ALL_STEADY  # transfers, status and requests change only at events
 
 
 def dma_pages(
     machine: Machine, module: ChipPeripheral, multiplexer: ChipPeripheral, timers: PeriodicTimers
 ) -> list[DmaPage]:
-    """Add the eDMA, with its multiplexer; return the pages of their registers.
+    """Add the eDMA with its multiplexer to the machine; return the pages of their registers.
 
     Parameters
     ----------
-    module, multiplexer
-        Their addresses and interrupts.
     timers
-        Let requests of triggered channels through.
+        Gate the requests of triggered channels.
     """
     connections = module.base, multiplexer.base, timers.base, module.interrupts
     if not lib.machine_add_dma(machine.handle, ffi.new("struct machine_dma *", connections)[0]):

@@ -1,4 +1,4 @@
-"""DWT: the cycle counter, and the slices between its readings."""
+"""DWT: the cycle counter, and the code slices between its readings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.processor.slices import Slice
 
-_READINGS = 400  # number of those kept, as the core keeps them
+_READINGS = 400  # capacity, the same as in the core
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,31 +21,30 @@ class CounterReading:
     """One reading of CYCCNT."""
 
     cycles: int
-    """The answer."""
+    """Value that the firmware got."""
     snapshot: Snapshot
     """State before the instruction that read it."""
     answers: Any
-    """What devices answered to loads since the reading before; None if they were too many."""
+    """Answers of devices to loads since the previous reading; None if there were too many."""
 
     @property
-    def at(self) -> int:
-        """Cycles since power-on, whatever the firmware does to the counter."""
+    def core_cycles(self) -> int:
+        """Cycles since power-on, which no write to the counter changes."""
         cycles: int = self.snapshot.core.cycles
         return cycles
 
     @property
     def instructions(self) -> int:
-        """Instructions that had been executed by then."""
+        """Instructions executed since power-on."""
         instructions: int = self.snapshot.core.instructions
         return instructions
 
     def cycles_since(self, earlier: CounterReading) -> int:
-        """Return the cycles from an earlier reading to this one."""
         return (self.cycles - earlier.cycles) & 0xFFFFFFFF
 
 
 class CycleCounter(CoreDevice):
-    """DWT, which the core's library has: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set."""
+    """DWT in the core's library: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set."""
 
     counters = frozenset(range(4, 8))  # CYCCNT
     steady = frozenset(ALL_STEADY) - counters
@@ -60,7 +59,7 @@ class CycleCounter(CoreDevice):
 
     @property
     def present(self) -> bool:
-        """Whether the part has the counter; set to False for one without it (NOCYCCNT)."""
+        """Return whether the part has the counter; set it to False for a part without (NOCYCCNT)."""
         return self._present
 
     @present.setter
@@ -70,18 +69,18 @@ class CycleCounter(CoreDevice):
 
     @property
     def readings(self) -> deque[CounterReading | None]:
-        """The last few times that the firmware read it, oldest first; `forget` begins anew.
+        """The latest readings by the firmware, oldest first; `forget` clears them.
 
-        None stands for those of a loop that polls the counter: nothing is successive across them.
+        The entry None stands for the readings of a loop that polls the counter: nothing is successive across it.
         """
-        taken = ffi.new("struct machine_reading *")
-        while lib.machine_take_reading(self._handle, taken):
-            self._readings.append(_reading(taken) if taken.snapshot else None)
+        reading = ffi.new("struct machine_reading *")
+        while lib.machine_take_reading(self._handle, reading):
+            self._readings.append(_reading(reading) if reading.snapshot else None)
         return self._readings
 
     def state(self) -> Any:
         """Return the state with the readings up to now."""
-        self._readings = self.readings  # those that the core still has are taken
+        self._readings = self.readings  # fetches the readings that the core still has
         return super().state()
 
     def restore(self, state: Any) -> None:
@@ -90,14 +89,14 @@ class CycleCounter(CoreDevice):
         super().restore(state)
 
     def forget(self) -> None:
-        """Drop the readings so far: a request begins, and what it reports is of readings that come now."""
+        """Clear the readings at the start of a request, whose results come from new readings only."""
         self.readings.clear()
 
     def instructions_between(self, cycles: int) -> int | None:
-        """Count the instructions between two successive readings that lie `cycles` apart, the latest such.
+        """Return the instructions between the latest two successive readings that are `cycles` apart.
 
-        Firmware that times a function reads the counter before and behind it; the difference that it reports finds
-        the two readings. None when no two since `forget` differ by that many cycles.
+        Firmware that times a function reads the counter before and after it; the difference that it reports identifies
+        the two readings. The result is None if no two readings since `forget` differ by that many cycles.
         """
         readings = list(self.readings)
         for before, behind in zip(readings[-2::-1], readings[:0:-1], strict=True):
@@ -108,24 +107,24 @@ class CycleCounter(CoreDevice):
     def executed_in(
         self, cycles: int, overhead_cycles: int, call: tuple[int, int] | None = None
     ) -> tuple[list[Slice], list[Slice]] | None:
-        """Return what ran while something was timed, and in the empty call before it; None if that is unknown.
+        """Return the slices that ran during a timed call, and in the empty call before it; None if they are unknown.
 
-        Firmware reads the counter before and behind an empty call, then before and behind what it times: the latest
-        four successive readings since `forget` that lie so far apart.
+        Firmware reads the counter before and after an empty call, then before and after the timed call: these are the
+        latest four successive readings since `forget` with those distances.
 
         Parameters
         ----------
         cycles, overhead_cycles
             As the firmware reports them.
         call
-            Cycles since power-on when what was timed was entered and left: the readings must be those around it.
+            Cycles since power-on at entry and return of the timed function, which the last two readings must enclose.
         """
         readings = list(self.readings)
         for place in range(len(readings) - 4, -1, -1):
-            four = _known(readings[place : place + 4])
+            four = _successive(readings[place : place + 4])
             if not four:
                 continue
-            if call is not None and not four[2].at <= call[0] <= call[1] <= four[3].at:
+            if call is not None and not four[2].core_cycles <= call[0] <= call[1] <= four[3].core_cycles:
                 continue
             spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])
             if spans == (overhead_cycles, cycles + overhead_cycles):
@@ -133,16 +132,19 @@ class CycleCounter(CoreDevice):
         return None
 
     def executed_in_steps(self, cycles: Sequence[int], overhead_cycles: int) -> tuple[list[Slice], list[Slice]] | None:
-        """Return what ran in all the steps that were timed last, and in the empty calls before them.
+        """Return the slices of all steps that were timed last, and of the empty calls before them.
 
-        None when the latest readings are not theirs: four to a step, as `executed_in` has them. A step that was
-        refused is timed too, behind all that were taken, and not told.
+        Each step has four readings, as in `executed_in`. The result is None if the latest readings do not match.
+        Firmware also times a step that it refuses, after all accepted ones, and does not report it.
         """
         readings = list(self.readings)
         for end in (len(readings), len(readings) - 4):
             begin = end - 4 * len(cycles)
-            steps = [_known(readings[at : at + 4]) for at in range(begin, end, 4)] if begin >= 0 else []
-            if steps and all(_are_of(four, each, overhead_cycles) for four, each in zip(steps, cycles, strict=True)):
+            steps = [_successive(readings[at : at + 4]) for at in range(begin, end, 4)] if begin >= 0 else []
+            if steps and all(
+                _match_step(four, step_cycles, overhead_cycles)
+                for four, step_cycles in zip(steps, cycles, strict=True)
+            ):
                 return self._slices(steps)
         return None
 
@@ -157,26 +159,26 @@ class CycleCounter(CoreDevice):
         return whole, empty
 
 
-def _reading(taken: Any) -> CounterReading:
-    count = taken.answer_count
-    answers = None if count < 0 else ffi.new("uint32_t[]", ffi.unpack(taken.answers, count))
-    return CounterReading(taken.count, Snapshot(taken.snapshot), answers)
+def _reading(record: Any) -> CounterReading:
+    count = record.answer_count
+    answers = None if count < 0 else ffi.new("uint32_t[]", ffi.unpack(record.answers, count))
+    return CounterReading(record.count, Snapshot(record.snapshot), answers)
 
 
 def _slice(machine: Machine, first: CounterReading, last: CounterReading) -> Slice:
-    """Return what ran between two successive readings."""
+    """Return the slice between two successive readings."""
     instructions = last.instructions - first.instructions
-    return Slice(machine, first.snapshot, last.at - first.at, instructions, last.answers)
+    return Slice(machine, first.snapshot, last.core_cycles - first.core_cycles, instructions, last.answers)
 
 
-def _known(readings: Sequence[CounterReading | None]) -> list[CounterReading]:
-    """Return successive readings; nothing where one was passed over."""
-    known = [reading for reading in readings if reading is not None]
-    return known if len(known) == len(readings) else []
+def _successive(readings: Sequence[CounterReading | None]) -> list[CounterReading]:
+    """Return the readings, or an empty list if one of them is None."""
+    successive = [reading for reading in readings if reading is not None]
+    return successive if len(successive) == len(readings) else []
 
 
-def _are_of(four: Sequence[CounterReading], cycles: int, overhead_cycles: int) -> bool:
-    """Say whether readings are those of a step and of the empty call before it."""
+def _match_step(four: Sequence[CounterReading], cycles: int, overhead_cycles: int) -> bool:
+    """Return whether readings are those of a step and of the empty call before it."""
     if not four:
         return False
     spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])

@@ -1,4 +1,4 @@
-"""Flash as its controller works on it: erased by sectors, programmed by phrases, kept in a file from run to run."""
+"""Flash contents, erased by sectors, programmed by phrases, and kept in a file between runs."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class FlashArray(Restorable):
     Parameters
     ----------
     processor
-        Runs code from it.
+        Runs code from the flash.
     file
-        Holds the flash from run to run: its 1 MiB, then the records. It is made when it is not there.
+        Keeps the flash between runs: its 1 MiB, then the records. A missing file is created.
 
     Attributes
     ----------
     once : bytearray
-        The records.
+        The records that can be programmed once.
     """
 
     def __init__(self, processor: Processor, file: str | Path | None = None) -> None:
@@ -52,25 +52,23 @@ class FlashArray(Restorable):
         return super().state()
 
     def read(self, address: int, size: int) -> bytes:
-        """Read a part of it."""
         return self._memory.read(address, size)
 
     def is_erased(self, address: int, size: int) -> bool:
-        """Whether every bit of a part is one."""
+        """Return whether every bit of a range is one."""
         return self.read(address, size) == ERASED * size
 
     def erase(self, address: int, size: int) -> None:
-        """Set every bit of a part."""
+        """Set every bit of a range."""
         self._change(address, ERASED * size)
 
     def program(self, address: int, data: bytes) -> bool:
-        """Clear bits; return whether it holds the data then, as it does where it was erased."""
+        """Clear bits; return whether the flash then holds the data, as it does if it was erased."""
         held = bytes(old & new for old, new in zip(self.read(address, len(data)), data, strict=True))
         self._change(address, held)
         return held == data
 
     def program_once(self, record: int, data: bytes) -> None:
-        """Program a record."""
         self.once[PHRASE * record : PHRASE * (record + 1)] = data
         self._save(SIZE + PHRASE * record, data)
 
@@ -81,25 +79,25 @@ class FlashArray(Restorable):
     # -- from run to run ----------------------------------------------------------------------
 
     def power_on(self, segments: Iterable[LoadSegment]) -> None:
-        """Take what the file holds, but for the sectors that a segment of the image is in: those are as loaded."""
+        """Restore the flash from the file, except for sectors that a segment of the image occupies."""
         if self._file is None:
             return
-        kept = b""
+        content = b""
         if self._file.exists():
             whole = SIZE + len(self.once)
-            kept = read_bounded(
+            content = read_bounded(
                 self._file, largest_bytes=whole, otherwise="name a file that a board's flash was kept in"
             )
-            if len(kept) != whole:
-                raise ConfigError(f"{self._file} has {len(kept)} bytes; the flash and its records have {whole}")
-        if kept:
-            self._restore(kept, segments)
+            if len(content) != whole:
+                raise ConfigError(f"{self._file} has {len(content)} bytes; the flash and its records have {whole}")
+        if content:
+            self._restore(content, segments)
         try:
             self._file.write_bytes(self.read(0, SIZE) + self.once)
         except OSError as error:
             raise ConfigError(f"{self._file}: {error.strerror}") from error
 
-    def _restore(self, kept: bytes, segments: Iterable[LoadSegment]) -> None:
+    def _restore(self, content: bytes, segments: Iterable[LoadSegment]) -> None:
         loaded = {
             sector
             for segment in segments
@@ -107,8 +105,8 @@ class FlashArray(Restorable):
             for sector in range(segment.address // SECTOR, (segment.address + len(segment.data) - 1) // SECTOR + 1)
         }
         for sector in set(range(SIZE // SECTOR)) - loaded:
-            self._memory.write(sector * SECTOR, kept[sector * SECTOR : (sector + 1) * SECTOR])
-        self.once[:] = kept[SIZE:]
+            self._memory.write(sector * SECTOR, content[sector * SECTOR : (sector + 1) * SECTOR])
+        self.once[:] = content[SIZE:]
 
     def _save(self, position: int, data: bytes) -> None:
         if self._file is None:

@@ -1,4 +1,4 @@
-"""FMC: the switches of the flash controller's buffers, its reading ahead and its cache."""
+"""FMC: the switches of the flash controller's buffers, prefetching and cache."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
 _PFAPR, _PFB0CR, _PFB1CR = 0x0, 0x4, 0x8
-_M0PFD = 1 << 16  # the core's bus for code and constants never has anything read ahead
+_M0PFD = 1 << 16  # prefetching is never done for the core's code bus
 _SEBE, _IPE, _DPE, _ICE, _DCE = (1 << bit for bit in range(5))
 _S_B_INV, _CINV_WAY, _WAYS = 1 << 19, 20, 4
-# What can be written. CRC and CLCK_WAY are kept, and not heeded; memory width and wait states are the chip's.
+# Bits that can be written. CRC and CLCK_WAY have no effect; memory width and wait states are fixed.
 _BANKS = 2
 _WRITABLE = {_PFAPR: 0x00FFFFFF, _PFB0CR: 0x0F0000FF, _PFB1CR: 0x0000001F}
 
 
 class FlashController(Protocol):
-    """The part that the registers switch: a machine."""
+    """The machine, whose flash the registers switch."""
 
     def switch_flash_bank(self, bank: int, switches: BankSwitches) -> None:
-        """Set what is done for half 0 or 1 of the flash."""
+        """Set the switches for half 0 or 1 of the flash."""
         ...
 
     def forget_flash_lines(self) -> None:
-        """Forget the line that was read last, and the one that was read ahead."""
+        """Drop the line that was read last, and the prefetched one."""
         ...
 
     def forget_flash_way(self, way: int) -> None:
@@ -34,7 +34,7 @@ class FlashController(Protocol):
 
 
 class FlashControl(StoredRegisters):
-    """PFAPR, PFB0CR and PFB1CR; tags and data of the cache are only stored."""
+    """PFAPR, PFB0CR and PFB1CR; tags and data of the cache only store writes."""
 
     def __init__(self, controller: FlashController) -> None:
         self._controller = controller
@@ -42,12 +42,12 @@ class FlashControl(StoredRegisters):
         super().__init__("FMC", base, mk64f12().reset_bytes(base))
 
     def reset(self) -> None:
-        """Return to the state after reset: everything is on."""
+        """Return to the state after reset, with everything enabled."""
         super().reset()
         self._switch()
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Keep what can be written; switch, and forget what is to be forgotten."""
+        """Store the writable bits, set the switches, and invalidate buffers and cache as requested."""
         register = offset & ~3
         before = self.word(register)
         super().write(offset, size, value)
@@ -60,7 +60,7 @@ class FlashControl(StoredRegisters):
             self._forget(written)
 
     def _forget(self, written: int) -> None:
-        """Carry out S_B_INV and CINV_WAY, which are for both banks and read as zero."""
+        """Carry out S_B_INV and CINV_WAY, which apply to both banks and read as zero."""
         if written & _S_B_INV:
             self._controller.forget_flash_lines()
         for way in range(_WAYS):

@@ -29,7 +29,7 @@ _LEFT_OUT = {0x0B: "program section", 0x45: "verify backdoor access key", 0x46: 
 
 
 class _Command(NamedTuple):
-    """How long a command takes [us], what it checks before it begins, and what it does; both answer bits of FSTAT."""
+    """Duration of a command [us], its check and its action; both return bits of FSTAT."""
 
     duration_us: int
     refuse: Callable[[], int]
@@ -39,23 +39,17 @@ class _Command(NamedTuple):
 class FlashMemory(StoredRegisters):
     """The flash memory module.
 
-    A command takes its typical time by the data sheet, and changes the flash at the end of it. One that is
-    launched by code in the block that it works on is a read collision; the code runs on, where the part would fetch
-    anything. The part is unsecured, as one is that a debugger has loaded. Swap control, program section, the version
-    ID and the backdoor key are left out: they answer ACCERR, and are reported.
+    A command takes its typical time by the data sheet, and changes the flash at its end. A command that
+    code in the affected block launches is a read collision; here the code continues, while the part would fetch
+    undefined data. The part is unsecured, as after loading by a debugger. Swap control, program section, the version
+    ID and the backdoor key are not modelled: they set ACCERR, and are reported.
 
     Parameters
     ----------
-    processor
-        Interrupts, and where the code is that launches a command.
     time
         Virtual time.
-    module
-        Its address and interrupts.
-    array
-        The flash.
     log
-        Gets the commands that are left out.
+        Records the commands that are not modelled.
     """
 
     def __init__(
@@ -78,12 +72,12 @@ class FlashMemory(StoredRegisters):
             0x40: _Command(2200, lambda: self._refuse_margin(self._byte(1)), lambda: self._verify(0, SIZE)),
             0x41: _Command(30, self._refuse_record, self._read_once),
             0x43: _Command(90, self._refuse_first_record, self._program_once),
-            0x44: _Command(870_000, lambda: self._protected(0, SIZE), self._erase_all),
+            0x44: _Command(870_000, lambda: self._refuse_protected(0, SIZE), self._erase_all),
         }
         super().__init__(module.name, module.base)
 
     def reset(self) -> None:
-        """Return to the state after reset: a command is given up, the configuration read from the flash."""
+        """Return to the state after reset: abort a command, and read the configuration from the flash."""
         super().reset()
         if self._running is not None:
             self._running.cancel()
@@ -99,7 +93,7 @@ class FlashMemory(StoredRegisters):
     # -- registers ----------------------------------------------------------------------------
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take registers, each of one byte."""
+        """Write registers of one byte each."""
         if size > 1:
             write_by_bytes(self, offset, size, value)
         elif offset == _FSTAT:
@@ -110,7 +104,7 @@ class FlashMemory(StoredRegisters):
         elif _FCCOB <= offset < _FPROT and self._bytes[_FSTAT] & _CCIF:
             self._bytes[offset] = value
         elif _FPROT <= offset < _REGISTERS:
-            self._bytes[offset] &= value  # protection is only taken back by a reset
+            self._bytes[offset] &= value  # only a reset removes protection
 
     def _write_status(self, value: int) -> None:
         status = self._bytes[_FSTAT]
@@ -150,8 +144,8 @@ class FlashMemory(StoredRegisters):
     def _launch(self) -> None:
         self._bytes[_FSTAT] &= ~_MGSTAT0
         code = self._byte(0)
-        if left_out := self._left_out(code):
-            self._log.note_command(f"{self.name}_FCCOB0's {left_out}", self.base + _FCCOB + 3, code, "got ACCERR")
+        if unmodelled := self._unmodelled_command(code):
+            self._log.note_command(f"{self.name}_FCCOB0's {unmodelled}", self.base + _FCCOB + 3, code, "got ACCERR")
         command = self._commands.get(code)
         errors = _ACCERR if command is None else command.refuse()
         if command is None or errors:
@@ -159,18 +153,18 @@ class FlashMemory(StoredRegisters):
             return
         self._bytes[_FSTAT] &= ~_CCIF
         place = self._processor.registers.pc.get()
-        if place < SIZE and (code in (0x40, 0x44) or place & -BLOCK == self._worked_on(code)):
+        if place < SIZE and (code in (0x40, 0x44) or place & -BLOCK == self._busy_block(code)):
             self._bytes[_FSTAT] |= _RDCOLERR
         self._running = self._time.after(command.duration_us * _MICROSECOND, lambda: self._finish(command))
 
-    def _left_out(self, code: int) -> str | None:
-        """Name a command of the part that is not carried out here."""
+    def _unmodelled_command(self, code: int) -> str | None:
+        """Return the name of a command that is not modelled, or None."""
         if code == _READ_RESOURCE and self._byte(4) == 1:
             return "version ID"
         return _LEFT_OUT.get(code)
 
-    def _worked_on(self, code: int) -> int:
-        """Return the block that a command keeps busy: the records are in the first."""
+    def _busy_block(self, code: int) -> int:
+        """Return the block that a command keeps busy; the records are in the first."""
         return 0 if code in (_READ_RESOURCE, 0x41, 0x43) else self._block
 
     def _finish(self, command: _Command) -> None:
@@ -178,34 +172,34 @@ class FlashMemory(StoredRegisters):
         self._bytes[_FSTAT] |= command.carry_out() | _CCIF
         self._drive()
 
-    # -- what forbids a command ---------------------------------------------------------------
+    # -- checks of commands -------------------------------------------------------------------
 
-    def _misplaced(self, alignment: int) -> int:
+    def _refuse_misplaced(self, alignment: int) -> int:
         return _ACCERR if self._address % alignment or self._address >= SIZE else 0
 
     def _refuse_margin(self, margin: int, first: int = 0) -> int:
         return 0 if first <= margin <= _LAST_MARGIN else _ACCERR
 
-    def _protected(self, address: int, size: int) -> int:
-        """Say FPVIOL where a region is protected: a zero in FPROT, whose byte at the lowest address is the lowest."""
+    def _refuse_protected(self, address: int, size: int) -> int:
+        """Return FPVIOL if a region has a zero bit in FPROT, whose lowest byte is at the lowest address."""
         region = SIZE // _REGIONS
         bits = self.word(_FPROT)
         touched = range(address // region, (address + size - 1) // region + 1)
         return 0 if all(bits >> number & 1 for number in touched) else _FPVIOL
 
     def _refuse_change(self, alignment: int, address: int, size: int) -> int:
-        return self._misplaced(alignment) or self._protected(address, size)
+        return self._refuse_misplaced(alignment) or self._refuse_protected(address, size)
 
     def _refuse_block(self) -> int:
-        return self._misplaced(_SECTION) | self._refuse_margin(self._byte(4))
+        return self._refuse_misplaced(_SECTION) | self._refuse_margin(self._byte(4))
 
     def _refuse_section(self) -> int:
         size = self._section_bytes
         crosses = not size or (self._address + size - 1) & -BLOCK != self._block
-        return self._misplaced(_SECTION) | self._refuse_margin(self._byte(6)) | (_ACCERR if crosses else 0)
+        return self._refuse_misplaced(_SECTION) | self._refuse_margin(self._byte(6)) | (_ACCERR if crosses else 0)
 
     def _refuse_check(self) -> int:
-        return self._misplaced(4) | self._refuse_margin(self._byte(4), first=1)
+        return self._refuse_misplaced(4) | self._refuse_margin(self._byte(4), first=1)
 
     def _refuse_resource(self) -> int:
         inside = any(first <= self._address < first + _IFR_BYTES for first in (0, _SWAP_IFR))
@@ -217,7 +211,7 @@ class FlashMemory(StoredRegisters):
     def _refuse_first_record(self) -> int:
         return self._refuse_record() or (0 if self._record() == ERASED * PHRASE else _ACCERR)
 
-    # -- what a command does ------------------------------------------------------------------
+    # -- actions of commands ------------------------------------------------------------------
 
     def _data(self) -> bytes:
         return bytes(self._bytes[_FCCOB4 : _FCCOB4 + PHRASE])
@@ -259,7 +253,7 @@ class FlashMemory(StoredRegisters):
         return 0
 
     def _read_resource(self) -> int:
-        """Answer eight bytes of the information row: erased, but for the records; of the swap's, erased."""
+        """Return eight bytes of the information row: erased, except for the records; the swap row is erased."""
         row = ERASED * _ONCE_IN_IFR + self._array.once if self._address < _IFR_BYTES else ERASED * _IFR_BYTES
         first = self._address % _IFR_BYTES
         return self._answer(row[first : first + PHRASE])

@@ -1,4 +1,4 @@
-"""FTM, as Python sees it: core/ftm.c has the counter and its channels; here are their pins."""
+"""FTM, as Python accesses it: core/ftm.c has the counter and its channels, and this module their pins."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hiltest.virtual.processor.cpu import Processor
 
 _CNT, _WORD = 0x04, 4
 _FIRST_CHANNEL, _CHANNEL_BYTES, _CNTIN = 0x0C, 8, 0x4C
-_SOPT4 = 0x00C  # of the SIM: a bit from 24 on selects FTM_CLKIN1
+_SOPT4 = 0x00C  # in the SIM: a bit from 24 on selects FTM_CLKIN1
 
 
 class FlexTimer(CoreDevice):
@@ -23,19 +23,13 @@ class FlexTimer(CoreDevice):
 
     Parameters
     ----------
-    processor
-        Interrupts.
-    clocks
-        Bus clock and fixed clock; SOPT4.
-    module
-        Its addresses and interrupt.
     note
-        Told address, size and value of a write that asks for what is not modelled.
+        Called with address, size and value of a write that requests an unmodelled function.
 
     Attributes
     ----------
     signals : dict of str to PinSignal
-        What its channels take in and put out, by name.
+        Inputs and outputs of the channels, by name.
     """
 
     counters = frozenset(range(_CNT, _CNT + _WORD))
@@ -55,7 +49,7 @@ class FlexTimer(CoreDevice):
         self.signals = {f"{module.name}_CH{channel}": signal for channel, signal in enumerate(self._channels)}
         self._callbacks = (  # the library keeps only the pointers
             guarded_callback(
-                "void(void *, int32_t)", lambda channel: self._channels[channel].changed(), processor.abort
+                "void(void *, int32_t)", lambda channel: self._channels[channel].report_change(), processor.abort
             ),
             guarded_callback("void(void *, uint32_t, uint32_t, uint32_t)", note, processor.abort),
         )
@@ -67,11 +61,10 @@ class FlexTimer(CoreDevice):
         super().__init__(machine, module.name, module.base)
 
     def parts(self) -> list[PinSignal]:
-        """Return the signals."""
         return self._channels
 
     def clock_input(self, number: int, high: bool) -> None:
-        """Take the new level of FTM_CLKIN0 or 1."""
+        """Set the level of FTM_CLKIN0 or 1."""
         if high and self._clocks.word(_SOPT4) >> 24 + int(self.name[-1]) & 1 == number:
             lib.machine_ftm_clock_edge(self._handle, self.base)
 

@@ -1,4 +1,4 @@
-"""I2C masters, as Python sees them: the core's library has them, and asks the parts on the wires."""
+"""I2C masters in the core's library, which asks the parts on the wires through Python."""
 
 from __future__ import annotations
 
@@ -21,25 +21,13 @@ _ADDRESS, _WRITE, _READ, _STOP = lib.I2C_ADDRESS, lib.I2C_WRITE, lib.I2C_READ, l
 
 
 class I2c(CoreDevice):
-    """A Kinetis I2C module, as master.
-
-    Parameters
-    ----------
-    processor
-        Interrupts.
-    clocks
-        Time; the module clock is the bus clock.
-    bus
-        The parts on the wires.
-    module
-        Which of the chip's modules this is.
-    """
+    """A Kinetis I2C module, as master."""
 
     steady = frozenset(ALL_STEADY) - {_D}
 
     def __init__(self, processor: Processor, clocks: ClockGates, bus: I2cBus, module: ChipPeripheral) -> None:
         machine = processor.machine
-        self._ask = _asking(bus, processor.abort)  # the library keeps only the pointer
+        self._ask = _bus_callback(bus, processor.abort)  # the library keeps only the pointer
         (interrupt,), (request,) = module.interrupts, module.requests
         connections = ffi.new("struct machine_i2c *")
         connections.interrupt, connections.request = interrupt, request
@@ -50,18 +38,18 @@ class I2c(CoreDevice):
         super().__init__(machine, module.name, module.base)
         bus.on_hold = self._hold
 
-    def _hold(self, held: HeldLine) -> None:
+    def _hold(self, hold: HeldLine) -> None:
         """Pull a wire low for a time."""
-        wire = lib.I2C_SDA if held.line == "sda" else lib.I2C_SCL
-        lib.machine_hold_wire(self._handle, self.base, wire, _picoseconds(held.begin_s), _picoseconds(held.end_s))
+        wire = lib.I2C_SDA if hold.line == "sda" else lib.I2C_SCL
+        lib.machine_hold_wire(self._handle, self.base, wire, _picoseconds(hold.begin_s), _picoseconds(hold.end_s))
 
 
 def _picoseconds(time_s: float) -> int:
     return NEVER if math.isinf(time_s) else math.ceil(time_s * PICOSECONDS)
 
 
-def _asking(bus: I2cBus, abort: Callable[[BaseException], None]) -> Any:
-    """Return what the library calls to reach the parts of a bus; `abort` gets any exception."""
+def _bus_callback(bus: I2cBus, abort: Callable[[BaseException], None]) -> Any:
+    """Return the function that the library calls to reach the parts of a bus; `abort` receives exceptions."""
 
     def ask(operation: int, value: int, time: int) -> int:
         time_s = time / PICOSECONDS

@@ -18,15 +18,15 @@ class I2cDevice(HasState, Protocol):
         ...
 
     def start(self, reading: bool, time_s: float) -> bool:
-        """Address the part after START or repeated START; True acknowledges."""
+        """Address the part after START or repeated START; return True to acknowledge."""
         ...
 
     def write(self, value: int, time_s: float) -> bool:
-        """Take a byte from the master; True acknowledges."""
+        """Write a byte to the part; return True to acknowledge."""
         ...
 
     def read(self, time_s: float) -> int:
-        """Return the next byte to the master."""
+        """Return the next byte for the master."""
         ...
 
     def stop(self, time_s: float) -> None:
@@ -44,17 +44,17 @@ class HeldLine:
 
 
 class I2cBus(Restorable):
-    """Wires a master to its parts by address.
+    """Connection of a master to its parts by address.
 
     Parameters
     ----------
     devices
-        At most one part an address.
+        Parts with different addresses.
 
     Attributes
     ----------
     on_hold : callable
-        Told what pulls a line low for a time, instead of what was to pull it before.
+        Called with a new line to hold low for a time, which replaces the previous one.
     """
 
     def __init__(self, devices: Sequence[I2cDevice]) -> None:
@@ -66,7 +66,6 @@ class I2cBus(Restorable):
         self._after_stop: dict[int, Callable[[], None]] = {}
 
     def parts(self) -> Iterable[I2cDevice]:
-        """Return the parts on the wires."""
         return self._devices.values()
 
     def after_stop(self, device: I2cDevice, action: Callable[[], None]) -> None:
@@ -83,7 +82,6 @@ class I2cBus(Restorable):
         return True
 
     def write(self, value: int, time_s: float) -> bool:
-        """Send a data byte."""
         return self._addressed is not None and self._addressed.write(value, time_s)
 
     def read(self, time_s: float) -> int:
@@ -91,7 +89,6 @@ class I2cBus(Restorable):
         return 0xFF if self._addressed is None else self._addressed.read(time_s)
 
     def stop(self, time_s: float) -> None:
-        """Put a STOP on the bus."""
         device, self._addressed = self._addressed, None
         if device is not None:
             device.stop(time_s)

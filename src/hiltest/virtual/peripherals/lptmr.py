@@ -1,4 +1,4 @@
-"""LPTMR, as Python sees it: core/lptmr.c has the timer; here are the pins that it counts."""
+"""LPTMR, as Python accesses it: core/lptmr.c has the timer, and this module the pins that it counts."""
 
 from __future__ import annotations
 
@@ -17,21 +17,12 @@ _REGISTERS = range(0x0, 0x10, 4)
 
 
 class LowPowerTimer(CoreDevice):
-    """The LPTMR module; it goes on through every reset but power-on.
-
-    Parameters
-    ----------
-    processor
-        Interrupts.
-    clocks
-        Its four clocks.
-    module
-        Its addresses and interrupt.
+    """The LPTMR module, which only power-on resets.
 
     Attributes
     ----------
     signals : dict of str to PinSignal
-        What it may count, by name.
+        Pin inputs that the timer can count, by name.
     """
 
     steady = ALL_STEADY
@@ -46,11 +37,10 @@ class LowPowerTimer(CoreDevice):
         self.signals = {f"{self.name}_ALT{select}": PinSignal(partial(self._edge, select)) for select in (1, 2)}
 
     def parts(self) -> Iterable[PinSignal]:
-        """Return the signals."""
         return self.signals.values()
 
     def power_on(self) -> None:
-        """State after power-on: disabled."""
+        """Return to the state after power-on: disabled."""
         for offset in _REGISTERS:
             self.write(offset, 4, 0)
 

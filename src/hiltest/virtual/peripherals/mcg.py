@@ -1,4 +1,4 @@
-"""MCG: the clock that everything but the slow timers derives from, and in which mode it is made."""
+"""MCG: the generator of all clocks but the slow timers'."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ OSCILLATOR_HZ = 50_000_000  # the Ethernet PHY's clock on EXTAL0
 RTC_HZ = 32_768
 _SLOW_REFERENCE_HZ, _FAST_REFERENCE_HZ, IRC48M_HZ = 32_768, 4_000_000, 48_000_000
 _EXTERNAL_HZ = (OSCILLATOR_HZ, RTC_HZ, IRC48M_HZ)  # by C7.OSCSEL
-_LOW_DIVIDERS = (1, 2, 4, 8, 16, 32, 64, 128)  # of the FLL's external reference, by C1.FRDIV
+_LOW_DIVIDERS = (1, 2, 4, 8, 16, 32, 64, 128)  # for the FLL's external reference, by C1.FRDIV
 _HIGH_DIVIDERS = (32, 64, 128, 256, 512, 1024, 1280, 1536)
 _FLL_FACTORS = ((640, 732), (1280, 1464), (1920, 2197), (2560, 2929))  # by C4.DRST_DRS, without and with DMX32
 _FIRST_PLL_FACTOR = 24
 
 
 class ClockMode(Enum):
-    """Modes of the generator, named as the manual names them: value is what S.CLKST shows."""
+    """Modes of the generator, named as in the manual; the value is S.CLKST."""
 
     FEI = "FLL engaged, internal reference", 0
     FEE = "FLL engaged, external reference", 0
@@ -40,7 +40,7 @@ _PATHS = {
     _M.PBE: {_M.FBE, _M.BLPE, _M.PEE}, _M.PEE: {_M.PBE}, _M.BLPI: {_M.FBI}, _M.BLPE: {_M.FBE, _M.PBE},
 }  # fmt: skip
 _LOW_POWER = {_M.FBI: _M.BLPI, _M.FBE: _M.BLPE, _M.PBE: _M.BLPE}  # with C2.LP set
-# By C1.CLKS, C1.IREFS and C6.PLLS, without C2.LP; what is not here is no mode.
+# By C1.CLKS, C1.IREFS and C6.PLLS, without C2.LP; other combinations are invalid.
 _SELECTED = {
     (0, 1, 0): _M.FEI, (0, 0, 0): _M.FEE, (1, 1, 0): _M.FBI, (2, 0, 0): _M.FBE, (2, 0, 1): _M.PBE, (0, 0, 1): _M.PEE,
 }  # fmt: skip
@@ -48,19 +48,19 @@ _INTERNAL = {_M.FEI, _M.FBI, _M.BLPI}
 
 
 class ClockGenerator(StoredRegisters):
-    """The multipurpose clock generator, locked as soon as it is set up.
+    """The multipurpose clock generator, which locks as soon as it is set up.
 
-    It goes from mode to mode on the paths of the manual's diagram. On any other it stays where it
-    is, and S shows that, until the registers name a mode that can be reached.
+    It changes modes along the paths of the manual's diagram. If no path leads to the mode that the
+    registers name, it keeps its mode, which S shows.
 
     Attributes
     ----------
     mode : ClockMode
     on_change : callable
-        Told that a clock may have another rate.
+        Called when a clock may have another rate.
     """
 
-    steady = ALL_STEADY  # a mode is reached at once
+    steady = ALL_STEADY  # mode changes are immediate
 
     def __init__(self) -> None:
         self.on_change: Callable[[], None] = lambda: None
@@ -69,28 +69,28 @@ class ClockGenerator(StoredRegisters):
         super().__init__("MCG", base, mk64f12().reset_bytes(base))
 
     def reset(self) -> None:
-        """FEI: FLL on the internal reference."""
+        """Enter FEI: FLL on the internal reference."""
         super().reset()
         self.mode = ClockMode.FEI
         self._fast = False  # S.IRCST
         self.on_change()
 
     def read(self, offset: int, size: int) -> int:
-        """Answer registers; S follows from the others."""
+        """Return registers; S follows from the others."""
         self._bytes[_S] = self._status()
         return super().read(offset, size)
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take registers, go where they lead; S is read-only."""
+        """Write registers, and change the mode accordingly; S is read-only."""
         super().write(offset, size, value)
         self._follow()
         self.on_change()
 
     def _follow(self) -> None:
-        wanted = self.wanted
+        target = self.target
         through = _SELECTED.get(self._selection)
-        if wanted is not None and (wanted in _PATHS[self.mode] or through in _PATHS[self.mode]):
-            self.mode = wanted
+        if target is not None and (target in _PATHS[self.mode] or through in _PATHS[self.mode]):
+            self.mode = target
         if self.internal_runs:
             self._fast = bool(self._bytes[_C2] & 1)
 
@@ -100,8 +100,8 @@ class ClockGenerator(StoredRegisters):
         return control >> 6, control >> 2 & 1, self._bytes[_C6] >> 6 & 1
 
     @property
-    def wanted(self) -> ClockMode | None:
-        """Mode that the registers name, if they name one."""
+    def target(self) -> ClockMode | None:
+        """Mode that the registers name, or None."""
         selected = _SELECTED.get(self._selection)
         if selected is not None and self._bytes[_C2] & 2:
             return _LOW_POWER.get(selected, selected)
@@ -109,16 +109,16 @@ class ClockGenerator(StoredRegisters):
 
     @property
     def internal_runs(self) -> bool:
-        """Whether MCGIRCLK runs."""
+        """Return whether MCGIRCLK runs."""
         return bool(self._bytes[_C1] & 2) or self.mode in (ClockMode.FBI, ClockMode.BLPI)
 
     @property
     def internal_runs_in_stop(self) -> bool:
-        """Whether MCGIRCLK goes on in STOP: IREFSTEN."""
+        """Return whether MCGIRCLK continues in STOP: IREFSTEN."""
         return self._bytes[_C1] & 3 == 3
 
     def leave_stop(self, *, keeps_pll: bool) -> None:
-        """Go on from a stop: from PEE in PBE, unless PLLSTEN0 kept the PLL in one that allows it."""
+        """Leave a stop: PEE becomes PBE, unless PLLSTEN0 kept the PLL running in a stop mode that allows it."""
         if self.mode is ClockMode.PEE and not (keeps_pll and self._bytes[_C5] & 0x20):
             self._bytes[_C1] = self._bytes[_C1] & 0x3F | 0x80
             self._follow()
@@ -131,7 +131,7 @@ class ClockGenerator(StoredRegisters):
     def _status(self) -> int:
         mode = self.mode
         pll = mode in (ClockMode.PBE, ClockMode.PEE) or (mode is ClockMode.BLPE and self._bytes[_C6] & 0x40)
-        crystal = self._bytes[_C2] & 4  # OSCINIT0 is of a crystal; a clock that comes from outside needs no start
+        crystal = self._bytes[_C2] & 4  # OSCINIT0 belongs to a crystal; an external clock needs no start
         return (
             (0x40 if self._pll_runs else 0) | (0x20 if pll else 0) | (0x10 if mode in _INTERNAL else 0)
             | mode.value[1] << 2 | (2 if crystal else 0) | self._fast
@@ -152,7 +152,7 @@ class ClockGenerator(StoredRegisters):
 
     @property
     def reference_hz(self) -> Fraction:
-        """What the FLL multiplies, and MCGFFCLK [Hz]."""
+        """Input of the FLL, and MCGFFCLK [Hz]."""
         control = self._bytes[_C1]
         if control & 4:
             return Fraction(_SLOW_REFERENCE_HZ)

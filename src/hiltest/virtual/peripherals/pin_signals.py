@@ -1,4 +1,4 @@
-"""Signals of peripherals on pins: what a timer puts out, takes in, or counts."""
+"""Signals of peripherals on pins: outputs, inputs and counted pulses of timers."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class PinSignal(Restorable):
     Parameters
     ----------
     on_level
-        Told the new level of a pin that carries it, unless the peripheral drives that.
+        Called with the new level of a pin that carries the signal, unless the peripheral drives the pin.
     level
-        Answers the level that the peripheral gives it; None for an input.
+        Returns the level that the peripheral drives; None for an input.
     on_heard
-        Told that `is_heard` has changed.
+        Called when `is_heard` has changed.
     """
 
     def __init__(
@@ -31,20 +31,20 @@ class PinSignal(Restorable):
 
     @property
     def is_heard(self) -> bool:
-        """Whether the peripheral has to call `changed`, because somebody wants to know of each edge."""
+        """Return whether the peripheral has to call `report_change` at each edge, because a listener needs it."""
         return bool(self._listeners)
 
     def hear(self, listener: Callable[[], None]) -> None:
-        """Have a listener told of each edge from now on."""
+        """Call a listener at each edge from now on."""
         self._listeners.append(listener)
         self._on_heard()
 
     def leave(self, listener: Callable[[], None]) -> None:
-        """Have a listener told no more."""
+        """Stop calling a listener."""
         self._listeners.remove(listener)
         self._on_heard()
 
-    def changed(self) -> None:
-        """Tell the listeners that the level has changed."""
+    def report_change(self) -> None:
+        """Call the listeners, because the level has changed."""
         for listener in self._listeners:
             listener()

@@ -1,4 +1,4 @@
-"""PIT, as Python sees it: the core's library has the four periodic timers."""
+"""PIT in the core's library: the four periodic timers."""
 
 from __future__ import annotations
 
@@ -15,17 +15,7 @@ _CVAL, _WORD = 0x4, 4
 
 
 class PeriodicTimers(CoreDevice):
-    """The PIT module.
-
-    Parameters
-    ----------
-    processor
-        Interrupts.
-    clocks
-        The module clock is the bus clock.
-    module
-        Its addresses and interrupts.
-    """
+    """The PIT module."""
 
     counters = frozenset(
         _FIRST_CHANNEL + _CHANNEL_BYTES * index + byte
@@ -42,6 +32,6 @@ class PeriodicTimers(CoreDevice):
         super().__init__(machine, module.name, module.base)
 
     def enabled_s(self, index: int) -> float:
-        """Virtual time at which a channel was last enabled [s since power-on]."""
+        """Return the virtual time at which a channel was last enabled [s since power-on]."""
         ps: int = lib.machine_timer_enabled_at(self._handle, self.base, index)
         return ps / PICOSECONDS

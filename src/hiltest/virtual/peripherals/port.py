@@ -1,4 +1,4 @@
-"""PORT and GPIO, as Python sees them: the core's library has them, and tells of pins that somebody watches."""
+"""PORT and GPIO in the core's library, which reports changes of watched pins."""
 
 from __future__ import annotations
 
@@ -17,21 +17,19 @@ _FUNCTION_SHIFT, _FUNCTION = 8, 7
 
 
 class Port(CoreDevice):
-    """The 32 pins of one port, with the PORT module's registers.
+    """The 32 pins of one port, with the registers of its PORT module.
 
     Parameters
     ----------
-    module
-        The PORT module.
     initial
-        Bytes of the registers that are not zero after reset.
+        Register bytes that are not zero after reset.
 
     Attributes
     ----------
     on_change : callable
-        Told after pins that are watched have changed their level or whether the processor pulls them low.
+        Called after watched pins have changed their level, or their being pulled low by the processor.
     on_levels : callable
-        Told which pins rose and which fell, if one of them is watched.
+        Called with the pins that rose and those that fell, if one of them is watched.
     """
 
     steady = ALL_STEADY
@@ -41,12 +39,12 @@ class Port(CoreDevice):
         self.on_change: Callable[[Port], None] = lambda _port: None
         self.on_levels: Callable[[int, int], None] = lambda _rose, _fell: None
         self._watched = 0
-        self._followed = 0  # pins of which each edge counts, also if a timer drives them
-        self._signals: dict[tuple[int, int], PinSignal] = {}  # by pin and what its multiplexer selects
+        self._followed = 0  # pins whose every edge counts, even if a timer drives them
+        self._signals: dict[tuple[int, int], PinSignal] = {}  # by pin and multiplexer setting
         self._carried: dict[int, PinSignal] = {}  # by pin
-        self._heard: set[PinSignal] = set()  # of them, those that tell of each edge
+        self._heard: set[PinSignal] = set()  # carried signals that report each edge
         self._callbacks = (  # the library keeps only the pointers
-            guarded_callback("void(void *, uint32_t, uint32_t)", self._tell, processor.abort),
+            guarded_callback("void(void *, uint32_t, uint32_t)", self._report, processor.abort),
             guarded_callback("void(void *)", self._connect, processor.abort),
             guarded_callback("void(void *)", self._carry, processor.abort),
         )
@@ -62,7 +60,7 @@ class Port(CoreDevice):
 
     @property
     def levels(self) -> int:
-        """Bit n is the level of pin n."""
+        """Return the levels of the pins; bit n is pin n."""
         if self._carried:
             self._settle()
         levels: int = self._pins.levels
@@ -70,21 +68,21 @@ class Port(CoreDevice):
 
     @property
     def driven_low(self) -> int:
-        """Pins that the processor pulls low."""
+        """Return the pins that the processor pulls low."""
         driven_low: int = self._pins.driven_low
         return driven_low
 
     def drive(self, pin: int, high: bool) -> None:
-        """Give a pin a level from outside."""
+        """Drive a pin from outside."""
         pins, bit = self._pins, 1 << pin
         pins.outside |= bit
         pins.outside_high = pins.outside_high & ~bit | high << pin
         self._settle()
 
     def watch(self, pins: int, *, follows_timers: bool = False) -> None:
-        """Have `on_change` and `on_levels` told of changes of pins, a bit each.
+        """Report changes of pins, a bit each, to `on_change` and `on_levels`.
 
-        Edges that a timer makes are told only if that is asked for, or if they interrupt.
+        Edges that a timer makes are reported only with `follows_timers`, or if they interrupt.
         """
         self._watched |= pins
         self._followed |= pins if follows_timers else 0
@@ -92,16 +90,16 @@ class Port(CoreDevice):
         self._settle()
 
     def lead(self, pin: int, function: int, signal: PinSignal) -> None:
-        """Connect a signal of a peripheral to a pin, for when its multiplexer selects that function."""
+        """Connect a signal of a peripheral to a pin for the time that the pin's multiplexer selects the function."""
         self._signals[pin, function] = signal
 
     def _settle(self) -> None:
-        """Have the levels of the pins found, and what follows from them."""
+        """Update the levels of the pins and everything that depends on them."""
         self._carry()
         lib.machine_settle_pins(self._handle, self.base)
 
     def _carry(self) -> None:
-        """Say which pins signals drive, and which have to be told of."""
+        """Declare to the core the pins that signals drive, and those whose changes it must report."""
         pins, driving, high, silent, watched = self._pins, 0, 0, 0, self._watched
         for pin, signal in self._carried.items():
             level = signal.level()
@@ -114,7 +112,7 @@ class Port(CoreDevice):
         pins.signals, pins.signals_high, pins.silent, pins.watched = driving, high, silent, watched
 
     def _connect(self) -> None:
-        """Carry the signals that the multiplexers select, and hear those of pins where each edge counts."""
+        """Connect the signals that the multiplexers select, and listen to those on followed pins."""
         self._carried = {
             pin: signal
             for (pin, function), signal in self._signals.items()
@@ -130,7 +128,7 @@ class Port(CoreDevice):
         self._heard = heard
         self._carry()
 
-    def _tell(self, rose: int, fell: int) -> None:
+    def _report(self, rose: int, fell: int) -> None:
         self.on_change(self)
         if rose or fell:
             self.on_levels(rose, fell)
@@ -140,13 +138,7 @@ class Port(CoreDevice):
 
 
 class Gpio(CoreDevice):
-    """The GPIO modules of all ports, on one page.
-
-    Parameters
-    ----------
-    ports
-        A to E.
-    """
+    """The GPIO modules of ports A to E, on one page."""
 
     steady = ALL_STEADY
 

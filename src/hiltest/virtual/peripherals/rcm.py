@@ -18,7 +18,7 @@ class ResetSource(Enum):
 
 
 class ResetRequested(Exception):
-    """Request to reset the part: by AIRCR, by the watchdog, or by what ends VLLS."""
+    """Request to reset the part: by AIRCR, by the watchdog, or at the end of VLLS."""
 
     def __init__(self, source: ResetSource) -> None:
         by = {ResetSource.WATCHDOG: "the watchdog reset it", ResetSource.WAKE_UP: "a wake-up from VLLS reset it"}
@@ -27,11 +27,11 @@ class ResetRequested(Exception):
 
 
 class ResetControl(StoredRegisters):
-    """The module; of its registers only those that name the source do anything."""
+    """The RCM, of whose registers only those with the reset source have a function."""
 
     def __init__(self) -> None:
         super().__init__("RCM", 0x4007F000, {0: ResetSource.POWER_ON.value})
 
     def reset_by(self, source: ResetSource) -> None:
-        """Show a source to the firmware that starts now."""
+        """Set the source that the firmware reads after the reset."""
         self._bytes[0:2] = source.value.to_bytes(2, "little")

@@ -16,31 +16,22 @@ _GO, _HA, _INTM, _CLRI, _SLP = (1 << bit for bit in range(5))
 _SECV, _LRS, _ORU, _ERRI, _STATUS_SLP = (1 << bit for bit in range(5))
 _ONE_WORD = 1 << 16  # OREG_SIZE
 _LEVEL = 8  # OREG_LVL
-_CLOCKS_A_WORD = 256  # of the module clock, from GO or from the reading of a word to the next
+_CLOCKS_A_WORD = 256  # of the module clock, from GO or from the read of a word to the next
 
 
 class RandomNumbers(Restorable):
     """The random number generator (RNGA).
 
-    Words are a hash of the seed, of what firmware wrote to ER, and of how many words came before since power-on:
-    a reset does not begin them again.
-
-    Parameters
-    ----------
-    processor
-        Interrupts.
-    clock
-        The module clock.
-    module
-        Its address and interrupt.
+    Words are a hash of the seed, of the values that firmware wrote to ER, and of the number of words since power-on;
+    a reset does not restart them.
 
     Attributes
     ----------
     seed : int
-        The run's; 0 until it is set.
+        Seed of the run; 0 until it is set.
     """
 
-    steady = frozenset(ALL_STEADY) - frozenset(range(_OR, _OR + 4))  # a word is ready at an event, and is read once
+    steady = frozenset(ALL_STEADY) - frozenset(range(_OR, _OR + 4))  # an event makes a word, and a read consumes it
 
     def __init__(self, processor: Processor, clock: Clock, module: ChipPeripheral) -> None:
         self.name = module.name
@@ -64,7 +55,7 @@ class RandomNumbers(Restorable):
         self._run()
 
     def _run(self) -> None:
-        """Make the next word, if one is to be made."""
+        """Start the next word if one is needed."""
         if self._making is not None:
             self._making.cancel()
             self._making = None
@@ -78,7 +69,7 @@ class RandomNumbers(Restorable):
         self._words += 1
 
     def read(self, offset: int, size: int) -> int:
-        """Answer a word register; OR is read once."""
+        """Return a word register; a read of OR consumes the word."""
         if offset == _SR:
             status = self._flags | _ONE_WORD | (self._ready is not None) << _LEVEL
             if self._flags & _ORU:
@@ -100,10 +91,10 @@ class RandomNumbers(Restorable):
         return 0
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a word register: CR, or entropy for ER."""
+        """Write a word register: CR, or entropy to ER."""
         if offset == _CR:
             started = value & (_GO | _SLP) != self._control & (_GO | _SLP)
-            # GO and HA cannot be cleared by writing.
+            # Writes cannot clear GO and HA.
             self._control = value & (_INTM | _SLP) | (value | self._control) & (_GO | _HA)
             if value & _CLRI:
                 self._flags &= ~_ERRI

@@ -1,4 +1,4 @@
-"""RTC: seconds of a 32.768 kHz crystal, with an alarm; and the registers that share its battery."""
+"""RTC: seconds of a 32.768 kHz crystal, with an alarm; and the register files that share its battery."""
 
 from __future__ import annotations
 
@@ -15,24 +15,15 @@ _WAR, _RAR = 0x800, 0x804
 _SWR, _UM, _OSCE = 1, 1 << 3, 1 << 8
 _TIF, _TOF, _TAF, _TCE = 1, 2, 4, 0x10
 _TSIE = 0x10
-_LOCKS = {_TCR: 1 << 3, _CR: 1 << 5, _SR: 1 << 4, _LR: 1 << 6}  # in LR: zero refuses writes until power-on
-_CORRECTABLE = 1 << 15  # ticks of a second, before TCR
+_LOCKS = {_TCR: 1 << 3, _CR: 1 << 5, _SR: 1 << 4, _LR: 1 << 6}  # in LR: a zero rejects writes until power-on
+_CORRECTABLE = 1 << 15  # ticks of a second, before the correction by TCR
 
 
 class RealTimeClock(Restorable):
-    """The RTC module; it goes on through every reset but power-on.
+    """The RTC module, which only power-on resets.
 
-    Supervisor protection (CR.SUP, CR.WPE), and the access registers WAR and RAR keep what is written
-    and refuse nothing.
-
-    Parameters
-    ----------
-    processor
-        Interrupts.
-    clocks
-        Its crystal, which it switches on.
-    module
-        Its addresses and interrupts: of flags and alarm, and of each second.
+    Supervisor protection (CR.SUP, CR.WPE) and the access registers WAR and RAR store writes
+    and reject nothing.
     """
 
     steady = frozenset(range(0x1000)) - frozenset(range(_TPR, _TPR + 4))
@@ -45,13 +36,13 @@ class RealTimeClock(Restorable):
         self._nvic = processor.nvic
         self._clocks = clocks
         self._event: Event | None = None
-        self._began = 0  # of this second, in ticks of the crystal
-        self._rest = 0  # TPR while it does not count
+        self._began = 0  # start of this second, in ticks of the crystal
+        self._rest = 0  # TPR while the counter is stopped
         self.power_on()
 
     @property
     def clocked(self) -> bool:
-        """Whether its gate is open, which closes it to interrupts too."""
+        """Return whether the clock gate is open; a closed gate blocks interrupts too."""
         return self._open
 
     @clocked.setter
@@ -60,26 +51,26 @@ class RealTimeClock(Restorable):
         self._drive()
 
     def power_on(self) -> None:
-        """State after the battery was connected."""
+        """Return to the state after the battery was connected."""
         self._lock = 0xFF
         self._access = {_WAR: 0xFF, _RAR: 0xFF}
         self._control = 0
         self._software_reset()
 
     def _software_reset(self) -> None:
-        """Reset what CR.SWR resets: all but itself and the access registers."""
+        """Reset everything but CR.SWR itself and the access registers."""
         self._stop()
         self._seconds = self._alarm = self._compensation = 0
         self._status = _TIF
         self._enabled = 7  # IER
         self._lock = 0xFF
         self._rest = 0
-        self._interval = 0  # TCR.CIC: seconds up to the next that is corrected
+        self._interval = 0  # TCR.CIC: seconds up to the next corrected one
         self._correction = 0  # TCR.TCV
         self._switch()
 
     def reset(self) -> None:
-        """Of a reset of the chip only the interrupt lines notice anything."""
+        """Update the interrupt lines; a reset of the chip changes nothing else."""
         self._drive()
 
     # -- counting -----------------------------------------------------------------------------
@@ -88,7 +79,7 @@ class RealTimeClock(Restorable):
         return self._status & (_TCE | _TIF | _TOF) == _TCE and bool(self._control & _OSCE)
 
     def _prescaler(self) -> int:
-        """TPR: ticks of the crystal in this second."""
+        """Return TPR: ticks of the crystal in this second."""
         if self._event is None:
             return self._rest
         return min(max(self._clocks.rtc.now() - self._began, 0), _CORRECTABLE - 1)
@@ -100,7 +91,7 @@ class RealTimeClock(Restorable):
             self._event = None
 
     def _switch(self) -> None:
-        """Start or stop, as control and status say."""
+        """Start or stop the counter by control and status."""
         self._stop()
         self._clocks.crystal_runs = bool(self._control & _OSCE)
         if self._counts():
@@ -110,7 +101,7 @@ class RealTimeClock(Restorable):
 
     def _plan(self) -> None:
         end = self._began + RTC_HZ - self._correction
-        self._event = self._clocks.rtc.at(end, lambda: self._second(end), wakes=bool(self._enabled & (_TSIE | 6)))
+        self._event = self._clocks.rtc.call_at(end, lambda: self._second(end), wakes=bool(self._enabled & (_TSIE | 6)))
 
     def _second(self, tick: int) -> None:
         if self._seconds == self._alarm:
@@ -124,11 +115,11 @@ class RealTimeClock(Restorable):
         if self._counts():
             self._plan()
         if self._enabled & _TSIE and self._open:
-            self._nvic.set_line(self._second_interrupt, True)  # an edge: it is not there to be cleared
+            self._nvic.set_line(self._second_interrupt, True)  # an edge, which firmware need not clear
         self._drive()
 
     def _correct(self) -> None:
-        """Take over what corrects the second that begins: one in so many has another length."""
+        """Apply the correction to the second that begins: one in so many has another length."""
         if self._interval:
             self._interval -= 1
             self._correction = 0
@@ -139,13 +130,13 @@ class RealTimeClock(Restorable):
 
     def _drive(self) -> None:
         self._nvic.set_line(self._second_interrupt, False)
-        # IER's TIIE, TOIE and TAIE stand where SR has TIF, TOF and TAF.
+        # TIIE, TOIE and TAIE in IER are at the same bits as TIF, TOF and TAF in SR.
         self._nvic.set_line(self._interrupt, self._open and bool(self._status & self._enabled & 7))
 
     # -- registers ----------------------------------------------------------------------------
 
     def read(self, offset: int, size: int) -> int:
-        """Answer a register; time reads as zero while it is invalid."""
+        """Return a register; time reads as zero while it is invalid."""
         valid = not self._status & (_TIF | _TOF)
         current = self._interval << 24 | (self._correction & 0xFF) << 16
         answers = {
@@ -156,7 +147,7 @@ class RealTimeClock(Restorable):
         return answers.get(offset & ~3, 0) >> 8 * (offset & 3)
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a word register, unless LR has locked it."""
+        """Write a word register, unless LR has locked it."""
         if offset in _LOCKS and not self._lock & _LOCKS[offset] and not (offset == _SR and self._control & _UM):
             return
         if offset == _TSR and not self._status & _TCE:
@@ -189,15 +180,14 @@ class RealTimeClock(Restorable):
 
 
 class BatteryRegisters(StoredRegisters):
-    """The register files RFVBAT and RFSYS: memory that only power-on clears."""
+    """The register files RFVBAT and RFSYS, memory that only power-on clears."""
 
     def __init__(self, module: ChipPeripheral) -> None:
         super().__init__(module.name, module.base)
         self.power_on()
 
     def power_on(self) -> None:
-        """Clear it."""
         super().reset()
 
     def reset(self) -> None:
-        """Do nothing: what a firmware left there its successor finds."""
+        """Keep the content, which later firmware may read."""

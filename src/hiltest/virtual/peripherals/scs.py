@@ -1,4 +1,4 @@
-"""The processor's own peripherals, NVIC, SCB and SysTick, as Python sees them: the core's library has them."""
+"""The processor's own peripherals NVIC, SCB and SysTick, in the core's library."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hiltest.virtual.processor.clock import Clock
 from hiltest.virtual.processor.cpu import Processor
 
 _BASE, _SYSTICK = 0xE000E000, 0xE000E010
-_CVR, _CALIB = 0x18, 0x1C  # of SysTick
+_CVR, _CALIB = 0x18, 0x1C  # SysTick
 
 
 class SystemControlSpace(CoreDevice):
@@ -19,12 +19,10 @@ class SystemControlSpace(CoreDevice):
 
     Parameters
     ----------
-    processor
-        Processor that the registers belong to.
     core
         The core clock, which SysTick counts.
     request_reset
-        Called when AIRCR asks for a system reset.
+        Called when AIRCR requests a system reset.
     """
 
     counters = frozenset(range(_CVR, _CALIB))
@@ -42,6 +40,6 @@ class SystemControlSpace(CoreDevice):
         super().__init__(machine, "SCS", _BASE)
 
     def reset(self) -> None:
-        """State after a processor reset."""
+        """Return to the state after a processor reset."""
         super().reset()
         lib.machine_reset_device(self._handle, _SYSTICK)

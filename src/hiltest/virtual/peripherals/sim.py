@@ -1,4 +1,4 @@
-"""SIM: which clocks run, how fast, and which peripherals have one."""
+"""SIM: clock gates, dividers and sources of the clocks."""
 
 from __future__ import annotations
 
@@ -18,36 +18,27 @@ _LOW_POWER_OSCILLATOR_HZ = 1000
 
 
 class _Options(StoredRegisters):
-    """SIM, first page, which tells of its changes."""
+    """First page of the SIM, which reports its changes."""
 
     steady = ALL_STEADY
     on_change: Callable[[], None] = staticmethod(lambda: None)
 
     def reset(self) -> None:
-        """Return to the state after a chip reset."""
         super().reset()
         self.on_change()
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Keep what is written."""
         super().write(offset, size, value)
         self.on_change()
 
 
 class ClockGates(StoredRegisters):
-    """SIM, second page: clock gates, dividers, identification.
-
-    Parameters
-    ----------
-    processor
-        Time.
-    generator
-        Where the core clock comes from.
+    """Second page of the SIM: clock gates, dividers, identification.
 
     Attributes
     ----------
     core, bus, flexbus, flash : Clock
-        From MCGOUTCLK by the dividers.
+        MCGOUTCLK behind the dividers.
     pll_fll : Clock
         MCGPLLCLK, MCGFLLCLK or IRC48M, as SOPT2 selects.
     internal, fixed : Clock
@@ -55,13 +46,13 @@ class ClockGates(StoredRegisters):
     oscillator, rtc, low_power : Clock
         OSCERCLK, 32.768 kHz, and the 1 kHz that always runs.
     slow_external : Clock
-        ERCLK32K, as SOPT1 selects; the system oscillator's 50 MHz are not for it.
+        ERCLK32K, as SOPT1 selects; the system oscillator's 50 MHz are too fast for it.
     time : Clock
         Virtual time in picoseconds since power-on.
     options : StoredRegisters
-        SIM, first page.
+        First page of the SIM.
     on_gates : callable
-        Told that gates may have opened or closed.
+        Called when gates may have opened or closed.
     """
 
     def __init__(self, processor: Processor, generator: ClockGenerator) -> None:
@@ -71,14 +62,14 @@ class ClockGates(StoredRegisters):
         self.pll_fll, self.internal, self.fixed = self._clocks(3)
         self.oscillator, self.rtc, self.low_power, self.slow_external, self.time = self._clocks(5)
         self._rates: dict[Clock, Fraction] = {}
-        self._made_core_hz = Fraction(0)
+        self._nominal_core_hz = Fraction(0)
         self.options = _Options("SIM (SOPT)", 0x40047000, mk64f12().reset_bytes(0x40047000))
         self._crystal_runs = False
         self._stopped: set[Clock] = set()
         generator.on_change = self.options.on_change = self._derive
         self._gated: list[tuple[Peripheral, list[tuple[int, int]]]] = []
         self.on_gates: Callable[[], None] = lambda: None
-        # UIDH, UIDMH, UIDML, UIDL: words in that order, each with its lowest byte first.
+        # UIDH, UIDMH, UIDML, UIDL: words in this order, each little-endian.
         unique = {0x054 + (index ^ 3): byte for index, byte in enumerate(VIRTUAL_UNIQUE_ID)}
         super().__init__("SIM", 0x40048000, mk64f12().reset_bytes(0x40048000) | unique)
 
@@ -86,25 +77,24 @@ class ClockGates(StoredRegisters):
         return [Clock(self._processor.schedule, self._processor.now) for _ in range(count)]
 
     def parts(self) -> list[Clock]:
-        """Return the clocks."""
         return list(self._rates)
 
     def gate(self, peripheral: Peripheral, gates: Iterable[tuple[int, int]]) -> None:
-        """Clock a peripheral while any of these bits of SCGC registers (1..7) is set; always, if there are none."""
+        """Clock a peripheral while any of these bits of SCGC registers (1..7) is set; always if there are none."""
         bits = [(_SCGC_FIRST + 4 * (register - 1), bit) for register, bit in gates]
         if bits:
             self._gated.append((peripheral, bits))
             self._open_gates()
 
     def reset(self) -> None:
-        """Close every gate but those that are open out of reset."""
+        """Close every gate that is not open after reset."""
         self._stopped = set()
         super().reset()
         self._derive()
         self._open_gates()
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Keep the value; open and close gates."""
+        """Store the value; open and close gates."""
         super().write(offset, size, value)
         if _SCGC_FIRST <= offset <= _SCGC_LAST + 3:
             self._open_gates()
@@ -129,12 +119,12 @@ class ClockGates(StoredRegisters):
         return float(self.bus.hz)
 
     def time_s(self) -> float:
-        """Virtual time since power-on, inside a peripheral's access too [s]."""
+        """Return the virtual time since power-on [s], valid inside a peripheral's access too."""
         return self.time.now() / PICOSECONDS
 
     @property
     def crystal_runs(self) -> bool:
-        """Whether the RTC has switched its oscillator on."""
+        """Return whether the RTC has switched its oscillator on."""
         return self._crystal_runs
 
     @crystal_runs.setter
@@ -143,41 +133,41 @@ class ClockGates(StoredRegisters):
         self._derive()
 
     def stop(self, *, external_runs: bool) -> None:
-        """Let core, bus and all that the generator makes stand still, as in STOP; OSCERCLK as OSC_CR says."""
+        """Stop core, bus and all clocks of the generator, as in STOP; OSCERCLK continues if OSC_CR says so."""
         self._stopped = {self.core, self.bus, self.flexbus, self.flash, self.pll_fll, self.fixed}
         self._stopped |= set() if self._generator.internal_runs_in_stop else {self.internal}
         self._stopped |= set() if external_runs else {self.oscillator}
         self._derive()
 
     def go_on(self, *, from_stop: bool) -> None:
-        """Let all clocks run again; the PLL has lost its lock, unless it was kept in STOP."""
+        """Restart all clocks; the PLL has lost its lock, unless it was kept in STOP."""
         self._stopped = set()
         self._generator.leave_stop(keeps_pll=from_stop)
         self._derive()
 
     def _derive(self) -> None:
-        """Find every rate; those that have changed hold from now on."""
-        made, dividers, source = self._generator, self.word(_CLKDIV1), self.word(_SOPT2) >> 16 & 3
+        """Compute every rate, and apply those that have changed from now on."""
+        generator, dividers, source = self._generator, self.word(_CLKDIV1), self.word(_SOPT2) >> 16 & 3
         rates = {
-            divided: made.output_hz / ((dividers >> shift & 0xF) + 1)
+            divided: generator.output_hz / ((dividers >> shift & 0xF) + 1)
             for divided, shift in ((self.core, 28), (self.bus, 24), (self.flexbus, 20), (self.flash, 16))
         }
         rates |= {
-            self.pll_fll: {0: made.fll_hz, 1: made.pll_hz}.get(source, Fraction(IRC48M_HZ)),
-            self.internal: made.internal_hz if made.internal_runs else Fraction(0),
-            self.fixed: made.reference_hz, self.oscillator: Fraction(OSCILLATOR_HZ),
+            self.pll_fll: {0: generator.fll_hz, 1: generator.pll_hz}.get(source, Fraction(IRC48M_HZ)),
+            self.internal: generator.internal_hz if generator.internal_runs else Fraction(0),
+            self.fixed: generator.reference_hz, self.oscillator: Fraction(OSCILLATOR_HZ),
             self.rtc: Fraction(RTC_HZ if self._crystal_runs else 0),
             self.low_power: Fraction(_LOW_POWER_OSCILLATOR_HZ), self.time: Fraction(PICOSECONDS),
         }  # fmt: skip
         selected = {2: self.rtc, 3: self.low_power}.get(self.options.word(_SOPT1) >> 18 & 3)
         rates[self.slow_external] = rates[selected] if selected else Fraction(0)
-        made_core_hz = rates[self.core]  # time is counted in its cycles, also while it stands still
+        nominal_core_hz = rates[self.core]  # time is counted in its cycles, even while the clock is stopped
         rates |= dict.fromkeys(self._stopped, Fraction(0))
-        if rates == self._rates and made_core_hz == self._made_core_hz:
+        if rates == self._rates and nominal_core_hz == self._nominal_core_hz:
             return
-        self._made_core_hz = made_core_hz
+        self._nominal_core_hz = nominal_core_hz
         self._rates = rates
         now = self._processor.now()
         for clock, hz in rates.items():
-            clock.run_at(hz, made_core_hz, now)
+            clock.run_at(hz, nominal_core_hz, now)
         self._processor.schedule.replan()

@@ -1,4 +1,4 @@
-"""SMC, LLWU and PMC: how deeply WFI sleeps, what runs meanwhile, and what ends it."""
+"""SMC, LLWU and PMC: sleep modes, the clocks in them, and wake-up."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PMPROT, _PMCTRL, _VLLSCTRL, _PMSTAT = range(4)
 _AVLLS, _ALLS, _AVLP = 0x02, 0x08, 0x20
 _STOP, _VLPS, _LLS, _VLLS = 0, 2, 3, 4  # PMCTRL.STOPM
 _VLPR = 2  # PMCTRL.RUNM
-_EREFSTEN = 0x20  # OSC_CR: OSCERCLK goes on
+_EREFSTEN = 0x20  # OSC_CR: OSCERCLK continues in STOP
 _PE1, _ME, _F1, _F2, _F3, _LAST = 0x0, 0x4, 0x5, 0x6, 0x7, 0xA
 _REGSC, _ACKISO = 0x2, 0x08
 # LLWU_P0 to P15.
@@ -24,7 +24,7 @@ _PINS = (
     "E1", "E2", "E4", "A4", "A13", "B0", "C1", "C3", "C4", "C5", "C6", "C11", "D0", "D2", "D4", "D6",
 )  # fmt: skip
 _MODULES = {58: 0, 46: 5, 47: 7}  # by interrupt: LPTMR, the RTC's alarm and its seconds
-# Interrupts that come without a clock: PMC, LLWU, WDOG, I2C, UART, ADC, CMP, RTC, USB, MCG, LPTMR, ports.
+# Interrupts that need no clock: PMC, LLWU, WDOG, I2C, UART, ADC, CMP, RTC, USB, MCG, LPTMR, ports.
 _ASYNCHRONOUS = {
     20,
     21,
@@ -54,7 +54,7 @@ _ASYNCHRONOUS = {
 
 
 class SleepMode(Enum):
-    """What WFI leads to; PMSTAT shows the value."""
+    """Sleep mode that WFI enters; PMSTAT shows the value."""
 
     WAIT = "WAIT", 0x01
     VLPW = "VLPW", 0x08
@@ -65,19 +65,17 @@ class SleepMode(Enum):
 
     @property
     def gated(self) -> bool:
-        """Whether only the LLWU ends it."""
+        """Return whether only the LLWU ends the mode."""
         return self in (SleepMode.LLS, SleepMode.VLLS)
 
 
 class WakeUpUnit(Restorable):
-    """LLWU: what ends LLS and VLLS; its filters keep what is written.
+    """LLWU, which ends LLS and VLLS; its filters only store writes.
 
     Parameters
     ----------
-    processor
-        Its interrupt.
     ports
-        By letter: where its pins are.
+        Ports by letter, with the wake-up pins.
     """
 
     steady = range(0x1000)
@@ -87,7 +85,7 @@ class WakeUpUnit(Restorable):
         self.base = module.base
         self.clocked = True
         self.on_wake: Callable[[], None] = lambda: None
-        self.keeps = False  # through the reset that ends VLLS
+        self.keeps = False  # flags survive the reset that ends VLLS
         (self._interrupt,) = module.interrupts
         self._initial = bytes(register.reset for register in module.registers)
         self._nvic = processor.nvic
@@ -109,7 +107,6 @@ class WakeUpUnit(Restorable):
         return look
 
     def reset(self) -> None:
-        """Return to the state after reset."""
         if not self.keeps:
             self._registers = bytearray(self._initial)
         self.asleep = False
@@ -117,11 +114,11 @@ class WakeUpUnit(Restorable):
 
     @property
     def has_source(self) -> bool:
-        """Whether any pin or module is enabled."""
+        """Return whether any pin or module is enabled."""
         return any(self._registers[_PE1 : _ME + 1])
 
     def sleep(self) -> None:
-        """Watch from now on; what a module tells already wakes at once."""
+        """Watch the sources from now on; a module that already interrupts wakes the part at once."""
         self.asleep = True
         self._look()
 
@@ -141,13 +138,12 @@ class WakeUpUnit(Restorable):
         self._nvic.set_line(self._interrupt, any(self._registers[_F1 : _F3 + 1]))
 
     def read(self, offset: int, size: int) -> int:
-        """Answer a byte register."""
         if size > 1:
             return read_by_bytes(self, offset, size)
         return self._registers[offset] if offset <= _LAST else 0
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a byte register; ones clear flags, of a module only with the module's own."""
+        """Write a byte register; ones clear flags, but a module's flag is only cleared in the module."""
         if size > 1:
             write_by_bytes(self, offset, size, value)
         elif offset in (_F1, _F2):
@@ -161,31 +157,29 @@ class WakeUpUnit(Restorable):
 
 
 class PowerManagement(StoredRegisters):
-    """PMC: the supply is always good; REGSC shows the isolation that VLLS leaves."""
+    """PMC, with a supply that is always good; REGSC shows the isolation of pins after VLLS."""
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Keep the value; a one ends the isolation."""
+        """Store the value; a one ends the isolation."""
         before = self._bytes[_REGSC]
         super().write(offset, size, value)
         if offset == _REGSC:
             self._bytes[_REGSC] = value & 0x11 | 0x04 | (before & ~value & _ACKISO)
 
     def isolate(self) -> None:
-        """Hold the pins, as after VLLS."""
+        """Isolate the pins, as after VLLS."""
         self._bytes[_REGSC] |= _ACKISO
 
 
 class SystemModes(StoredRegisters):
-    """SMC: the modes of run and of sleep.
+    """SMC: the run and sleep modes.
 
-    In VLPR nothing but the mode itself changes: its limits of the clocks are not checked.
+    VLPR changes nothing but the mode itself: its limits of the clocks are not checked.
 
     Parameters
     ----------
-    oscillator
-        The OSC.
     wake_up
-        Called when VLLS ends, with its number: resets the part.
+        Called with the number of the VLLS mode when it ends; resets the part.
     """
 
     def __init__(
@@ -198,14 +192,14 @@ class SystemModes(StoredRegisters):
         self._unit = unit
         self._wake_up = wake_up
         self.asleep_in: SleepMode | None = None
-        unit.on_wake = self._woken
+        unit.on_wake = self._wake
         processor.waiting.on_sleep = self._sleep
         super().__init__(
             module.name, module.base, {register.address - module.base: register.reset for register in module.registers}
         )
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a byte register; PMPROT once, and of PMCTRL only what PMPROT allows."""
+        """Write a byte register: PMPROT once, and to PMCTRL only modes that PMPROT allows."""
         if size > 1:
             write_by_bytes(self, offset, size, value)
         elif offset == _PMPROT and not self._bytes[_PMPROT]:
@@ -227,7 +221,7 @@ class SystemModes(StoredRegisters):
 
     @property
     def _mode(self) -> SleepMode:
-        """What WFI leads to now."""
+        """Return the mode that WFI enters now."""
         low = self._bytes[_PMSTAT] == 0x04
         if not self._processor.waiting.sleeps_deeply:
             return SleepMode.VLPW if low else SleepMode.WAIT
@@ -235,7 +229,7 @@ class SystemModes(StoredRegisters):
         return chosen.get(self._bytes[_PMCTRL] & 7, SleepMode.VLPS if low else SleepMode.STOP)
 
     def _sleep(self, begins: bool) -> None:
-        """Stop the clocks as WFI begins, and start them as it ends."""
+        """Stop the clocks when WFI begins, and start them when it ends."""
         before, self.asleep_in = self.asleep_in, self._mode if begins else None
         if begins and self.asleep_in not in (SleepMode.WAIT, SleepMode.VLPW):
             external = bool(self._oscillator.word(0) & _EREFSTEN)
@@ -247,14 +241,14 @@ class SystemModes(StoredRegisters):
             self._processor.waiting.gated = self._unit.asleep = False
             self._clocks.go_on(from_stop=before is SleepMode.STOP)
 
-    def _woken(self) -> None:
+    def _wake(self) -> None:
         if self.asleep_in is SleepMode.VLLS:
             self._wake_up(self._bytes[_VLLSCTRL] & 7)
         self._processor.waiting.gated = False
         self._processor.look_soon()
 
     def describe(self) -> str:
-        """Words on the sleep that the processor is in."""
+        """Return a description of the present sleep mode."""
         mode = self.asleep_in
         if mode in (None, SleepMode.WAIT, SleepMode.VLPW):
             return ""

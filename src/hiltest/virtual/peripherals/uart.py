@@ -1,4 +1,4 @@
-"""UART: a serial port, bit-timed, with its FIFOs and interrupts; core/uart.c has it."""
+"""UART in the core's library (core/uart.c): a bit-timed serial port with FIFOs and interrupts."""
 
 from __future__ import annotations
 
@@ -20,25 +20,19 @@ class Uart(CoreDevice):
 
     Parameters
     ----------
-    processor
-        Interrupts.
-    clocks
-        Time.
     clock
         The module clock.
-    module
-        Which of the chip's UARTs this is.
     depth
-        Bytes that its FIFOs hold: 8, or 1 where it has none.
+        Bytes that each FIFO holds: 8, or 1 if there is none.
     """
 
-    steady = frozenset(ALL_STEADY) - {_D}  # bytes come and go at events; reading S1 again shows the same flags again
+    steady = frozenset(ALL_STEADY) - {_D}  # bytes arrive and leave at events; a second read of S1 shows the same flags
 
     def __init__(
         self, processor: Processor, clocks: ClockGates, clock: Clock, module: ChipPeripheral, *, depth: int = 8
     ) -> None:
         machine = processor.machine
-        receive_request, send_request = module.requests[0], module.requests[-1]  # there may be one for both
+        receive_request, send_request = module.requests[0], module.requests[-1]  # both may share one
         clock_numbers = clock.number_in(machine), clocks.time.number_in(machine)
         connections = depth, *module.interrupts, receive_request, send_request, *clock_numbers
         if not lib.machine_add_uart(machine.handle, module.base, ffi.new("struct machine_uart *", connections)[0]):
@@ -48,7 +42,7 @@ class Uart(CoreDevice):
 
     @property
     def baud(self) -> float:
-        """The rate the firmware has set up [bit/s]."""
+        """Rate that the firmware has set up [bit/s]."""
         baud: float = lib.machine_uart_baud(self._handle, self.base)
         return baud
 
@@ -70,14 +64,14 @@ class Uart(CoreDevice):
         Raises
         ------
         BenchError
-            If 16 MiB are on their way.
+            If more than 16 MiB are on the line.
         """
         payload = bytes(data)
         if not lib.machine_uart_write(self._handle, self.base, payload, len(payload)):
             raise BenchError(f"{self.name} of the virtual board cannot take {len(payload)} more bytes at once")
 
     def host_expect(self, count: int, byte: int) -> None:
-        """Say what a run for bytes stops at: so many that are not fetched, or one with a value."""
+        """Stop a run for bytes at `count` bytes that the host has not fetched, or at a byte with a value."""
         lib.machine_uart_expect(self._handle, self.base, count, byte)
 
     @property
@@ -93,12 +87,12 @@ class Uart(CoreDevice):
         return waiting
 
     def host_read(self, size: int) -> bytes:
-        """Fetch bytes that the board has sent.
+        """Return bytes that the board has sent.
 
         Raises
         ------
         BenchError
-            If bytes are lost, because nobody had fetched 16 MiB before them.
+            If bytes are lost because the host left more than 16 MiB unfetched.
         """
         size = min(size, self.host_waiting)
         data = ffi.new("uint8_t[]", size)

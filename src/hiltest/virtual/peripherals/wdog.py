@@ -1,4 +1,4 @@
-"""WDOG: resets the part when firmware neither serves it nor switches it off."""
+"""WDOG: resets the part if firmware neither serves nor disables it."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ _TMROUTH, _TMROUTL, _RSTCNT, _PRESC = 0x10, 0x12, 0x14, 0x16
 _WDOGEN, _CLKSRC, _WINEN, _TESTWDOG = 1, 2, 8, 0x400
 _UNLOCKING, _REFRESHING = [0xC520, 0xD928], [0xA602, 0xB480]
 _LOW_POWER_OSCILLATOR_HZ = 1000
-_WINDOW_BUS_CLOCKS = 256  # WCT: so long may be set up, register by register; then all of it counts
+_WINDOW_BUS_CLOCKS = 256  # WCT: time for the set-up of all registers, after which they take effect
 
 
 class Watchdog(StoredRegisters):
     """The watchdog timer.
 
-    It is not as strict as the part: its windows for set-up and for the second word of a sequence are open all
-    the time, a wrong word is no reset, there is no interrupt before the reset (IRQRSTEN), and a test of its
-    bytes takes as long as the quick test.
+    It is not as strict as the part: its windows for set-up and for the second word of a sequence are always
+    open, a wrong word causes no reset, there is no interrupt before the reset (IRQRSTEN), and a byte test takes
+    as long as the quick test.
 
     Parameters
     ----------
     clocks
-        It counts the bus clock, or a low-power oscillator of 1 kHz.
+        Source of the bus clock and of the low-power oscillator of 1 kHz.
     bite
-        Called when its time is over; resets the part.
+        Called at the time-out to reset the part.
     """
 
     counters = frozenset(range(_TMROUTH, _RSTCNT))
@@ -46,44 +46,44 @@ class Watchdog(StoredRegisters):
         super().__init__("WDOG", _BASE, mk64f12().reset_bytes(_BASE))
 
     def power_on(self) -> None:
-        """Forget how often it has reset the part."""
+        """Clear the count of resets."""
         self._resets = 0
 
     def reset(self) -> None:
-        """Return to the state after a chip reset, not counting yet."""
+        """Return to the state after a chip reset, stopped."""
         super().reset()
         self._unlock: list[int] = []
         self._refresh: list[int] = []
-        self._since = 0  # in ticks of the clock that it counts
+        self._since = 0  # in ticks of the selected clock
         if self._event is not None:
             self._event.cancel()
             self._event = None
 
     @property
     def enabled(self) -> bool:
-        """Whether it will reset the part if it is not served."""
+        """Return whether the watchdog is enabled."""
         return bool(self._bytes[_STCTRLH] & _WDOGEN)
 
     def start(self) -> None:
-        """Count from nothing again."""
+        """Restart the count from zero."""
         self._since = self._clock.now()
-        # Served more often than it is due, it is not planned anew: `_look` comes too early then, and once again.
+        # Frequent services do not reschedule the event: `_look` then comes too early, and schedules itself again.
         if self.enabled and self._event is None:
             self._plan()
 
     def _plan(self) -> None:
-        # Nothing waits for a watchdog: what sleeps for ever or loops to itself is a hang, reported at once.
-        self._event = self._clock.at(self._due, self._look, wakes=False)
+        # The event wakes nothing: endless sleep and a loop to itself are a hang, which is reported at once.
+        self._event = self._clock.call_at(self._due, self._look, wakes=False)
 
     def read(self, offset: int, size: int) -> int:
-        """Answer registers; TMROUT is the count now, RSTCNT how often it has reset the part."""
+        """Return registers; TMROUT is the present count, RSTCNT the number of resets by the watchdog."""
         if offset in (_TMROUTH, _TMROUTL):
             count = self._count if self.enabled else 0
             return count >> 16 if offset == _TMROUTH else count & 0xFFFF
         return self._resets if offset == _RSTCNT else super().read(offset, size)
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Take a write; STCTRLH only after the unlock sequence."""
+        """Write a register; STCTRLH only after the unlock sequence."""
         if offset == _UNLOCK:
             self._unlock = [*self._unlock[-1:], value]
         elif offset == _REFRESH:
@@ -97,7 +97,7 @@ class Watchdog(StoredRegisters):
             self._set_up()
 
     def _serve(self) -> None:
-        """Begin again; where there is a window, before it opens that is a reset."""
+        """Restart the count; before an enabled window opens, that is a reset."""
         opens_at = self._half(_WINH) << 16 | self._half(_WINL)
         if self.enabled and self._bytes[_STCTRLH] & _WINEN and self._count < opens_at:
             self._end()
@@ -108,7 +108,7 @@ class Watchdog(StoredRegisters):
         self._bite()
 
     def _set_up(self) -> None:
-        """Count from the end of the window for setting up, by what counts now."""
+        """Count from the end of the set-up window, with the present settings."""
         if self._event is not None:
             self._event.cancel()
             self._event = None
@@ -132,12 +132,12 @@ class Watchdog(StoredRegisters):
 
     @property
     def _count(self) -> int:
-        """Divided ticks since it was served."""
+        """Divided ticks since the last service."""
         return max(self._clock.now() - self._since, 0) // self._divider
 
     @property
     def _due(self) -> int:
-        """End of its time-out, in ticks of the clock that it counts."""
+        """Time-out, in ticks of the selected clock."""
         return self._since + (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * self._divider
 
     def _look(self) -> None:

@@ -1,1 +1,1 @@
-"""The processor as Python drives it: it runs until an event, reports faults, and tells time, calls and stacks."""
+"""The processor in Python: runs until an event, faults, time, calls and stacks."""

@@ -1,4 +1,4 @@
-"""Where the bit-band aliases are: a word for every bit of the first megabyte of SRAM_U, and of the peripherals."""
+"""Bit-band aliases: a word for every bit of the first megabyte of SRAM_U, and of the peripherals."""
 
 from __future__ import annotations
 

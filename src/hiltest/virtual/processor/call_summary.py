@@ -1,4 +1,4 @@
-"""Calls of a function that ran, and what they come to together."""
+"""Calls of a watched function, and their statistics."""
 
 from __future__ import annotations
 
@@ -13,85 +13,82 @@ class Call(NamedTuple):
 
     entered: int
     returned: int
-    """Cycles since power-on at the function's first instruction, and behind its return."""
+    """Cycles since power-on at the function's first instruction, and after its return."""
     interrupted: int = 0
-    """How often an exception entered."""
+    """Number of exceptions during the call."""
     interrupts: int = 0
-    """Cycles of those."""
+    """Cycles of those exceptions."""
     elsewhere: int = 0
-    """Cycles of other tasks, and of the switches to them and back."""
+    """Cycles of other tasks, and of the switches between tasks."""
     outermost: bool = True
-    """Whether no other call of the same function was open: the cycles of one within are those of the outer one too."""
+    """True unless an outer call of the same function was running, whose cycles contain those of this call."""
     ended_in: int = 0
-    """Address of the instruction that returned, which a tail call has put into another function."""
-    left: int = 0
-    """What the word in memory held then that was asked for, or 0."""
+    """Address of the instruction that returned, which is in another function after a tail call."""
+    word: int = 0
+    """Value of the watched word in memory at the return, or 0."""
     stack: int | None = None
-    """Bytes of its stack that it has taken at most, those of what it called included and of exceptions not; None
-    where it has been on two stacks."""
+    """Largest use of its stack [bytes], including functions that it called but not exceptions; None if it has used two
+    stacks."""
 
     @property
     def elapsed(self) -> int:
-        """Cycles from the first instruction to the return, whatever else ran."""
+        """Cycles from the first instruction to the return, including other code."""
         return self.returned - self.entered
 
     @property
     def cycles(self) -> int:
-        """The same without exceptions and other tasks."""
+        """Elapsed cycles without exceptions and other tasks."""
         return self.elapsed - self.interrupts - self.elsewhere
 
 
 @dataclass(frozen=True, slots=True)
 class CallSummary:
-    """What the calls of a function come to."""
+    """Statistics of a function's calls."""
 
     function: str
     calls: int
-    """How many began and returned."""
+    """Number of calls that began and returned."""
     least: int | None
     median: int | None
     most: int | None
-    """Cycles of a call, without exceptions and other tasks; None without a call, and where `refusal` says why. The
-    median is that of a call: of the middle two the lower."""
+    """Cycles of a call, without exceptions and other tasks; None without a call, and if `refusal` gives a reason. The
+    median is the cycles of an actual call, the lower of the middle two."""
     share: float | None
-    """Part of all cycles that passed, asleep ones included; of calls within one of the same function only the outer
-    one counts."""
+    """Share of all cycles, including sleep; of nested calls of the same function only the outer one counts."""
     interrupted: int = 0
-    """Calls that an exception entered."""
+    """Calls during which an exception came."""
     interrupts: int = 0
     elsewhere: int = 0
-    """Cycles of exceptions, and of other tasks, within calls."""
+    """Cycles of exceptions and of other tasks within calls."""
     abandoned: int = 0
     """Calls that never returned."""
     open: int = 0
-    """Calls that are under way."""
+    """Calls that have not returned yet."""
     ended_in: tuple[str, ...] = ()
-    """Other functions that returned for it: it ends in tail calls, and its cycles contain those of what it jumped
-    to."""
+    """Other functions that returned for this one: it ends in tail calls, and its cycles contain those of the jump
+    targets."""
     refusal: str = ""
-    """Why its cycles cannot be told; empty where they can."""
+    """Reason why its cycles are unknown; empty if they are known."""
 
 
-def summarised(
+def summarise_calls(
     function: str, calls: Sequence[Call], passed: int, *, abandoned: int = 0, open_calls: int = 0, came_back: int = 0,
     lost: int = 0, ended_in: tuple[str, ...] = (),
 ) -> CallSummary:  # fmt: skip
-    """Sum up calls.
+    """Compute the statistics of calls.
 
     Parameters
     ----------
-    function
-        Its name.
     passed
-        Cycles in which they were made.
+        Cycles during which they were made.
     abandoned, open_calls
-        Calls that never returned, and that are under way.
+        Calls that never returned, and calls that have not returned yet.
     came_back
         Calls that returned after their stack had been given up.
     lost
-        Calls that there was no room for.
+        Calls that were not recorded for lack of room.
     ended_in
-        Other functions that returned for it.
+        Other functions that returned for this one.
     """
     refusal = ""
     if came_back:
@@ -116,62 +113,64 @@ def summarised(
 
 
 class Solution(NamedTuple):
-    """Slices that came to a solution."""
+    """Slices that together compute a solution."""
 
     cycles: int
     longest: int
-    """Of all slices, and of the longest."""
+    """Cycles of the longest slice."""
     slices: int
 
 
 @dataclass(frozen=True, slots=True)
 class SolutionSummary:
-    """What a function that works in slices takes for a solution."""
+    """Statistics of a function that computes solutions in slices."""
 
     solutions: int
-    """How many began and ended."""
+    """Number of solutions that began and ended."""
     least: int | None
     median: int | None
     most: int | None
-    """Cycles of a solution's slices together, without exceptions and other tasks; None without a solution."""
+    """Cycles of all slices of a solution, without exceptions and other tasks; None without a solution."""
     fewest_slices: int | None
     most_slices: int | None
     longest_slice: int | None
-    """Most cycles of a slice."""
+    """Cycles of the longest slice of any solution."""
 
 
-def solved(slices: Sequence[Call], ends: Callable[[Call, int], bool], *, before: int, is_whole: bool) -> list[Solution]:
-    """Sum up slices by the solution that they came to.
+def sum_solutions(
+    slices: Sequence[Call], ends: Callable[[Call, int], bool], *, before: int, is_whole: bool
+) -> list[Solution]:
+    """Sum up slices per solution.
 
     Parameters
     ----------
     slices
-        In the order of their entry; one within another counts with that one.
+        In the order of their entry; a nested slice counts with the outer one.
     ends
-        Whether a slice was the last of a solution, by the slice and by what the one before it left.
+        Returns whether a slice was the last of a solution, from the slice and the word after the previous slice.
     before
-        What was left before the first.
+        Value of the word before the first slice.
     is_whole
-        Whether the first slice is the first of a solution; otherwise its solution is left out.
+        True if the first slice begins a solution; otherwise its solution is ignored.
     """
-    found: list[Solution] = []
+    solutions: list[Solution] = []
     cycles: list[int] = []
     outer_returned = -1
-    for each in slices:
-        if each.entered < outer_returned:
+    for part in slices:
+        if part.entered < outer_returned:
             continue
-        outer_returned = each.returned
-        cycles.append(each.cycles)
-        if ends(each, before):
+        outer_returned = part.returned
+        cycles.append(part.cycles)
+        if ends(part, before):
             if is_whole:
-                found.append(Solution(sum(cycles), max(cycles), len(cycles)))
+                solutions.append(Solution(sum(cycles), max(cycles), len(cycles)))
             cycles, is_whole = [], True
-        before = each.left
-    return found
+        before = part.word
+    return solutions
 
 
-def solutions_summarised(solutions: Sequence[Solution]) -> SolutionSummary:
-    """Sum up solutions."""
+def summarise_solutions(solutions: Sequence[Solution]) -> SolutionSummary:
+    """Compute the statistics of solutions."""
     if not solutions:
         return SolutionSummary(0, None, None, None, None, None, None)
     cycles, slices = (sorted(column) for column in ([s.cycles for s in solutions], [s.slices for s in solutions]))

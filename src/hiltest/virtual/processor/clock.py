@@ -1,4 +1,4 @@
-"""Clocks of the part: how many ticks of each have passed, whatever their rates were meanwhile."""
+"""Clocks of the part, which count their ticks while their rates change."""
 
 from __future__ import annotations
 
@@ -11,72 +11,71 @@ from hiltest.state import Restorable
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.processor.schedule import Event, Schedule
 
-PICOSECONDS = 10**12  # in a second: ticks of the clock that keeps virtual time
+PICOSECONDS = 10**12  # in a second; the clock of virtual time ticks in picoseconds
 _DENOMINATOR_BITS, _PRODUCT_BITS = 31, 62  # see machine_set_clock
 
 
 class Clock(Restorable):
-    """One clock of the part; its ticks are counted since power-on.
+    """One clock of the part, which counts its ticks since power-on.
 
-    Virtual time is counted in cycles of the core. Every clock has a rate against them, which changes
-    when firmware sets up its clocks anew; ticks that have passed stay passed.
+    Virtual time is counted in cycles of the core. Every clock has a rate relative to them, which changes
+    when firmware sets up its clocks; ticks of the past remain.
 
     Parameters
     ----------
     schedule
-        Calendar in cycles of the core.
+        Event queue in cycles of the core.
     now
-        Answers the cycle, inside a peripheral's access too.
+        Returns the cycle, inside a peripheral's access too.
 
     Attributes
     ----------
     hz : Fraction
-        Rate now; 0 while it stands still.
+        Present rate; 0 while the clock is stopped.
     """
 
     def __init__(self, schedule: Schedule, now: Callable[[], int]) -> None:
         self.hz = Fraction(0)
         self._schedule = schedule
         self._cycle = now
-        # Ticks at a cycle are (passed + (cycle - since) * numerator) // denominator: exact, in whole numbers.
+        # The ticks at a cycle are (passed + (cycle - since) * numerator) // denominator, exact in integers.
         self._since = 0
         self._passed = 0
         self._numerator = 0
         self._denominator = 1
-        self._machine: Machine | None = None  # whose peripherals in C count in it
+        self._machine: Machine | None = None  # set if its peripherals in C count in this clock
         self._number = -1
 
     def number_in(self, machine: Machine) -> int:
-        """Return the number by which peripherals in C know the clock; they are told its rate from now on."""
+        """Return the number of the clock for peripherals in C, which receive its rate from now on."""
         if self._machine is None:
             self._machine, self._number = machine, machine.add_clock()
-            self._tell()
+            self._update_machine()
         return self._number
 
     def now(self) -> int:
-        """Ticks since power-on."""
         return self.ticks_at(self._cycle())
 
     def ticks_at(self, cycle: int) -> int:
-        """Ticks that have passed by a cycle of the core."""
+        """Return the ticks up to a cycle of the core."""
         return (self._passed + (cycle - self._since) * self._numerator) // self._denominator
 
     def cycle_of(self, tick: int) -> float:
-        """First cycle of the core at which so many ticks have passed; infinity while the clock stands still."""
+        """Return the first cycle of the core at or after a tick; infinity while the clock is stopped."""
         if not self._numerator:
             return self._since if tick * self._denominator <= self._passed else math.inf
         return self._since - (self._passed - tick * self._denominator) // self._numerator
 
-    def at(self, tick: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
-        """Call `action` when so many ticks have passed, at whatever rate; `wakes` as in `Schedule.at`."""
-        return self._schedule.at(self.cycle_of(tick), action, wakes=wakes, replan=lambda: self.cycle_of(tick))
+    def call_at(self, tick: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
+        """Call `action` at a tick, at whatever rate; `wakes` as in `Schedule.call_at`."""
+        return self._schedule.call_at(self.cycle_of(tick), action, wakes=wakes, replan=lambda: self.cycle_of(tick))
 
     def after(self, ticks: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
         """Call `action` so many ticks from now."""
-        return self.at(self.now() + ticks, action, wakes=wakes)
+        return self.call_at(self.now() + ticks, action, wakes=wakes)
 
     def run_at(self, hz: Fraction, core_hz: Fraction, cycle: int) -> None:
-        """Change the rate from a cycle on; whoever does so has the schedule `replan` afterwards."""
+        """Change the rate from a cycle on; the caller must call the schedule's `replan` afterwards."""
         passed = Fraction(self._passed + (cycle - self._since) * self._numerator, self._denominator)
         rate = hz / core_hz
         self.hz = hz
@@ -84,10 +83,10 @@ class Clock(Restorable):
         self._denominator = math.lcm(rate.denominator, passed.denominator)
         self._numerator = rate.numerator * (self._denominator // rate.denominator)
         self._passed = passed.numerator * (self._denominator // passed.denominator)
-        self._tell()
+        self._update_machine()
 
-    def _tell(self) -> None:
-        """Tell the peripherals in C; they round a fraction of a tick down if 64 bits do not hold it."""
+    def _update_machine(self) -> None:
+        """Set the rate for peripherals in C, which round down if 64 bits do not hold a fraction of a tick."""
         if self._machine is None:
             return
         numerator, denominator, common = self._numerator, self._denominator, 1
@@ -101,5 +100,5 @@ class Clock(Restorable):
 
 
 def _fits(numerator: int, denominator: int) -> bool:
-    """Whether the core in C counts exactly in a clock with this rate."""
+    """Return whether the core in C counts exactly in a clock with this rate."""
     return denominator < 1 << _DENOMINATOR_BITS and numerator * denominator < 1 << _PRODUCT_BITS

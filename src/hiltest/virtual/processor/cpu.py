@@ -1,7 +1,7 @@
-"""The emulated Cortex-M4F: runs code until something is due outside the core, and reports faults.
+"""The emulated Cortex-M4F: runs code until an event outside the core is due, and reports faults.
 
-The library `hiltest.virtual.core` executes instructions, counts their cycles and takes exceptions. Here is what it
-returns to Python for: events of the calendar, sleep, faults and hangs.
+The library `hiltest.virtual.core` executes instructions, counts their cycles and takes exceptions. It returns to this
+module for events of the queue, sleep, faults and hangs.
 """
 
 from __future__ import annotations
@@ -25,40 +25,39 @@ from hiltest.virtual.processor.schedule import Event, Schedule
 from hiltest.virtual.processor.waiting import Waiting
 from hiltest.virtual.program.elf import FirmwareImage
 
-RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: the part has nothing there
+RETURN_ADDRESS = 0x1FFEF000  # return address of a called function, at which the part has no memory
 
-_STOPS = {lib.STOP_BREAKPOINT, lib.STOP_WATCHPOINT, lib.STOP_STEP}  # what a debugger asks for
+_STOPS = {lib.STOP_BREAKPOINT, lib.STOP_WATCHPOINT, lib.STOP_STEP}  # only a debugger requests these
 
-_PUSHED_AT_MOST, _LARGEST_FRAME = 64, 4096  # bytes of one PUSH, and of what a function has on its stack
+_PUSHED_AT_MOST, _LARGEST_FRAME = 64, 4096  # bytes of one PUSH, and of a function's stack frame
 
 
 class Processor:
-    """An emulated Cortex-M4F with its memories, calendar and cycle count.
+    """An emulated Cortex-M4F with its memories, event queue and cycle count.
 
     Parameters
     ----------
     image
-        Names functions and lines in faults.
+        Names functions and lines in fault reports.
     profile
         Prices instructions.
 
     Attributes
     ----------
-    machine : Machine
     core : struct core
         State of the core, see machine.h.
     calls : RunningCalls
-        Calls of the functions that are watched.
+        Calls of watched functions.
     is_running : bool
-        Whether `run` has not come back.
+        True during `run`.
     fault_log : FaultLog
-        What was delivered to the firmware's fault handlers.
+        Faults that the firmware's fault handlers received.
     waits_for : callable
-        Answers the register that is not modelled and is read over and over, if one is, else nothing.
+        Returns words on the unmodelled register that firmware polls; empty if there is none.
     at_breakpoint : callable
-        Called at a BKPT with its address; a debugger that halts there raises an exception, which `run` passes on.
+        Called at a BKPT with its address; a debugger halts by raising an exception, which `run` passes on.
     at_stop : callable
-        Called with STOP_BREAKPOINT, STOP_WATCHPOINT or STOP_STEP of machine.h; may raise an exception as well.
+        Called with STOP_BREAKPOINT, STOP_WATCHPOINT or STOP_STEP of machine.h; may raise an exception too.
     """
 
     def __init__(self, image: FirmwareImage, profile: TimingProfile, *, memories: MemoryMap = MK64FN1M0) -> None:
@@ -82,7 +81,7 @@ class Processor:
 
     @property
     def sleeping(self) -> bool:
-        """Whether it is in WFI or WFE."""
+        """Return whether the processor is in WFI or WFE."""
         return self.waiting.sleeping
 
     @sleeping.setter
@@ -91,7 +90,7 @@ class Processor:
 
     @property
     def delivers_faults(self) -> bool:
-        """Whether faults enter the firmware's handlers; otherwise each ends the run."""
+        """Return whether faults enter the firmware's handlers; otherwise a fault ends the run."""
         delivers: bool = self.core.delivers_faults
         return delivers
 
@@ -101,7 +100,7 @@ class Processor:
 
     @property
     def fpu_enabled(self) -> bool:
-        """Whether CPACR lets code use the FPU."""
+        """Return whether CPACR enables the FPU."""
         enabled: bool = self.core.fpu_enabled
         return enabled
 
@@ -110,48 +109,48 @@ class Processor:
         lib.machine_set_fpu(self.machine.handle, enabled)
 
     def reset(self) -> None:
-        """State after a processor reset, but for stack pointer and PC."""
+        """Return to the state after a processor reset, except for stack pointer and PC."""
         lib.machine_reset(self.machine.handle)
         self.fault_log.forget_open()
         self.sleeping = False
 
     def flush_pipeline(self) -> None:
-        """Empty the pipeline: nothing overlaps across a call from outside."""
+        """Empty the pipeline: instructions do not overlap across a call by the host."""
         lib.machine_flush_pipeline(self.machine.handle)
 
     def save_floats(self) -> None:
-        """Save floating-point state that an exception has left to be saved, as the FPU's next instruction would."""
+        """Save the floating-point state of an exception that saves it lazily, as the next FPU instruction would."""
         lib.machine_save_floats(self.machine.handle)
 
     # -- time ---------------------------------------------------------------------------------
 
     @property
     def cycles(self) -> int:
-        """Clock cycles since power-on; inside a peripheral's access at the beginning of the instruction."""
+        """Clock cycles since power-on; inside a peripheral's access those at the beginning of the instruction."""
         cycles: int = self.core.cycles
         return cycles
 
     def now(self) -> int:
-        """Clock cycles since power-on, as `cycles`."""
+        """Return `cycles`."""
         cycles: int = self.core.cycles
         return cycles
 
     @property
     def instructions(self) -> int:
-        """Instructions executed since power-on, without the one that runs."""
+        """Instructions executed since power-on, without the current one."""
         instructions: int = self.core.instructions
         return instructions
 
     @property
     def idle_cycles(self) -> int:
-        """Cycles asleep since power-on."""
+        """Cycles of sleep since power-on."""
         cycles: int = self.core.idle_cycles
         return cycles
 
     # -- called from peripherals --------------------------------------------------------------
 
     def abort(self, error: BaseException) -> None:
-        """Stop behind the instruction that runs; `run` raises `error`."""
+        """Stop after the current instruction; `run` raises `error`."""
         if self._error is None:
             self._error = error
         self.look_soon()
@@ -162,13 +161,12 @@ class Processor:
             raise error
 
     def look_soon(self) -> None:
-        """Return from the core behind the instruction that runs: something may be due."""
+        """Return from the core after the current instruction, because an event may be due."""
         self.core.deadline = -1
 
     def read_changed(self) -> None:
-        """Take note that the reading of a register that is under way has changed something."""
+        """Report that the current read of a register has changed a peripheral."""
         lib.machine_load_changed(self.machine.handle)
-
 
     def _look_at(self, cycle: float) -> None:
         if cycle < self.core.deadline:
@@ -177,12 +175,12 @@ class Processor:
     # -- faults -------------------------------------------------------------------------------
 
     def place(self, pc: int) -> str:
-        """Name the place of an instruction."""
+        """Describe the place of an instruction."""
         function = self.image.function_at(pc)
         return place_of(pc & ~1, function.name if function else "", self.image.location_at(pc))
 
     def fault(self, cause: str, pc: int) -> BoardFault:
-        """Describe a fault: function, line and registers included."""
+        """Return a fault with function, line and registers."""
         function = self.image.function_at(pc)
         return BoardFault(
             cause, pc=pc & ~1, function=function.name if function else "",
@@ -190,12 +188,12 @@ class Processor:
         )  # fmt: skip
 
     def _hang(self, cause: str, pc: int) -> BoardFault:
-        """Describe a hang; in a fault's handler, describe the fault."""
+        """Return a hang, or in a fault's handler the fault."""
         first = self.fault_log.first_cause
         return self.fault(f"hang: {cause}", pc) if first is None else first.ended(f"hang at {self.place(pc)}: {cause}")
 
     def _deliver(self) -> None:
-        """Have the firmware's handler take the fault that the core has noted."""
+        """Enter the firmware's handler for the fault that the core has recorded."""
         core = self.core
         place: int = core.fault.place
         cause = describe_fault(self.machine, self.memory.code_at(place))
@@ -208,11 +206,11 @@ class Processor:
             if first is None:
                 raise described.ended("lockup: no fault handler can run") from None
             raise first.ended(f"lockup at {self.place(place)}: {cause} where no fault handler can run") from None
-        self.fault_log.delivered(described, exception, core.cycles, core.active_count)
+        self.fault_log.record_delivery(described, exception, core.cycles, core.active_count)
         core.tells_returns = True
 
     def _overflows(self) -> bool:
-        """Whether an access was on the stack, and that has left its memory."""
+        """Return whether an access was on the stack, which has left its memory."""
         fault = self.core.fault
         if fault.kind != lib.FAULT_DATA_BUS:
             return False
@@ -223,32 +221,32 @@ class Processor:
     # -- running ------------------------------------------------------------------------------
 
     def run(self, until: Event, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> bool:
-        """Run until virtual time, until `wake` answers true, or until a called function returns.
+        """Run until a virtual time, until `wake` returns true, or until a called function returns.
 
         Parameters
         ----------
         until
-            Time when to stop, before the first instruction that begins then or later.
+            Event at which to stop, before the first instruction at or after its cycle.
         wake
-            Asked after every event.
+            Called after every event.
         for_bytes
-            Whether it need not be asked before bytes come that the host of a UART expects.
+            True if `wake` needs no call before the bytes arrive that the host of a UART expects.
 
         Returns
         -------
         bool
-            Whether a called function returned.
+            True if a called function returned.
 
         Raises
         ------
         BoardFault
-            The processor met a fault or hung.
+            If the processor meets a fault or hangs.
         """
         core, schedule, waiting = self.core, self.schedule, self.waiting
         waiting.has_end = math.isfinite(until.at_cycle)
-        core.leaves_sleep = not waiting.has_end  # nothing may ever end it
+        core.leaves_sleep = not waiting.has_end  # the sleep may be endless
         core.stops_at = lib.HOST_NONE if wake is None else lib.HOST_BYTES if for_bytes else lib.HOST_ANY
-        with self._marked_running(), deferred_interrupt(self.look_soon) as pass_interrupt_on:
+        with self._mark_running(), deferred_interrupt(self.look_soon) as pass_interrupt_on:
             while True:
                 now = core.cycles
                 schedule.run_due(now)
@@ -256,7 +254,7 @@ class Processor:
                     lib.machine_fire_events(self.machine.handle)
                     self._raise_error()
                     waiting.on_events()
-                    schedule.run_due(now)  # what follows from them at once
+                    schedule.run_due(now)  # events that these cause at once
                 if (wake is not None and wake()) or now >= until.at_cycle:
                     return False
                 pass_interrupt_on()
@@ -269,7 +267,7 @@ class Processor:
                     return True
 
     @contextmanager
-    def _marked_running(self) -> Iterator[None]:
+    def _mark_running(self) -> Iterator[None]:
         was_running, self.is_running = self.is_running, True
         try:
             yield
@@ -277,7 +275,7 @@ class Processor:
             self.is_running = was_running
 
     def _sleep(self, until_cycle: float) -> None:
-        """Stay in WFI or WFE: jump to the next event, or to where the run ends."""
+        """Sleep in WFI or WFE: advance to the next event, or to the end of the run."""
         core = self.core
         if self.waiting.is_endless(until_cycle):
             cause = f"{self.waiting.instruction} with nothing that could wake the processor"
@@ -288,7 +286,7 @@ class Processor:
             core.cycles += jump
 
     def _execute(self, deadline: float) -> bool:
-        """Enter the core once; True when a called function returned."""
+        """Enter the core once; return True if a called function returned."""
         core = self.core
         core.deadline = NEVER if math.isinf(deadline) else math.ceil(deadline)
         reason = lib.machine_run(self.machine.handle)
@@ -302,12 +300,12 @@ class Processor:
         elif reason == lib.STOP_SLEEP:
             self.sleeping = True
         elif reason == lib.STOP_UNSTACKED:
-            self.fault_log.returned(core.active_count)
+            self.fault_log.record_return(core.active_count)
             core.tells_returns = self.fault_log.first_cause is not None
         return bool(reason == lib.STOP_RETURNED)
 
     def _pass_loop(self) -> int:
-        """Stay in a branch to itself until the deadline, if anything ends it."""
+        """Stay in a branch to itself until the deadline, if an event can end it."""
         if not (self.waiting.rests(self.delivers_faults) or self.waiting.can_leave_loop()):
             raise self._hang("a loop to itself that no interrupt can end", self.core.r[15])
         self.core.may_loop = True

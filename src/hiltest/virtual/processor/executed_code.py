@@ -1,4 +1,4 @@
-"""How often each instruction has been executed: the core counts that always, and keeps it while somebody watches."""
+"""Execution counts of instructions, which the core always counts and keeps while they are watched."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from hiltest.virtual.processor.cpu import Processor
 
 @dataclass(frozen=True, slots=True)
 class ExecutedCode:
-    """Counts by address; those of several processors may be added up."""
+    """Counts by address, which can be added over processors."""
 
     executed: Counter[int] = field(default_factory=Counter)
-    """How often each instruction was executed; skipped in an IT block is not executed."""
+    """Number of executions of each instruction; instructions that an IT block skips are not executed."""
     jumped: Counter[int] = field(default_factory=Counter)
-    """How often each transfer of control jumped away."""
+    """Number of taken jumps of each transfer of control."""
 
 
 class ExecutionWatch:
-    """Keeps what a processor executes from now on, resets and code that is written anew included.
+    """Execution counts of a processor from now on, also over resets and rewritten code.
 
     Attributes
     ----------
     image : FirmwareImage
-        What runs on it.
+        Image that the processor runs.
     """
 
     def __init__(self, processor: Processor) -> None:
@@ -37,7 +37,7 @@ class ExecutionWatch:
             raise MemoryError
 
     def code(self) -> ExecutedCode:
-        """Return what has been executed, while nothing is."""
+        """Return the counts; the processor must not be running."""
         code = ExecutedCode()
         for base, size in (*self._map.flash, *self._map.ram):
             counts = lib.machine_executions(self._machine.handle, base)

@@ -1,4 +1,4 @@
-"""Faults of the processor: their descriptions, and those that its handlers have got."""
+"""Descriptions of processor faults, and the faults that its handlers received."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 from hiltest.virtual.processor.nvic import exception_name
 from hiltest.virtual.program.instruction_text import instruction_text
 
-_KEPT = 1000  # firmware that lives from its faults must not fill the host's memory; the first ones explain the most
+_KEPT = 1000  # limits the memory for firmware that faults all the time; the first faults explain the most
 _NO_CODE = (PERIPHERALS, PRIVATE_PERIPHERALS, *ALIASES)
 
 
 def describe_fault(machine: Machine, code: bytes) -> str:
-    """Say what the core has noted in `core.fault`.
+    """Return a description of `core.fault`.
 
     Parameters
     ----------
     code
-        What stands at its place, if memory is there.
+        Code at the faulting address; empty if it has no memory.
     """
     fault = machine.core.fault
     if fault.kind == lib.FAULT_DATA_BUS:
@@ -85,13 +85,13 @@ class FaultRecord:
     fault: BoardFault
     """Cause, place and registers, ready to be raised."""
     exception: str
-    """Who got it: "HardFault", "BusFault", "UsageFault" or "MemManage"."""
+    """Exception that it was delivered as: "HardFault", "BusFault", "UsageFault" or "MemManage"."""
     cycle: int
-    """When [clock cycles since power-on]."""
+    """Time of the fault [clock cycles since power-on]."""
 
 
 class FaultLog(Restorable):
-    """Every fault since power-on, and those whose handlers have not returned.
+    """All faults since power-on, and those whose handlers have not returned.
 
     Attributes
     ----------
@@ -103,23 +103,23 @@ class FaultLog(Restorable):
         self.records: list[FaultRecord] = []
         self._open: list[tuple[FaultRecord, int]] = []
 
-    def delivered(self, fault: BoardFault, exception: int, cycle: int, depth: int) -> None:
-        """Note a fault whose handler begins; `depth` exceptions are active with it."""
+    def record_delivery(self, fault: BoardFault, exception: int, cycle: int, depth: int) -> None:
+        """Record a fault whose handler begins; `depth` exceptions are then active."""
         record = FaultRecord(fault, exception_name(exception), cycle)
         if len(self.records) < _KEPT:
             self.records.append(record)
         self._open.append((record, depth))
 
-    def returned(self, depth: int) -> None:
-        """Note that an exception returned and `depth` are still active."""
+    def record_return(self, depth: int) -> None:
+        """Record the return of an exception, after which `depth` are active."""
         while self._open and self._open[-1][1] > depth:
             self._open.pop()
 
     def forget_open(self) -> None:
-        """Close all open faults: the processor was reset."""
+        """Close all open faults after a reset of the processor."""
         self._open.clear()
 
     @property
     def first_cause(self) -> BoardFault | None:
-        """The fault that everything since follows from, while its handler runs."""
+        """The fault that caused the present handler to run, if any."""
         return self._open[0][0].fault if self._open else None

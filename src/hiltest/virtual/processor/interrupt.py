@@ -13,14 +13,14 @@ from types import FrameType
 def deferred_interrupt(look: Callable[[], None]) -> Iterator[Callable[[], None]]:
     """Hold Ctrl-C back until the emulator has stopped.
 
-    Python raises KeyboardInterrupt wherever it happens to be. Within a callback
-    of the emulator it would be printed and dropped, or leave the board half way
-    through an instruction.
+    Python raises KeyboardInterrupt at any point. Within a callback
+    of the emulator it would be printed and dropped, or leave the board in the
+    middle of an instruction.
 
     Parameters
     ----------
     look
-        Called at once: makes the emulator stop soon.
+        Called at Ctrl-C: stops the emulator soon.
 
     Yields
     ------

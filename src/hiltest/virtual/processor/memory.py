@@ -14,7 +14,7 @@ MK64FN1M0 = memories()
 (FLASH,), (SRAM,) = MK64FN1M0.flash, MK64FN1M0.ram  # SRAM_L ends, and SRAM_U begins, at 0x20000000
 PERIPHERALS = (0x40000000, 0x100000)
 PRIVATE_PERIPHERALS = (0xE0000000, 0x100000)
-#: Where memories may be, first and last address: neither bit-band alias nor devices nor the processor's own registers.
+#: First and last addresses where memories may be: not in bit-band aliases, devices or the processor's registers.
 PLAIN = ((0x00000000, 0x21FFFFFF), (0x24000000, 0x3FFFFFFF), (0x60000000, 0xDFFFFFFF))
 
 
@@ -30,7 +30,7 @@ class SharedMemory:
     Attributes
     ----------
     view : memoryview
-        Its bytes, to be read only: `BoardMemory.write` writes them.
+        Its bytes, for reading only: `BoardMemory.write` writes them.
     """
 
     def __init__(self, machine: Machine, region: Region, *, writable: bool) -> None:
@@ -46,13 +46,10 @@ class BoardMemory:
 
     Parameters
     ----------
-    regions
-        Where they are.
-
     Attributes
     ----------
     sram : SharedMemory
-        The RAM for stack and arguments of a called function: the largest.
+        The largest RAM, for stack and arguments of a called function.
     """
 
     def __init__(self, machine: Machine, regions: MemoryMap = MK64FN1M0) -> None:
@@ -69,13 +66,13 @@ class BoardMemory:
         Raises
         ------
         ValueError
-            If the range is neither.
+            If the range is in neither.
         """
         memory = self._holding(address, size)
         return bytes(memory.view[address - memory.base : address - memory.base + size])
 
     def code_at(self, address: int) -> bytes:
-        """Return the four bytes at an address, two at the end of a memory, none if no memory is there."""
+        """Return the four bytes at an address, two at the end of a memory, none without memory."""
         for size in (4, 2):
             with suppress(ValueError):
                 return self.read(address, size)
@@ -93,20 +90,18 @@ class BoardMemory:
         raise ValueError(f"0x{address:08x}..+{size} is neither flash nor SRAM")
 
     def holds_stack(self, address: int, size: int) -> bool:
-        """Whether a range is RAM, where a stack may be."""
+        """Return whether a range is in RAM, where a stack may be."""
         return any(memory.base <= address and address + size <= memory.base + memory.size for memory in self._ram)
 
     def read_words(self, address: int, count: int) -> tuple[int, ...]:
-        """Read little-endian words."""
         memory = self._holding(address, 4 * count)
         return _words(count).unpack_from(memory.view, address - memory.base)
 
     def write_words(self, address: int, values: list[int]) -> None:
-        """Write little-endian words."""
         self.write(address, _words(len(values)).pack(*values))
 
     def clear(self) -> None:
-        """Power-on content: flash erased, SRAM zero."""
+        """Set the content after power-on: flash erased, SRAM zero."""
         for memory in self._flash:
             self.write(memory.base, b"\xff" * memory.size)
         for memory in self._ram:

@@ -1,6 +1,6 @@
-"""Exceptions: which are pending, enabled and active, and which may be taken; the core has them.
+"""Exceptions in the core: pending, enabled and active ones, and their priorities.
 
-Numbers are exception numbers as the architecture counts them: 3 is HardFault, 11
+Numbers are the architecture's exception numbers: 3 is HardFault, 11
 SVCall, 14 PendSV, 15 SysTick, 16 + n external interrupt n.
 """
 
@@ -14,7 +14,7 @@ from hiltest.virtual.core.machine import Machine
 NMI, HARD_FAULT, MEM_MANAGE, BUS_FAULT, USAGE_FAULT = 2, 3, 4, 5, 6
 SVCALL, PENDSV, SYSTICK, FIRST_INTERRUPT = 11, 14, 15, 16
 INTERRUPTS = 86  # MK64F12
-IDLE = 256  # a priority that everything beats
+IDLE = 256  # a lower priority than any exception's
 _WORD_BITS = 32
 _SYSTEM_NAMES = {
     NMI: "NMI", HARD_FAULT: "HardFault", MEM_MANAGE: "MemManage", BUS_FAULT: "BusFault", USAGE_FAULT: "UsageFault",
@@ -23,7 +23,7 @@ _SYSTEM_NAMES = {
 
 
 def exception_name(exception: int) -> str:
-    """Name an exception as the architecture does."""
+    """Return the architecture's name of an exception."""
     if exception >= FIRST_INTERRUPT:
         return f"interrupt {exception - FIRST_INTERRUPT}"
     return _SYSTEM_NAMES.get(exception, f"exception {exception}")
@@ -50,7 +50,6 @@ class Nvic:
 
     @property
     def pending(self) -> set[int]:
-        """Exceptions that wait."""
         return set(self._members(self._core.pending))
 
     @property
@@ -59,49 +58,45 @@ class Nvic:
         return set(self._members(self._core.taken))
 
     def is_driven(self, interrupt: int) -> bool:
-        """Whether a peripheral drives the line of an external interrupt."""
+        """Return whether a peripheral drives the line of an external interrupt."""
         return self._has(self._core.lines, FIRST_INTERRUPT + interrupt)
 
     def is_enabled(self, interrupt: int) -> bool:
-        """Whether an external interrupt is enabled."""
         return self._has(self._core.enabled, FIRST_INTERRUPT + interrupt)
 
     def set_line(self, interrupt: int, level: bool) -> None:
-        """Set the level of a peripheral's interrupt line."""
         if level is not self.is_driven(interrupt):
             lib.machine_set_line(self._handle, interrupt, level)
 
     def pend(self, exception: int) -> None:
-        """Make an exception pending."""
         lib.machine_pend(self._handle, exception)
 
     def unpend(self, exception: int) -> None:
-        """Forget that an exception is pending."""
         lib.machine_unpend(self._handle, exception)
 
     def preemption_priority(self, exception: int) -> int:
-        """Priority of an exception against what runs: without its sub-priority."""
+        """Return the priority that decides about preemption, without the sub-priority."""
         priority: int = lib.machine_preemption_priority(self._handle, exception)
         return priority
 
     def ceiling(self, *, without_primask: bool = False) -> int:
-        """Return the priority that PRIMASK, FAULTMASK and BASEPRI raise execution to."""
+        """Return the execution priority due to PRIMASK, FAULTMASK and BASEPRI."""
         ceiling: int = lib.machine_ceiling(self._handle, without_primask)
         return ceiling
 
     def preempts(self, exception: int, ceiling: int = IDLE) -> bool:
-        """Whether an exception is urgent enough to be taken now."""
+        """Return whether the priority of an exception allows it to be taken now."""
         running: int = lib.machine_execution_priority(self._handle, ceiling)
         return self.preemption_priority(exception) < running
 
     def can_ever_wake(self, ceiling: int = IDLE) -> bool:
-        """Whether any interrupt that is enabled, should it come, would be taken over what runs."""
+        """Return whether any enabled interrupt would preempt the running code."""
         enabled = set(self._members(self._core.enabled))
         ready = {exception for exception in self.pending if exception < FIRST_INTERRUPT or exception in enabled}
         return any(self.preempts(exception, ceiling) for exception in enabled | ready)
 
     def together(self) -> list[set[int]]:
-        """Return the exceptions that were taken or are enabled, by priority: one of each set is active at a time."""
+        """Return the exceptions that were taken or are enabled, in sets of one priority: only one per set is active."""
         by_priority: dict[int, set[int]] = {}
         for exception in self.taken | set(self._members(self._core.enabled)):
             by_priority.setdefault(self.preemption_priority(exception), set()).add(exception)

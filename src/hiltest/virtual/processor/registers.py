@@ -10,7 +10,7 @@ from hiltest.virtual.core.machine import Machine
 
 _FRAME = ("R0", "R1", "R2", "R3", "R12", "LR", "PC", "XPSR")
 _ALIASES = {"SP": "R13", "LR": "R14", "PC": "R15"}
-# Fields of the structure, and the bits that the register has.
+# Fields of the structure, and the bits that each register has.
 _FIELDS = {
     "PRIMASK": ("primask", 1), "FAULTMASK": ("faultmask", 1), "BASEPRI": ("basepri", 0xFF),
     "FPSCR": ("fpscr", 0xF7C0009F),
@@ -20,7 +20,7 @@ _Access = tuple[Callable[[], int], Callable[[int], None]]
 
 
 def _access(machine: Machine, name: str) -> _Access:
-    """Return what reads and what writes a register."""
+    """Return the functions that read and write a register."""
     core, handle = machine.core, machine.handle
     name = _ALIASES.get(name, name)
     if match := re.fullmatch("([RS])([0-9]+)", name):
@@ -52,13 +52,7 @@ def _access(machine: Machine, name: str) -> _Access:
 
 
 class RegisterGroup:
-    """A fixed set of registers.
-
-    Parameters
-    ----------
-    names
-        Which registers, in which order: ``R0`` to ``R15``, ``SP``, ``S0`` to ``S31``, ``XPSR``, ``PRIMASK`` and so on.
-    """
+    """Registers by name: ``R0`` to ``R15``, ``SP``, ``S0`` to ``S31``, ``XPSR``, ``PRIMASK`` and so on."""
 
     def __init__(self, machine: Machine, names: Sequence[str]) -> None:
         accesses = [_access(machine, name) for name in names]
@@ -66,32 +60,30 @@ class RegisterGroup:
         self._writes = [write for _, write in accesses]
 
     def read(self) -> list[int]:
-        """Read all of them."""
+        """Read all registers, in order."""
         return [read() for read in self._reads]
 
     def get(self) -> int:
-        """Read the first of them."""
+        """Read the first register."""
         return self._reads[0]()
 
     def write(self, values: Sequence[int]) -> None:
-        """Write all of them, in order."""
+        """Write all registers, in order."""
         for write, value in zip(self._writes, values, strict=True):
             write(value)
 
 
 class Register(RegisterGroup):
-    """One register."""
 
     def __init__(self, machine: Machine, name: str) -> None:
         super().__init__(machine, [name])
 
     def set(self, value: int) -> None:
-        """Write it."""
         self._writes[0](value)
 
 
 class CoreRegisters:
-    """The registers that calls and debuggers move about."""
+    """The registers that calls and debuggers use."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
@@ -109,6 +101,6 @@ class CoreRegisters:
         self.faultmask = Register(machine, "FAULTMASK")
 
     def snapshot(self) -> dict[str, int]:
-        """Name and value of every core register, for a fault's report."""
+        """Return name and value of every core register, for a fault report."""
         names = [f"r{n}" for n in range(13)] + ["sp", "lr", "pc", "xpsr"]
         return dict(zip(names, self.general.read(), strict=True))

@@ -1,8 +1,8 @@
-"""Every call of some functions that firmware makes while it runs, as the board sees it.
+"""Calls of watched functions while firmware runs, as the core records them.
 
-The core watches a function at its first instruction and where its calls return to (calls.c); nothing of the firmware is
-changed, and no cycle count is. A call counts from the function's first instruction to its return, both included, which
-is what `VirtualCortexM4.call` counts of it.
+The core watches a function at its first instruction and at the return addresses of its calls (calls.c); it changes
+neither the firmware nor any cycle count. A call counts from the function's first instruction to its return, both
+included, as in `VirtualCortexM4.call`.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ _ON_TWO_STACKS = 2**32 - 1
 
 
 class WatchedFunction:
-    """A function, and its calls.
+    """A watched function and its calls.
 
     Parameters
     ----------
     address
-        First instruction.
+        Address of the first instruction.
     number
-        The core's number of it.
+        The core's number of the function.
     counts
-        What the core knows of it.
+        The core's record of the function.
 
     Attributes
     ----------
     calls : list of Call
-        Calls that have returned, in that order.
+        Calls that have returned, in the order of their returns.
     """
 
     def __init__(self, address: int, number: int, counts: Any) -> None:
@@ -44,53 +44,53 @@ class WatchedFunction:
 
     @property
     def abandoned(self) -> int:
-        """Calls that never returned: their stack was given up (longjmp, a task or exception that ended, a reset)."""
+        """Calls that never returned because their stack was given up (longjmp, end of a task or exception, reset)."""
         return int(self._counts.abandoned)
 
     @property
     def open(self) -> int:
-        """Calls that are under way."""
+        """Calls that have not returned yet."""
         return int(self._counts.open)
 
     @property
     def came_back(self) -> int:
-        """Calls that returned though their stack had been given up.
+        """Calls that returned although their stack had been given up.
 
-        Something switches stacks without an exception, and whose cycles are whose cannot be told.
+        The firmware then switches stacks without an exception, and cycles cannot be attributed to calls.
         """
         return int(self._counts.came_back)
 
     @property
     def lost(self) -> int:
-        """Calls that there was no room for."""
+        """Calls that were not recorded for lack of room."""
         return int(self._counts.lost)
 
     @property
     def looks_at(self) -> tuple[int, int] | None:
-        """Address and size of the word that `Call.left` tells."""
+        """Address and size of the word that `Call.word` records."""
         size: int = self._counts.look_size
         return (self._counts.looks_at, size) if size else None
 
     def look_at(self, address: int, size: int) -> None:
-        """Have `Call.left` say what memory holds at each return."""
+        """Record a word of memory in `Call.word` at each return."""
         self._counts.looks_at, self._counts.look_size = address, size
 
-    def tell(self) -> None:
-        """Have each entry announced."""
+    def report_entries(self) -> None:
+        """Report each entry to the listeners."""
         self._counts.tells = True
 
 
 class RunningCalls:
-    """Sees the calls of functions while firmware runs.
+    """Watcher of calls of functions while firmware runs.
 
     Parameters
     ----------
     abort
-        Gets any exception that a listener raises.
+        Called with any exception that a listener raises.
 
     Notes
     -----
-    A function that is inlined is never entered. One that calls itself has a call for each level.
+    An inlined function is never entered. A recursive function has a call for each level.
     """
 
     def __init__(self, machine: Machine, abort: Callable[[BaseException], None]) -> None:
@@ -101,12 +101,12 @@ class RunningCalls:
         self.is_paused = False
 
     def watch(self, address: int) -> WatchedFunction:
-        """Watch the function at an address from now on; one that is watched already stays the same.
+        """Watch the function at an address from now on; watching it again returns the same object.
 
         Raises
         ------
         ConfigError
-            Too many are watched.
+            If too many functions are watched.
         """
         number: int = lib.machine_watch(self._handle, address)
         if number < 0:
@@ -122,14 +122,14 @@ class RunningCalls:
             self._callback = guarded_callback("void(void *, int32_t, int64_t)", self._enter, self._abort)
             lib.machine_tell_entries(self._handle, self._callback, ffi.NULL)
         self._listeners.setdefault(function.number, []).append(listener)
-        function.tell()
+        function.report_entries()
 
     def _enter(self, number: int, cycle: int) -> None:
         for listener in self._listeners[number]:
             listener(cycle)
 
     def settle(self) -> None:
-        """Bring the functions up to date."""
+        """Update the functions from the core's records."""
         count = ffi.new("int64_t *")
         calls = lib.machine_calls(self._handle, count)
         if not count[0]:
@@ -144,7 +144,7 @@ class RunningCalls:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """See no call in what runs in the context, and count no cycle of it."""
+        """Ignore calls and cycles within the context."""
         if self.is_paused:
             yield
             return
@@ -157,6 +157,6 @@ class RunningCalls:
             lib.machine_resume_calls(self._handle)
 
     def now(self) -> int:
-        """Cycles since power-on without those that were paused."""
+        """Return the cycles since power-on without paused ones."""
         cycles: int = lib.machine_unpaused_cycles(self._handle)
         return cycles

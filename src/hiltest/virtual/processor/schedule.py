@@ -1,4 +1,4 @@
-"""The virtual board's calendar: what happens at which clock cycle."""
+"""The virtual board's event queue, in order of clock cycles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hiltest.state import Restorable
 
 
 class Event:
-    """One entry of the calendar; `cancel` takes it out."""
+    """An event in the queue."""
 
     __slots__ = ("action", "at_cycle", "replan", "wakes")
 
@@ -23,10 +23,10 @@ class Event:
         self.at_cycle = at_cycle
         self.wakes = wakes
         self.replan = replan
-        self.action = action  # None once it was cancelled or has run
+        self.action = action  # None after it was cancelled or has run
 
     def cancel(self) -> None:
-        """Make sure the action does not run (any more)."""
+        """Prevent the action from running (again)."""
         self.action = None
 
     def fire(self) -> None:
@@ -37,12 +37,12 @@ class Event:
 
 
 class Schedule(Restorable):
-    """Events in order of their clock cycle; those of one cycle in the order they were made.
+    """Events in order of their clock cycles; events at one cycle keep the order of their creation.
 
     Parameters
     ----------
     planned
-        Told the cycle of every new event: one may be due before what runs would have stopped.
+        Called with the cycle of every new event, which may be due before the core would stop.
     """
 
     def __init__(self, planned: Callable[[float], None] | None = None) -> None:
@@ -50,7 +50,7 @@ class Schedule(Restorable):
         self._heap: list[tuple[float, int, Event]] = []
         self._order = itertools.count()
 
-    def at(
+    def call_at(
         self, cycle: float, action: Callable[[], None], *, wakes: bool = True,
         replan: Callable[[], float] | None = None,
     ) -> Event:  # fmt: skip
@@ -61,9 +61,9 @@ class Schedule(Restorable):
         cycle
             Cycle of the core.
         wakes
-            Whether firmware may wait for what the action does.
+            True if firmware may wait for the action.
         replan
-            Answers the cycle anew after clocks have changed their rates.
+            Returns the new cycle after clocks have changed their rates.
         """
         event = Event(cycle, action, wakes, replan)
         heapq.heappush(self._heap, (cycle, next(self._order), event))
@@ -72,7 +72,7 @@ class Schedule(Restorable):
         return event
 
     def replan(self) -> None:
-        """Find the cycles of all events anew: clocks have changed their rates."""
+        """Compute the cycles of all events again after clocks have changed their rates."""
         for _, _, event in self._heap:
             if event.replan is not None:
                 event.at_cycle = event.replan()
@@ -82,11 +82,11 @@ class Schedule(Restorable):
             self._planned(self.next_cycle)
 
     def state(self) -> Any:
-        """Return the events that are planned, with all that may change of them."""
+        """Return the planned events with everything in them that may change."""
         return [(*entry, entry[2].action) for entry in self._heap if entry[2].action is not None]
 
     def restore(self, state: Any) -> None:
-        """Plan the events of a state, and no others."""
+        """Replace all events by those of a state."""
         self._heap = [(cycle, order, event) for cycle, order, event, _ in state]
         heapq.heapify(self._heap)
         for cycle, _, event, action in state:
@@ -94,7 +94,7 @@ class Schedule(Restorable):
 
     @property
     def next_cycle(self) -> float:
-        """Time of the next event [cycles]; infinity when there is none."""
+        """Time of the next event [cycles]; infinity if there is none."""
         heap = self._heap
         while heap and heap[0][2].action is None:
             heapq.heappop(heap)
@@ -102,7 +102,7 @@ class Schedule(Restorable):
 
     @property
     def wakes_ever(self) -> bool:
-        """Whether anything is to come that firmware may wait for."""
+        """Return whether any event is planned that firmware may wait for."""
         return any(event.wakes and event.action is not None for _, _, event in self._heap)
 
     def run_due(self, now: float) -> None:

@@ -14,32 +14,32 @@ from hiltest.virtual.model.timing import TimingProfile
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """What a machine executed from a snapshot on, until a load from a device or until a function's return."""
+    """Execution from a snapshot to a load from a device, or to a function's return."""
 
     machine: Machine
     begin: Snapshot
     cycles: int
     instructions: int
     answers: Any
-    """What devices answered to its loads, in order."""
+    """Answers of devices to its loads, in order."""
 
 
 class PriceTables:
-    """Counts slices by several price tables at once: a second machine executes them again.
+    """Counter of slices by several price tables at once, which executes them again on a second machine.
 
     Parameters
     ----------
     machine
-        One with the memories of that which executed them.
+        A machine with the same memories as the original one.
     profile
         The first table.
     moves
-        Rows and values in which each other table differs from the first one.
+        Rows and values by which each other table differs from the first one.
 
     Raises
     ------
     ConfigError
-        If the tables are too many.
+        If there are too many tables.
     """
 
     def __init__(self, machine: Machine, profile: TimingProfile, moves: Sequence[Mapping[str, int]]) -> None:
@@ -56,9 +56,9 @@ class PriceTables:
                 lib.machine_set_price(self._handle, table, row.encode(), value)
 
     def count(self, slices: Iterable[Slice]) -> list[int] | None:
-        """Return the cycles of all slices together by each table.
+        """Return the total cycles of all slices by each table.
 
-        None if the first table does not give a slice's cycles: an exception came between, or the processor slept.
+        The result is None if the first table does not reproduce a slice's cycles, due to an exception or sleep.
         """
         totals = ffi.new("int64_t[]", self._count)
         for part in slices:

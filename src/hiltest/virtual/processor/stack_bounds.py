@@ -1,4 +1,4 @@
-"""How much stack a function can take at most, from the code alone: on every way through it and what it calls."""
+"""Largest possible stack use of a function, from the code on every path through it and its callees."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from hiltest.virtual.core.decoder import decode
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.program.elf import FirmwareImage
 
-#: 8 words, 18 more of floating-point state, and one to align them.
+#: 8 words, 18 more of floating-point state, and one for alignment.
 EXCEPTION_FRAME_BYTES = 27 * 4
-_MOST_DEPTHS = 32  # at one instruction: more come of a loop that goes on moving the stack pointer
+_MOST_DEPTHS = 32  # at one instruction; only a loop that keeps moving the stack pointer has more
 _FRAME_POINTER = 7  # of GCC and Clang for Thumb
 _STACK_POINTER = 13
 _MOST_BYTES = 1 << 20  # of code without a jump
@@ -21,27 +21,27 @@ _CALLS = {lib.FLOW_CALL, lib.FLOW_POINTER_CALL}
 
 
 class NoBound(Exception):
-    """A function's stack is not bounded by its code; the message says which instruction leaves it open."""
+    """Error for a function without a bound on its stack; the message names the responsible instruction."""
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Where execution may come to by a jump."""
+    """State of execution at a jump target."""
 
     address: int
     depth: int
-    """Bytes below the stack pointer that the function began with."""
+    """Bytes below the stack pointer at the function's entry."""
     frame: int | None = None
-    """The same of the frame pointer, where that was set from the stack pointer."""
+    """The same for the frame pointer, if it was set from the stack pointer."""
 
 
 class StackBounds:
-    """Bounds of an image's functions.
+    """Stack bounds of an image's functions.
 
     Notes
     -----
-    Every way through the code counts, also those that no input takes. A jump out of a function is followed as one
-    within it: it is a tail call. A call's bound is added to the depth that it is made at.
+    Every path through the code counts, including paths that no input takes. A jump out of a function is a tail
+    call, and is followed like a jump within it. The bound of a callee is added to the depth at its call.
     """
 
     def __init__(self, image: FirmwareImage) -> None:
@@ -49,17 +49,17 @@ class StackBounds:
         self._bounds: dict[int, int] = {}
 
     def bound(self, address: int) -> int:
-        """Return the bytes that a function can take, exceptions not included.
+        """Return the largest stack use of a function [bytes], without exceptions.
 
         Parameters
         ----------
         address
-            Its first instruction.
+            Address of the function's first instruction.
 
         Raises
         ------
         NoBound
-            It, or what it calls, calls itself or through a pointer, or moves the stack pointer by what is not known.
+            If it or a callee is recursive, calls through a pointer, or moves the stack pointer by an unknown amount.
         """
         return self._bound(address & ~1, ())
 
@@ -76,53 +76,53 @@ class StackBounds:
         frames: dict[int, dict[int, int | None]] = defaultdict(dict)  # by address and depth
         while open_states:
             state = open_states.pop()
-            depth, frame, known = state.depth, state.frame, frames[state.address]
-            if known.get(depth, frame) != frame:  # it depends on the way that led here
+            depth, frame, visited = state.depth, state.frame, frames[state.address]
+            if visited.get(depth, frame) != frame:  # different paths disagree about the frame pointer
                 frame = None
-            if depth in known and known[depth] == frame:
+            if depth in visited and visited[depth] == frame:
                 continue
-            known[depth] = frame
-            if len(known) > _MOST_DEPTHS:
+            visited[depth] = frame
+            if len(visited) > _MOST_DEPTHS:
                 raise self._open(state.address, "moves the stack pointer on and on in a loop")
             following = state.address
             for instruction in self._code(state.address):
                 following = instruction.address + instruction.size
                 if instruction.result != lib.NO_REGISTER or instruction.writes >> _FRAME_POINTER & 1:
-                    depth, frame = self._moved(instruction, depth, frame)
+                    depth, frame = self._move(instruction, depth, frame)
                     deepest = max(deepest, depth)
                 if instruction.flow == lib.FLOW_ON:
                     continue
                 if instruction.flow in _CALLS:
-                    deepest = max(deepest, depth + self._bound(self._called(instruction), callers))
+                    deepest = max(deepest, depth + self._bound(self._callee(instruction), callers))
                 else:
                     open_states += [_State(target, depth, frame) for target in self._targets(instruction)]
                 if self._ends(instruction, following):
                     break
             else:
-                if following != state.address:  # no data there
+                if following != state.address:  # otherwise the address holds data
                     open_states.append(_State(following, depth, frame))
         return deepest
 
     def _code(self, address: int) -> Iterator[Any]:
-        """Decode the code at an address; nothing where data is."""
+        """Decode the code at an address; data yields nothing."""
         try:
             return decode(address, self._image.code_from(address, _MOST_BYTES))
         except ValueError as error:
             raise NoBound(f"0x{address:08x} is no code of the file") from error
 
     def _ends(self, instruction: Any, following: int) -> bool:
-        """Whether execution does not go on behind a jump or a call."""
+        """Return whether execution does not continue after a jump or a call."""
         if instruction.conditional or instruction.in_it_block:
             return False
         return instruction.flow not in _CALLS or self._is_function(following)
 
     def _is_function(self, address: int) -> bool:
-        """Whether a function begins at an address: a call just before it does not return."""
-        found = self._image.function_at(address)
-        return found is not None and found.address == address
+        """Return whether a function begins at an address: a call just before it does not return."""
+        function = self._image.function_at(address)
+        return function is not None and function.address == address
 
-    def _moved(self, instruction: Any, depth: int, frame: int | None) -> tuple[int, int | None]:
-        """Return the depth and the frame pointer behind an instruction."""
+    def _move(self, instruction: Any, depth: int, frame: int | None) -> tuple[int, int | None]:
+        """Return the depth and the frame pointer after an instruction."""
         if instruction.flow == lib.FLOW_RETURN:
             return depth, frame
         base = {_STACK_POINTER: depth, _FRAME_POINTER: frame}.get(instruction.base)
@@ -136,13 +136,13 @@ class StackBounds:
             frame = result if instruction.result == _FRAME_POINTER else None
         return depth, frame
 
-    def _called(self, instruction: Any) -> int:
+    def _callee(self, instruction: Any) -> int:
         if instruction.flow == lib.FLOW_POINTER_CALL:
             raise self._open(instruction.address, "calls through a pointer")
         return int(instruction.target)
 
     def _targets(self, instruction: Any) -> list[int]:
-        """Return where a jump leads; nowhere for a return."""
+        """Return the targets of a jump; a return has none."""
         if instruction.flow == lib.FLOW_JUMP:
             return [instruction.target]
         if instruction.flow == lib.FLOW_TABLE:
@@ -154,39 +154,39 @@ class StackBounds:
         return []
 
     def _cases(self, instruction: Any) -> list[int]:
-        """Return the targets of a table branch, whose table lies behind it up to where code begins again."""
-        begin, found, size = instruction.address + instruction.size, list[int](), instruction.entry_size
+        """Return the targets of a table branch, whose table follows it and ends at the next code."""
+        begin, targets, size = instruction.address + instruction.size, list[int](), instruction.entry_size
         place = -(-begin // size) * size
         while self._image.is_data_in_code(place):
             entry = int.from_bytes(self._image.read(place, size), "little")
-            found.append(entry & ~1 if size == 4 else begin + 2 * entry)
+            targets.append(entry & ~1 if size == 4 else begin + 2 * entry)
             place += size
-        if not found:
+        if not targets:
             raise self._open(instruction.address, "jumps by a table that does not lie behind it")
-        return [each for each in found if not begin <= each < place]  # what fills it up leads into it
+        return [target for target in targets if not begin <= target < place]  # padding points into the table
 
-    def _open(self, address: int, what: str) -> NoBound:
-        return NoBound(f"{self._name(address)} {what} at 0x{address:08x}")
+    def _open(self, address: int, action: str) -> NoBound:
+        return NoBound(f"{self._name(address)} {action} at 0x{address:08x}")
 
     def _name(self, address: int) -> str:
-        found = self._image.function_at(address)
-        return found.name if found else f"0x{address:08x}"
+        function = self._image.function_at(address)
+        return function.name if function else f"0x{address:08x}"
 
 
 def bound_with_exceptions(bounds: StackBounds, entry: int, handlers: Iterable[Iterable[int]]) -> int:
-    """Return the bytes that firmware can take of the stack that it starts with.
+    """Return the largest use of the stack that firmware starts with [bytes].
 
     Parameters
     ----------
     entry
-        Where it starts.
+        Address of the firmware's first instruction.
     handlers
-        Of exceptions that cannot interrupt each other: the deepest of each comes on top.
+        Handlers in groups that cannot interrupt each other: the deepest of each group is added.
 
     Raises
     ------
     NoBound
     """
     return bounds.bound(entry) + sum(
-        EXCEPTION_FRAME_BYTES + max(bounds.bound(each) for each in alike) for alike in handlers
+        EXCEPTION_FRAME_BYTES + max(bounds.bound(handler) for handler in alike) for alike in handlers
     )

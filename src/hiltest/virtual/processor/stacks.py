@@ -1,4 +1,4 @@
-"""How deep the stacks of firmware have been, as the core has seen it by the stack pointer (stacks.c)."""
+"""Depths of the firmware's stacks, which the core records from the stack pointer (stacks.c)."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ class Stack:
     """A stack that has been used."""
 
     top: int
-    """Address above it: the stack pointer while it was empty."""
+    """Stack pointer of the empty stack, the address above it."""
     lowest: int
-    """Lowest address that the stack pointer has had."""
+    """Lowest value of the stack pointer."""
     first_pc: int
-    """The code that ran when it was first seen: of a task the function that it begins with."""
+    """Code that first used the stack: for a task the function that it begins with."""
 
     @property
     def used(self) -> int:
-        """Bytes that it has held at most."""
+        """Largest use [bytes]."""
         return self.top - self.lowest
 
 
 def known_stacks(machine: Machine) -> list[Stack]:
-    """Return the stacks in the order in which they were first seen; firmware starts with the first."""
+    """Return the stacks in the order of their first use; firmware starts with the first."""
     count = ffi.new("int32_t *")
     entries = lib.machine_stacks(machine.handle, count)
     return [Stack(entry.top, entry.lowest, entry.first_pc) for entry in entries[0 : count[0]]]

@@ -1,4 +1,4 @@
-"""How the processor waits, asleep or in a loop to itself, and whether anything could end that."""
+"""Sleep of the processor and loops to itself, and the events that can end them."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class Waiting(Restorable):
     Attributes
     ----------
     may_rest : bool
-        Whether firmware that ends in a loop to itself, in thread mode and without a fault before, is at rest;
+        True if firmware that ends in a loop to itself, in thread mode and without an earlier fault, is at rest;
         otherwise that is a hang.
     has_end : bool
-        Whether this run has a time when it stops.
+        True if this run has a time when it stops.
     is_told : bool
-        Whether it is in a sleep that the core has left to Python: in others time passes within the core.
+        True in a sleep that the core has left to Python; in other sleeps time passes within the core.
     on_sleep : callable
-        Told that sleep begins, and that it ends.
+        Called when sleep begins and when it ends.
     on_events : callable
-        Told, in a sleep that the core has left to Python, that all events have fired that were due.
+        Called when all due events have fired, in a sleep that the core has left to Python.
     """
 
     def __init__(self, machine: Machine, nvic: Nvic, schedule: Schedule, fault_log: FaultLog) -> None:
@@ -43,7 +43,7 @@ class Waiting(Restorable):
 
     @property
     def sleeping(self) -> bool:
-        """Whether it is in WFI or WFE."""
+        """Return whether the processor is in WFI or WFE."""
         sleeping: bool = self._core.sleeping
         return sleeping
 
@@ -56,13 +56,13 @@ class Waiting(Restorable):
 
     @property
     def sleeps_deeply(self) -> bool:
-        """SCR.SLEEPDEEP."""
+        """Return SCR.SLEEPDEEP."""
         deeply: bool = self._core.sleeps_deeply
         return deeply
 
     @property
     def gated(self) -> bool:
-        """Whether it is in a sleep that no interrupt ends."""
+        """Return whether the processor is in a sleep that no interrupt ends."""
         gated: bool = self._core.gated
         return gated
 
@@ -72,27 +72,27 @@ class Waiting(Restorable):
 
     @property
     def instruction(self) -> str:
-        """What it sleeps in."""
+        """Instruction that the processor sleeps in."""
         return "WFE" if self._core.waits_for_event else "WFI"
 
     @property
-    def in_thread(self) -> bool:
-        """Whether no handler runs, and no fault's handler has begun that has not returned."""
+    def is_in_thread(self) -> bool:
+        """Return whether no handler is active, and no fault's handler is unfinished."""
         return not self._core.active_count and self._fault_log.first_cause is None
 
     def rests(self, booted: bool) -> bool:
-        """Whether a loop to itself is rest, of firmware that was booted."""
-        return booted and self.has_end and self.may_rest and self.in_thread
+        """Return whether a loop to itself counts as rest, for firmware that was booted or not."""
+        return booted and self.has_end and self.may_rest and self.is_in_thread
 
     def can_leave_loop(self) -> bool:
-        """Whether any interrupt could end a loop to itself."""
+        """Return whether any interrupt could end a loop to itself."""
         ceiling = self._nvic.ceiling()
         timed = self._is_planned and self._nvic.preempts(SYSTICK, ceiling)
         return timed or self._nvic.can_ever_wake(ceiling)
 
     @property
     def _is_planned(self) -> bool:
-        """Whether anything is to come that firmware may wait for."""
+        """Return whether any event is planned that firmware may wait for."""
         return self._schedule.wakes_ever or lib.machine_next_event(self._handle) != NEVER
 
     @property
@@ -102,12 +102,12 @@ class Waiting(Restorable):
         return min(self._schedule.next_cycle, math.inf if cycle == NEVER else cycle)
 
     def wake(self) -> None:
-        """End sleep, if what is pending does that."""
+        """End sleep if a pending exception does so."""
         if lib.machine_wakes(self._handle):
             self.sleeping = False
 
     def is_endless(self, until_cycle: float) -> bool:
-        """Whether nothing could end this sleep before a cycle that may be infinite."""
+        """Return whether nothing could end this sleep before a cycle, which may be infinite."""
         nvic = self._nvic
         if math.isinf(until_cycle) and (not self._is_planned or math.isinf(self.next_cycle)):
             return True

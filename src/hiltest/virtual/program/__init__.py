@@ -1,1 +1,1 @@
-"""Firmware images: segments, symbols, source lines and types, and how much stack their code can take."""
+"""Firmware images: segments, symbols, source lines and types."""

@@ -1,4 +1,4 @@
-"""Entries of debug information: children, names and types, in bounded time whatever a damaged file says."""
+"""Entries of debug information: children, names and types, in bounded time for damaged files too."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
 ))  # fmt: skip
 POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rvalue_reference_type"})
 STRUCTURES = frozenset({"DW_TAG_structure_type", "DW_TAG_class_type"})
-# Where an entry that repeats another one says which.
+# Attributes by which an entry refers to the entry that it repeats.
 _REPEATED = ("DW_AT_specification", "DW_AT_abstract_origin")
-_ELSEWHERE = "DW_AT_signature"  # of a type that has a unit of its own
-_LONGEST_CHAIN = 64  # of typedefs and qualifiers; a person writes a handful
+_ELSEWHERE = "DW_AT_signature"  # of a type in a unit of its own
+_LONGEST_CHAIN = 64  # of typedefs and qualifiers; people write only a few
 
 
 def children(entry: Any) -> Iterator[Any]:
-    """Yield the children of an entry; the parser's own walk goes round for ever where a sibling lies behind.
+    """Yield the children of an entry; the parser's own walk never ends if a sibling precedes its entry.
 
     Raises
     ------
     Exception
-        Of the parser, when the file is damaged.
+        From the parser, if the file is damaged.
     """
     if not entry.has_children:
         return
     offset = entry.offset + entry.size
     while not (child := entry.cu.get_DIE_from_refaddr(offset)).is_null():
         yield child
-        offset = _behind(child)
+        offset = _next_offset(child)
 
 
-def _behind(entry: Any) -> int:
-    """Return where the next entry of the same level begins: always further on."""
+def _next_offset(entry: Any) -> int:
+    """Return the offset of the next entry at the same level, which must be larger."""
     offset: int = entry.offset + entry.size
     sibling = entry.attributes.get("DW_AT_sibling")
     if not entry.has_children:
@@ -50,11 +50,11 @@ def _behind(entry: Any) -> int:
     return offset
 
 
-def _with_repeated(entry: Any) -> Iterator[Any]:
-    """Yield an entry, what it repeats, and so on."""
+def _reference_chain(entry: Any) -> Iterator[Any]:
+    """Yield an entry, the entry that it repeats, and so on."""
     for _ in range(_LONGEST_CHAIN):
         yield entry
-        further = next((each for each in _REPEATED if each in entry.attributes), None)
+        further = next((attribute for attribute in _REPEATED if attribute in entry.attributes), None)
         if further is None:
             return
         entry = entry.get_DIE_from_attribute(further)
@@ -62,25 +62,25 @@ def _with_repeated(entry: Any) -> Iterator[Any]:
 
 
 def origin_of(entry: Any) -> Any:
-    """Return the entry that an entry repeats in the end, as a definition its declaration; itself where it is one."""
-    *_, last = _with_repeated(entry)
+    """Return the last entry that an entry refers to, as a definition its declaration; the entry itself without one."""
+    *_, last = _reference_chain(entry)
     return last
 
 
 def name_of(entry: Any) -> str:
-    """Return the name of an entry, or of what it repeats; empty without one."""
-    names = (each.attributes["DW_AT_name"] for each in _with_repeated(entry) if "DW_AT_name" in each.attributes)
+    """Return the name of an entry, or of an entry that it repeats; empty without one."""
+    names = (link.attributes["DW_AT_name"] for link in _reference_chain(entry) if "DW_AT_name" in link.attributes)
     return next((name.value.decode(errors="replace") for name in names), "")
 
 
 def next_type(entry: Any) -> Any:
-    """Return the type that an entry names, or what it repeats does, qualifiers and all; None for void."""
-    typed = (each for each in _with_repeated(entry) if "DW_AT_type" in each.attributes)
-    return next((each.get_DIE_from_attribute("DW_AT_type") for each in typed), None)
+    """Return the type of an entry, or of an entry that it repeats, with qualifiers; None for void."""
+    typed = (link for link in _reference_chain(entry) if "DW_AT_type" in link.attributes)
+    return next((link.get_DIE_from_attribute("DW_AT_type") for link in typed), None)
 
 
-def without_qualifiers(entry: Any) -> Any:
-    """Follow typedefs and qualifiers to the type that decides how a value lies; None for void."""
+def strip_qualifiers(entry: Any) -> Any:
+    """Return the type behind typedefs and qualifiers, which decides the layout of a value; None for void."""
     for _ in range(_LONGEST_CHAIN):
         if entry is not None and _ELSEWHERE in entry.attributes:
             entry = entry.get_DIE_from_attribute(_ELSEWHERE)
@@ -92,7 +92,7 @@ def without_qualifiers(entry: Any) -> Any:
 
 
 def written_type(entry: Any) -> str:
-    """Write a type as C does, but for what stands behind a name there."""
+    """Return a type in C syntax, without the parts that C writes after a name."""
     if entry is None:
         return "void"
     if entry.tag in POINTERS:

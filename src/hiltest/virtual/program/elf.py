@@ -1,8 +1,8 @@
 """Firmware images: segments to load, symbols, and source lines.
 
-The ELF is hostile until parsed. What loading needs (header, segments, symbols,
-processor) is read and checked at once, and what is wrong ends in a `ConfigError`
-that says so. Debug information only adds names: when it is damaged there are none.
+The ELF is hostile until parsed. Header, segments, symbols and processor, which loading needs,
+are read and checked at once, and a `ConfigError` names the problem. Debug
+information only adds names: if it is damaged there are none.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from elftools.elf.elffile import ELFFile
 
 from hiltest.errors import ConfigError
 from hiltest.strict_json import read_bounded
-from hiltest.virtual.program.image_formats import as_elf
+from hiltest.virtual.program.image_formats import convert_to_elf
 from hiltest.virtual.program.signatures import Signature, read_signature, read_subprograms
 
-# Values of the build attributes, from the addenda to the Arm ABI: profile M; v6-M, v6S-M, v7 and v7E-M code;
-# no floating-point instructions, or those of FPv4-SP. Newer ones the processor does not have.
+# Build attributes, from the addenda to the Arm ABI: profile M; v6-M, v6S-M, v7 and v7E-M code;
+# no floating-point instructions, or those of FPv4-SP. The processor does not have newer ones.
 _PROFILE_M = ord("M")
 _CORES = {0, 10, 11, 12, 13}
 _FLOATING_POINT = {0, 6}
-_HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker says of the whole
-# The chip has 1 MiB of flash; debug information of large firmware in C++ is a hundred times that.
+_HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, by which the linker describes the whole file
+# The chip has 1 MiB of flash; debug information of large C++ firmware is a hundred times that.
 _LARGEST_BYTES = 256 << 20
-_BUILD_ID = re.compile(rb"\x04\0{3}([\x04-\x20])\0{3}\x03\0{3}GNU\0(.{4,32})", re.DOTALL)  # the note, by its header
-_IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
+_BUILD_ID = re.compile(rb"\x04\0{3}([\x04-\x20])\0{3}\x03\0{3}GNU\0(.{4,32})", re.DOTALL)  # the note with its header
+_CACHED_IMAGES = 8  # parsed images, each a few megabytes with its debug information
 _MARK = re.compile(r"\$[dt](\..*)?")  # a mapping symbol (AAELF32, 5.5.5): data or Thumb code begins
-# Folders of the compiler's own libraries in the names of their units: which of them are linked in, the code decides.
+# Folders of the compiler's own libraries in unit names. The code decides which of them are linked in.
 LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
 
 
@@ -46,13 +46,12 @@ class LoadSegment:
     """A loadable part of the image."""
 
     address: int
-    """Where a programmer puts it (physical, load address)."""
+    """Load address, where a programmer writes it."""
     run_address: int
-    """Where it stands while the firmware runs; start-up code copies it there."""
+    """Run address, to which start-up code copies it."""
     data: bytes
-    """Its content."""
     run_size: int
-    """Its size while running, zeroed data included."""
+    """Size at the run address, with zeroed data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,27 +65,27 @@ class Symbol:
 
 
 def load_image(source: Path | bytes, *, base: int | None = None) -> FirmwareImage:
-    """Parse an ELF, Intel HEX or raw binary; the same content under the same name is parsed once in a process.
+    """Parse an ELF, Intel HEX or raw binary; a process parses the same content under the same name only once.
 
     Parameters
     ----------
     source
-        The file, or its content.
+        File, or its content.
     base
         Address of a raw binary, and of its vector table; by default 0.
 
     Raises
     ------
     ConfigError
-        As `FirmwareImage`.
+        As for `FirmwareImage`.
     """
     name, content = ("firmware image", source) if isinstance(source, bytes) else _read_file(source)
-    return _parsed(name, content, base)
+    return _parse(name, content, base)
 
 
-@lru_cache(maxsize=_IMAGES_KEPT)
-def _parsed(name: str, content: bytes, base: int | None) -> FirmwareImage:
-    return FirmwareImage(as_elf(name, content, base), name=name, vectors=base or 0)
+@lru_cache(maxsize=_CACHED_IMAGES)
+def _parse(name: str, content: bytes, base: int | None) -> FirmwareImage:
+    return FirmwareImage(convert_to_elf(name, content, base), name=name, vectors=base or 0)
 
 
 def _read_file(path: Path) -> tuple[str, bytes]:
@@ -99,33 +98,31 @@ class FirmwareImage:
     Parameters
     ----------
     source
-        The file, or its content.
+        File, or its content.
     name
-        What messages call a content.
+        Name of the content in messages.
     vectors
-        Where the vector table stands that it boots from.
+        Address of the vector table.
 
     Raises
     ------
     ConfigError
-        If it cannot be read, is no whole ELF, or is for another processor.
+        If it cannot be read, is not a complete ELF, or is for another processor.
 
     Attributes
     ----------
-    segments : tuple of LoadSegment
-        What to load.
     symbols : dict of str to Symbol
         Functions and objects by name; empty for a stripped file.
     source_names : set of str
-        Files that the symbols came from, as the compiler named them.
+        Files of the symbols, as the compiler named them.
     hard_float : bool
-        Whether its functions take and return floats in float registers.
+        True if its functions pass floats in float registers.
     """
 
     def __init__(self, source: Path | bytes, *, name: str = "firmware image", vectors: int = 0) -> None:
         self.vectors = vectors
         self.name, content = (name, source) if isinstance(source, bytes) else _read_file(source)
-        # Debug information is read when it is wanted, by whichever of the boards that share this image.
+        # Debug information is read at first use, by any of the boards that share this image.
         self._reading = threading.RLock()
         self._signatures: dict[str, Signature | None] = {}
         try:
@@ -133,13 +130,13 @@ class FirmwareImage:
             self._check_processor()
             self.hard_float = bool(self._elf.header.e_flags & _HARD_FLOAT)
             self.segments = self._read_segments()
-            self._marks: list[tuple[int, bool]] = []  # address, and whether code begins there
+            self._marks: list[tuple[int, bool]] = []  # address, and whether code begins at it
             self.source_names: set[str] = set()
             self._all_symbols = self._read_symbols()
             self.symbols = {symbol.name: symbol for symbol in self._all_symbols}
         except ConfigError:
             raise
-        except Exception as error:  # the parser raises whatever a damaged file makes it meet, struct.error to KeyError
+        except Exception as error:  # the parser raises many types for a damaged file, from struct.error to KeyError
             raise ConfigError(
                 f"{self.name}: not a whole ELF file ({str(error) or type(error).__name__}); "
                 "give the .elf that the linker wrote, Intel HEX (.hex), or a raw binary (.bin, or --base ADDRESS)"
@@ -158,23 +155,23 @@ class FirmwareImage:
         profile = attributes.get("TAG_CPU_ARCH_PROFILE", _PROFILE_M)
         core, floating = attributes.get("TAG_CPU_ARCH", 0), attributes.get("TAG_FP_ARCH", 0)
         if profile != _PROFILE_M or core not in _CORES or floating not in _FLOATING_POINT:
-            what = "another core" if profile != _PROFILE_M or core not in _CORES else "another floating-point unit"
+            unit = "another core" if profile != _PROFILE_M or core not in _CORES else "another floating-point unit"
             raise ConfigError(
-                f"{self.name}: its attributes say that it is built for {what}; the board has a Cortex-M4F: "
+                f"{self.name}: its attributes say that it is built for {unit}; the board has a Cortex-M4F: "
                 "build with -mcpu=cortex-m4 -mfpu=fpv4-sp-d16"
             )
 
     def _attributes(self) -> dict[str, Any]:
-        """Read the compiler's attributes of the processor (section .ARM.attributes); empty without it."""
+        """Return the compiler's attributes of the processor (section .ARM.attributes); empty without them."""
         section: Any = self._elf.get_section_by_name(".ARM.attributes")
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for subsection in section.iter_subsections() if section is not None else ():
             for part in subsection.iter_subsubsections():
-                found |= {attribute.tag: attribute.value for attribute in part.iter_attributes()}
-        return found
+                values |= {attribute.tag: attribute.value for attribute in part.iter_attributes()}
+        return values
 
     def _read_segments(self) -> tuple[LoadSegment, ...]:
-        """Read the loadable segments in file order; one of zeroed data has no content."""
+        """Read the loadable segments in file order; a segment of zeroed data has no content."""
         segments = tuple(
             LoadSegment(segment.header.p_paddr, segment.header.p_vaddr, segment.data(), segment.header.p_memsz)
             for segment in self._elf.iter_segments("PT_LOAD")
@@ -187,31 +184,31 @@ class FirmwareImage:
         return segments
 
     def _read_symbols(self) -> list[Symbol]:
-        """Read named functions and objects, global ones last: by name they win over local ones. Marks go beside."""
-        found: list[Symbol] = []
+        """Return named functions and objects, global ones last to win by name; collect mapping symbols."""
+        symbols: list[Symbol] = []
         table: Any = self._elf.get_section_by_name(".symtab")
         if table is None:
-            return found
+            return symbols
         for entry in sorted(table.iter_symbols(), key=lambda symbol: symbol.entry.st_info.bind == "STB_GLOBAL"):
             kind = entry.entry.st_info.type
             if kind in ("STT_FUNC", "STT_OBJECT") and entry.name:
                 is_function = kind == "STT_FUNC"
                 address = entry.entry.st_value & ~1 if is_function else entry.entry.st_value
-                found.append(Symbol(entry.name, address, entry.entry.st_size, is_function))
+                symbols.append(Symbol(entry.name, address, entry.entry.st_size, is_function))
             elif kind == "STT_FILE":
                 self.source_names.add(entry.name)
             elif _MARK.fullmatch(entry.name):
                 self._marks.append((entry.entry.st_value & ~1, entry.name[1] == "t"))
         self._marks.sort()
-        return found
+        return symbols
 
     def read(self, address: int, size: int) -> bytes:
-        """Return bytes of the file at the address that they have while the firmware runs; fewer at the end of a part.
+        """Return bytes of the file by their run address; fewer at the end of a segment.
 
         Raises
         ------
         ValueError
-            Nothing of the file is there.
+            If the address is not in the file.
         """
         for segment in self.segments:
             offset = address - segment.run_address
@@ -220,7 +217,7 @@ class FirmwareImage:
         raise ValueError(f"{self.name}: nothing at 0x{address:08x}")
 
     def code_from(self, address: int, size: int) -> bytes:
-        """Return code as `read` does, at most to where data is, as far as the file says it."""
+        """Return code as `read` does, up to data that mapping symbols mark."""
         if self.is_data_in_code(address):
             return b""
         following = bisect.bisect(self._data_begins, address)
@@ -232,48 +229,48 @@ class FirmwareImage:
         return [address for address, is_code in self._marks if not is_code]
 
     def is_data_in_code(self, address: int) -> bool:
-        """Whether data is at an address, as far as the file says it."""
+        """Return whether mapping symbols mark data at an address."""
         index = bisect.bisect_right(self._marks, address, key=lambda mark: mark[0]) - 1
         return index >= 0 and not self._marks[index][1]
 
     @cached_property
     def code(self) -> tuple[tuple[int, bytes], ...]:
-        """Return address and content of all that is instructions, and no data between them; empty without symbols."""
-        found = []
+        """Address and content of all instructions, without data between them; empty without symbols."""
+        chunks = []
         for (begin, is_code), (end, _) in pairwise([*self._marks, (1 << 32, False)]):
             if is_code and begin < end:
-                with suppress(ValueError):  # of what is not loaded
-                    found.append((begin, self.read(begin, end - begin)))
-        return tuple(found)
+                with suppress(ValueError):  # the code may not be loaded
+                    chunks.append((begin, self.read(begin, end - begin)))
+        return tuple(chunks)
 
     @cached_property
     def build_id(self) -> str:
-        """Return the GNU build-id note in hexadecimal; empty without one. Other formats have it too: it is loaded."""
+        """GNU build-id note in hexadecimal; empty without one. It is loaded, so that other formats contain it too."""
         if not self._elf.num_sections():
-            found = (_BUILD_ID.search(segment.data) for segment in self.segments)
-            return next((match[2][: match[1][0]].hex() for match in found if match), "")
+            matches = (_BUILD_ID.search(segment.data) for segment in self.segments)
+            return next((match[2][: match[1][0]].hex() for match in matches if match), "")
         try:
             section: Any = self._elf.get_section_by_name(".note.gnu.build-id")
             notes = section.iter_notes() if section is not None else ()
             return next((str(note.n_desc) for note in notes if note.n_type == "NT_GNU_BUILD_ID"), "")
-        except Exception:  # damaged, as a section that is not loaded may be: nothing is known then
+        except Exception:  # an unloaded section may be damaged
             return ""
 
     @cached_property
     def compiler_flags(self) -> str:
-        """Return the flags that GCC compiled the units with, sorted; empty without debug information.
+        """Flags that GCC compiled the units with, sorted; empty without debug information.
 
-        Of all units but those of the compiler's own libraries: that one in hundreds has a flag of its own is seen.
+        They are those of all units except the compiler's own libraries, to show a flag that only one unit has.
         """
         try:
             with self._reading:
                 words = self._read_flags() if self._elf.has_dwarf_info() else set()
-        except Exception:  # damaged, as debug information may be: nothing is known then
+        except Exception:  # debug information may be damaged
             words = set()
         return " ".join(sorted(words))
 
     def _read_flags(self) -> set[str]:
-        found: set[str] = set()
+        flags: set[str] = set()
         for unit in self._elf.get_dwarf_info().iter_CUs():
             attributes = unit.get_top_DIE().attributes
             name, producer = attributes.get("DW_AT_name"), attributes.get("DW_AT_producer")
@@ -281,26 +278,26 @@ class FirmwareImage:
                 continue
             folders = set(PurePosixPath(name.value.decode(errors="replace")).parts) if name is not None else set()
             if not folders & LIBRARIES:
-                found |= {word for word in producer.value.decode(errors="replace").split() if word.startswith("-")}
-        return found
+                flags |= {word for word in producer.value.decode(errors="replace").split() if word.startswith("-")}
+        return flags
 
     @cached_property
     def functions(self) -> tuple[Symbol, ...]:
-        """Return all functions; static ones of several files may share a name."""
+        """All functions; static ones of several files may share a name."""
         return tuple(symbol for symbol in self._all_symbols if symbol.is_function)
 
     @cached_property
     def objects(self) -> tuple[Symbol, ...]:
-        """Return all objects, as `functions`."""
+        """All objects, as for `functions`."""
         return tuple(symbol for symbol in self._all_symbols if not symbol.is_function)
 
     def debug_information(self) -> Any:
-        """Return the DWARF as pyelftools reads it, the caller's own; None without any.
+        """Return new DWARF information of pyelftools for the caller's own use; None without any.
 
         Raises
         ------
         Exception
-            Of the parser, when it is damaged.
+            From the parser, if it is damaged.
         """
         with self._reading:
             return self._elf.get_dwarf_info() if self._elf.has_dwarf_info() else None
@@ -311,7 +308,7 @@ class FirmwareImage:
         return [s.address for s in functions], functions
 
     def function_at(self, address: int) -> Symbol | None:
-        """Find the function whose code contains an address."""
+        """Return the function whose code contains an address."""
         starts, functions = self._functions_by_address
         index = bisect.bisect_right(starts, address & ~1) - 1
         if index < 0:
@@ -324,7 +321,7 @@ class FirmwareImage:
         try:
             with self._reading:
                 rows = sorted(self._line_rows()) if self._elf.has_dwarf_info() else []
-        except Exception:  # damaged debug information, as above: a fault is then reported without lines
+        except Exception:  # damaged debug information: faults are then reported without lines
             rows = []
         return [row[0] for row in rows], [(row[1], row[2]) for row in rows]
 
@@ -350,7 +347,7 @@ class FirmwareImage:
                 previous = None if state.end_sequence else state
 
     def location_at(self, address: int) -> str:
-        """Name the source line of an address as ``file:line``; empty without debug information."""
+        """Return the source line of an address as ``file:line``; empty without debug information."""
         starts, rows = self._lines
         index = bisect.bisect_right(starts, address & ~1) - 1
         if index >= 0 and address < rows[index][0]:
@@ -362,11 +359,11 @@ class FirmwareImage:
         try:
             with self._reading:
                 return read_subprograms(self._elf.get_dwarf_info()) if self._elf.has_dwarf_info() else {}
-        except Exception:  # damaged debug information: functions are then called as without any
+        except Exception:  # damaged debug information: functions are then called as if there were none
             return {}
 
     def signature(self, function: str) -> Signature | None:
-        """Read a function's parameter and return types from DWARF; None without them."""
+        """Return a function's parameter and return types from DWARF; None without them."""
         with self._reading:
             if function not in self._signatures:
                 self._signatures[function] = self._read_signature(function)

@@ -1,7 +1,7 @@
-"""Intel HEX and raw binary, put into the form of an ELF without symbols, so that all images are read by one parser.
+"""Conversion of Intel HEX and raw binary to an ELF without symbols, so that one parser reads all images.
 
-The library for HEX accepts a file without its end record, or with data behind it. Such a file is refused here, since
-half a firmware would run.
+The library for HEX accepts a file without its end record, or with data after it. This module rejects such a file,
+because half a firmware would run.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ _BINARY_SUFFIX = ".bin"
 _ADDRESSES = 1 << 32
 
 Chunk = tuple[int, bytes]
-"""Address, and what stands there."""
+"""Address and content."""
 
 
-def as_elf(name: str, content: bytes, base: int | None) -> bytes:
-    """Return an image as an ELF; what is none of the other formats, as it is.
+def convert_to_elf(name: str, content: bytes, base: int | None) -> bytes:
+    """Return an image as an ELF; content in no other known format is returned unchanged.
 
     Parameters
     ----------
     name
-        File name: ``.bin`` is a raw binary; ``.hex``, ``.ihex`` or ``.ihx``, or a colon first, is Intel HEX. Neither
-        colon nor ELF's first byte can begin a vector table, whose first word is a multiple of four.
+        File name: ``.bin`` is a raw binary; ``.hex``, ``.ihex``, ``.ihx`` or a colon as the first byte is Intel HEX.
+        Neither a colon nor ELF's first byte can begin a vector table, whose first word is a multiple of four.
     base
-        Address of a raw binary; says that it is one. None: 0, for a file that is called one.
+        Address of a raw binary, which also selects that format. None: address 0 for a file with the suffix.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def as_elf(name: str, content: bytes, base: int | None) -> bytes:
 
 
 def _chunks(name: str, content: bytes) -> list[Chunk]:
-    """Return the data of an Intel HEX file, adjacent bytes in one chunk."""
+    """Return the data of an Intel HEX file, with adjacent bytes in one chunk."""
     lines = [(number, line.strip()) for number, line in enumerate(content.splitlines(), start=1) if line.strip()]
     ends = [place for place, (_, line) in enumerate(lines) if line[7:9] == b"01"]
     if not ends:
@@ -84,7 +84,7 @@ def _refusal(name: str, line: int, reason: str) -> ConfigError:
 
 
 def _elf(chunks: list[Chunk]) -> bytes:
-    """Write an executable ELF for Arm with one segment a chunk, and nothing else."""
+    """Return an executable ELF for Arm with one segment for each chunk."""
     header_size, entry_size = 52, 32
     offset = header_size + entry_size * len(chunks)
     header = _ELF + bytes((1, 1, 1)) + bytes(9) + struct.pack(

@@ -1,4 +1,4 @@
-"""Instructions as people read them: mnemonic and operands."""
+"""Text of instructions: mnemonic and operands."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ def instruction_text(address: int, code: bytes) -> str:
 
 @cache
 def _disassembler() -> Any:
-    import capstone  # a tenth of a second, and few runs show an instruction
+    import capstone  # takes a tenth of a second, and few runs need it
 
     return capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)

@@ -11,13 +11,13 @@ from hiltest.virtual.program.debug_entries import (
     STRUCTURES,
     children,
     next_type,
-    without_qualifiers,
+    strip_qualifiers,
     written_type,
 )
 
-_ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
+_ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which all assemblers use
 _COMPLEX, _FLOAT = 0x03, 0x04  # DW_ATE_complex_float, DW_ATE_float
-# Behind it boolean, unsigned, unsigned_char and UTF, signed and signed_char; with their bytes, small ones as a word.
+# After these boolean, unsigned, unsigned_char and UTF, signed and signed_char; types below four bytes become a word.
 _BASE_TYPES = {
     (_FLOAT, 4): "float", (_FLOAT, 8): "double",
     **{(encoding, 4): "unsigned" for encoding in (0x02, 0x07, 0x08, 0x10)}, (0x07, 8): "unsigned64",
@@ -27,7 +27,7 @@ _BASE_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """A number as it lies in memory; integers with and without sign lie alike."""
+    """A number in memory, for integers with and without sign."""
 
     is_float: bool
     size: int
@@ -38,17 +38,17 @@ class Element:
 
 @dataclass(frozen=True, slots=True)
 class Pointed:
-    """What a parameter points to."""
+    """Target of a pointer parameter."""
 
     text: str
-    """The parameter's type as C has it, ``const int16_t *``."""
+    """The parameter's type in C, ``const int16_t *``."""
     elements: frozenset[Element]
-    """The numbers that are there, of all members of a struct; empty where there may be anything."""
+    """Number types of the target, of all members of a struct; empty if any type is possible."""
 
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Signature of a function: how it takes and returns values.
+    """Types of a function's parameters and return value.
 
     "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
     or "unsupported".
@@ -57,30 +57,31 @@ class Signature:
     parameters: tuple[str, ...]
     returns: str
     pointed: tuple[Pointed | None, ...] = ()
-    """For each parameter that is a pointer."""
+    """Target of each parameter that is a pointer."""
 
 
 def read_subprograms(dwarf: Any) -> dict[str, Any]:
-    """Collect the entries of all functions that are defined, by what the linker calls them."""
-    found: dict[str, Any] = {}
+    """Return the entries of all defined functions, by their linker names."""
+    entries: dict[str, Any] = {}
     for unit in dwarf.iter_CUs():
         language = unit.get_top_DIE().attributes.get("DW_AT_language")
         if language is not None and language.value == _ASSEMBLER:
-            continue  # it names functions and says nothing of what they take
+            continue  # it names functions without their parameters
         for die in _functions_of(unit.get_top_DIE()):
             if name := _symbol_name(die):
-                found.setdefault(name, die)
-    return found
+                entries.setdefault(name, die)
+    return entries
 
 
 def read_signature(die: Any) -> Signature:
     """Read the types of a function's entry."""
     parameters = [child for child in children(die) if child.tag == "DW_TAG_formal_parameter"]
     kinds = tuple(_classify(_type_of(parameter)) for parameter in parameters)
-    return Signature(kinds, _classify(_type_of(_declared(die))), tuple(_pointed(parameter) for parameter in parameters))
+    targets = tuple(_pointer_target(parameter) for parameter in parameters)
+    return Signature(kinds, _classify(_type_of(_declaration(die))), targets)
 
 
-def _pointed(parameter: Any) -> Pointed | None:
+def _pointer_target(parameter: Any) -> Pointed | None:
     pointer = _type_of(parameter)
     if pointer is None or pointer.tag not in POINTERS:
         return None
@@ -89,7 +90,7 @@ def _pointed(parameter: Any) -> Pointed | None:
 
 
 def _elements(die: Any) -> set[Element] | None:
-    """Collect the numbers that lie in a type; None where there may be others."""
+    """Return the number types in a type; None if it may hold others."""
     size = die.attributes["DW_AT_byte_size"].value if die is not None and "DW_AT_byte_size" in die.attributes else 4
     if die is None:
         return None
@@ -103,17 +104,17 @@ def _elements(die: Any) -> set[Element] | None:
         return _elements(_type_of(die))
     if die.tag not in STRUCTURES:
         return None
-    found: set[Element] = set()
+    numbers: set[Element] = set()
     for member in children(die):
         inner = _elements(_type_of(member)) if member.tag in ("DW_TAG_member", "DW_TAG_inheritance") else set()
         if inner is None:
             return None
-        found |= inner
-    return found
+        numbers |= inner
+    return numbers
 
 
 def _functions_of(scope: Any) -> Iterator[Any]:
-    """Yield the functions that a unit defines, also in namespaces; those of a class stand beside it."""
+    """Yield the functions that a unit defines, also in namespaces; definitions of member functions are at its top."""
     for die in children(scope):
         if die.tag == "DW_TAG_subprogram" and "DW_AT_declaration" not in die.attributes:
             yield die
@@ -121,21 +122,21 @@ def _functions_of(scope: Any) -> Iterator[Any]:
             yield from _functions_of(die)
 
 
-def _declared(die: Any) -> Any:
-    """Return where a function's names and its type stand: what is declared in a class or namespace has them there."""
+def _declaration(die: Any) -> Any:
+    """Return the entry with a function's names and type: its declaration if it is in a class or namespace."""
     return die.get_DIE_from_attribute("DW_AT_specification") if "DW_AT_specification" in die.attributes else die
 
 
 def _symbol_name(die: Any) -> str:
-    """Return what the linker calls a function: its mangled name, if it has one; empty when it is not told."""
-    attributes = _declared(die).attributes
+    """Return the linker name of a function: its mangled name, if any; empty if it is unknown."""
+    attributes = _declaration(die).attributes
     name = attributes.get("DW_AT_linkage_name") or attributes.get("DW_AT_name")
     return name.value.decode(errors="replace") if name is not None else ""
 
 
 def _type_of(die: Any) -> Any:
-    """Follow typedefs and qualifiers to the type that decides how a value is passed; None for void."""
-    return without_qualifiers(die.get_DIE_from_attribute("DW_AT_type")) if "DW_AT_type" in die.attributes else None
+    """Return the type behind typedefs and qualifiers, which decides how a value is passed; None for void."""
+    return strip_qualifiers(die.get_DIE_from_attribute("DW_AT_type")) if "DW_AT_type" in die.attributes else None
 
 
 def _classify(die: Any) -> str:

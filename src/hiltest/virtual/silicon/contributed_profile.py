@@ -1,4 +1,4 @@
-"""A measured profile that its owner sends in: of what board it is, who signs for it, whether it fits its clocks."""
+"""A measured profile that its owner contributes: its board, its signature, and its agreement with the clocks."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ class MeasuredOn:
 
     name: str
     revision: str
-    """Of the board, as printed on it; its owner fills them in."""
+    """Revision printed on the board; its owner fills in name and revision."""
     unique_id: str
-    """Of the chip."""
+    """Unique id of the chip."""
     core_clock_hz: int
     firmware: str
     build_id: str
     compiler: str
-    """Of the firmware that counted."""
+    """Compiler of the firmware that counted."""
     date: str
-    """Of the measurement, as in ISO 8601."""
+    """Date of the measurement in ISO 8601."""
     signed_off_by: str
-    """``Name <address>`` of who measured it and gives it away under hiltest's licence."""
+    """``Name <address>`` of the person who measured it and contributes it under hiltest's licence."""
 
 
-#: What its owner fills in.
+#: Fields that the owner fills in.
 BY_HAND = {
     "name": "the board, as printed on it: FRDM-K64F",
     "revision": "its revision, as printed on it: E4",
@@ -49,73 +49,73 @@ BY_HAND = {
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
-    """A file that was checked."""
+class CheckResult:
+    """Result of checking a file."""
 
     name: str
-    """Of the profile."""
+    """Name of the profile."""
     board: MeasuredOn | None
-    """None where that is not all there."""
+    """The table; None if it is incomplete."""
     objections: tuple[str, ...]
-    """Why it cannot be taken as it is; none where it can."""
+    """Reasons for rejection; empty if the file is acceptable."""
     remarks: tuple[str, ...]
-    """What the measurement says of the model's rules; no objection."""
+    """Deviations of the measurement from the model's rules, which are no objection."""
 
 
-def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> Checked:
-    """Check whether a measured profile says of what board it is, is signed off, and has the rows of its clocks.
+def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> CheckResult:
+    """Check the board and the signature of a measured profile, and that its rows follow from its clocks.
 
     Parameters
     ----------
     image
-        Of the firmware that ships, which has the sequences.
+        Shipped firmware, which contains the sequences.
     sequences
-        Names of all that it can time.
+        Names of all sequences.
 
     Raises
     ------
     ConfigError
-        If it is no timing profile.
+        If the file is not a timing profile.
     """
     content, name, rows = measured_file(file)
     board, objections = _board(content.get("board", {}))
     clocks, missing = _clocks(content.get("measured", {}), sequences)
     objections += missing
     if board is not None:
-        objections += _of_board(board, name, image.build_id)
+        objections += _board_objections(board, name, image.build_id)
     remarks: tuple[str, ...] = ()
     if board is not None and not missing and board.build_id == image.build_id:
         again = solve(clocks["sram"], about(board), image)
         remarks = again.remarks
         objections += _differences(content, {row: rows[row] for row in content.get("cost", {})}, again)
-    return Checked(name, board, tuple(objections), remarks)
+    return CheckResult(name, board, tuple(objections), remarks)
 
 
 def about(board: MeasuredOn) -> str:
-    """Return what the source of each measured row ends with."""
+    """Return the end of the source of each measured row."""
     return f"board {board.unique_id}, firmware build {board.build_id}"
 
 
-def _board(given: Any) -> tuple[MeasuredOn | None, list[str]]:
-    if not isinstance(given, dict) or not given:
+def _board(table: Any) -> tuple[MeasuredOn | None, list[str]]:
+    if not isinstance(table, dict) or not table:
         return None, ["it has no table [board]: measure again, this version writes one"]
-    found, objections = dict[str, Any](), list[str]()
+    values, objections = dict[str, Any](), list[str]()
     for field in fields(MeasuredOn):
-        value = given.get(field.name, "")
+        value = table.get(field.name, "")
         kind: type = int if field.name == "core_clock_hz" else str
         if isinstance(value, bool) or not isinstance(value, kind):
-            what = "a number" if kind is int else "a text"
-            objections.append(f"board.{field.name}: must be {what}, not {shown(value)}")
+            expected = "a number" if kind is int else "a text"
+            objections.append(f"board.{field.name}: must be {expected}, not {shown(value)}")
         elif isinstance(value, str) and (len(value) > _LONGEST or not value.isprintable()):
             objections.append(f"board.{field.name}: must be one line of at most {_LONGEST} printable characters")
         elif not value:
             by_hand = BY_HAND.get(field.name)
             objections.append(f"board.{field.name} is empty: {by_hand or 'measure again'}")
-        found[field.name] = value
-    return (None if objections else MeasuredOn(**found)), objections
+        values[field.name] = value
+    return (None if objections else MeasuredOn(**values)), objections
 
 
-def _of_board(board: MeasuredOn, name: str, build_id: str) -> Iterator[str]:
+def _board_objections(board: MeasuredOn, name: str, build_id: str) -> Iterator[str]:
     if not _CHIP.fullmatch(board.unique_id) or name != f"silicon-{board.unique_id}":
         yield f"{name} is not the profile of the chip {board.unique_id}: a virtual board's is none of silicon"
     if board.build_id != build_id:
@@ -128,17 +128,17 @@ def _of_board(board: MeasuredOn, name: str, build_id: str) -> Iterator[str]:
         yield f"board.date: must be a date such as 2026-11-26, not {shown(board.date)}"
 
 
-def _clocks(given: Any, sequences: Collection[str]) -> tuple[dict[str, dict[str, int]], list[str]]:
-    """Return the clocks of each sequence by place, and what is missing or odd."""
-    given = given if isinstance(given, dict) else {}
+def _clocks(table: Any, sequences: Collection[str]) -> tuple[dict[str, dict[str, int]], list[str]]:
+    """Return the clocks of each sequence by place, and objections to them."""
+    table = table if isinstance(table, dict) else {}
     objections = []
     for place in PLACES:
-        clocks = given.get(place)
+        clocks = table.get(place)
         if not isinstance(clocks, dict) or set(clocks) != set(sequences):
             objections.append(f"[measured.{place}] has not the clocks of all {len(sequences)} sequences: measure again")
         elif any(isinstance(clock, bool) or not isinstance(clock, int) or clock < 0 for clock in clocks.values()):
             objections.append(f"[measured.{place}]: clocks are whole numbers from 0 on")
-    return given, objections
+    return table, objections
 
 
 def _differences(content: dict[str, Any], rows: dict[str, Any], again: MeasuredProfile) -> Iterator[str]:
@@ -151,14 +151,14 @@ def _differences(content: dict[str, Any], rows: dict[str, Any], again: MeasuredP
 
 
 def board_lines(board: MeasuredOn) -> Iterator[str]:
-    """Return table ``[board]`` as lines of TOML; what its owner fills in says so."""
+    """Return table ``[board]`` as lines of TOML, with comments on fields that the owner fills in."""
     yield "[board]"
     for key, value in asdict(board).items():
-        line = f"{key} = {value}" if isinstance(value, int) else f"{key} = {quoted(value)}"
+        line = f"{key} = {value}" if isinstance(value, int) else f"{key} = {quote(value)}"
         yield f"{line}  # {BY_HAND[key]}" if key in BY_HAND and not value else line
 
 
-def quoted(text: str) -> str:
+def quote(text: str) -> str:
     """Return a text as a basic string of TOML."""
     if not text.isprintable():
         raise ConfigError(f"the board says {shown(text)} of itself, which is no printable text")
@@ -166,7 +166,7 @@ def quoted(text: str) -> str:
 
 
 def filled_in(content: dict[str, Any]) -> dict[str, str]:
-    """Return name and revision of the board in a measured profile; a signature is of the counts that it was below."""
+    """Return name and revision of the board in a measured profile; a signature is not reused for other counts."""
     board = content.get("board")
-    given = {key: board[key] for key in ("name", "revision") if key in board} if isinstance(board, dict) else {}
-    return {key: value for key, value in given.items() if isinstance(value, str) and value.isprintable()}
+    texts = {key: board[key] for key in ("name", "revision") if key in board} if isinstance(board, dict) else {}
+    return {key: value for key, value in texts.items() if isinstance(value, str) and value.isprintable()}

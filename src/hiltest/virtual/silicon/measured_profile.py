@@ -1,10 +1,9 @@
-"""A timing profile made from measurements: clocks of known sequences of instructions, solved for the rows.
+"""Timing profile from measurements: clocks of sequences of instructions, solved for the rows.
 
-The first half of every sequence of the firmware costs a sum of rows, by the rules of
-`hiltest.virtual.model.timing`: what a run costs at its edges is in no row, and stands in the whole one and in that of
-the second half alike. Solved one after the other they give every row. Those that are left over are compared with what
-the rows make of them: where they differ, a rule does not hold on that core. Rows of rules of fetching and of addresses
-are those of the candidates that survive (`hiltest.virtual.silicon.rule_candidates`).
+By the rules of `hiltest.virtual.model.timing`, the first half of every sequence of the firmware costs a sum of rows:
+the cost at the edges of a run is the same in the whole and in the second half. The sequences give every row, one after
+the other. The remaining sequences are compared with the rows: a difference shows that a rule does not hold on the core.
+The rows of fetch and address rules come from the candidates that survive (`hiltest.virtual.silicon.rule_candidates`).
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ from hiltest.virtual.model.timing import CostRow, TimingProfile
 from hiltest.virtual.program.elf import FirmwareImage
 from hiltest.virtual.silicon.rule_candidates import Judgement, judge
 
-#: Profiles without and with the rules of fetching and of addresses; the second has the rows of the first.
+#: Profiles without and with the rules of fetching and of addresses; the second has all rows of the first.
 PLAIN, WITH_RULES = "cortex-m4-trm/1", "cortex-m4-trm/2"
 
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """Cost of half a sequence: ``times`` of `row`, other rows, clocks that are no row's, and half of another one."""
+    """Cost of half a sequence: ``times`` of `row`, other rows, constant clocks, and half of the sequence `less`."""
 
     sequence: str
     row: str
@@ -35,11 +34,11 @@ class Equation:
     less: str = ""
 
     def measured(self, clocks: Mapping[str, int]) -> int:
-        """Return the clocks of its sequence, less those of the other one."""
+        """Return the clocks of the sequence minus those of the other one."""
         return clocks[self.sequence] - (clocks[self.less] if self.less else 0)
 
 
-#: In an order in which each has only one row that is not known yet.
+#: Ordered so that each equation has only one unknown row.
 EQUATIONS = (
     Equation("data", "data", 32),
     Equation("divide", "divide", 8),
@@ -66,23 +65,23 @@ EQUATIONS = (
     Equation("fp_loads", "fp_load", 32),
     Equation("fp_stores", "fp_store", 32),
     Equation("fp_pairs", "fp_move_pair", 16),
-    # From one reading of the counter to the next. Around a NOP it is the same: an SVC costs what that does.
+    # Clocks from one reading of the counter to the next. Around a NOP they are the same: an SVC costs the difference.
     Equation("exception_entry", "exception_entry", 8, less="readings"),
     Equation(
         "exception_return", "exception_return", 8, {"branch": 8, "refill_indirect": 8, "system": -8}, less="readings"
     ),
 )
-#: TBB has one sequence and two rows: it gives the second where rules hold, and the first where none does.
+#: TBB has one sequence and two rows: it gives the second row if rules hold, and the first one otherwise.
 _REFILL_OF_TABLES = Equation("table_branch", "refill_table", 8, {"table_branch": 8})
 _TABLES = Equation("table_branch", "table_branch", 8, {"refill_indirect": 8})
-#: What must come out as the rows have it.
+#: Sequences that the rows must reproduce.
 CHECKS = (
     Equation("load_store_pairs", "load", 16, {"store_behind_load": 16, "load_behind_store": 16}),
     Equation("store_multiple", "multiple_base", 16, clocks=16 * 8),
     Equation("accumulate_chain", "fp_accumulate", 32),
     Equation("accumulate_and_multiply", "fp_accumulate", 16, {"fp": 16}),
     Equation("square_root", "fp_divide", 4),
-    # Classes that share a row with another one, as the kernels use them.
+    # Classes that share a row with another one in the same way as in the kernels.
     Equation("data_independent", "data", 32),
     Equation("multiply", "data", 32),
     Equation("multiply_chain", "data", 32),
@@ -103,7 +102,7 @@ CHECKS = (
 )
 
 
-#: Where sequences run from, as users read it: the last three are flash, too, with parts of its controller off.
+#: Places that sequences run from, as users read them: the last three are flash with parts of its controller disabled.
 PLACES = {
     "sram": "SRAM_L", "flash": "flash", "flash_without_cache": "cache off", "flash_without_prefetch": "prefetch off",
     "flash_alone": "all off",
@@ -112,36 +111,35 @@ PLACES = {
 
 @dataclass(frozen=True, slots=True)
 class MeasuredProfile:
-    """Rows solved from measurements."""
 
     rows: dict[str, CostRow]
-    """Those that were measured. One that came out as no whole number has both neighbours as its range."""
+    """Measured rows. If the solution is no integer, the range of the row has both neighbours."""
     remarks: tuple[str, ...]
-    """What does not fit the rules."""
+    """Contradictions to the rules."""
     judgements: tuple[Judgement, ...]
-    """Of each rule of fetching and of addresses, which candidate survives."""
+    """Surviving candidates of each rule of fetching and of addresses."""
     base: TimingProfile
-    """Has the rows that no sequence gives: with those of the rules where one of them holds, or may."""
+    """Profile with the rows that no sequence gives; with rows of rules if one of them holds, or may hold."""
 
 
 def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> MeasuredProfile:
-    """Find the rows that give these clocks.
+    """Return the rows that give these clocks.
 
     Parameters
     ----------
     clocks
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
     about
-        What was measured, and with what: ends the source of each row.
+        Source of the measurement, which ends the source of each row.
     image
-        Has the sequences, from which candidates are priced.
+        Firmware with the sequences, which prices the candidates.
     """
-    rows, remarks, exact = _solved(clocks, about)
+    rows, remarks, exact = _solve_equations(clocks, about)
     base = load_profile(WITH_RULES)
     priced = TimingProfile(base.name, base.rows | rows, shipped=False)
     judgements = tuple(judge(clocks, priced, image))
     if any(judgement.shows_rule for judgement in judgements if judgement.question.row not in ("", "refill_table")):
-        of_rules, more = _decided(judgements, about)
+        of_rules, more = _rule_rows(judgements, about)
         rows |= of_rules
         remarks += more
         _solve_for(_REFILL_OF_TABLES, clocks, about, exact, rows, remarks)
@@ -151,22 +149,22 @@ def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> Measur
     return MeasuredProfile(rows, tuple(remarks), judgements, base)
 
 
-def _solved(
+def _solve_equations(
     clocks: Mapping[str, int], about: str
 ) -> tuple[dict[str, CostRow], list[str], dict[str, Fraction]]:
-    """Return the rows that equations give, what does not fit them, and the rows as they came out."""
+    """Return the rows that equations give, contradictions, and the exact solutions."""
     exact = {name: Fraction(row.value) for name, row in load_profile(PLAIN).rows.items()}
     rows: dict[str, CostRow] = {}
     remarks: list[str] = []
-    for each in EQUATIONS:
-        _solve_for(each, clocks, about, exact, rows, remarks)
-    for each in CHECKS:
-        wanted = each.clocks + each.times * exact[each.row] + sum(
-            times * exact[row] for row, times in each.others.items()
+    for equation in EQUATIONS:
+        _solve_for(equation, clocks, about, exact, rows, remarks)
+    for equation in CHECKS:
+        expected = equation.clocks + equation.times * exact[equation.row] + sum(
+            times * exact[row] for row, times in equation.others.items()
         )
-        if wanted != each.measured(clocks):
+        if expected != equation.measured(clocks):
             remarks.append(
-                f"{each.sequence}: {each.measured(clocks)} clocks, and the rows make {float(wanted):g}: "
+                f"{equation.sequence}: {equation.measured(clocks)} clocks, and the rows make {float(expected):g}: "
                 "a rule of the model does not hold here"
             )
     late = rows["fp_divide_use"].value - rows["fp_divide"].value
@@ -182,36 +180,38 @@ def _solved(
 
 
 def _solve_for(
-    each: Equation, clocks: Mapping[str, int], about: str, exact: dict[str, Fraction], rows: dict[str, CostRow],
+    equation: Equation, clocks: Mapping[str, int], about: str, exact: dict[str, Fraction], rows: dict[str, CostRow],
     remarks: list[str],
 ) -> None:
-    rest = each.clocks + sum(times * exact[row] for row, times in each.others.items())
-    value = exact[each.row] = Fraction(each.measured(clocks) - rest, 1) / each.times
-    what = f"{each.sequence} less {each.less}" if each.less else each.sequence
-    source = f"measured: {abs(each.times)} in {each.measured(clocks)} clocks of sequence {what}; {about}"
-    rows[each.row], remark = _row(each.row, value, source)
+    rest = equation.clocks + sum(times * exact[row] for row, times in equation.others.items())
+    value = exact[equation.row] = Fraction(equation.measured(clocks) - rest, 1) / equation.times
+    origin = f"{equation.sequence} less {equation.less}" if equation.less else equation.sequence
+    source = f"measured: {abs(equation.times)} in {equation.measured(clocks)} clocks of sequence {origin}; {about}"
+    rows[equation.row], remark = _row(equation.row, value, source)
     remarks += remark
 
 
-def _decided(judgements: Iterable[Judgement], about: str) -> tuple[dict[str, CostRow], list[str]]:
-    """Return the rows of rules that all their sequences agree on, and of the others why there is none."""
-    found: dict[str, dict[int, str]] = {}
-    left: dict[str, str] = {}
+def _rule_rows(judgements: Iterable[Judgement], about: str) -> tuple[dict[str, CostRow], list[str]]:
+    """Return the rows of rules that all their sequences agree on, and remarks on the others."""
+    agreed: dict[str, dict[int, str]] = {}
+    undecided: dict[str, str] = {}
     for judgement in judgements:
         row, candidate = judgement.question.row, judgement.decided
         if row in ("", "refill_table"):
             continue
-        told = f"{judgement.question.sequence}: {judgement.clocks} clocks, {judgement.verdict}"
+        remark = f"{judgement.question.sequence}: {judgement.clocks} clocks, {judgement.verdict}"
         if not judgement.survivors or (candidate and not candidate.in_rows):
-            left[row] = told
+            undecided[row] = remark
         elif candidate and row in candidate.rows:
-            found.setdefault(row, {}).setdefault(candidate.rows[row], told)
-    left |= {row: ", but ".join(values.values()) for row, values in found.items() if len(values) > 1}
+            agreed.setdefault(row, {}).setdefault(candidate.rows[row], remark)
+    undecided |= {row: ", but ".join(values.values()) for row, values in agreed.items() if len(values) > 1}
     rows = {
-        row: CostRow(value, (value, value), f"measured: {told}; {about}")
-        for row, values in found.items() if row not in left for value, told in values.items()
+        row: CostRow(value, (value, value), f"measured: {remark}; {about}")
+        for row, values in agreed.items() if row not in undecided for value, remark in values.items()
     }
-    return rows, [f"{told}: {row} cannot say so, and keeps the base's value and range" for row, told in left.items()]
+    return rows, [
+        f"{remark}: {row} cannot say so, and keeps the base's value and range" for row, remark in undecided.items()
+    ]
 
 
 def _row(row: str, value: Fraction, source: str) -> tuple[CostRow, list[str]]:
@@ -228,16 +228,13 @@ def _row(row: str, value: Fraction, source: str) -> tuple[CostRow, list[str]]:
 def profile_text(
     name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]], board: Iterable[str] = ()
 ) -> str:
-    """Return the file of a measured profile.
+    """Return the text of a measured profile's file.
 
     Parameters
-    ----------
-    name
-        Name of the profile.
     raw
-        Clocks of each sequence, by the memory that it ran from: kept, so that they can be evaluated again later.
+        Clocks of each sequence by the memory that it ran from, kept so that they can be evaluated again.
     board
-        Lines of table ``[board]``: what it was measured on.
+        Lines of table ``[board]``.
     """
     return "\n".join(_lines(name, measured, raw, board)) + "\n"
 

@@ -1,7 +1,7 @@
-"""Rules of fetching and of addresses: how a core may behave, and which of it a board's clocks agree with.
+"""Rules of fetching and of addresses: possible behaviours of a core, and those that a board's clocks support.
 
-A candidate is a profile: rows with other values, some of which no profile file can have. What it predicts is counted
-on a virtual board that is made with it, as the firmware counts: a run of the whole less one of the second half.
+A candidate is a profile: rows with other values, some of which no profile file can have. A virtual board with that
+profile predicts its count, as the firmware counts: the whole sequence minus its second half.
 """
 
 from __future__ import annotations
@@ -10,51 +10,50 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from hiltest.virtual.board.k64f import VirtualK64F
-from hiltest.virtual.model.timing import CostRow, TimingProfile, moved
+from hiltest.virtual.model.timing import CostRow, TimingProfile, replace_values
 from hiltest.virtual.program.elf import FirmwareImage
 
-_BUFFER_BYTES = 128  # what sequences load from and store to
+_BUFFER_BYTES = 128  # memory that sequences load from and store to
 
 
-# Rows that a profile file has no names for: other rules of fetching.
+# Rows of other fetch rules, which a profile file cannot name.
 _EVERY_THIRD, _EVERY_SECOND = {"misplaced_on_end": 3}, {"misplaced_on_end": 2}
 _PAST_NARROW = {"late_past_narrow": 1}
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One way in which a core may behave."""
+    """One possible behaviour of a core."""
 
     says: str
     rows: Mapping[str, int] = field(default_factory=dict)
     """Values of rows."""
     in_rows: bool = True
-    """Whether a profile file can say it."""
+    """True if a profile file can express it."""
 
-    def of(self, profile: TimingProfile) -> TimingProfile:
-        """Return a profile that behaves so, and else as this one."""
-        known = {name: value for name, value in self.rows.items() if name in profile.rows}
-        new = {name: CostRow(value, (value, value), "") for name, value in self.rows.items() if name not in known}
-        changed = moved(profile, known)
+    def apply_to(self, profile: TimingProfile) -> TimingProfile:
+        """Return a profile with this behaviour, and otherwise the values of `profile`."""
+        present = {name: value for name, value in self.rows.items() if name in profile.rows}
+        new = {name: CostRow(value, (value, value), "") for name, value in self.rows.items() if name not in present}
+        changed = replace_values(profile, present)
         return TimingProfile(profile.name, changed.rows | new, profile.memory, shipped=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What a sequence tells of a row, or of what no row says."""
+    """A sequence that decides about a row, or about a behaviour without a row."""
 
     sequence: str
-    """Its name."""
     about: str
-    """What stands in its half."""
+    """Content of half the sequence."""
     row: str
     """Row that it decides, or that one of its candidates contradicts; empty without one."""
     candidates: tuple[Candidate, ...]
-    """The first one is that the rule does not hold."""
+    """Possible answers; the first one is that the rule does not hold."""
 
 
 def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
-    """Return the questions, in an order in which each depends on none that comes later.
+    """Return the questions, in an order in which none depends on a later one.
 
     Parameters
     ----------
@@ -62,16 +61,16 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
         Values of the rows that other sequences have given.
     """
 
-    def of_row(row: str, *says: str) -> tuple[Candidate, ...]:
-        """Return that a row is 0, and that it is 1."""
-        return tuple(Candidate(each, {row: number}) for number, each in enumerate(says))
+    def row_is(row: str, *says: str) -> tuple[Candidate, ...]:
+        """Return candidates that the row is 0, 1 and so on."""
+        return tuple(Candidate(text, {row: number}) for number, text in enumerate(says))
 
-    def fetched(row: str) -> tuple[Candidate, ...]:
-        """Return what a long run may wait by a row."""
+    def fetch_waits(row: str) -> tuple[Candidate, ...]:
+        """Return candidates for the waits in a long run, by a row."""
         return (Candidate("none waits", {row: 0}), Candidate("one in three waits", {row: 1} | _EVERY_THIRD),
                 Candidate("one in two waits", {row: 1} | _EVERY_SECOND, in_rows=False))  # fmt: skip
 
-    third = of_row("fetch_late", "none waits", "one of the three waits")
+    third = row_is("fetch_late", "none waits", "one of the three waits")
     folded = (Candidate("IT takes what it takes elsewhere", {"it_folded": value["it"]}),
               Candidate("IT takes no time", {"it_folded": 0}))  # fmt: skip
     refills = (Candidate("it refills as other branches do", {"refill_table": value["refill_indirect"]}),
@@ -88,19 +87,19 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
             Candidate("none waits"), Candidate("the second waits", {"fetch_late": 1} | _EVERY_SECOND, in_rows=False),
         )),
         Question("integers_misplaced", "5 NOP around 48 EOR.W at half a word", "fetch_late_integer",
-                 fetched("fetch_late_integer")),
+                 fetch_waits("fetch_late_integer")),
         Question("fp_misplaced", "5 NOP around 48 VADD at half a word", "fetch_late_fp",
-                 fetched("fetch_late_fp")),
+                 fetch_waits("fetch_late_fp")),
         Question("load_compare_and_three", "4 times LDR.W, CMP, 3 EOR.W at half a word, 4 NOP", "fetch_late", (
             Candidate("none waits behind the CMP"),
             Candidate("one of the three waits", {"fetch_late": 1} | _PAST_NARROW, in_rows=False),
         )),
         Question("loop_misplaced", "MOVS, 16 turns of SUBS.W at half a word and BNE, 2 NOP", "target_misplaced",
-                 of_row("target_misplaced", "the branch to it waits for nothing", "the branch to it takes one more")),
+                 row_is("target_misplaced", "the branch to it waits for nothing", "the branch to it takes one more")),
         Question("calls_misplaced", "5 NOP around 16 BL at half a word, to a BX LR", "return_misplaced",
-                 of_row("return_misplaced", "the return waits for nothing", "the return takes one more")),
+                 row_is("return_misplaced", "the return waits for nothing", "the return takes one more")),
         Question("computed_address", "8 times ADDS, LDR from the address that it made", "address_use",
-                 of_row("address_use", "LDR waits for nothing", "LDR waits a clock")),
+                 row_is("address_use", "LDR waits for nothing", "LDR waits a clock")),
         Question("compare_if_then", "8 times CMP of two bytes, IT, MOVEQ", "it_folded", folded),
         Question("if_then", "16 times IT, ADDEQ of two bytes", "it_folded", folded),
         Question("table_branch", "8 TBB to the next instruction", "refill_table", refills),
@@ -112,7 +111,7 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What was measured of a sequence, and what each candidate predicts [clocks of its first half]."""
+    """Measured clocks of a sequence, and the prediction of each candidate [clocks of its first half]."""
 
     question: Question
     clocks: int
@@ -120,23 +119,23 @@ class Judgement:
 
     @property
     def survivors(self) -> tuple[Candidate, ...]:
-        """Candidates that predict what was measured."""
+        """Candidates that predict the measured clocks."""
         both = zip(self.question.candidates, self.predicted, strict=True)
         return tuple(candidate for candidate, clocks in both if clocks == self.clocks)
 
     @property
     def decided(self) -> Candidate | None:
-        """The only one that survives."""
+        """The only surviving candidate, or None."""
         return self.survivors[0] if len(self.survivors) == 1 else None
 
     @property
     def shows_rule(self) -> bool:
-        """Whether the core does not behave as one without the rule."""
+        """Return whether the core contradicts the candidate without the rule."""
         return self.question.candidates[0] not in self.survivors
 
     @property
     def verdict(self) -> str:
-        """Which one survives."""
+        """Text of the surviving candidates."""
         if not self.survivors:
             return "none of the candidates predicts it"
         if self.decided is None:
@@ -145,7 +144,7 @@ class Judgement:
 
 
 def predicted_clocks(image: FirmwareImage, profile: TimingProfile, sequence: str) -> int:
-    """Return what the first half of a sequence takes a core that behaves by a profile."""
+    """Return the clocks of the first half of a sequence on a core with a profile."""
     board = VirtualK64F(image, profile=profile)
     whole, second_half = (
         board.call(f"sequence_{sequence}_sram", bytearray(_BUFFER_BYTES), from_middle).cycles for from_middle in (0, 1)
@@ -154,23 +153,23 @@ def predicted_clocks(image: FirmwareImage, profile: TimingProfile, sequence: str
 
 
 def judge(clocks: Mapping[str, int], profile: TimingProfile, image: FirmwareImage) -> Iterator[Judgement]:
-    """Hold what was measured against the candidates.
+    """Compare the measured clocks with the candidates.
 
     Parameters
     ----------
     clocks
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
     profile
-        One that has the rows of all rules, and those that the other sequences have given.
+        Profile with the rows of all rules, and with the rows that other sequences have given.
     image
-        Has the sequences.
+        Firmware with the sequences.
     """
     for question in questions({name: row.value for name, row in profile.rows.items()}):
         predicted = tuple(
-            predicted_clocks(image, candidate.of(profile), question.sequence) for candidate in question.candidates
+            predicted_clocks(image, candidate.apply_to(profile), question.sequence) for candidate in question.candidates
         )
         judgement = Judgement(question, clocks[question.sequence], predicted)
-        found = judgement.decided
-        if found and question.row:
-            profile = found.of(profile)
+        survivor = judgement.decided
+        if survivor and question.row:
+            profile = survivor.apply_to(profile)
         yield judgement

@@ -1,4 +1,4 @@
-"""Snapshots of where the slices of a solution began, so that they can be executed once more."""
+"""Snapshots at the beginnings of a solution's slices, for executing them again."""
 
 from __future__ import annotations
 
@@ -10,87 +10,86 @@ from hiltest.virtual.core.machine import Snapshot
 from hiltest.virtual.processor.call_summary import Call
 from hiltest.virtual.processor.cpu import Processor
 
-_MOST_SLICES = 4000  # of a solution, so that their snapshots have room
+_MOST_SLICES = 4000  # per solution, which limits the memory of their snapshots
 
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """One call of a solution."""
+    """One call, as a part of a solution."""
 
     function: str
     begin: Snapshot
-    """State before its first instruction."""
+    """State before the first instruction."""
     cycles: int
-    """What it took, without exceptions and other tasks."""
+    """Cycles without exceptions and other tasks."""
 
 
 @dataclass(frozen=True, slots=True)
-class KeptSolution:
-    """A solution that can be computed once more."""
+class RecordedSolution:
+    """A solution that can be computed again."""
 
     slices: tuple[Slice, ...]
     ended: int
-    """Cycle at which its last slice returned."""
+    """Cycle at which the last slice returned."""
 
     @property
     def cycles(self) -> int:
-        """Cycles of all slices."""
-        return sum(each.cycles for each in self.slices)
+        return sum(part.cycles for part in self.slices)
 
 
-class KeptSlices:
-    """Keeps where the slices of the latest solution began.
+class SliceRecorder:
+    """Recorder of a snapshot at the beginning of each slice of the latest solution.
 
     Parameters
     ----------
     processor
-        The emulator must not be running.
+        Processor that is not running.
     watch
-        Of the functions whose calls are slices.
+        Watches the functions whose calls are slices.
     ends
-        Whether a slice was the last of a solution, by the slice and by what the one before it left.
+        Returns whether a slice was the last of a solution, from the slice and the word after the previous slice.
     """
 
     def __init__(self, processor: Processor, watch: CallWatch, ends: Callable[[Call, int], bool]) -> None:
         self._machine, self._ends = processor.machine, ends
         self._functions, self._running = watch.functions, watch.running
         for function in self._functions.values():
-            self._running.listen(function, self._enters)
+            self._running.listen(function, self._enter)
 
     def begin(self, before: int, *, is_whole: bool) -> None:
-        """Leave out what began before now; see `solved` for the parameters."""
+        """Ignore slices that began before now; `sum_solutions` describes the parameters."""
         self._running.settle()
-        self._seen = {name: len(each.calls) for name, each in self._functions.items()}
+        self._processed = {name: len(function.calls) for name, function in self._functions.items()}
         self._before, self._has_ended = before, is_whole
-        # Solutions under way and completed: a snapshot of each entry, by its cycle.
+        # The current and the latest complete solution: a snapshot for each entry, by its cycle.
         self._begun: dict[int, Snapshot] | None = None
         self._ended: dict[int, Snapshot] | None = None
 
-    def latest(self) -> KeptSolution | None:
-        """Return the solution that was completed last; None where none was."""
+    def latest(self) -> RecordedSolution | None:
+        """Return the latest complete solution; None if there is none."""
         self._catch_up()
         ended = self._begun if self._begun and self._has_ended else self._ended
         if ended is None:
             return None
         calls = sorted(
-            (call, name) for name, each in self._functions.items() for call in each.calls
+            (call, name) for name, function in self._functions.items() for call in function.calls
             if call.entered in ended
         )  # fmt: skip
         slices = tuple(Slice(name, ended[call.entered], call.cycles) for call, name in calls)
-        return KeptSolution(slices, ended=max(call.returned for call, _ in calls))
+        return RecordedSolution(slices, ended=max(call.returned for call, _ in calls))
 
     def _catch_up(self) -> None:
-        """Look at the slices that have returned meanwhile."""
+        """Process the slices that have returned since the last call."""
         self._running.settle()
         returned = [
-            call for name, each in self._functions.items() for call in each.calls[self._seen[name] :]
+            call for name, function in self._functions.items() for call in function.calls[self._processed[name] :]
         ]
         for call in sorted(returned, key=lambda call: call.returned):
             self._has_ended = self._has_ended or self._ends(call, self._before)
-            self._before = call.left
-        self._seen = {name: len(each.calls) for name, each in self._functions.items()}
+            self._before = call.word
+        self._processed = {name: len(function.calls) for name, function in self._functions.items()}
 
-    def _enters(self, cycle: int) -> None:
+    def _enter(self, cycle: int) -> None:
         self._catch_up()
         if self._has_ended:
             self._ended, self._has_ended = self._begun, False
