@@ -322,7 +322,7 @@ class TestSentBench:
             "mine/hil/rigs/mine.toml", "mine/hil/suites/own.py", "mine/hil/suites/test_mine.py", "mine/pytest.ini",
             "mine/build/mine.elf", "mine/given.elf", "above.elf",
         }  # fmt: skip
-        assert (sent.here, sent.options) == (str(here), tuple(options))
+        assert (sent.folder, sent.options) == (str(here), tuple(options))
         assert sent.environment == {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out"}
 
     def test_what_is_too_large_is_refused_by_its_name(self, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

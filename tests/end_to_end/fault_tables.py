@@ -132,7 +132,7 @@ def table(rows: Sequence[str], heads: str) -> str:
 
 
 TABLES = {
-    f"| fault of the {where} | {made} | the run | what one reads | numbers kept |": tried
+    f"| fault of the {where} | {made} | the run | message | numbers kept |": tried
     for where, made, tried in (
         ("line", "`[faults]`", OF_THE_LINE), ("board", "`[faults]`, or first instructions of", OF_THE_BOARD)
     )
