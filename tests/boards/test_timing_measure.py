@@ -178,7 +178,7 @@ def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_sa
     left: set[str],
 ) -> None:
     made = written(tmp_path, {"fetch_late_integer": 0} | changed, WITH_RULES)
-    every_second = Candidate("", {"misplaced_on_end": 2}).of(load_profile(made))
+    every_second = Candidate("", {"misplaced_on_end": 2}).apply_to(load_profile(made))
     with monkeypatch.context() as of_board:
         of_board.setattr(cortex_m4, "load_profile", lambda _name: every_second)
         with open_board(made_with(rig, made)) as board:
