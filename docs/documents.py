@@ -63,7 +63,7 @@ def schemas_of(command: click.Command) -> list[str]:
 
 
 def meanings(kind: type) -> Iterator[str]:
-    """Yield the name of each field, with what it means where the class says it."""
+    """Yield the name of each field, with its meaning if the class states it."""
     described = field_descriptions(kind)
     for field in dataclasses.fields(kind):
         text = described.get(field.name, "").replace("``", "`")

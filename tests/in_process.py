@@ -12,7 +12,7 @@ import subprocess
 from pathlib import Path
 from unittest import mock
 
-from hiltest.cli import main
+from .command_files import run
 
 
 def hiltest(
@@ -25,10 +25,6 @@ def hiltest(
         contextlib.chdir(folder or Path.cwd()), mock.patch.dict(os.environ, environment or {}),
         contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]),
     ):  # fmt: skip
-        try:
-            main(words)
-            code = 0
-        except SystemExit as ended:
-            code = int(ended.code or 0)
+        code = run(*words)
     output, errors = (stream.buffer.getvalue().decode() for stream in streams)  # type: ignore[attr-defined]
     return subprocess.CompletedProcess(words, code, output, errors)

@@ -74,7 +74,7 @@ def _chunks(name: str, content: bytes) -> list[Chunk]:
     chunks = [(begin, image.tobinstr(begin, end - 1)) for begin, end in image.segments()]
     if not chunks:
         raise ConfigError(f"{name}: nothing in it to load")
-    if max(image.addresses()) >= _ADDRESSES:
+    if chunks[-1][0] + len(chunks[-1][1]) > _ADDRESSES:
         raise ConfigError(f"{name}: no valid Intel HEX: data go beyond the last address")
     return chunks
 
