@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.microcontroller import Microcontroller
+from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.program.elf import FirmwareImage
 
 from .conftest import SHIPPED, Build
@@ -231,6 +233,23 @@ def test_ctrl_c_stops_a_running_board_and_it_can_go_on(build: Build) -> None:
     assert stopped > 0
     board.run_until(board.time_s + 0.001)
     assert board.cycles - stopped == pytest.approx(0.001 * board.clocks.core_hz, abs=3)  # of the last instruction
+
+
+def test_ctrl_c_within_a_reset_leaves_no_half_reset_board(build: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    board = VirtualK64F(build(HEAD + "1:  adds r7, #1\n    nop\n    b 1b" + TAIL))
+    reset_chip = Microcontroller.reset
+
+    def reset_with_ctrl_c(chip: Microcontroller, source: ResetSource) -> None:
+        signal.raise_signal(signal.SIGINT)
+        reset_chip(chip, source)
+
+    board.run_until(0.1)
+    monkeypatch.setattr(Microcontroller, "reset", reset_with_ctrl_c)
+    with pytest.raises(KeyboardInterrupt):
+        board.reset()
+    assert board.processor.core.r[15] != 0  # the vector table, which must not be executed
+    board.run_until(0.2)
+    assert board.processor.core.r[7] > 0
 
 
 def test_a_handler_of_ctrl_c_that_raises_nothing_does_not_end_a_run_early(build: Build) -> None:

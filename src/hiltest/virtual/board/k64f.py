@@ -28,6 +28,7 @@ from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.clock import PICOSECONDS
 from hiltest.virtual.processor.cpu import Processor
+from hiltest.virtual.processor.interrupt import deferred_interrupt
 from hiltest.virtual.processor.memory import MK64FN1M0
 from hiltest.virtual.processor.schedule import Event
 from hiltest.virtual.program.elf import FirmwareImage
@@ -103,12 +104,13 @@ class VirtualK64F(VirtualCortexM4):
 
     def boot(self) -> None:
         """Power on: the next `run_until` starts the firmware from its vector table."""
-        load_segments(self.processor.memory, self.image)
-        self._chip.flash.power_on(self.image.segments)
-        self._chip.bites = 0
-        self._reset(ResetSource.POWER_ON)
-        self.processor.delivers_faults = True
-        self._booted = True
+        with deferred_interrupt(lambda: None):
+            load_segments(self.processor.memory, self.image)
+            self._chip.flash.power_on(self.image.segments)
+            self._chip.bites = 0
+            self._reset(ResetSource.POWER_ON)
+            self.processor.delivers_faults = True
+            self._booted = True
 
     def reset(self) -> None:
         """Press and release the reset button: the firmware starts anew, and time continues."""
@@ -124,11 +126,12 @@ class VirtualK64F(VirtualCortexM4):
 
     def _reset(self, source: ResetSource) -> None:
         processor = self.processor
-        processor.reset()
-        self._chip.reset(source)
-        stack, entry = vectors(processor.memory, self.image)
-        processor.core.vector_table = self.image.vectors
-        processor.core.r[13], processor.core.r[15] = stack & ~3, entry & ~1
+        with deferred_interrupt(lambda: None):  # half a reset would execute the vector table as code
+            processor.reset()
+            self._chip.reset(source)
+            stack, entry = vectors(processor.memory, self.image)
+            processor.core.vector_table = self.image.vectors
+            processor.core.r[13], processor.core.r[15] = stack & ~3, entry & ~1
 
     # -- time ---------------------------------------------------------------------------------
 
