@@ -32,10 +32,19 @@ Build = Callable[..., Path]
 
 TEST_PROGRAMS = Path(__file__).parents[1] / "tests" / "virtual" / "programs"
 FLAGS = (
-    "-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-mthumb", "-O2", "-fno-math-errno", "-nostdlib",
-    "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{TEST_PROGRAMS / 'flash.ld'}",
-    "-include", str(TEST_PROGRAMS / "prelude.h"),
-)  # fmt: skip
+    "-mcpu=cortex-m4",
+    "-mfpu=fpv4-sp-d16",
+    "-mfloat-abi=hard",
+    "-mthumb",
+    "-O2",
+    "-fno-math-errno",
+    "-nostdlib",
+    "-ffreestanding",
+    "-Wl,--build-id=none",
+    f"-Wl,-T,{TEST_PROGRAMS / 'flash.ld'}",
+    "-include",
+    str(TEST_PROGRAMS / "prelude.h"),
+)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -30,11 +30,30 @@ def large_run() -> Run:
     rows = tuple((6.0 * pose, pose % 5 == 0, *(0.01 * pose for _ in CALIBRATORS)) for pose in range(POSES))
     found.tables["heading.poses"] = Table("heading.poses", columns, rows)
     side = Side("base.json", "", "firmware", "1", "0", "gcc", "m", "rig", (1,), "")
-    found.comparison = Comparison(side, side, tuple(
-        Difference(
-            each.name, "deg", Change.WORSE, Better.LOWER, 1.0, 1.2345, 0.2345, None, 1, EXACT, each.limit, "pass", "",
-        ) for each in measurements
-    ), (), "All of them got worse.")
+    found.comparison = Comparison(
+        side,
+        side,
+        tuple(
+            Difference(
+                each.name,
+                "deg",
+                Change.WORSE,
+                Better.LOWER,
+                1.0,
+                1.2345,
+                0.2345,
+                None,
+                1,
+                EXACT,
+                each.limit,
+                "pass",
+                "",
+            )
+            for each in measurements
+        ),
+        (),
+        "All of them got worse.",
+    )
     return found.finish(Verdict("regression", 21, "All of them got worse.", True), "2026-01-02T03:05:00Z")
 
 

@@ -31,18 +31,21 @@ def _ratio(benchmark: BenchmarkFixture, board: VirtualK64F, run_s: float) -> flo
     [("nxp_hello_world", 100.0, 100.0), ("sdk_uart_polling", 100.0, 100.0), ("nxp_sensor_fusion", 2.0, 1.5)],
 )
 def test_foreign_firmware(
-    benchmark: BenchmarkFixture, report: Report, rig: Rig, foreign_elf: Callable[[str], Path],
-    program: str, run_s: float, aim: float,
-) -> None:  # fmt: skip
+    benchmark: BenchmarkFixture,
+    report: Report,
+    rig: Rig,
+    foreign_elf: Callable[[str], Path],
+    program: str,
+    run_s: float,
+    aim: float,
+) -> None:
     elf = foreign_elf(f"{program}.elf")
     ratio = _ratio(benchmark, VirtualBench(rig, firmware=elf).machine, run_s)
     report(f"{program}: virtual time against processor time", ratio, "x real time", f"at least {aim}")
 
 
 @pytest.mark.benchmark(timer=time.process_time)
-def test_polling_a_sensor_and_printing(
-    benchmark: BenchmarkFixture, report: Report, rig: Rig, build: Build
-) -> None:
+def test_polling_a_sensor_and_printing(benchmark: BenchmarkFixture, report: Report, rig: Rig, build: Build) -> None:
     machine = VirtualBench(rig, firmware=build(TEST_PROGRAMS / "polls_fxos8700.c")).machine
     ratio = _ratio(benchmark, machine, 2.0)
     assert machine.uart0.host_waiting > 1000

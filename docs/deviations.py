@@ -42,9 +42,10 @@ def main(baseline: Baseline) -> str:
     found = {row.name: _deviation(row) for row in baseline.measurements if is_compared(row.name)}
     moved = {_kind(name) for name, value in found.items() if value}
     return TEXT.format(
-        seeds=len(baseline.seeds), freedom=len(baseline.seeds) - 1,
+        seeds=len(baseline.seeds),
+        freedom=len(baseline.seeds) - 1,
         values=_lines({name: value for name, value in found.items() if _kind(name) in moved}),
-    )  # fmt: skip
+    )
 
 
 def _kind(name: str) -> str:

@@ -19,11 +19,17 @@ PAGE = Path(__file__).with_name("json.md")
 PACKAGE = Path(hiltest.__file__).parent
 # Documents with many keys have a page that says what they mean.
 PAGES = {
-    "hiltest.run/1": "record.md", "hiltest.fit/1": "fit.md", "hiltest.profile/1": "profile.md",
-    "hiltest.imu-calibration/1": "calibrate.md", "hiltest.bisection/1": "bisect.md",
-    "hiltest.comparison/1": "compare.md", "hiltest.trend/1": "trend.md",
-    "hiltest.fit-imu/1": "fit-imu.md", "hiltest.flash/1": "flash.md", "hiltest.play/1": "playback.md",
-}  # fmt: skip
+    "hiltest.run/1": "record.md",
+    "hiltest.fit/1": "fit.md",
+    "hiltest.profile/1": "profile.md",
+    "hiltest.imu-calibration/1": "calibrate.md",
+    "hiltest.bisection/1": "bisect.md",
+    "hiltest.comparison/1": "compare.md",
+    "hiltest.trend/1": "trend.md",
+    "hiltest.fit-imu/1": "fit-imu.md",
+    "hiltest.flash/1": "flash.md",
+    "hiltest.play/1": "playback.md",
+}
 HEAD = """\
 # JSON of every command
 

@@ -43,10 +43,19 @@ def page() -> str:
     limits = load_rig(shipped() / "rigs" / "virtual-k64f.toml").limits
     order = list(Section)
     kinds = sorted(KINDS.values(), key=lambda kind: order.index(kind.section))
-    return "\n".join([HEAD, *(
-        line for section, members in groupby(kinds, key=lambda kind: kind.section)
-        for line in _section(section, list(members), limits)
-    )]) + "\n"  # fmt: skip
+    return (
+        "\n".join(
+            [
+                HEAD,
+                *(
+                    line
+                    for section, members in groupby(kinds, key=lambda kind: kind.section)
+                    for line in _section(section, list(members), limits)
+                ),
+            ]
+        )
+        + "\n"
+    )
 
 
 def _section(section: Section, kinds: list[Kind], limits: dict[str, Limit]) -> Iterator[str]:
@@ -58,8 +67,16 @@ def _section(section: Section, kinds: list[Kind], limits: dict[str, Limit]) -> I
     yield "| measurement | unit | better | meaning | limit | tolerance | reason | deviation |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for kind in kinds:
-        cells = [f"`{kind.name}`", kind.unit or "", _BETTER[kind.better], kind.meaning, _limits(kind, limits),
-                 _tolerances(kind), kind.allowance.reason, _deviations(kind)]
+        cells = [
+            f"`{kind.name}`",
+            kind.unit or "",
+            _BETTER[kind.better],
+            kind.meaning,
+            _limits(kind, limits),
+            _tolerances(kind),
+            kind.allowance.reason,
+            _deviations(kind),
+        ]
         yield f"| {' | '.join(cells)} |"
     yield ""
 

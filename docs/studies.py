@@ -25,11 +25,20 @@ from hiltest.studies.study import Conditions, Plan, study_of
 FOLDER = Path(__file__).with_suffix("")
 
 # Small enough to be renewed by a test, and large enough for the picture to look as that of the full size does.
-PLANS = {plan.study: plan for plan in (
-    Plan("budget", 1, 3, 30), Plan("choose", 1, 60, 300, Conditions(48.5, 2.5)), Plan("compensation", 1, 2000, 100),
-    Plan("constraints", 1, 10, 30), Plan("dpi", 1, 10, 0), Plan("ellipsoids", 1, 5000, 30),
-    Plan("estimators", 1, 20, 0), Plan("float32", 1, 40, 100), Plan("imu", 1, 20, 100),
-)}  # fmt: skip
+PLANS = {
+    plan.study: plan
+    for plan in (
+        Plan("budget", 1, 3, 30),
+        Plan("choose", 1, 60, 300, Conditions(48.5, 2.5)),
+        Plan("compensation", 1, 2000, 100),
+        Plan("constraints", 1, 10, 30),
+        Plan("dpi", 1, 10, 0),
+        Plan("ellipsoids", 1, 5000, 30),
+        Plan("estimators", 1, 20, 0),
+        Plan("float32", 1, 40, 100),
+        Plan("imu", 1, 20, 100),
+    )
+}
 
 _STYLE = (Path(hiltest.report.__file__).with_name("style.css")).read_text(encoding="utf-8")
 _MARGIN, _LINE = 12.0, 20.0
@@ -52,22 +61,37 @@ def picture(run: Run) -> str:
     key, lines = _key(figure)
     top = _MARGIN + _LINE * (1 + lines)
     width, height = figure.width + 2.0 * _MARGIN, figure.height + top + _MARGIN
-    return str(Markup(
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {0:g} {1:g}" width="{0:g}" height="{1:g}">'
-        "<style>\n{2}\n</style>\n"
-        '<rect width="100%" height="100%" style="fill: var(--card)"/>\n'
-        '<text class="caption" x="{3:g}" y="{4:g}">{5}</text>\n{6}\n'
-        '<svg x="{3:g}" y="{7:g}" width="{8:g}" height="{9:g}">{10}</svg>\n</svg>\n'
-    ).format(width, height, Markup(_style()), _MARGIN, _MARGIN + 14.0, caption, key, top, figure.width, figure.height,
-             figure.svg()))  # fmt: skip
+    return str(
+        Markup(
+            '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {0:g} {1:g}" width="{0:g}" height="{1:g}">'
+            "<style>\n{2}\n</style>\n"
+            '<rect width="100%" height="100%" style="fill: var(--card)"/>\n'
+            '<text class="caption" x="{3:g}" y="{4:g}">{5}</text>\n{6}\n'
+            '<svg x="{3:g}" y="{7:g}" width="{8:g}" height="{9:g}">{10}</svg>\n</svg>\n'
+        ).format(
+            width,
+            height,
+            Markup(_style()),
+            _MARGIN,
+            _MARGIN + 14.0,
+            caption,
+            key,
+            top,
+            figure.width,
+            figure.height,
+            figure.svg(),
+        )
+    )
 
 
 def _style() -> str:
     """Return the light colours of the pages, and what their style says of drawings."""
     colours = _STYLE[: _STYLE.index("}") + 1]
     drawings = [line for line in _STYLE.splitlines() if line.startswith("svg ") and not line.startswith("svg {")]
-    own = "svg text { font-family: system-ui, sans-serif; } svg .caption { fill: var(--ink); font-size: 14px; } " \
-          "svg .key { fill: var(--ink); font-size: 13px; }"  # fmt: skip
+    own = (
+        "svg text { font-family: system-ui, sans-serif; } svg .caption { fill: var(--ink); font-size: 14px; } "
+        "svg .key { fill: var(--ink); font-size: 13px; }"
+    )
     return "\n".join([colours, *drawings, own])
 
 
@@ -80,9 +104,11 @@ def _key(figure: Figure) -> tuple[Markup, int]:
         if x and x + width > figure.width:
             x, line = 0.0, line + 1
         y = _MARGIN + _LINE * line
-        drawn.append(Markup('<svg x="{:g}" y="{:g}" width="34" height="14">{}</svg>'
-                            '<text class="key" x="{:g}" y="{:g}">{}</text>').format(
-            _MARGIN + x, y, Markup(entry.swatch), _MARGIN + x + swatch, y + 12.0, entry.text))  # fmt: skip
+        drawn.append(
+            Markup(
+                '<svg x="{:g}" y="{:g}" width="34" height="14">{}</svg><text class="key" x="{:g}" y="{:g}">{}</text>'
+            ).format(_MARGIN + x, y, Markup(entry.swatch), _MARGIN + x + swatch, y + 12.0, entry.text)
+        )
         x += width
     return Markup("\n").join(drawn), line
 

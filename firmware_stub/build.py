@@ -115,7 +115,7 @@ def _compile(source: Path, build: Path, *definitions: str, toolchains: Path) -> 
     generator = "Ninja" if shutil.which("ninja") else "Unix Makefiles"
     toolchain = toolchains / "cmake" / "arm-none-eabi.cmake"
     run("cmake", "-G", generator, "-S", source, "-B", build, f"-DCMAKE_TOOLCHAIN_FILE={toolchain}", *definitions,
-        "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")  # fmt: skip
+        "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")
     run("cmake", "--build", build)
 
 
@@ -166,9 +166,9 @@ def main() -> None:
     """Build and install."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=SHIPPED if IN_REPOSITORY else None,
-                        help="folder for the ELF and manifest.json")  # fmt: skip
+                        help="folder for the ELF and manifest.json")
     parser.add_argument("--build", type=Path, default=BUILD if IN_REPOSITORY else None,
-                        help="folder to build in; an earlier build there is removed")  # fmt: skip
+                        help="folder to build in; an earlier build there is removed")
     arguments = parser.parse_args()
     if arguments.out is None:
         parser.error(f"{FIRMWARE} is outside hiltest's repository: say where the ELF goes, --out DIR")

@@ -35,8 +35,14 @@ settings.load_profile("hiltest")
 
 # Runs that tests make have no part in the job that runs the tests, nor its check an annotation of them; nor are they in
 # a worker of pytest-xdist, where pytest-benchmark measures nothing.
-for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS", "GITHUB_SHA", "GITHUB_REF_NAME",
-             "PYTEST_XDIST_WORKER", "PYTEST_XDIST_WORKER_COUNT"):
+for name in (
+    "GITHUB_STEP_SUMMARY",
+    "GITHUB_ACTIONS",
+    "GITHUB_SHA",
+    "GITHUB_REF_NAME",
+    "PYTEST_XDIST_WORKER",
+    "PYTEST_XDIST_WORKER_COUNT",
+):
     os.environ.pop(name, None)
 
 
@@ -45,25 +51,55 @@ _FOLDERS_OF_RUNS = {HERE / each for each in ("docs", "end_to_end", "report/brows
 # Whole runs, examples of pages, every option of every command, or minutes at a terminal: what tests of single parts
 # have shown, once more and at length.
 _ONLY_IN_CI = {
-    HERE / f"{each}.py" for each in (
-        "boards/test_calibrate_at_a_terminal", "boards/test_operator_at_a_terminal", "boards/test_timing_measure",
-        "calibration/test_direction_error", "docs/test_against_gravity_page", "docs/test_benchmarks_page",
-        "docs/test_calibrate_page", "docs/test_ci_page",
-        "docs/test_compare_page", "docs/test_fit_imu_page", "docs/test_fit_page", "docs/test_fusion_page",
-        "docs/test_gate_page", "docs/test_gyroscope_page", "docs/test_serve_page", "docs/test_timing_page",
-        "docs/test_trend_page", "end_to_end/test_against", "end_to_end/test_calibration_file",
-        "end_to_end/test_device_benchmarks", "end_to_end/test_dishonest_firmware", "end_to_end/test_field_recording",
+    HERE / f"{each}.py"
+    for each in (
+        "boards/test_calibrate_at_a_terminal",
+        "boards/test_operator_at_a_terminal",
+        "boards/test_timing_measure",
+        "calibration/test_direction_error",
+        "docs/test_against_gravity_page",
+        "docs/test_benchmarks_page",
+        "docs/test_calibrate_page",
+        "docs/test_ci_page",
+        "docs/test_compare_page",
+        "docs/test_fit_imu_page",
+        "docs/test_fit_page",
+        "docs/test_fusion_page",
+        "docs/test_gate_page",
+        "docs/test_gyroscope_page",
+        "docs/test_serve_page",
+        "docs/test_timing_page",
+        "docs/test_trend_page",
+        "end_to_end/test_against",
+        "end_to_end/test_calibration_file",
+        "end_to_end/test_device_benchmarks",
+        "end_to_end/test_dishonest_firmware",
+        "end_to_end/test_field_recording",
         "end_to_end/test_harsh_bench",
-        "end_to_end/test_killed_run", "end_to_end/test_nxp_fusion", "end_to_end/test_red_when_wrong",
-        "end_to_end/test_regressions", "end_to_end/test_untrimmed_accelerometer", "end_to_end/test_wrong_compass",
-        "end_to_end/test_wrong_firmware", "firmware/test_calibrators_of_ones_own", "mutation/test_mutations",
-        "record/test_killed_at_every_step", "runs/test_advice_for_a_campaign", "runs/test_bisect", "runs/test_campaign",
-        "runs/test_campaign_summary", "serve/test_clients", "serve/test_ending", "serve/test_main_job",
-        "serve/test_start", "test_json_documents", "test_read_files",
+        "end_to_end/test_killed_run",
+        "end_to_end/test_nxp_fusion",
+        "end_to_end/test_red_when_wrong",
+        "end_to_end/test_regressions",
+        "end_to_end/test_untrimmed_accelerometer",
+        "end_to_end/test_wrong_compass",
+        "end_to_end/test_wrong_firmware",
+        "firmware/test_calibrators_of_ones_own",
+        "mutation/test_mutations",
+        "record/test_killed_at_every_step",
+        "runs/test_advice_for_a_campaign",
+        "runs/test_bisect",
+        "runs/test_campaign",
+        "runs/test_campaign_summary",
+        "serve/test_clients",
+        "serve/test_ending",
+        "serve/test_main_job",
+        "serve/test_start",
+        "test_json_documents",
+        "test_read_files",
         "test_written_files",
         "virtual/test_foreign_programs",
     )
-}  # fmt: skip
+}
 _FIXTURES_THAT_RUN = {"default_run", "pytester"}
 _PART = "HILTEST_CI_PART"
 

@@ -46,9 +46,18 @@ class DpiInstance:
 
 
 def dpi_instance(
-    seed: int, count: int = 300, *, field_ut: float = 48.5, dip_deg: float | None = None, noise_ut: float = 0.4,
-    noise_mg: float = 1.26, largest_hard_iron_ut: float = 100.0, turn_deg: float = 8.0, stretch: float = 0.2,
-    attitudes: Rotation | None = None, readings: int = 1,
+    seed: int,
+    count: int = 300,
+    *,
+    field_ut: float = 48.5,
+    dip_deg: float | None = None,
+    noise_ut: float = 0.4,
+    noise_mg: float = 1.26,
+    largest_hard_iron_ut: float = 100.0,
+    turn_deg: float = 8.0,
+    stretch: float = 0.2,
+    attitudes: Rotation | None = None,
+    readings: int = 1,
 ) -> DpiInstance:
     """Draw one problem: the same seed and parameters give the same one; the dip is -80 to 80 degrees, 5 at least.
 
@@ -74,5 +83,10 @@ def dpi_instance(
     return DpiInstance(
         np.rint(10.0 * sensed_ut).astype(np.int16),
         np.rint(gravity_g @ np.linalg.inv(gain).T + offset).astype(np.int16),
-        soft_iron, 10.0 * hard_iron_ut, gain, offset, 10.0 * field_ut, dip_deg,
-    )  # fmt: skip
+        soft_iron,
+        10.0 * hard_iron_ut,
+        gain,
+        offset,
+        10.0 * field_ut,
+        dip_deg,
+    )

@@ -53,8 +53,13 @@ def run_hiltest(folder: Path, *arguments: str) -> Finished:
     """Run ``hiltest run`` in a folder, with no setting from outside."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "run", *arguments], cwd=folder, env=environment, capture_output=True,
-        text=True, check=False, timeout=WALL_LIMIT_S,
+        [sys.executable, "-m", "hiltest", "run", *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=WALL_LIMIT_S,
     )
     return Finished(done.returncode, done.stdout, done.stderr, folder / "hil-out")
 

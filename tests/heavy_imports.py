@@ -3,6 +3,17 @@
 from __future__ import annotations
 
 HEAVY = (
-    "numpy", "scipy", "pydantic", "cffi", "capstone", "elftools", "serial", "jinja2", "rich", "click", "hiltest.boards",
-    "hiltest.measurement", "hiltest.rig",
-)  # fmt: skip
+    "numpy",
+    "scipy",
+    "pydantic",
+    "cffi",
+    "capstone",
+    "elftools",
+    "serial",
+    "jinja2",
+    "rich",
+    "click",
+    "hiltest.boards",
+    "hiltest.measurement",
+    "hiltest.rig",
+)

@@ -22,9 +22,11 @@ def hiltest(
     streams = [io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2)]
     words = [str(argument) for argument in arguments]
     with (
-        contextlib.chdir(folder or Path.cwd()), mock.patch.dict(os.environ, environment or {}),
-        contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]),
-    ):  # fmt: skip
+        contextlib.chdir(folder or Path.cwd()),
+        mock.patch.dict(os.environ, environment or {}),
+        contextlib.redirect_stdout(streams[0]),
+        contextlib.redirect_stderr(streams[1]),
+    ):
         code = run(*words)
     output, errors = (stream.buffer.getvalue().decode() for stream in streams)  # type: ignore[attr-defined]
     return subprocess.CompletedProcess(words, code, output, errors)

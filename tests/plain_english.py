@@ -15,9 +15,25 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PRONOUNS_AND_PARTICIPLES = {
-    "each", "found", "said", "known", "left", "kept", "given", "them", "these", "those", "what", "wanted", "told",
-    "seen", "taken", "made", "here", "there",
-}  # fmt: skip
+    "each",
+    "found",
+    "said",
+    "known",
+    "left",
+    "kept",
+    "given",
+    "them",
+    "these",
+    "those",
+    "what",
+    "wanted",
+    "told",
+    "seen",
+    "taken",
+    "made",
+    "here",
+    "there",
+}
 PREPOSITIONS = {"of", "in", "at", "by", "with", "for", "on", "behind", "beside", "without", "within"}
 BEGINNINGS = {"Of", "What", "Where", "Whether", "None"}
 
@@ -112,8 +128,10 @@ def main() -> int:
     counts = count_all()
     for count in counts:
         verdict = "ok" if count.passes else "TOO MANY"
-        print(f"{len(count.places):6} of {count.of_all:6} = {100 * count.share:.2f} % (limit {100 * count.limit:g} %): "
-              f"{count.rule}: {verdict}")
+        print(
+            f"{len(count.places):6} of {count.of_all:6} = {100 * count.share:.2f} % (limit {100 * count.limit:g} %): "
+            f"{count.rule}: {verdict}"
+        )
         if "-v" in sys.argv:
             print(*(f"    {place}" for place in count.places), sep="\n")
     return 0 if all(count.passes for count in counts) else 1

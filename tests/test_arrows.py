@@ -21,9 +21,20 @@ PAGE = (Path(__file__).parents[1] / "docs" / "architecture.md").read_text(encodi
 (ARROWS,) = re.findall(r"^```arrows\n(.*?)^```", PAGE, re.M | re.S)
 APPLICATION = frozenset({"commands", "cycle_benchmarks", "runs", "session"})
 # Numbers in, numbers out: beside themselves and the standard library, only these.
-PURE = frozenset({
-    "errors", "state", "text", "units", "angles", "measurement", "calibration", "orientation", "world", "sensors",
-})  # fmt: skip
+PURE = frozenset(
+    {
+        "errors",
+        "state",
+        "text",
+        "units",
+        "angles",
+        "measurement",
+        "calibration",
+        "orientation",
+        "world",
+        "sensors",
+    }
+)
 NUMERICAL = frozenset({"numpy", "scipy"})
 
 
@@ -215,9 +226,15 @@ def test_a_turned_arrow_is_named_with_module_and_line(tmp_path, module, text, co
 
 def test_a_cycle_within_a_package_is_found_and_one_for_types_is_none(tmp_path):
     back = "from hiltest.link.session import Session\n"
-    (cycle,) = complaints(tree(tmp_path, {
-        "link/frames.py": back, "link/session.py": "def f():\n    from hiltest.link import frames\n",
-    }))  # fmt: skip
+    (cycle,) = complaints(
+        tree(
+            tmp_path,
+            {
+                "link/frames.py": back,
+                "link/session.py": "def f():\n    from hiltest.link import frames\n",
+            },
+        )
+    )
     assert cycle.startswith("import cycle: ")
     assert {"hiltest.link.frames", "hiltest.link.session"} == set(cycle.removeprefix("import cycle: ").split(" <- "))
     for_types = "import typing\nif typing.TYPE_CHECKING:\n    from hiltest.link import frames\n"

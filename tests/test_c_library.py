@@ -89,7 +89,7 @@ def test_a_build_asks_for_zig_if_there_is_no_compiler(monkeypatch: pytest.Monkey
 def test_a_compiler_of_another_name_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     gcc = shutil.which("gcc")
     monkeypatch.delenv("CC")
-    (tmp_path / "clang").write_text(f"#!/bin/sh\nPATH={os.environ['PATH']} exec {gcc} \"$@\"\n")
+    (tmp_path / "clang").write_text(f'#!/bin/sh\nPATH={os.environ["PATH"]} exec {gcc} "$@"\n')
     (tmp_path / "clang").chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     assert build_requirements() == []
@@ -123,9 +123,7 @@ def test_a_library_with_an_undefined_function_is_not_built(tmp_path: Path) -> No
     assert "elsewhere" in compiled(tmp_path / "answer.so", [source])
 
 
-def test_without_any_compiler_the_reason_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_any_compiler_the_reason_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     source = tmp_path / "answer.c"
     source.write_text(TEXT % 1)
     monkeypatch.setenv("CC", "")
@@ -169,9 +167,12 @@ def test_the_build_hook_asks_for_zig_only_if_there_is_no_compiler(
 
 @pytest.mark.slow
 def test_a_build_without_isolation_and_compiler_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, project: Path, isolated: DefaultIsolatedEnv, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    project: Path,
+    isolated: DefaultIsolatedEnv,
+    tmp_path: Path,
     capfd: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.setenv("CC", "")
     with pytest.raises(BuildBackendException):
         ProjectBuilder.from_isolated_env(isolated, project).build("wheel", tmp_path)

@@ -27,7 +27,11 @@ def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Run the command in a folder, as a user would."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, env=environment, capture_output=True, text=True,
+        [sys.executable, "-m", "hiltest", *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
         check=False,
     )
 
@@ -51,8 +55,20 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
 
 @pytest.mark.parametrize(
     "command",
-    ["", "run", "compare", "baseline save", "baseline update", "bisect", "trend", "report", "export", "timing measure",
-     "study", "worst"],
+    [
+        "",
+        "run",
+        "compare",
+        "baseline save",
+        "baseline update",
+        "bisect",
+        "trend",
+        "report",
+        "export",
+        "timing measure",
+        "study",
+        "worst",
+    ],
 )
 def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> None:
     told = in_process.hiltest(*command.split(), "--help", folder=tmp_path).stdout
@@ -83,9 +99,13 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
     (tmp_path / "cloud.csv").write_text("x,y,z\n1,2,3\n")
     with Path("/dev/full").open("w") as full:
         result = subprocess.run(
-            [sys.executable, "-m", "hiltest", "fit", "cloud.csv", "--on", "host"], cwd=tmp_path, stdout=full,
-            stderr=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
+            [sys.executable, "-m", "hiltest", "fit", "cloud.csv", "--on", "host"],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
     assert "ERROR: cannot write the output: No space left on device" in result.stderr
     assert "Traceback" not in result.stderr
 
@@ -208,9 +228,22 @@ def test_the_suites_run_in_their_order(tmp_path: Path) -> None:
     files = [line.split("::")[0].rsplit("/", maxsplit=1)[-1] for line in result.stdout.splitlines() if "::" in line]
     assert [name for name, after in zip(files, [*files[1:], ""], strict=True) if name != after] == [
         # The second time at the known angles, which the heading suite takes.
-        "test_identity.py", "test_accelerometer.py", "test_gyroscope.py", "test_accelerometer.py", "test_heading.py",
-        "test_dpi.py", "test_streams.py", "test_budget.py", "test_cycles.py", "test_fusion.py", "test_link.py",
-        "test_commands.py", "test_sensors.py", "test_worst_case.py", "test_refusals.py",
-        "test_hard_fits.py", "test_attitudes.py",
+        "test_identity.py",
+        "test_accelerometer.py",
+        "test_gyroscope.py",
+        "test_accelerometer.py",
+        "test_heading.py",
+        "test_dpi.py",
+        "test_streams.py",
+        "test_budget.py",
+        "test_cycles.py",
+        "test_fusion.py",
+        "test_link.py",
+        "test_commands.py",
+        "test_sensors.py",
+        "test_worst_case.py",
+        "test_refusals.py",
+        "test_hard_fits.py",
+        "test_attitudes.py",
     ]
     assert not (tmp_path / "hil-out" / "run.json").exists(), "collecting needs no board and leaves no record"

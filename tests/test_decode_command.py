@@ -33,12 +33,17 @@ def burst(n: int) -> bytes:
     """Three packets of a board that shows its buffer, one cell after the other."""
     time_us = 1_000_000 + n * 25_000
     return b"".join(
-        map(encode, (
-            MainPacket(3 * n % 256, time_us, (8192, 0, -4096), (301, 7, 0x7E), (n, -40, 0), (30_000, 0, 0, 0), 8, 69),
-            AnglesPacket((3 * n + 1) % 256, time_us, 15, -20, 3599),
-            MagneticPacket7((3 * n + 2) % 256, 40, 350, 500, 10 + n, (n, 2 * n, -n)),
-        ))
-    )  # fmt: skip
+        map(
+            encode,
+            (
+                MainPacket(
+                    3 * n % 256, time_us, (8192, 0, -4096), (301, 7, 0x7E), (n, -40, 0), (30_000, 0, 0, 0), 8, 69
+                ),
+                AnglesPacket((3 * n + 1) % 256, time_us, 15, -20, 3599),
+                MagneticPacket7((3 * n + 2) % 256, 40, 350, 500, 10 + n, (n, 2 * n, -n)),
+            ),
+        )
+    )
 
 
 STREAM = b"".join(map(burst, range(BURSTS)))
@@ -72,19 +77,45 @@ def test_the_table_has_a_row_a_packet_with_units_in_its_columns(recording: Path,
     assert [row["type"] for row in rows] == ["1", "4", "6"] * BURSTS
     main, angles, magnetic = ({name: cell for name, cell in row.items() if cell} for row in rows[3:6])
     assert main == {
-        "time_s": "0.025000", "type": "1", "number": "3", "flags": "8", "board": "69",
-        "accelerometer_x_g": "1", "accelerometer_y_g": "0", "accelerometer_z_g": "-0.5",
-        "field_x_uT": "30.1", "field_y_uT": "0.7", "field_z_uT": "12.6",
-        "gyroscope_x_dps": "0.05", "gyroscope_y_dps": "-2", "gyroscope_z_dps": "0",
-        "q0": "1", "q1": "0", "q2": "0", "q3": "0",
-    }  # fmt: skip
-    assert angles == {"time_s": "0.025000", "type": "4", "number": "4", "roll_deg": "1.5", "pitch_deg": "-2",
-                      "heading_deg": "359.9"}  # fmt: skip
+        "time_s": "0.025000",
+        "type": "1",
+        "number": "3",
+        "flags": "8",
+        "board": "69",
+        "accelerometer_x_g": "1",
+        "accelerometer_y_g": "0",
+        "accelerometer_z_g": "-0.5",
+        "field_x_uT": "30.1",
+        "field_y_uT": "0.7",
+        "field_z_uT": "12.6",
+        "gyroscope_x_dps": "0.05",
+        "gyroscope_y_dps": "-2",
+        "gyroscope_z_dps": "0",
+        "q0": "1",
+        "q1": "0",
+        "q2": "0",
+        "q3": "0",
+    }
+    assert angles == {
+        "time_s": "0.025000",
+        "type": "4",
+        "number": "4",
+        "roll_deg": "1.5",
+        "pitch_deg": "-2",
+        "heading_deg": "359.9",
+    }
     assert magnetic == {
-        "time_s": "0.025000", "type": "6", "number": "5", "active_count": "40", "fit_error_percent": "3.5",
-        "field_strength_uT": "50", "variable_id": "11",
-        "magnetometer_x_uT": "0.1", "magnetometer_y_uT": "0.2", "magnetometer_z_uT": "-0.1",
-    }  # fmt: skip
+        "time_s": "0.025000",
+        "type": "6",
+        "number": "5",
+        "active_count": "40",
+        "fit_error_percent": "3.5",
+        "field_strength_uT": "50",
+        "variable_id": "11",
+        "magnetometer_x_uT": "0.1",
+        "magnetometer_y_uT": "0.2",
+        "magnetometer_z_uT": "-0.1",
+    }
     assert "firmware_release" not in rows[0], "kinds that did not come have no column"
 
 

@@ -41,8 +41,11 @@ def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: py
     assert "    pitch 1 deg, roll 2 deg, calibrated 1; heading: 'nan' is no number\n" in said
     summary = said[said.index("\n4 understood, 1 not") :].splitlines()
     assert [row.split()[:2] for row in summary if row.startswith(("heading ", "pitch ", "calibrated "))] == [
-        ["heading", "1"], ["pitch", "2"], ["calibrated", "2"], ["heading", "not"]
-    ]  # fmt: skip
+        ["heading", "1"],
+        ["pitch", "2"],
+        ["calibrated", "2"],
+        ["heading", "not"],
+    ]
     assert "heading not taken 1 time: 'nan' is no number" in summary
     assert any(row.startswith("not seen: magnetometer, ") for row in summary)
     assert "not understood, 1 time: no pattern matches" in summary
@@ -55,9 +58,7 @@ def test_ctrl_c_ends_it_with_the_summary(line: Line, capsys: pytest.CaptureFixtu
     assert "4 understood, 1 not" in capsys.readouterr().out
 
 
-def test_nothing_understood_ends_with_1_and_a_lost_line_with_20(
-    line: Line, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_understood_ends_with_1_and_a_lost_line_with_20(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
     sender = line.send(b"?\n?\n", unplugged=True)
     assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name) == 20
     sender.join()
@@ -106,8 +107,12 @@ hard_iron = {{ path = "calibration.hard_iron", unit = "uT" }}
 """)
         assert run("device", "try", "--rig", str(rig), "--firmware", str(moving), "--for", "0.2") == 0
     said = capsys.readouterr().out
-    assert re.search(r"^  heading_rad\n    heading [-\d.]+ deg\n  calibration.hard_iron\n"
-                     r"    hard_iron ([1-9][\d ]*) \1 \1 uT\n", said, re.M), said
+    assert re.search(
+        r"^  heading_rad\n    heading [-\d.]+ deg\n  calibration.hard_iron\n"
+        r"    hard_iron ([1-9][\d ]*) \1 \1 uT\n",
+        said,
+        re.M,
+    ), said
     assert re.search(r"^1 understood, 0 not, in 0\.\d s$", said, re.M), said
 
 
@@ -155,8 +160,10 @@ def test_a_virtual_boards_line_has_the_faults_too(tmp_path: Path, capsys: pytest
 
 @pytest.mark.slow
 def test_firmware_that_prints_something_else_is_not_understood(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("device", "try", "--rig", str(RIG), "--firmware", str(ELF.with_name("compass-packets.elf")),
-               "--for", "2") == 1  # fmt: skip
+    assert (
+        run("device", "try", "--rig", str(RIG), "--firmware", str(ELF.with_name("compass-packets.elf")), "--for", "2")
+        == 1
+    )
     assert "\nquantity" not in capsys.readouterr().out
 
 

@@ -16,9 +16,7 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> UsbTree:
     return UsbTree(tmp_path / "machine")
 
 
-def test_a_bench_without_a_board_ends_with_20_and_a_remedy(
-    tree: UsbTree, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bench_without_a_board_ends_with_20_and_a_remedy(tree: UsbTree, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("doctor") == 20
     failed, remedy, *left_out = capsys.readouterr().out.splitlines()
     assert failed.startswith("FAILED         board  ")

@@ -49,18 +49,25 @@ def clouds(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("file", "options", "code", "verdict"),
     [
-        ("good.csv", [], 0, "good"), ("good.csv", ["--at-least", "good"], 0, "good"),
-        ("poor.csv", [], 0, "poor"), ("poor.csv", ["--at-least", "good"], 1, "poor"),
-        ("half.csv", ["--at-least", "fair"], 0, "fair"), ("half.csv", ["--at-least", "good"], 1, "fair"),
-        ("poor.csv", ["--at-least", "fair"], 1, "poor"), ("cap.csv", [], 1, "refused"),
-        ("turn.csv", [], 0, "fair"), ("turn.csv", ["--shape", "ellipsoid"], 1, "refused"),
+        ("good.csv", [], 0, "good"),
+        ("good.csv", ["--at-least", "good"], 0, "good"),
+        ("poor.csv", [], 0, "poor"),
+        ("poor.csv", ["--at-least", "good"], 1, "poor"),
+        ("half.csv", ["--at-least", "fair"], 0, "fair"),
+        ("half.csv", ["--at-least", "good"], 1, "fair"),
+        ("poor.csv", ["--at-least", "fair"], 1, "poor"),
+        ("cap.csv", [], 1, "refused"),
+        ("turn.csv", [], 0, "fair"),
+        ("turn.csv", ["--shape", "ellipsoid"], 1, "refused"),
         ("cap.csv", ["--shape", "sphere"], 1, "refused"),
-        ("wild.csv", ["--at-least", "good"], 0, "good"), ("wild.csv", ["--robust", "none"], 1, "refused"),
-        ("step.csv", ["--at-least", "fair"], 1, "poor"), ("step.csv", ["--at-least", "good", "--steady"], 0, "good"),
+        ("wild.csv", ["--at-least", "good"], 0, "good"),
+        ("wild.csv", ["--robust", "none"], 1, "refused"),
+        ("step.csv", ["--at-least", "fair"], 1, "poor"),
+        ("step.csv", ["--at-least", "good", "--steady"], 0, "good"),
         ("step.csv", ["--at-least", "good", "--to", "700"], 0, "good"),
         ("step.csv", ["--at-least", "good", "--from", "900"], 0, "good"),
     ],
-)  # fmt: skip
+)
 def test_the_exit_code_is_that_of_the_best_verdict(
     clouds: Path, file: str, options: list[str], code: int, verdict: str
 ) -> None:
@@ -91,10 +98,16 @@ def test_one_calibrator_can_be_chosen(clouds: Path) -> None:
 def test_people_get_a_table_with_reasons_and_notes(clouds: Path) -> None:
     done = fit("cap.csv", folder=clouds)
     for text in (
-        "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]", "verdict", "refused", "hard iron [uT]",
-        "cycles counted by cortex-m4-trm/2@sram", "lowest", "highest",
-        "is above 300 (refused): the points cover too little of the sphere", "rounding moved a reading by",
-    ):  # fmt: skip
+        "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]",
+        "verdict",
+        "refused",
+        "hard iron [uT]",
+        "cycles counted by cortex-m4-trm/2@sram",
+        "lowest",
+        "highest",
+        "is above 300 (refused): the points cover too little of the sphere",
+        "rounding moved a reading by",
+    ):
         assert text in " ".join(done.stdout.split()), done.stdout
 
 
@@ -130,9 +143,13 @@ def test_too_few_points_are_told_once(clouds: Path) -> None:
 def test_a_cloud_can_come_from_standard_input(clouds: Path) -> None:
     with (clouds / "good.csv").open() as file:
         done = subprocess.run(
-            [sys.executable, "-m", "hiltest", "fit", "-", "--on", "host", "--json"], stdin=file, capture_output=True,
-            text=True, check=False, timeout=120,
-        )  # fmt: skip
+            [sys.executable, "-m", "hiltest", "fit", "-", "--on", "host", "--json"],
+            stdin=file,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+        )
     assert (done.returncode, json.loads(done.stdout)["n_in"]) == (0, 400), done.stderr
 
 

@@ -63,10 +63,27 @@ INPUTS = int(os.environ.get("HILTEST_FUZZED", "20000"))
 BASELINES = Path(__file__).parents[1] / "hil" / "baselines"
 # What readers stumble over: ends, quotes, numbers that are none, words that mean something.
 TOKENS = (
-    *(bytes([each]) for each in b"\x7e\x7d\x00\xff\n\r\t,;\"'[]{}=:.-e0\\#GX$|<>"), b"\x7d\x5e", b"nan", b"-inf",
-    b"1e999", b"-1", b"99999999999999999999", b"null", b"true", b"\xef\xbb\xbf", b"\xff\xfe", b"\xf0\x9f\x99\x82",
-    b"\\u0000", b"//", b"Raw:", b" -> ", b"[[", b"[world]", b"schema", b"G0",
-)  # fmt: skip
+    *(bytes([each]) for each in b"\x7e\x7d\x00\xff\n\r\t,;\"'[]{}=:.-e0\\#GX$|<>"),
+    b"\x7d\x5e",
+    b"nan",
+    b"-inf",
+    b"1e999",
+    b"-1",
+    b"99999999999999999999",
+    b"null",
+    b"true",
+    b"\xef\xbb\xbf",
+    b"\xff\xfe",
+    b"\xf0\x9f\x99\x82",
+    b"\\u0000",
+    b"//",
+    b"Raw:",
+    b" -> ",
+    b"[[",
+    b"[world]",
+    b"schema",
+    b"G0",
+)
 
 
 def mutated(dice: random.Random, content: bytes, others: Sequence[bytes]) -> bytes:
@@ -265,13 +282,17 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "traces": Reader(_trace, (), [b"\x55".join(wires[n : n + 5]) for n in range(0, 25, 5)], 0.05),
         "G-code": Reader(_gcode, (GcodeError,), [b"G0 X45 Y-10", b"G1F60X1", b"G91G0Z-1.5", b"N4 G4 P0.5"], 0.05),
         "Grbl status": Reader(
-            lambda each: grbl._status(each.decode("ascii", errors="replace")), (),
-            [b"<Idle|MPos:1.000,-2.5,0|FS:0,0>", b"<Hold:1|MPos:1,2,3,4|F:0>"], 0.05,
+            lambda each: grbl._status(each.decode("ascii", errors="replace")),
+            (),
+            [b"<Idle|MPos:1.000,-2.5,0|FS:0,0>", b"<Hold:1|MPos:1,2,3,4|F:0>"],
+            0.05,
         ),
         "options": Reader(_words, (), [b"4294967295", b"v1.2", b"hil-out/run.json"], 0.03),
         "arguments": Reader(
-            lambda each: parse_argument(each.decode("utf-8", errors="replace")), config,
-            [b"f32:1,2.5,-3", b"zeros:i16:40", b"text:123", b"0x1F", b"1e-3"], 0.03,
+            lambda each: parse_argument(each.decode("utf-8", errors="replace")),
+            config,
+            [b"f32:1,2.5,-3", b"zeros:i16:40", b"text:123", b"0x1F", b"1e-3"],
+            0.03,
         ),
         "JSON": Reader(parse_json, (ValueError,), [b'{"a": [1, 2.5e3, null, {"b": "c"}]}', intervals], 0.02),
         "samples": Reader(read_samples, data, [points, *forms], 0.01, ".csv"),
@@ -290,8 +311,11 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "records": Reader(read_record, config, [run], 0.0005, ".json"),
         "calibration files": Reader(load_calibration, config, [to_json(some_calibration()).encode()], 0.002, ".json"),
         "recordings": Reader(
-            lambda path: read_playback(path, PlaybackFile(path.name)), config,
-            [points_at, rates, RECORDING, *forms], 0.005, ".csv",
+            lambda path: read_playback(path, PlaybackFile(path.name)),
+            config,
+            [points_at, rates, RECORDING, *forms],
+            0.005,
+            ".csv",
         ),
         "rigs of ELF files": Reader(_proposed, config, [compass.read_bytes()], 0.0005),
         "ELF files": Reader(FirmwareImage, config, [default_firmware().read_bytes()], 0.0005),
@@ -305,11 +329,33 @@ def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
 
 
 NAMES = (
-    "ELF files", "G-code", "Grbl status", "IMU logs", "JSON", "arguments", "baselines", "calibration files", "frames",
-    "intervals", "lines of text", "options", "packets", "rate logs", "recorded runs", "recordings", "records",
-    "replies", "requests", "rigs", "rigs of ELF files", "samples", "stuffing", "timing profiles", "traces",
+    "ELF files",
+    "G-code",
+    "Grbl status",
+    "IMU logs",
+    "JSON",
+    "arguments",
+    "baselines",
+    "calibration files",
+    "frames",
+    "intervals",
+    "lines of text",
+    "options",
+    "packets",
+    "rate logs",
+    "recorded runs",
+    "recordings",
+    "records",
+    "replies",
+    "requests",
+    "rigs",
+    "rigs of ELF files",
+    "samples",
+    "stuffing",
+    "timing profiles",
+    "traces",
     "transcripts",
-)  # fmt: skip
+)
 
 
 def test_every_reader_has_its_share(readers: dict[str, Reader]) -> None:

@@ -110,8 +110,11 @@ def test_lines_without_a_unit_are_proposed_and_the_world_is_that_of_a_rig_that_s
     assert rig.device.kind == "text"
     assert set(rig.device.text.values) == {"heading", "pitch", "roll"}
     assert (rig.world, rig.field, rig.sensors, rig.procedure) == (
-        shipped.world, shipped.field, shipped.sensors, shipped.procedure
-    )  # fmt: skip
+        shipped.world,
+        shipped.field,
+        shipped.sensors,
+        shipped.procedure,
+    )
     assert {"quadric_fit", "tilt_heading"} <= set(rig.cycles)
     assert re.search(r"^  # '.*RAW=.*P<magnetometer>.*uT\?", proposed.text, re.M), "a guess is a comment"
     assert ("background.iron.hard_iron", None) in proposed.paths()["hard_iron"]
@@ -140,8 +143,10 @@ def test_nxp_s_fusion_is_known_with_its_variables_and_functions(propose: Callabl
     assert rig.world == load_rig(ROOT / "hil" / "rigs" / "nxp-fusion-agm01.toml").world
     assert ("sfg.SV_9DOF_GBY_KALMAN.fRhoPl", None) in paths["heading"]
     assert [paths[each][0][0] for each in ("hard_iron", "inverse_soft_iron", "calibrated")] == [
-        "sfg.MagCal.fV", "sfg.MagCal.finvW", "sfg.MagCal.iValidMagCal"
-    ]  # fmt: skip
+        "sfg.MagCal.fV",
+        "sfg.MagCal.finvW",
+        "sfg.MagCal.iValidMagCal",
+    ]
     assert {"fRun_9DOF_GBY_KALMAN", "fInvertMagCal", *(f"fUpdateMagCalibration{n}Slice" for n in (4, 7, 10))} <= set(
         rig.cycles
     )
@@ -192,9 +197,10 @@ def test_a_heading_in_a_variable_is_read_from_memory(
     assert rig.device.memory is not None
     assert rig.device.kind == "memory"
     assert {name: (each.path, each.unit) for name, each in rig.device.memory.values.items()} == {
-        "heading": ("nav.heading_rad", "rad"), "hard_iron": ("magOffset_uT", "uT"),
+        "heading": ("nav.heading_rad", "rad"),
+        "hard_iron": ("magOffset_uT", "uT"),
         "calibrated": ("is_calibrated", None),
-    }  # fmt: skip
+    }
     assert [path for path, _ in paths["heading"]] == ["nav.heading_rad", "yaw_out"]
     assert [path for path, _ in paths["magnetometer"]] == ["nav.mag", "nav.raw_mag"]
     assert set(rig.cycles) == {"magnetometer_fit"}, "what saves a calibration is not worth counting"
@@ -233,9 +239,12 @@ def answered(folder: Path, elf: Path, answers: str) -> tuple[Rig, str]:
     ours, theirs = pty.openpty()
     os.write(ours, answers.encode())
     with subprocess.Popen(
-        [sys.executable, "-m", "hiltest", "init", "asked", "--firmware", str(elf)], cwd=folder, stdin=theirs,
-        stdout=theirs, stderr=theirs,
-    ) as process:  # fmt: skip
+        [sys.executable, "-m", "hiltest", "init", "asked", "--firmware", str(elf)],
+        cwd=folder,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+    ) as process:
         os.close(theirs)
         said = ""
         with suppress(OSError):  # its end is closed

@@ -43,15 +43,21 @@ class Cluster:
         self._file = folder / "scheduler.json"
         self._settings = settings
         self.workers: list[subprocess.Popen[bytes]] = []
-        self.scheduler = self._started("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-                                       "--scheduler-file", str(self._file))  # fmt: skip
+        self.scheduler = self._started(
+            "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(self._file)
+        )
         wait_until(self._file.exists)
         self.address: str = json.loads(self._file.read_text(encoding="utf-8"))["address"]
 
     def _started(self, *words: str) -> subprocess.Popen[bytes]:
         with (self._folder / "log.txt").open("ab") as log:
-            return subprocess.Popen([sys.executable, "-m", "dask", *words], stdout=log, stderr=log,
-                                    cwd=self._folder, env={**os.environ, **self._settings})  # fmt: skip
+            return subprocess.Popen(
+                [sys.executable, "-m", "dask", *words],
+                stdout=log,
+                stderr=log,
+                cwd=self._folder,
+                env={**os.environ, **self._settings},
+            )
 
     def has(self, count: int) -> None:
         """See to it that there are so many workers."""
@@ -60,8 +66,11 @@ class Cluster:
             worker.kill()
             worker.wait(ENOUGH_S)
         for _ in range(count - len(self.workers)):
-            self.workers.append(self._started("worker", self.address, "--no-nanny", "--nthreads", "1",
-                                              "--no-dashboard", "--host", "127.0.0.1"))  # fmt: skip
+            self.workers.append(
+                self._started(
+                    "worker", self.address, "--no-nanny", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1"
+                )
+            )
         wait_until(lambda: len(self.asked(lambda client: client.nthreads())) == count)
 
     def asked(self, question: Callable[[Any], Any]) -> Any:
@@ -77,8 +86,14 @@ class Cluster:
 
     def kill_one_with_work(self) -> None:
         """Kill the worker that has most pieces, begun, waiting, or done and not yet taken from it."""
-        found = self.asked(lambda client: client.run(lambda dask_worker: (
-            sum(key.startswith("measure_block") for key in dask_worker.state.tasks), os.getpid())))  # fmt: skip
+        found = self.asked(
+            lambda client: client.run(
+                lambda dask_worker: (
+                    sum(key.startswith("measure_block") for key in dask_worker.state.tasks),
+                    os.getpid(),
+                )
+            )
+        )
         pieces, process = max(found.values())
         assert pieces > 0
         os.kill(process, signal.SIGKILL)
@@ -126,10 +141,27 @@ def blocks_kept(folder: Path) -> list[int]:
 
 @pytest.mark.parametrize(
     "text",
-    ["0", "1001", "-1", "1.5", "", "two", "٣", "9" * 5000, "127.0.0.1:8786", "http://127.0.0.1:8786", "tcp://host",
-     "tcp://:8786", "tcp://host:0", "tcp://host:65536", "tcp://host:8786/", "tcp://user@host:8786", "tcp://ho st:1",
-     "tcp://host:8786\n"],
-)  # fmt: skip
+    [
+        "0",
+        "1001",
+        "-1",
+        "1.5",
+        "",
+        "two",
+        "٣",
+        "9" * 5000,
+        "127.0.0.1:8786",
+        "http://127.0.0.1:8786",
+        "tcp://host",
+        "tcp://:8786",
+        "tcp://host:0",
+        "tcp://host:65536",
+        "tcp://host:8786/",
+        "tcp://user@host:8786",
+        "tcp://ho st:1",
+        "tcp://host:8786\n",
+    ],
+)
 def test_what_is_neither_a_number_of_processes_nor_an_address_is_4(
     text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,9 +185,11 @@ def test_without_the_extra_an_address_is_4_and_says_what_to_install(
 
 @pytest.mark.slow
 def test_an_address_where_nobody_answers_is_20(
-    tmp_path: Path, require_module: Callable[[str], None], monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    require_module: Callable[[str], None],
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     require_module("distributed")
     monkeypatch.setattr(jobs, "ANSWER_S", 0.5)
     with socket.socket() as unheard:
@@ -192,8 +226,13 @@ class TestCluster:
         cluster.has(2)
         shown: list[int] = []
         with pytest.raises(KeyboardInterrupt):
-            run_study(PLAN, tmp_path, jobs=cluster.address, progress=lambda _what, done, _of: shown.append(done),
-                      asked_to_end=lambda: len(shown) > 5)  # fmt: skip
+            run_study(
+                PLAN,
+                tmp_path,
+                jobs=cluster.address,
+                progress=lambda _what, done, _of: shown.append(done),
+                asked_to_end=lambda: len(shown) > 5,
+            )
         kept = blocks_kept(tmp_path)
         assert 5 <= len(kept) < BLOCKS
         wait_until(lambda: cluster.tasks() == 0)
@@ -232,13 +271,16 @@ class TestCluster:
     ) -> None:
         """The run of seed 2 waits, the first time, until its worker has been killed over it."""
         begun = tmp_path / "begun"
-        bench(tmp_path, f"""
+        bench(
+            tmp_path,
+            f"""
             begun = Path({str(begun)!r})
             if hil_settings.seed == 2 and not begun.exists():
                 begun.with_suffix(".new").write_text(f"{{os.getppid()}} {{os.getpid()}}")
                 begun.with_suffix(".new").replace(begun)
                 time.sleep({ENOUGH_S})
-        """)
+        """,
+        )
         monkeypatch.chdir(tmp_path)
         words = ["--seeds", "1..2", "--rig", str(tmp_path / "hil/rigs/mine.toml"), "--may-fail", "1", "--out"]
         cluster.has(2)
@@ -256,8 +298,10 @@ class TestCluster:
         assert run("run", *words, "here", "--jobs", "2") == 0
         for name in ("seeds.json", "seeds.md"):
             assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
-        files = [{str(path.relative_to(tmp_path / name)) for path in (tmp_path / name).rglob("*")}
-                 for name in ("out", "here")]  # fmt: skip
+        files = [
+            {str(path.relative_to(tmp_path / name)) for path in (tmp_path / name).rglob("*")}
+            for name in ("out", "here")
+        ]
         assert files[0] == files[1] > {f"seed-000{seed}/{RUN_FILE}" for seed in (1, 2)}
         for seed in (1, 2):
             there, here = (read_record(tmp_path / name / f"seed-000{seed}").run for name in ("out", "here"))
@@ -265,18 +309,24 @@ class TestCluster:
         wait_until(lambda: cluster.tasks() == 0)
 
     def test_what_is_done_is_kept_when_workers_die_over_a_seed_and_when_the_scheduler_is_lost(
-        self, tmp_path: Path, require_module: Callable[[str], None], monkeypatch: pytest.MonkeyPatch,
+        self,
+        tmp_path: Path,
+        require_module: Callable[[str], None],
+        monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str],
-    ) -> None:  # fmt: skip
+    ) -> None:
         require_module("distributed")
         strict = Cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0")
         done = tmp_path / "out" / "seed-0001" / RUN_FILE
-        bench(tmp_path, f"""
+        bench(
+            tmp_path,
+            f"""
             if hil_settings.seed == 2:
                 while not Path({str(done)!r}).exists():
                     time.sleep(0.05)
                 os.kill(os.getppid(), 9)
-        """)
+        """,
+        )
         monkeypatch.chdir(tmp_path)
         study = tmp_path / "study"
         study.mkdir()
@@ -288,8 +338,12 @@ class TestCluster:
             assert "1 of 2 seeds finished; records in out/seed-0001" in said.out
             assert "workers died over one piece" in said.err
             with pytest.raises(SchedulerError, match=r"it is gone .*same command goes on from there"):
-                run_study(PLAN, study, jobs=strict.address, progress=lambda _what, done, _of: (
-                    strict.scheduler.kill() if done == 3 * PLAN.instances else None))  # fmt: skip
+                run_study(
+                    PLAN,
+                    study,
+                    jobs=strict.address,
+                    progress=lambda _what, done, _of: strict.scheduler.kill() if done == 3 * PLAN.instances else None,
+                )
         finally:
             strict.end()
         kept = blocks_kept(study)
@@ -316,12 +370,20 @@ class TestSentBench:
         environment = {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out", "HOME": str(here.parent)}
         sent = sent_bench(options, environment)
         with ZipFile(BytesIO(sent.files)) as archive:
-            names = {str(Path("/", each).relative_to(here.parent)) for each in archive.namelist()
-                     if Path("/", each).is_relative_to(here.parent)}  # fmt: skip
+            names = {
+                str(Path("/", each).relative_to(here.parent))
+                for each in archive.namelist()
+                if Path("/", each).is_relative_to(here.parent)
+            }
         assert names == {
-            "mine/hil/rigs/mine.toml", "mine/hil/suites/own.py", "mine/hil/suites/test_mine.py", "mine/pytest.ini",
-            "mine/build/mine.elf", "mine/given.elf", "above.elf",
-        }  # fmt: skip
+            "mine/hil/rigs/mine.toml",
+            "mine/hil/suites/own.py",
+            "mine/hil/suites/test_mine.py",
+            "mine/pytest.ini",
+            "mine/build/mine.elf",
+            "mine/given.elf",
+            "above.elf",
+        }
         assert (sent.folder, sent.options) == (str(here), tuple(options))
         assert sent.environment == {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out"}
 
@@ -355,7 +417,8 @@ def bench(folder: Path, body: str) -> None:
     (folder / "build").mkdir()
     (folder / "build" / "mine.elf").write_bytes(FIRMWARE.read_bytes())
     (folder / "hil" / "rigs" / "mine.toml").write_text(
-        text.replace("[board]", '[board]\nfirmware = "../../build/mine.elf"'), encoding="utf-8")  # fmt: skip
+        text.replace("[board]", '[board]\nfirmware = "../../build/mine.elf"'), encoding="utf-8"
+    )
     (folder / "hil" / "suites" / "own.py").write_text("LARGEST = 1\n", encoding="utf-8")
     (folder / "pytest.ini").write_text("[pytest]\npythonpath = hil/suites\n", encoding="utf-8")
     lines = indent(dedent(body).strip(), " " * 4).lstrip()

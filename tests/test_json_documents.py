@@ -27,8 +27,16 @@ DOCS = Path(__file__).parents[1] / "docs"
 PRINTING = {
     "allan": ("allan", "rates.csv"),
     "baseline save": ("baseline", "save", "run.json", "saved.json"),
-    "baseline update": ("baseline", "update", "--accept", "cycles.direct.total", "--because", "a test", "base.json",
-                        "dearer.json"),
+    "baseline update": (
+        "baseline",
+        "update",
+        "--accept",
+        "cycles.direct.total",
+        "--because",
+        "a test",
+        "base.json",
+        "dearer.json",
+    ),
     "calibrate": ("calibrate",),
     "compare": ("compare", "base.json", "run.json", "--detect", "0.05deg"),
     "decode": ("decode", "packets.bin"),
@@ -88,8 +96,9 @@ def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> P
     rig = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
     (folder / "field.toml").write_text(f'{rig}\n[world.playback]\nfile = "field.csv"\n', encoding="utf-8")
     turned = np.radians(np.arange(0.0, 720.0, 2.0))
-    track = np.column_stack([np.arange(turned.size) / 20.0, 30.0 * np.cos(turned), 30.0 * np.sin(turned),
-                             30.0 * np.cos(3.0 * turned)])  # fmt: skip
+    track = np.column_stack(
+        [np.arange(turned.size) / 20.0, 30.0 * np.cos(turned), 30.0 * np.sin(turned), 30.0 * np.cos(3.0 * turned)]
+    )
     np.savetxt(folder / "field.csv", track, fmt="%.4f", delimiter=",", header="t_s,mx_uT,my_uT,mz_uT", comments="")
     return folder
 
@@ -113,9 +122,14 @@ def hiltest(folder: Path, *words: str) -> tuple[int, str]:
     """Run a command in a process of its own; return its exit code and standard output."""
     given = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", *words], cwd=folder, env=given, capture_output=True, text=True, check=False,
+        [sys.executable, "-m", "hiltest", *words],
+        cwd=folder,
+        env=given,
+        capture_output=True,
+        text=True,
+        check=False,
         timeout=300.0,
-    )  # fmt: skip
+    )
     return done.returncode, done.stdout
 
 
@@ -141,8 +155,9 @@ def wrong() -> Iterator[tuple[int, str, tuple[str, ...]]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("code", "error", "command"), [*wrong()], ids=lambda each: " ".join(each)
-                         if isinstance(each, tuple) else "")  # fmt: skip
+@pytest.mark.parametrize(
+    ("code", "error", "command"), [*wrong()], ids=lambda each: " ".join(each) if isinstance(each, tuple) else ""
+)
 def test_an_error_is_a_document_too(tmp_path: Path, code: int, error: str, command: tuple[str, ...]) -> None:
     found, out = hiltest(tmp_path, *command)
     assert found == code

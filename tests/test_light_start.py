@@ -28,9 +28,13 @@ for name, _ in [("", None), *every_command()]:
 
 def started(folder: Path, program: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", program], cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True,
+        [sys.executable, "-c", program],
+        cwd=folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
         check=True,
-    )  # fmt: skip
+    )
 
 
 def test_the_help_of_every_command_imports_nothing_heavy(tmp_path: Path) -> None:

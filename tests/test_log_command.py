@@ -59,8 +59,10 @@ def test_ctrl_c_ends_a_log_whose_file_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     process = subprocess.Popen(
         [sys.executable, "-m", "hiltest", "log", "--seconds", "100000", "--out", str(path)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     gives_up_s = time.monotonic() + LIMIT_S
     while time.monotonic() < gives_up_s and not (path.exists() and path.stat().st_size > 5000):
         time.sleep(0.05)
@@ -108,14 +110,29 @@ def test_two_hours_from_a_foreign_file_give_their_figures_back(tmp_path: Path) -
     rng, rate_hz = np.random.default_rng(17), 10.0
     n = int(7200 * rate_hz)
     walk, instability = 0.025 / np.sqrt(2.0), 20.0 / 3600.0
-    rates = np.column_stack([
-        white(rng, n, rate_hz=rate_hz, angle_random_walk=walk)
-        + flicker(rng, n, rate_hz=rate_hz, bias_instability=instability) + bias
-        for bias in (1.0, -2.0)
-    ])
+    rates = np.column_stack(
+        [
+            white(rng, n, rate_hz=rate_hz, angle_random_walk=walk)
+            + flicker(rng, n, rate_hz=rate_hz, bias_instability=instability)
+            + bias
+            for bias in (1.0, -2.0)
+        ]
+    )
     np.savetxt(tmp_path / "foreign.txt", np.radians(rates), fmt="%.9f", header="a b", comments="")
-    done = hiltest("allan", "foreign.txt", "--columns", "a,b", "--unit", "rad/s", "--rate", "10", "--json",
-                   "--html", "page.html", folder=tmp_path)
+    done = hiltest(
+        "allan",
+        "foreign.txt",
+        "--columns",
+        "a,b",
+        "--unit",
+        "rad/s",
+        "--rate",
+        "10",
+        "--json",
+        "--html",
+        "page.html",
+        folder=tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert (found["schema"], found["unit"], found["samples"]) == ("hiltest.allan/1", "dps", n)

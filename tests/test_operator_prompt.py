@@ -27,7 +27,8 @@ def at_a_terminal() -> Iterator[int]:
     """
     ours, theirs = os.openpty()
     with (
-        os.fdopen(theirs, "r", closefd=False) as typed, os.fdopen(theirs, "w") as shown,
+        os.fdopen(theirs, "r", closefd=False) as typed,
+        os.fdopen(theirs, "w") as shown,
         pytest.MonkeyPatch.context() as patch,
     ):
         patch.setattr(sys, "stdin", typed)

@@ -21,16 +21,21 @@ RIGS = Path(__file__).parents[1] / "hil" / "rigs"
 HARD_IRON_UT = (31.0, -12.5, 8.0)
 FIELD = EarthField(45.0, 55.0)
 # All attitudes alike; headings are compared where the board is not upside down.
-POSES = [Pose(heading, math.degrees(math.asin(rise)), roll)
-         for heading, rise, roll in np.random.default_rng(3).uniform((0, -1, -180), (360, 1, 180), (96, 3))]
+POSES = [
+    Pose(heading, math.degrees(math.asin(rise)), roll)
+    for heading, rise, roll in np.random.default_rng(3).uniform((0, -1, -180), (360, 1, 180), (96, 3))
+]
 UPRIGHT = [n for n, pose in enumerate(POSES) if abs(pose.pitch_deg) < 60 and abs(pose.roll_deg) < 60]
 RATE_HZ, HELD = 20, 5
 
 
 def recording(path: Path, *, sensors: str = "mag") -> Path:
     """Write a table of a field and of gravity along the board's axes, each pose held for a quarter of a second."""
-    columns = {"m": ("mx_uT,my_uT,mz_uT", FIELD.ned_ut, HARD_IRON_UT), "a": ("ax_g,ay_g,az_g", (0, 0, 1), (0, 0, 0)),
-               "g": ("gx_dps,gy_dps,gz_dps", (0, 0, 0), (0, 0, 0))}  # fmt: skip
+    columns = {
+        "m": ("mx_uT,my_uT,mz_uT", FIELD.ned_ut, HARD_IRON_UT),
+        "a": ("ax_g,ay_g,az_g", (0, 0, 1), (0, 0, 0)),
+        "g": ("gx_dps,gy_dps,gz_dps", (0, 0, 0), (0, 0, 0)),
+    }
     lines = [",".join(["t_s", *(columns[sensor][0] for sensor in sensors)])]
     for n in range(len(POSES) * HELD + 1):
         turned = rotation_body_from_ned(POSES[min(n // HELD, len(POSES) - 1)])
@@ -133,18 +138,23 @@ def test_what_was_not_recorded_is_said(
     ("arguments", "sensors", "keys", "complaint"),
     [
         (["play"], "ag", 'playback = "field.csv"', "world.playback: no magnetometer in field.csv to calibrate from"),
-        (["play"], "mag", "", "the rig plays no recording: name one under [world], playback = \"field.csv\""),
+        (["play"], "mag", "", 'the rig plays no recording: name one under [world], playback = "field.csv"'),
         (["play", "--every", "0.1"], "mag", 'playback = { file = "field.csv", rate_hz = 0.1 }', "more than 10000 head"),
         (["play", "--firmware", "none.elf"], "mag", 'playback = "field.csv"', "none.elf"),
         (["run"], "mag", 'playback = "field.csv"', "a run is not offered while a recording is played: no table turns"),
         (["calibrate", "--out", "x.toml"], "mag", 'playback = "field.csv"', "a turntable is not offered while a rec"),
         (["log", "--seconds", "1", "--out", "x.csv"], "mag", 'playback = "none.csv"', "none.csv: No such file"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_done_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], arguments: list[str],
-    sensors: str, keys: str, complaint: str,
-) -> None:  # fmt: skip
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    arguments: list[str],
+    sensors: str,
+    keys: str,
+    complaint: str,
+) -> None:
     monkeypatch.chdir(tmp_path)
     recording(tmp_path / "field.csv", sensors=sensors)
     assert run(*arguments, "--rig", rig(tmp_path, keys=keys)) == 4

@@ -43,10 +43,16 @@ def test_the_document_has_what_is_there_and_null_for_what_is_not(
     tree.built_in("ttyS0")
     assert run("ports", "--json") == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["boards"] == [{
-        "serial_number": K64F, "usb_id": "0d28:0204", "product": "DAPLink CMSIS-DAP", "port": None, "volume": None,
-        "daplink_version": None,
-    }]  # fmt: skip
+    assert document["boards"] == [
+        {
+            "serial_number": K64F,
+            "usb_id": "0d28:0204",
+            "product": "DAPLink CMSIS-DAP",
+            "port": None,
+            "volume": None,
+            "daplink_version": None,
+        }
+    ]
     (other,) = document["others"]
     assert other["port"] == f"{tree.root}/dev/ttyS0"
     assert other["serial_number"] is None

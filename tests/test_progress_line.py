@@ -85,9 +85,13 @@ def shown_in_a_terminal(folder: Path, *options: str) -> str:
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     environment = {name: value for name, value in os.environ.items() if name not in NO_TERMINAL}
     process = subprocess.Popen(
-        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options], cwd=folder, stdout=slave, stderr=slave,
-        stdin=subprocess.DEVNULL, env=environment | {"TERM": "xterm"},
-    )  # fmt: skip
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options],
+        cwd=folder,
+        stdout=slave,
+        stderr=slave,
+        stdin=subprocess.DEVNULL,
+        env=environment | {"TERM": "xterm"},
+    )
     os.close(slave)
     written = b""
     with suppress(OSError):  # EIO is the end of a terminal

@@ -80,8 +80,9 @@ def options_that_read() -> Iterator[str]:
     """Yield the options and arguments of all commands that are files."""
     for name, command in every_command():
         for parameter in command.params:
-            if (isinstance(parameter.type, click.Path) or parameter.metavar in FILES or parameter.name == "elf") \
-                    and parameter.metavar != "DIR":
+            if (
+                isinstance(parameter.type, click.Path) or parameter.metavar in FILES or parameter.name == "elf"
+            ) and parameter.metavar != "DIR":
                 yield f"{name} {max(parameter.opts, key=len)}"
 
 
@@ -142,8 +143,12 @@ def test_a_pipe_is_refused_where_a_file_is_read_more_than_once(option: str, inpu
     make("pipe", path)
     words = [each.replace("{}", str(path)) for each in READING[option]]
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", *words], cwd=inputs, capture_output=True, text=True, timeout=AT_ONCE_S,
+        [sys.executable, "-m", "hiltest", *words],
+        cwd=inputs,
+        capture_output=True,
+        text=True,
+        timeout=AT_ONCE_S,
         check=False,
-    )  # fmt: skip
+    )
     assert done.returncode == 4
     assert "not a regular file" in done.stderr

@@ -27,9 +27,16 @@ def run(*command: str | Path, cwd: Path) -> str:
     """Return what a command prints; its output is shown where it fails."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("HIL_", "PYTHON"))}
     done = subprocess.run(
-        command, cwd=cwd, env=kept, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        text=True, timeout=WALL_LIMIT_S, check=False,
-    )  # fmt: skip
+        command,
+        cwd=cwd,
+        env=kept,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=WALL_LIMIT_S,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout
     return done.stdout
 

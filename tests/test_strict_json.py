@@ -14,7 +14,10 @@ from hiltest.errors import ConfigError
 from hiltest.strict_json import DEEPEST, parse_json, read_bounded, read_json
 
 VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers(-(10**17), 10**17) | st.floats(allow_nan=False, allow_infinity=False)
+    st.none()
+    | st.booleans()
+    | st.integers(-(10**17), 10**17)
+    | st.floats(allow_nan=False, allow_infinity=False)
     | st.text(st.characters(exclude_categories=["Cs"])),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=4),
     max_leaves=20,
@@ -78,8 +81,10 @@ def test_a_file_larger_than_its_bound_is_not_read(tmp_path: Path) -> None:
 def test_pipes_and_devices_may_never_end_and_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path, what in (
-        (tmp_path / "pipe", "not a regular file"), (Path("/dev/zero"), "not a regular file"), (tmp_path, "a folder"),
-    ):  # fmt: skip
+        (tmp_path / "pipe", "not a regular file"),
+        (Path("/dev/zero"), "not a regular file"),
+        (tmp_path, "a folder"),
+    ):
         with pytest.raises(ConfigError, match=what):
             read_bounded(path, largest_bytes=10, otherwise="")
 

@@ -29,11 +29,20 @@ class UsbTree:
         self._link("sys/bus/usb/devices/usb1", "sys/devices/pci0000:00/0000:00:14.0/usb1")
 
     def plug_in(
-        self, *, vendor: str = "0d28", product: str = "0204", serial: str | None = K64F,
-        name: str = "DAPLink CMSIS-DAP", tty: str | None = "ttyACM0", behind: Path | None = None,
-        disk: str | None = None, mounted: str | None = None,
-        options: str = "rw,nosuid", details: str | None = None, partition: bool = False,
-    ) -> Path:  # fmt: skip
+        self,
+        *,
+        vendor: str = "0d28",
+        product: str = "0204",
+        serial: str | None = K64F,
+        name: str = "DAPLink CMSIS-DAP",
+        tty: str | None = "ttyACM0",
+        behind: Path | None = None,
+        disk: str | None = None,
+        mounted: str | None = None,
+        options: str = "rw,nosuid",
+        details: str | None = None,
+        partition: bool = False,
+    ) -> Path:
         """Plug in a device; return its volume's folder, or the root's.
 
         `behind` is what its /dev node leads to; `details` the content of DETAILS.TXT, by default DAPLink's own.

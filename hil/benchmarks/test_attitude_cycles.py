@@ -40,9 +40,7 @@ STEP_S = 0.005
     [("six-position", [face.pose for face in FACES]), ("ellipsoid", spread_poses(12)), ("ellipsoid", spread_poses(40))],
     ids=["six faces", "ellipsoid of 12", "ellipsoid of 40"],
 )
-def test_accelerometer_fit(
-    board: Board, method: str, poses: list[Pose], benchmark_cycles: BenchmarkCycles
-) -> None:
+def test_accelerometer_fit(board: Board, method: str, poses: list[Pose], benchmark_cycles: BenchmarkCycles) -> None:
     faces = FACES if method == "six-position" else [Face.NONE] * len(poses)
     still = [still_pose(pose, face) for pose, face in zip(poses, faces, strict=True)]
     board.session.request(ClearPoses())
@@ -77,9 +75,7 @@ def test_fusion_correction(firmware: ProfiledImage, benchmark_cycles: BenchmarkC
     benchmark_cycles("fusion step", steps, cycle_model=model)
 
 
-def without_call(
-    firmware: ProfiledImage, step: str, inputs: Sequence[Sequence[Argument]]
-) -> tuple[str, list[int]]:
+def without_call(firmware: ProfiledImage, step: str, inputs: Sequence[Sequence[Argument]]) -> tuple[str, list[int]]:
     """Return the cycle model, and what steps cost as the firmware counts them: without what an empty one costs."""
     empty = call(firmware, f"empty_fusion_{step}", *inputs[0])
     return empty.cycle_model, [call(firmware, f"fusion_{step}", *each).cycles - empty.cycles for each in inputs]

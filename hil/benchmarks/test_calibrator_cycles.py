@@ -70,9 +70,7 @@ class Runs:
 
     def show(self, kernel: str, benchmark_cycles: BenchmarkCycles, board: Board) -> None:
         """Show the cycles with the accuracy."""
-        benchmark_cycles(
-            kernel, counted(self.costs), cycle_model=board.cycle_model, from_float64_deg=self.worst_deg
-        )
+        benchmark_cycles(kernel, counted(self.costs), cycle_model=board.cycle_model, from_float64_deg=self.worst_deg)
 
 
 @pytest.fixture(scope="module")
@@ -91,9 +89,7 @@ def runs(board: Board, request: pytest.FixtureRequest) -> dict[str, Runs]:
 
 @pytest.mark.parametrize("runs", SIZES, indirect=True)
 @pytest.mark.parametrize("calibrator", CALIBRATORS)
-def test_calibrator(
-    board: Board, runs: dict[str, Runs], calibrator: str, benchmark_cycles: BenchmarkCycles
-) -> None:
+def test_calibrator(board: Board, runs: dict[str, Runs], calibrator: str, benchmark_cycles: BenchmarkCycles) -> None:
     if calibrator not in runs:
         pytest.skip(f"this firmware has no calibrator {calibrator!r}")
     runs[calibrator].show(calibrator, benchmark_cycles, board)
@@ -149,9 +145,7 @@ def streams(board: Board) -> dict[str, list[int]]:
 
 
 @pytest.mark.parametrize("stream", [*STREAMS, *(f"{name}-sliced" for name in STREAMS)])
-def test_new_point(
-    board: Board, streams: dict[str, list[int]], stream: str, benchmark_cycles: BenchmarkCycles
-) -> None:
+def test_new_point(board: Board, streams: dict[str, list[int]], stream: str, benchmark_cycles: BenchmarkCycles) -> None:
     if stream not in streams:
         pytest.skip(f"this firmware has no stream calibrator {stream!r}, or it does the same unsliced")
     benchmark_cycles("new point of a stream", streams[stream], cycle_model=board.cycle_model)

@@ -56,10 +56,24 @@ from hiltest.world import EarthField
 # suite that needs the known angles waits for the heading suite: rest comes before they are taken. What disturbs a
 # field has its time, right after the board is known.
 ORDER = (
-    "test_identity", "test_driving", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading",
-    "test_dpi", "test_streams", "test_budget", "test_cycles", "test_fusion", "test_link", "test_commands",
-    "test_sensors", "test_worst_case", "test_refusals",
-    "test_hard_fits", "test_attitudes",
+    "test_identity",
+    "test_driving",
+    "test_accelerometer",
+    "test_gyroscope",
+    "test_calibration_file",
+    "test_heading",
+    "test_dpi",
+    "test_streams",
+    "test_budget",
+    "test_cycles",
+    "test_fusion",
+    "test_link",
+    "test_commands",
+    "test_sensors",
+    "test_worst_case",
+    "test_refusals",
+    "test_hard_fits",
+    "test_attitudes",
 )
 
 # As few as calibrate a magnetometer by gravity too, of 16 readings each.
@@ -105,10 +119,17 @@ def six_positions(
     if rig.procedure.accelerometer_calibration == "none" or rig.faces is None:
         return None
     run = measure_six_positions(
-        board, turntable, uncertainty_deg=rig.faces.uncertainty_deg, limits=rig.limits, dip_deg=rig.field.dip_deg,
-        progress=hil_progress, again=lambda error: turntable.again(str(error)),
+        board,
+        turntable,
+        uncertainty_deg=rig.faces.uncertainty_deg,
+        limits=rig.limits,
+        dip_deg=rig.field.dip_deg,
+        progress=hil_progress,
+        again=lambda error: turntable.again(str(error)),
         see_axes=lambda: see_axes(
-            board, turntable, poses=rig.procedure.known_angle_poses("all")[::3],
+            board,
+            turntable,
+            poses=rig.procedure.known_angle_poses("all")[::3],
             field_ned_ut=EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut,
             mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         ),
@@ -163,7 +184,11 @@ def gyroscope_turns(
 
 def _turn(board: Board, turntable: Turntable, rig: Rig, axis: Axis, progress: Progress) -> MeasuredTurn:
     return measure_turn(
-        board, turntable, axis, rate_dps=rig.procedure.gyroscope_turn_dps, rest_s=rig.procedure.gyroscope_rest_s,
+        board,
+        turntable,
+        axis,
+        rate_dps=rig.procedure.gyroscope_turn_dps,
+        rest_s=rig.procedure.gyroscope_rest_s,
         progress=progress,
     )
 
@@ -193,13 +218,20 @@ def judged(board: Board, hil_settings: Settings) -> list[str]:
 
 @pytest.fixture(scope="session")
 def calibrations(
-    board: Board, judged: list[str], accelerometer_fit: AccelerometerFit, tumble: Tumble, rig: Rig,
+    board: Board,
+    judged: list[str],
+    accelerometer_fit: AccelerometerFit,
+    tumble: Tumble,
+    rig: Rig,
     hil_progress: Progress,
 ) -> dict[str, CalibratorRun]:
     """Calibrations of every calibrator from the same first points, and the rig's further ones."""
     runs = run_calibrators(
-        board, tumble, calibrators=[*judged, *rig.procedure.further_calibrations],
-        n=rig.procedure.calibration_points, progress=hil_progress,
+        board,
+        tumble,
+        calibrators=[*judged, *rig.procedure.further_calibrations],
+        n=rig.procedure.calibration_points,
+        progress=hil_progress,
     )
     store_accelerometer(board, accelerometer_fit, [run.slot for run in runs.values()])
     return runs
@@ -224,9 +256,17 @@ def streams(
 
 @pytest.fixture(scope="session")
 def known_angles(
-    board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun], dpi: DpiRun | None,
-    streams: dict[str, StreamRun], accelerometer_fit: AccelerometerFit, hil_calibration: ImuCalibration | None,
-    hil_settings: Settings, hil_progress: Progress, request: pytest.FixtureRequest,
+    board: Board,
+    turntable: Turntable,
+    rig: Rig,
+    calibrations: dict[str, CalibratorRun],
+    dpi: DpiRun | None,
+    streams: dict[str, StreamRun],
+    accelerometer_fit: AccelerometerFit,
+    hil_calibration: ImuCalibration | None,
+    hil_settings: Settings,
+    hil_progress: Progress,
+    request: pytest.FixtureRequest,
 ) -> KnownAngles:
     """The headings that the board answered at known angles, under every calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
@@ -235,7 +275,8 @@ def known_angles(
         slots[DPI] = dpi.run.slot
     store_accelerometer(board, accelerometer_fit, list(slots.values()))
     slots |= store_untrimmed(
-        board, {name: run for name, run in calibrations.items() if name in rig.procedure.untrimmed_calibrations},
+        board,
+        {name: run for name, run in calibrations.items() if name in rig.procedure.untrimmed_calibrations},
         first_slot=1 + max(slots.values()),
     )
     if hil_calibration is not None:  # a file brings its own of the accelerometer
@@ -243,8 +284,12 @@ def known_angles(
     of_streams = store_streams(board, streams, first_slot=1 + max(slots.values()))  # the others are the rig's wish
     store_accelerometer(board, accelerometer_fit, list(of_streams.values()))
     return measure_known_angles(
-        board, turntable, poses=rig.procedure.known_angle_poses(hil_settings.poses), slots=slots | of_streams,
+        board,
+        turntable,
+        poses=rig.procedure.known_angle_poses(hil_settings.poses),
+        slots=slots | of_streams,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
-        readings=rig.procedure.readings_per_pose, progress=hil_progress,
+        readings=rig.procedure.readings_per_pose,
+        progress=hil_progress,
         journal=request.config.stash[SESSION].by_hand,
     )

@@ -60,6 +60,4 @@ def record_fit(name: str, run: AccelerometerRun, board: Board, measure: Measure)
     measure(f"accelerometer.{name}.offset_error", run.offset_error_mg, "mg")
     cycles = run.cost and run.cost.cycles
     measure(f"accelerometer.{name}.cycles", cycles, "cycle", cycle_model=board.cycle_model, band=run.band)
-    measure.table(
-        f"accelerometer.{name}.poses", dict.fromkeys("xyz", "count"), run.counts.tolist()
-    )
+    measure.table(f"accelerometer.{name}.poses", dict.fromkeys("xyz", "count"), run.counts.tolist())

@@ -28,23 +28,36 @@ Reals = NDArray[np.float64]
 
 SOFT_IRON = np.eye(3) / 500.0
 # Seen so, a level board lies on each of its sides, on its back, or somewhere between.
-TURNED = [Pose(*angles) for angles in (
-    (0.0, 0.0, 0.0), (0.0, 0.0, 180.0), (180.0, 0.0, 180.0), (180.0, 0.0, 0.0), (0.0, 90.0, 0.0), (120.0, 30.0, 150.0),
-    (250.0, -70.0, -100.0),
-)]  # fmt: skip
+TURNED = [
+    Pose(*angles)
+    for angles in (
+        (0.0, 0.0, 0.0),
+        (0.0, 0.0, 180.0),
+        (180.0, 0.0, 180.0),
+        (180.0, 0.0, 0.0),
+        (0.0, 90.0, 0.0),
+        (120.0, 30.0, 150.0),
+        (250.0, -70.0, -100.0),
+    )
+]
 # All of gravity, or of the field, on the x axis: exactly straight up or down, and parallel.
 ON_X = np.outer([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
 GRAVITY, FIELD = NOMINAL.gain, SOFT_IRON
 # The largest and the smallest that float32 has room for, and beyond.
 STRETCHED = {
-    "gravity straight down": (ON_X @ GRAVITY, FIELD), "gravity straight up": (-ON_X @ GRAVITY, FIELD),
-    "huge gravity": (2.2e34 * np.eye(3), FIELD), "tiny gravity": (1e-36 * np.eye(3), FIELD),
-    "huge field": (GRAVITY, 1e34 * np.eye(3)), "tiny field": (GRAVITY, 1e-36 * np.eye(3)),
+    "gravity straight down": (ON_X @ GRAVITY, FIELD),
+    "gravity straight up": (-ON_X @ GRAVITY, FIELD),
+    "huge gravity": (2.2e34 * np.eye(3), FIELD),
+    "tiny gravity": (1e-36 * np.eye(3), FIELD),
+    "huge field": (GRAVITY, 1e34 * np.eye(3)),
+    "tiny field": (GRAVITY, 1e-36 * np.eye(3)),
 }
 NOWHERE = {
-    "no gravity": (0.0 * GRAVITY, FIELD), "no field": (GRAVITY, 0.0 * FIELD),
+    "no gravity": (0.0 * GRAVITY, FIELD),
+    "no field": (GRAVITY, 0.0 * FIELD),
     "gravity along the field": (ON_X @ GRAVITY, ON_X @ FIELD),
-    "infinite gravity": (3e38 * np.eye(3), FIELD), "infinite field": (GRAVITY, 3e38 * np.eye(3)),
+    "infinite gravity": (3e38 * np.eye(3), FIELD),
+    "infinite field": (GRAVITY, 3e38 * np.eye(3)),
 }
 
 
@@ -112,20 +125,34 @@ def test_fusion_begins_and_stays_in_any_attitude(board: Board, slot: int, rig: R
         wanted = from_ned_axes(level @ turn.T)
         # Two degrees are the accelerometer's noise and what a gyroscope of 25 deg/s of bias turns by meanwhile.
         for name, attitudes, readings in (
-            ("first", first, 16), ("fused", records.fused, 16), ("turned", records.turned, 16),
+            ("first", first, 16),
+            ("fused", records.fused, 16),
+            ("turned", records.turned, 16),
             ("measured", records.measured, 1),
-        ):  # fmt: skip
+        ):
             off_deg = 2.0 * np.degrees(np.arccos(np.clip(np.abs(attitudes @ wanted), 0.0, 1.0))).max()
             limit_deg = 2.0 + 6.0 * noise_deg * np.sqrt(1.0 / readings + 1.0 / 16.0)
             assert off_deg < limit_deg, f"{each}: the {name} attitude is {off_deg:.1f} degrees off the board's"
         assert summary.no_attitude == summary.accelerated == summary.bad_steps == 0
 
 
-@pytest.mark.parametrize("what", [
-    "no gravity", "no field", "gravity along the field", "gravity of a million g", "a field too large", "acceleration"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        "no gravity",
+        "no field",
+        "gravity along the field",
+        "gravity of a million g",
+        "a field too large",
+        "acceleration",
+    ],
+)
 def test_fusion_leaves_out_what_is_no_attitude(board: Board, slot: int, what: str) -> None:
-    more = {"gravity of a million g": (1e8 * GRAVITY, FIELD), "a field too large": (GRAVITY, 1e8 * FIELD),
-            "acceleration": (2.0 * GRAVITY, FIELD)}  # fmt: skip
+    more = {
+        "gravity of a million g": (1e8 * GRAVITY, FIELD),
+        "a field too large": (GRAVITY, 1e8 * FIELD),
+        "acceleration": (2.0 * GRAVITY, FIELD),
+    }
     gain, soft_iron = (NOWHERE | more)[what]
     calibrate(board, slot, gain, soft_iron)
     if what != "acceleration":  # a start looks for the direction alone

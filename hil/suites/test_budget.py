@@ -48,8 +48,13 @@ def sizes(tumble: Tumble) -> tuple[int, ...]:
 
 @pytest.fixture(scope="module")
 def efforts(
-    board: Board, tumble: Tumble, calibrations: Mapping[str, CalibratorRun], known_angles: KnownAngles,
-    sizes: tuple[int, ...], calibrators: tuple[str, ...], hil_progress: Progress,
+    board: Board,
+    tumble: Tumble,
+    calibrations: Mapping[str, CalibratorRun],
+    known_angles: KnownAngles,
+    sizes: tuple[int, ...],
+    calibrators: tuple[str, ...],
+    hil_progress: Progress,
 ) -> list[Effort]:
     """All curves. The hundred points are the tumble's first, in an order that mixes them well; then come the others."""
     first, others = np.split(tumble.points, [max(SIZES)])
@@ -69,16 +74,28 @@ def test_error_against_budget(efforts: list[Effort], known_angles: KnownAngles, 
         {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": ""}
         | {"sphere": "", "mean_error": "deg", "max_error": "deg"},
         [
-            [effort.calibrator, effort.points, str(effort.kind), effort.effort, effort.cycles, effort.fit.status.name,
-             effort.fit.is_sphere, *mean_and_max_deg(known_angles, effort)]
+            [
+                effort.calibrator,
+                effort.points,
+                str(effort.kind),
+                effort.effort,
+                effort.cycles,
+                effort.fit.status.name,
+                effort.fit.is_sphere,
+                *mean_and_max_deg(known_angles, effort),
+            ]
             for effort in efforts
         ],
     )
 
 
 def test_error_within_the_budget_of_the_thesis(
-    board: Board, efforts: list[Effort], sizes: tuple[int, ...], calibrators: tuple[str, ...],
-    known_angles: KnownAngles, measure: Measure,
+    board: Board,
+    efforts: list[Effort],
+    sizes: tuple[int, ...],
+    calibrators: tuple[str, ...],
+    known_angles: KnownAngles,
+    measure: Measure,
 ) -> None:
     unit = {effort.calibrator: effort.kind.unit for effort in efforts}
     for size in sizes:

@@ -33,9 +33,7 @@ def test_rate_at_rest_under_the_file(
     if hil_calibration.gyroscope is None:
         pytest.skip("the file calibrates no gyroscope")
     turntable.rest()
-    error_dps = gyroscope_bias_error_dps(
-        board, hil_calibration.gyroscope, seconds=rig.procedure.gyroscope_rest_s
-    )
+    error_dps = gyroscope_bias_error_dps(board, hil_calibration.gyroscope, seconds=rig.procedure.gyroscope_rest_s)
     limit = measure.limit("gyroscope.bias_error") or RATE
     measure(f"gyroscope.{NAME}.bias_error", error_dps, "dps", limit=limit)
 
@@ -74,7 +72,5 @@ def test_gravity_under_the_file(known_angles: KnownAngles, measure: Measure) -> 
     measure(f"accelerometer.{NAME}.tilt_error", known_angles.max_tilt_error_deg(NAME), "deg", limit=tilt_limit)
 
 
-def test_field_under_the_file(
-    known_angles: KnownAngles, hil_calibration: ImuCalibration, measure: Measure
-) -> None:
+def test_field_under_the_file(known_angles: KnownAngles, hil_calibration: ImuCalibration, measure: Measure) -> None:
     measure(f"magnetometer.{NAME}.norm_rms", field_norm_rms_percent(known_angles, hil_calibration), "%", limit=FIELD)

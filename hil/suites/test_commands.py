@@ -97,12 +97,32 @@ def requests_in_order(board: Board) -> list[Request[Any]]:
     """Return a request of each kind whose fields a board has to check."""
     calibrator, pose = board.identity.calibrators[0], faces(board)[0]
     found: list[Request[Any]] = [
-        Select(0), Read(0, 1), Collect(1), Upload(len(POINTS), POINTS), Points(0, 1), TimeRange(1), Average(1),
-        Calibrate(1, calibrator), SetCalibration(0, *SECOND), GetCalibration(0), ClearCalibration(0),
-        SetAccelerometer(0, *SECOND), GetAccelerometer(0), AddPose(1), Poses(0, 1), UploadPoses(0, [pose]),
-        FitAccelerometer(1, "six-position"), FitDpi(1, 0), GyroscopeRest(1), IntegrateGyroscope(100), LogGyroscope(1),
-        SetGyroscope(*SECOND), FusionStart(0, 1, 1, 0.01, 1.0, 1.0, 0.1), FusionRun(1), FusionRead(0, 1),
-    ]  # fmt: skip
+        Select(0),
+        Read(0, 1),
+        Collect(1),
+        Upload(len(POINTS), POINTS),
+        Points(0, 1),
+        TimeRange(1),
+        Average(1),
+        Calibrate(1, calibrator),
+        SetCalibration(0, *SECOND),
+        GetCalibration(0),
+        ClearCalibration(0),
+        SetAccelerometer(0, *SECOND),
+        GetAccelerometer(0),
+        AddPose(1),
+        Poses(0, 1),
+        UploadPoses(0, [pose]),
+        FitAccelerometer(1, "six-position"),
+        FitDpi(1, 0),
+        GyroscopeRest(1),
+        IntegrateGyroscope(100),
+        LogGyroscope(1),
+        SetGyroscope(*SECOND),
+        FusionStart(0, 1, 1, 0.01, 1.0, 1.0, 0.1),
+        FusionRun(1),
+        FusionRead(0, 1),
+    ]
     for stream in board.identity.stream_calibrators[:1]:
         found += [StreamReset(stream), StreamFeed(stream, 0, 1), StreamRemove(stream, 0, 1), StreamState(stream)]
     return found
@@ -112,21 +132,29 @@ def requests_too_much(board: Board) -> list[tuple[Request[Any], Status]]:
     """Return requests in order that ask for what there is not, and what each is refused with."""
     slots, calibrator, beyond = board.identity.slots, board.identity.calibrators[0], len(POINTS) + 1
     found: list[tuple[Request[Any], Status]] = [
-        (Select(99), Status.NO_SUCH_SENSOR), (Read(99, 1), Status.NO_SUCH_SENSOR),
-        (Upload(beyond, POINTS), Status.BAD_ARGUMENT), (Points(beyond, 1), Status.BAD_ARGUMENT),
-        (TimeRange(beyond), Status.TOO_FEW_POINTS), (Calibrate(beyond, calibrator), Status.TOO_FEW_POINTS),
-        (Calibrate(1, "nobody"), Status.UNKNOWN_CALIBRATOR), (SetCalibration(slots, *SECOND), Status.BAD_ARGUMENT),
-        (GetCalibration(slots), Status.BAD_ARGUMENT), (ClearCalibration(slots), Status.BAD_ARGUMENT),
-        (SetAccelerometer(slots, *SECOND), Status.BAD_ARGUMENT), (GetAccelerometer(slots), Status.BAD_ARGUMENT),
-        (FitAccelerometer(1, "nobody"), Status.UNKNOWN_CALIBRATOR), (FitDpi(beyond, 0), Status.TOO_FEW_POINTS),
+        (Select(99), Status.NO_SUCH_SENSOR),
+        (Read(99, 1), Status.NO_SUCH_SENSOR),
+        (Upload(beyond, POINTS), Status.BAD_ARGUMENT),
+        (Points(beyond, 1), Status.BAD_ARGUMENT),
+        (TimeRange(beyond), Status.TOO_FEW_POINTS),
+        (Calibrate(beyond, calibrator), Status.TOO_FEW_POINTS),
+        (Calibrate(1, "nobody"), Status.UNKNOWN_CALIBRATOR),
+        (SetCalibration(slots, *SECOND), Status.BAD_ARGUMENT),
+        (GetCalibration(slots), Status.BAD_ARGUMENT),
+        (ClearCalibration(slots), Status.BAD_ARGUMENT),
+        (SetAccelerometer(slots, *SECOND), Status.BAD_ARGUMENT),
+        (GetAccelerometer(slots), Status.BAD_ARGUMENT),
+        (FitAccelerometer(1, "nobody"), Status.UNKNOWN_CALIBRATOR),
+        (FitDpi(beyond, 0), Status.TOO_FEW_POINTS),
         (FitAccelerometer(1, "six-position"), Status.TOO_FEW_POINTS),
-    ]  # fmt: skip
+    ]
     for stream in board.identity.stream_calibrators[:1]:
         found += [
-            (StreamReset("nobody"), Status.UNKNOWN_CALIBRATOR), (StreamState("nobody"), Status.UNKNOWN_CALIBRATOR),
+            (StreamReset("nobody"), Status.UNKNOWN_CALIBRATOR),
+            (StreamState("nobody"), Status.UNKNOWN_CALIBRATOR),
             (StreamFeed("nobody", 0, 1), Status.UNKNOWN_CALIBRATOR),
             (StreamFeed(stream, beyond, 1), Status.TOO_FEW_POINTS),
-        ]  # fmt: skip
+        ]
     return found
 
 
@@ -192,7 +220,8 @@ def test_strongly_distorted_samples_are_fitted_as_in_float64(board: Board, noise
 )
 def test_a_poor_distribution_of_samples_is_refused(board: Board, samples: str, statuses: set[FitStatus]) -> None:
     points = {
-        "few": golden_points(8), "on a plane": golden_points(100) * np.array([1, 1, 0], dtype=np.int16),
+        "few": golden_points(8),
+        "on a plane": golden_points(100) * np.array([1, 1, 0], dtype=np.int16),
         "about a tilted plane": np.rint(golden_points(100) @ TILTED_PLANE).astype(np.int16),
         "all the same": np.repeat(golden_points(1), 100, axis=0),
     }[samples]
@@ -252,8 +281,12 @@ def test_turns_are_fitted_without_their_bias(board: Board) -> None:
     bias, n, duration_s = np.array([24.0, -33.0, 19.0]), 1001, 5.0
     turns = [
         GyroscopeTurn(
-            turned, np.rint((n - 1) / duration_s * (response @ turned) + n * bias).astype(np.int64), n, duration_s,
-            bias - 0.5, bias + 0.5,
+            turned,
+            np.rint((n - 1) / duration_s * (response @ turned) + n * bias).astype(np.int64),
+            n,
+            duration_s,
+            bias - 0.5,
+            bias + 0.5,
         )
         for turned in 360.0 * np.vstack([np.eye(3), -np.eye(3)])
     ]
@@ -271,7 +304,11 @@ def faces(board: Board) -> list[StillPose]:
     board.session.request(ClearPoses())
     return [
         StillPose(
-            np.array([100.0, 200.0, 300.0]), np.array(SPREAD), RESPONSE @ face.gravity_g + OFFSET, np.array(SPREAD), 64,
+            np.array([100.0, 200.0, 300.0]),
+            np.array(SPREAD),
+            RESPONSE @ face.gravity_g + OFFSET,
+            np.array(SPREAD),
+            64,
             face,
         )
         for face in FACES
@@ -322,6 +359,4 @@ def test_a_face_that_is_wrong_is_refused(board: Board, wrong: str, status: Accel
 
 def with_gravity(pose: StillPose, counts: np.ndarray, *, spread: float = SPREAD[0]) -> StillPose:
     """Return a pose with other readings of the accelerometer."""
-    return StillPose(
-        pose.magnetometer, pose.magnetometer_spread, counts, np.full(3, spread), pose.readings, pose.face
-    )
+    return StillPose(pose.magnetometer, pose.magnetometer_spread, counts, np.full(3, spread), pose.readings, pose.face)

@@ -48,8 +48,10 @@ def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
         f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band, not_checked=cost.unchecked
     )
     for what, cycles in (
-        ("per_point", cost.per_point), ("fixed", cost.fixed),
-        ("regression_residual", cost.regression_residual), ("spread", cost.spread),
+        ("per_point", cost.per_point),
+        ("fixed", cost.fixed),
+        ("regression_residual", cost.regression_residual),
+        ("spread", cost.spread),
     ):
         measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
 
@@ -61,7 +63,10 @@ def test_cycles_of_every_calibrator(
     for name, cost in costs.items():
         measure_cost(name, cost, measure)
         measure(
-            f"cycles.{name}.per_iteration", cost.per_iteration, "cycle", cycle_model=cost.model,
+            f"cycles.{name}.per_iteration",
+            cost.per_iteration,
+            "cycle",
+            cycle_model=cost.model,
             not_offered=cost.no_per_iteration,
         )
     if FAST in costs:
@@ -83,7 +88,8 @@ def test_instructions_of_every_calibrator(costs: Mapping[str, CycleCost], measur
 def test_cycles_over_the_number_of_points(costs: Mapping[str, CycleCost], measure: Measure) -> None:
     sizes = next(iter(costs.values())).sizes.tolist()
     measure.table(
-        "cycles.sizes", {"n": ""} | dict.fromkeys(costs, "cycle"),
+        "cycles.sizes",
+        {"n": ""} | dict.fromkeys(costs, "cycle"),
         zip(sizes, *(cost.cycles.tolist() for cost in costs.values()), strict=True),
     )
 

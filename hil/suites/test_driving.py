@@ -38,18 +38,21 @@ RIGHT_DEG = 2.0
 
 # Of the session: the test that needs the known angles too comes after other suites, when the drive is long over.
 @pytest.fixture(scope="session")
-def drive(
-    board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun]
-) -> DrivingResult:
+def drive(board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun]) -> DrivingResult:
     """Headings of the filter and of its two halves while the board was turned through the disturbances."""
     assert rig.world is not None
     noise = filter_noise(
-        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut, field_ut=rig.field.strength_ut,
+        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
+        field_ut=rig.field.strength_ut,
         dip_deg=rig.field.dip_deg,
     )
     return measure_driving(
-        board, turntable, begins_s=min(disturbance.begins_s for disturbance in rig.world.disturbances.values()),
-        slot=calibrations[CALIBRATOR].slot, noise=noise, readings=rig.procedure.readings_per_pose,
+        board,
+        turntable,
+        begins_s=min(disturbance.begins_s for disturbance in rig.world.disturbances.values()),
+        slot=calibrations[CALIBRATOR].slot,
+        noise=noise,
+        readings=rig.procedure.readings_per_pose,
     )
 
 
@@ -59,7 +62,11 @@ def driven(
 ) -> DrivenCalibrations:
     """Calibrations from points that were taken while the field was disturbed, and afterwards."""
     return calibrate_while_driving(
-        board, turntable, tumble=tumble, calibrator=CALIBRATOR, n=rig.procedure.calibration_points,
+        board,
+        turntable,
+        tumble=tumble,
+        calibrator=CALIBRATOR,
+        n=rig.procedure.calibration_points,
         progress=hil_progress,
     )
 
@@ -93,8 +100,11 @@ def test_headings_over_time(drive: DrivingResult, measure: Measure) -> None:
         "driving.motion",
         {"time": "s", "heading": "deg"} | dict.fromkeys(fields_ut, "uT") | dict.fromkeys(drive.headings, "deg"),
         zip(
-            drive.motion.time_s.tolist(), (pose.heading_deg for pose in truth), *fields_ut.values(),
-            *(map(cell, heading.error_deg.tolist()) for heading in drive.headings.values()), strict=True,
+            drive.motion.time_s.tolist(),
+            (pose.heading_deg for pose in truth),
+            *fields_ut.values(),
+            *(map(cell, heading.error_deg.tolist()) for heading in drive.headings.values()),
+            strict=True,
         ),
     )
 
@@ -102,8 +112,12 @@ def test_headings_over_time(drive: DrivingResult, measure: Measure) -> None:
 def test_what_a_calibration_from_disturbed_points_says_of_itself(driven: DrivenCalibrations, measure: Measure) -> None:
     measure(f"driving.{CALIBRATOR}.calibrated_error", driven.residual_percent, "%")
     for name, stages in driven.begun_disturbed.items():
-        measure(f"driving.{name}.calibrated_error", disturbed(stages)[-1].stage.state.fit_error_percent, "%",
-                not_offered="it has no measure of its own")
+        measure(
+            f"driving.{name}.calibrated_error",
+            disturbed(stages)[-1].stage.state.fit_error_percent,
+            "%",
+            not_offered="it has no measure of its own",
+        )
 
 
 def test_what_a_calibration_from_disturbed_points_is_worth(
@@ -120,15 +134,28 @@ def test_what_a_calibration_from_disturbed_points_is_worth(
         after = [stage for stage in stages if not stage.disturbed]
         right = [worst(each.stage.fit) <= RIGHT_DEG for each in after]
         first = next((at for at in range(len(after)) if all(right[at:])), None)
-        measure(f"driving.{name}.recalibrated_after", after[-1 if first is None else first].time_s, "s",
-                note="not right by then" if first is None else "")
+        measure(
+            f"driving.{name}.recalibrated_after",
+            after[-1 if first is None else first].time_s,
+            "s",
+            note="not right by then" if first is None else "",
+        )
     for name, stages in driven.begun_before.items():
         measure(f"driving.{name}.kept_max", max(worst(each.stage.fit) for each in disturbed(stages)), "deg")
     for begun, found in (("before", driven.begun_before), ("disturbed", driven.begun_disturbed)):
         for name, stages in found.items():
             rows += [
-                [name, begun, stage.disturbed, stage.time_s, stage.stage.state.elements, stage.stage.state.held,
-                 stage.stage.state.accepted, stage.stage.state.fit_error_percent, worst(stage.stage.fit)]
+                [
+                    name,
+                    begun,
+                    stage.disturbed,
+                    stage.time_s,
+                    stage.stage.state.elements,
+                    stage.stage.state.held,
+                    stage.stage.state.accepted,
+                    stage.stage.state.fit_error_percent,
+                    worst(stage.stage.fit),
+                ]
                 for stage in stages
             ]
     measure.table(

@@ -29,17 +29,27 @@ CALIBRATOR = "direct"
 
 @pytest.fixture(scope="module")
 def motion(
-    board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun],
-    gyroscope_calibration: FittedTurns, hil_progress: Progress,
+    board: Board,
+    turntable: Turntable,
+    rig: Rig,
+    calibrations: Mapping[str, CalibratorRun],
+    gyroscope_calibration: FittedTurns,
+    hil_progress: Progress,
 ) -> FusionResult:
     """Errors of the fusion filter while the board was turned and tilted; it keeps its gyroscope's calibration."""
     noise = filter_noise(
-        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut, field_ut=rig.field.strength_ut,
+        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
+        field_ut=rig.field.strength_ut,
         dip_deg=rig.field.dip_deg,
     )
     return measure_fusion(
-        board, turntable, slot=calibrations[CALIBRATOR].slot, noise=noise, readings=rig.procedure.readings_per_pose,
-        bias_s=rig.procedure.gyroscope_rest_s, progress=hil_progress,
+        board,
+        turntable,
+        slot=calibrations[CALIBRATOR].slot,
+        noise=noise,
+        readings=rig.procedure.readings_per_pose,
+        bias_s=rig.procedure.gyroscope_rest_s,
+        progress=hil_progress,
     )
 
 
@@ -71,10 +81,13 @@ def test_errors_over_time(motion: FusionResult, measure: Measure) -> None:
     if motion.truth is None or any(errors is None for errors in found.values()):
         pytest.skip("the truth is not known here")
     measure.table(
-        "fusion.motion", {"time": "s", "heading": "deg"} | dict.fromkeys(found, "deg"),
+        "fusion.motion",
+        {"time": "s", "heading": "deg"} | dict.fromkeys(found, "deg"),
         zip(
-            motion.time_s.tolist(), (pose.heading_deg for pose in motion.truth),
-            *(map(cell, errors.heading_deg.tolist()) for errors in found.values() if errors), strict=True,
+            motion.time_s.tolist(),
+            (pose.heading_deg for pose in motion.truth),
+            *(map(cell, errors.heading_deg.tolist()) for errors in found.values() if errors),
+            strict=True,
         ),
     )
 
@@ -85,6 +98,7 @@ def cell(value: float) -> float | None:
 
 def alternatives(motion: FusionResult) -> dict[str, AttitudeErrors | None]:
     return {
-        "fused": motion.fused, "accelerometer_magnetometer": motion.accelerometer_magnetometer,
+        "fused": motion.fused,
+        "accelerometer_magnetometer": motion.accelerometer_magnetometer,
         "gyroscope": motion.gyroscope,
     }

@@ -61,12 +61,21 @@ def test_turns_about_all_axes_find_scale_and_axes(
 
 @pytest.mark.full
 def test_the_calibrated_gyroscope_follows_a_turn_that_it_was_not_fitted_to(
-    gyroscope_calibration: FittedTurns, board: Board, turntable: Turntable, rig: Rig, measure: Measure,
+    gyroscope_calibration: FittedTurns,
+    board: Board,
+    turntable: Turntable,
+    rig: Rig,
+    measure: Measure,
     hil_progress: Progress,
 ) -> None:
     back = measure_turn(
-        board, turntable, Axis.Z, degrees=-360.0, rate_dps=rig.procedure.gyroscope_turn_dps,
-        rest_s=rig.procedure.gyroscope_rest_s, progress=hil_progress,
+        board,
+        turntable,
+        Axis.Z,
+        degrees=-360.0,
+        rate_dps=rig.procedure.gyroscope_turn_dps,
+        rest_s=rig.procedure.gyroscope_rest_s,
+        progress=hil_progress,
     )
     off_deg = gyroscope_calibration.fit.matrix @ back.turn.integral - back.turn.turned_deg
     measure("gyroscope.turn_error", float(np.linalg.norm(off_deg)), "deg")
@@ -78,5 +87,8 @@ def test_noise_density_at_rest(board: Board, turntable: Turntable, measure: Meas
     log = log_gyroscope(board, seconds=NOISE_LOG_S, progress=hil_progress)
     found = noise_density(log.rates_dps, rate_hz=log.rate_hz)
     measure("gyroscope.noise_density", 1000.0 * found.together, "mdps/rtHz")
-    measure.table("gyroscope.noise_density", {"axis": "", "density": "mdps/rtHz"},
-                  zip("xyz", (1000.0 * found.per_axis).tolist(), strict=True))
+    measure.table(
+        "gyroscope.noise_density",
+        {"axis": "", "density": "mdps/rtHz"},
+        zip("xyz", (1000.0 * found.per_axis).tolist(), strict=True),
+    )

@@ -83,12 +83,18 @@ DETERMINED: dict[str, tuple[Counts, float, Reals]] = {
     "an odd number of points": (sensed(directions(101)), FIELD_COUNTS, HARD_IRON),
     "three rings": (sensed(np.vstack([np.roll(RING, by, axis=1) for by in range(3)])), FIELD_COUNTS, HARD_IRON),
     "faces and corners, again and again": (
-        sensed(np.repeat(np.vstack([FACES, CORNERS]), 8, axis=0)), FIELD_COUNTS, HARD_IRON),
+        sensed(np.repeat(np.vstack([FACES, CORNERS]), 8, axis=0)),
+        FIELD_COUNTS,
+        HARD_IRON,
+    ),
     "a hard iron of 2.5 mT": (sensed(ALL_ROUND, hard_iron=FAR_HARD_IRON), FIELD_COUNTS, FAR_HARD_IRON),
     "a field of 2 uT": (sensed(ALL_ROUND, field=20.0, noise=0.0), 20.0, HARD_IRON),
     "the largest counts": (
-        sensed(np.vstack([ALL_ROUND, FACES]), field=LARGEST, hard_iron=np.zeros(3), noise=0.0), LARGEST, np.zeros(3)),
-}  # fmt: skip
+        sensed(np.vstack([ALL_ROUND, FACES]), field=LARGEST, hard_iron=np.zeros(3), noise=0.0),
+        LARGEST,
+        np.zeros(3),
+    ),
+}
 # No ellipsoid is determined, whatever the fit.
 NOTHING: dict[str, Counts] = {
     "eight points": sensed(directions(8)),
@@ -187,12 +193,12 @@ STREAMED: dict[str, tuple[Counts, float]] = {
     "a field of 150 uT": (sensed(directions(180), field=1500.0), 1500.0),
     "a plane": (np.rint(FIELD_COUNTS * directions(180) * [1.0, 1.0, 0.01]).astype(np.int16), 0.0),
     "one point": (np.repeat(sensed(ALL_ROUND[:1]), 60, axis=0), 0.0),
-    "eight points": (sensed(directions(8)), 0.0), "a hyperboloid": (np.tile(OTHER["a hyperboloid"], (3, 1)), 0.0),
-}  # fmt: skip
+    "eight points": (sensed(directions(8)), 0.0),
+    "a hyperboloid": (np.tile(OTHER["a hyperboloid"], (3, 1)), 0.0),
+}
 
 
-@pytest.mark.parametrize(
-    ("name", "times"), [*((name, 1) for name in STREAMED), ("all round", 4)])  # fmt: skip
+@pytest.mark.parametrize(("name", "times"), [*((name, 1) for name in STREAMED), ("all round", 4)])
 def test_a_stream_is_right_or_knows_that_it_is_not(board: Board, name: str, times: int) -> None:
     # A solver that does one slice of its work a point comes to an ellipsoid after some thousand.
     points, field = STREAMED[name]
@@ -210,8 +216,14 @@ def test_a_stream_is_right_or_knows_that_it_is_not(board: Board, name: str, time
         assert is_confident(state) or name != "all round", f"{stream} answers {state.fit.name} to points all round"
 
 
-def pose(gravity_g: Reals, *, face: Face = Face.NONE, spread: float = 8.0, readings: int = 64,
-         field: Reals = FIELD_COUNTS * ALL_ROUND[0]) -> StillPose:  # fmt: skip
+def pose(
+    gravity_g: Reals,
+    *,
+    face: Face = Face.NONE,
+    spread: float = 8.0,
+    readings: int = 64,
+    field: Reals = FIELD_COUNTS * ALL_ROUND[0],
+) -> StillPose:
     """Return a still pose of an accelerometer of 8192 counts a g."""
     spreads = np.full(3, spread)
     return StillPose(field, spreads, COUNTS_PER_G * np.asarray(gravity_g), spreads, readings, face)
@@ -221,31 +233,60 @@ SIX = [pose(np.array(face.gravity_g), face=face) for face in FACES_DOWN]
 # Readings of the six faces, each near its axis and of 0.6 to 1.6 g, that no gains and offsets make 1 g.
 CONTRADICTORY = [
     pose(np.array(gravity_g), face=face)
-    for face, gravity_g in zip(FACES_DOWN, (
-        (0.62, 0.0, 0.0), (-0.62, 0.0, 0.0), (0.0, 1.49, 0.5), (0.0, -1.49, 0.5), (-0.5, 0.0, 1.49), (-0.2, 0.0, -0.59)
-    ), strict=True)
-]  # fmt: skip
+    for face, gravity_g in zip(
+        FACES_DOWN,
+        (
+            (0.62, 0.0, 0.0),
+            (-0.62, 0.0, 0.0),
+            (0.0, 1.49, 0.5),
+            (0.0, -1.49, 0.5),
+            (-0.5, 0.0, 1.49),
+            (-0.2, 0.0, -0.59),
+        ),
+        strict=True,
+    )
+]
 POSED: list[tuple[str, str, list[StillPose], AccelerometerStatus]] = [
     ("six-position", "in order", SIX, AccelerometerStatus.OK),
     ("six-position", "with another pose among them", [pose(ALL_ROUND[0]), *SIX], AccelerometerStatus.OK),
-    ("six-position", "of an 8 g part", [pose(np.array(each.face.gravity_g) / 2.0, face=each.face) for each in SIX],
-     AccelerometerStatus.MISPLACED_FACE),
-    ("six-position", "of a 2 g part", [pose(np.array(each.face.gravity_g) * 2.0, face=each.face) for each in SIX],
-     AccelerometerStatus.MISPLACED_FACE),
-    ("six-position", "without a spread", [*SIX[:5], replace(SIX[5], accelerometer_spread=None)],
-     AccelerometerStatus.MOVED),
+    (
+        "six-position",
+        "of an 8 g part",
+        [pose(np.array(each.face.gravity_g) / 2.0, face=each.face) for each in SIX],
+        AccelerometerStatus.MISPLACED_FACE,
+    ),
+    (
+        "six-position",
+        "of a 2 g part",
+        [pose(np.array(each.face.gravity_g) * 2.0, face=each.face) for each in SIX],
+        AccelerometerStatus.MISPLACED_FACE,
+    ),
+    (
+        "six-position",
+        "without a spread",
+        [*SIX[:5], replace(SIX[5], accelerometer_spread=None)],
+        AccelerometerStatus.MOVED,
+    ),
     ("ellipsoid", "all round", [pose(direction) for direction in directions(20)], AccelerometerStatus.OK),
     ("ellipsoid", "eight", [pose(direction) for direction in directions(8)], AccelerometerStatus.TOO_FEW_POSES),
-    ("ellipsoid", "one moved", [pose(each, spread=50.0 if i == 9 else 8.0) for i, each in enumerate(directions(20))],
-     AccelerometerStatus.MOVED),
+    (
+        "ellipsoid",
+        "one moved",
+        [pose(each, spread=50.0 if i == 9 else 8.0) for i, each in enumerate(directions(20))],
+        AccelerometerStatus.MOVED,
+    ),
     ("ellipsoid", "on a plane", [pose(each) for each in RING[::5]], AccelerometerStatus.POOR_COVERAGE),
     ("ellipsoid", "in one place", [pose(ALL_ROUND[0])] * 20, AccelerometerStatus.POOR_COVERAGE),
     ("ellipsoid", "far out", [pose(each + 100.0) for each in directions(20)], AccelerometerStatus.POOR_COVERAGE),
     ("ellipsoid", "far below", [pose(each - 100.0) for each in directions(20)], AccelerometerStatus.POOR_COVERAGE),
-    ("ellipsoid", "on a hyperboloid", [pose(each / 500.0) for each in OTHER["a hyperboloid"][::2]],
-     AccelerometerStatus.NOT_AN_ELLIPSOID),
+    (
+        "ellipsoid",
+        "on a hyperboloid",
+        [pose(each / 500.0) for each in OTHER["a hyperboloid"][::2]],
+        AccelerometerStatus.NOT_AN_ELLIPSOID,
+    ),
     ("six-position", "contradictory", CONTRADICTORY, AccelerometerStatus.NOT_AN_ELLIPSOID),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("method", "what", "poses", "status"), POSED, ids=[f"{each[0]} {each[1]}" for each in POSED])
@@ -277,9 +318,13 @@ TURNED: list[tuple[str, list[GyroscopeTurn], TurnsStatus, int | None]] = [
     ("one short", [*TURNS, turn(np.array([0.0, 89.0, 0.0]))], TurnsStatus.TOO_SMALL, 3),
     ("one of a sample", [TURNS[0], turn(np.array([0.0, 360.0, 0.0]), n=1), TURNS[2]], TurnsStatus.TOO_SMALL, 1),
     ("about axes of a plane", [*TURNS[:2], turn(np.array([360.0, 360.0, 0.0]))], TurnsStatus.NOT_SPANNING, None),
-    ("that the gyroscope did not see", [turn(each, sees=0.0) for each in 360.0 * np.eye(3)], TurnsStatus.SINGULAR,
-     None),
-]  # fmt: skip
+    (
+        "that the gyroscope did not see",
+        [turn(each, sees=0.0) for each in 360.0 * np.eye(3)],
+        TurnsStatus.SINGULAR,
+        None,
+    ),
+]
 
 
 @pytest.mark.parametrize(("what", "turns", "status", "at_fault"), TURNED, ids=[each[0] for each in TURNED])
@@ -307,14 +352,29 @@ PAIRS: list[tuple[str, Counts, Counts, float | None, FitStatus]] = [
     ("of a dip of zero", MAGNETIC, GRAVITY, 0.0, FitStatus.HORIZONTAL_FIELD),
     ("whose gravity is mirrored", MAGNETIC, -GRAVITY, 62.0, FitStatus.MIRRORED),
     ("with two axes swapped", MAGNETIC, GRAVITY[:, [1, 0, 2]], 62.0, FitStatus.MIRRORED),
-    ("of a horizontal field", sensed(LEVEL_FIELD), np.rint(8192.0 * LEVEL).astype(np.int16), None,
-     FitStatus.HORIZONTAL_FIELD),
-    ("that never tilt", sensed(np.tile(RING, (3, 1))), np.tile(np.array([[0, 0, 8192]], np.int16), (300, 1)), None,
-     FitStatus.SINGULAR),
-    ("of one attitude", np.repeat(MAGNETIC[:1], 300, axis=0), np.repeat(GRAVITY[:1], 300, axis=0), None,
-     FitStatus.SINGULAR),
+    (
+        "of a horizontal field",
+        sensed(LEVEL_FIELD),
+        np.rint(8192.0 * LEVEL).astype(np.int16),
+        None,
+        FitStatus.HORIZONTAL_FIELD,
+    ),
+    (
+        "that never tilt",
+        sensed(np.tile(RING, (3, 1))),
+        np.tile(np.array([[0, 0, 8192]], np.int16), (300, 1)),
+        None,
+        FitStatus.SINGULAR,
+    ),
+    (
+        "of one attitude",
+        np.repeat(MAGNETIC[:1], 300, axis=0),
+        np.repeat(GRAVITY[:1], 300, axis=0),
+        None,
+        FitStatus.SINGULAR,
+    ),
     ("without gravity", MAGNETIC, 0 * GRAVITY, None, FitStatus.SINGULAR),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("what", "magnetic", "gravity", "dip_deg", "status"), PAIRS, ids=[each[0] for each in PAIRS])
@@ -330,8 +390,10 @@ def test_pairs_are_fitted_or_refused_by_name(
         assert reply.dip_deg == pytest.approx(62.0, abs=0.5)  # noise of 0.008 of the field, over 300 pairs
 
 
-@pytest.mark.parametrize(("count", "few", "status"), [
-    (38, 16, FitStatus.ELLIPSOID), (38, 15, FitStatus.TOO_FEW_POINTS), (37, 16, FitStatus.TOO_FEW_POINTS)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("count", "few", "status"),
+    [(38, 16, FitStatus.ELLIPSOID), (38, 15, FitStatus.TOO_FEW_POINTS), (37, 16, FitStatus.TOO_FEW_POINTS)],
+)
 def test_poses_for_a_magnetometer_must_be_enough_and_of_enough_readings(
     board: Board, count: int, few: int, status: FitStatus
 ) -> None:

@@ -45,8 +45,13 @@ def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun]
         | {f"hard_iron_{row}": "count" for row in "xyz"},
         [
             [
-                name, run.fit.name, run.is_sphere, run.iterations, run.n,
-                *run.soft_iron.ravel().tolist(), *run.hard_iron.tolist(),
+                name,
+                run.fit.name,
+                run.is_sphere,
+                run.iterations,
+                run.n,
+                *run.soft_iron.ravel().tolist(),
+                *run.hard_iron.tolist(),
             ]
             for name, run in calibrations.items()
         ],
@@ -63,7 +68,8 @@ def test_heading_at_known_angles(
     not_checked = missing or ("" if rig.mounting else "the rig declares no mounting")
     by_hand_deg, mounting_deg = rig.guard_band_deg(f"heading.{DPI}.bias"), rig.mounting and rig.mounting.uncertainty_deg
     unnamed = {
-        "max": GOAL, "max_centred": GOAL,
+        "max": GOAL,
+        "max_centred": GOAL,
         "bias": Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG),
     }
     for name in known_angles.error_deg:
@@ -92,10 +98,14 @@ def test_heading_at_known_angles(
         [
             [pose.heading_deg, pose.pitch_deg, pose.roll_deg, bool(level), *numbers]
             for pose, level, *numbers in zip(
-                known_angles.poses, known_angles.level, known_angles.reference_deg.tolist(),
-                known_angles.pitch_deg[UNCALIBRATED].tolist(), known_angles.roll_deg[UNCALIBRATED].tolist(),
+                known_angles.poses,
+                known_angles.level,
+                known_angles.reference_deg.tolist(),
+                known_angles.pitch_deg[UNCALIBRATED].tolist(),
+                known_angles.roll_deg[UNCALIBRATED].tolist(),
                 *(headings.tolist() for headings in known_angles.heading_deg.values()),
-                *(errors.tolist() for errors in known_angles.error_deg.values()), strict=True,
+                *(errors.tolist() for errors in known_angles.error_deg.values()),
+                strict=True,
             )
         ],
     )
@@ -110,17 +120,25 @@ def test_heading_at_known_angles(
     known = known_angles.in_body(field.ned_ut), known_angles.in_body((0.0, 0.0, 1.0))
     units = {"field": "uT", "gravity": "g"}
     measure.table(
-        "heading.known", {f"{what}_{axis}": unit for what, unit in units.items() for axis in "xyz"},
+        "heading.known",
+        {f"{what}_{axis}": unit for what, unit in units.items() for axis in "xyz"},
         np.hstack(known).tolist(),
     )
     measure.table(
         "heading.calibrations",
-        {"calibration": ""} | matrix("soft_iron", "1/count") | {f"hard_iron_{axis}": "count" for axis in "xyz"}
-        | matrix("gain", "g/count") | {f"offset_{axis}": "count" for axis in "xyz"},
+        {"calibration": ""}
+        | matrix("soft_iron", "1/count")
+        | {f"hard_iron_{axis}": "count" for axis in "xyz"}
+        | matrix("gain", "g/count")
+        | {f"offset_{axis}": "count" for axis in "xyz"},
         [
-            [name, *held.soft_iron.ravel().tolist(), *held.hard_iron.tolist(),
-             *known_angles.accelerometer_fits[name].gain.ravel().tolist(),
-             *known_angles.accelerometer_fits[name].offset.tolist()]
+            [
+                name,
+                *held.soft_iron.ravel().tolist(),
+                *held.hard_iron.tolist(),
+                *known_angles.accelerometer_fits[name].gain.ravel().tolist(),
+                *known_angles.accelerometer_fits[name].offset.tolist(),
+            ]
             for name, held in known_angles.calibrations.items()
         ],
     )

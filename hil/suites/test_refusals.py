@@ -60,10 +60,17 @@ POSE = (255, 16, *(100.0, 200.0, 300.0), *(4.0, 4.0, 4.0), *(0.0, 0.0, 8192.0), 
 POSES_KEPT = 128
 # Three turns about the body's axes of 10 s at 200 Hz: turned, sums, samples, duration, bias before and after, share.
 TURNS = tuple(
-    number for axis in range(3)
-    for number in (*np.roll([360.0, 0.0, 0.0], axis), *np.roll([1_152_000, 0, 0], axis), 2000, 10_000_000,
-                   *[0.0] * 6, 0.5)
-)  # fmt: skip
+    number
+    for axis in range(3)
+    for number in (
+        *np.roll([360.0, 0.0, 0.0], axis),
+        *np.roll([1_152_000, 0, 0], axis),
+        2000,
+        10_000_000,
+        *[0.0] * 6,
+        0.5,
+    )
+)
 UNIT = (0.002, 0.0, 0.0, 0.0, 0.002, 0.0, 0.0, 0.0, 0.002, 0.0, 0.0, 0.0)
 ENOUGH_US, LONGEST_US = 5_000_000, 60_000_000
 
@@ -73,15 +80,21 @@ LATE = (BAD, LONGEST_US + 1, 0xFFFF_FFFF)
 NO_SENSOR = (Status.NO_SUCH_SENSOR, 99, 255)
 # Done once, they have changed what `prepare` stored.
 CHANGING = (
-    ClearPoints, ClearPoses, ClearCalibration, Upload, Collect, AddPose, UploadPoses, StreamFeed, StreamRemove,
-)  # fmt: skip
+    ClearPoints,
+    ClearPoses,
+    ClearCalibration,
+    Upload,
+    Collect,
+    AddPose,
+    UploadPoses,
+    StreamFeed,
+    StreamRemove,
+)
 
 
 def not_finite(*fields: int) -> tuple[tuple[Any, ...], ...]:
     """Return what each of some real numbers must not be."""
     return (fields, BAD, nan), ((fields[0], fields[-1]), BAD, inf)
-
-
 
 
 class Case(NamedTuple):
@@ -105,8 +118,14 @@ class Case(NamedTuple):
                 yield f"field {at} = {value}", self.payload(at, value), answer
 
 
-def named(request: type[Request[Any]], form: str, fields: tuple[int, ...], name: str, *others: tuple[Any, ...],
-          answer: Status = OK) -> Case:  # fmt: skip
+def named(
+    request: type[Request[Any]],
+    form: str,
+    fields: tuple[int, ...],
+    name: str,
+    *others: tuple[Any, ...],
+    answer: Status = OK,
+) -> Case:
     """Return a request that ends with a name: others are as long, or not as long as they say."""
     at, size = len(fields), len(name)
     strangers = (b"?" * size, name[:-1].encode() + b"?", b"?" + name[1:].encode())
@@ -124,23 +143,47 @@ def cases(board: Board) -> Iterator[Case]:
     yield from (Case(each) for each in (Identify, Sensors, ClearPoints, LinkStatistics, ClearPoses, GetGyroscope))
     yield Case(Sync, "I", (7,))
     yield Case(Select, "B", (magnetometer,), ((0, *NO_SENSOR),))
-    yield Case(Read, "BBI", (magnetometer, 4, ENOUGH_US), (
-        (0, *NO_SENSOR), (1, BAD, 0, 65, 255), (1, OK, 64), (2, *LATE), (2, TIMEOUT, 0, 5_000), (2, OK, LONGEST_US)))
-    yield Case(Collect, "HI", (4, ENOUGH_US), (
-        (0, BAD, 0, 513, 0xFFFF), (1, *LATE), (1, TIMEOUT, 0), (1, OK, LONGEST_US)))
-    yield Case(Upload, "HB6h", (3, 2, *range(6)), (
-        (0, BAD, 0, 2, 4, 0xFFFF), (1, LENGTH, 0, 3, 160, 255), (1, OK, 1), (2, OK, -0x8000, 0x7FFF)))
+    yield Case(
+        Read,
+        "BBI",
+        (magnetometer, 4, ENOUGH_US),
+        ((0, *NO_SENSOR), (1, BAD, 0, 65, 255), (1, OK, 64), (2, *LATE), (2, TIMEOUT, 0, 5_000), (2, OK, LONGEST_US)),
+    )
+    yield Case(
+        Collect, "HI", (4, ENOUGH_US), ((0, BAD, 0, 513, 0xFFFF), (1, *LATE), (1, TIMEOUT, 0), (1, OK, LONGEST_US))
+    )
+    yield Case(
+        Upload,
+        "HB6h",
+        (3, 2, *range(6)),
+        ((0, BAD, 0, 2, 4, 0xFFFF), (1, LENGTH, 0, 3, 160, 255), (1, OK, 1), (2, OK, -0x8000, 0x7FFF)),
+    )
     yield Case(Points, "HB", (0, 2), ((0, BAD, 4, 0xFFFF), (0, OK, 3), (1, BAD, 81, 255), (1, OK, 0, 80)))
     for calibrator in board.identity.calibrators[:1]:
         yield named(Calibrate, "HH", (3, 0), calibrator, (0, BAD, 0), (0, FEW, 4, 0xFFFF), (0, OK, 1), (1, OK, 0xFFFF))
     yield Case(SetCalibration, "B12f", (slot, *UNIT), linear)
     yield Case(GetCalibration, "B", (slot,), ((0, *no_slot),))
     yield Case(ClearCalibration, "B", (slot,), ((0, *no_slot),))
-    yield Case(Average, "HIH", (4, ENOUGH_US, 1 << slot), (
-        (0, BAD, 0, 513, 0xFFFF), (0, OK, 1), (1, *LATE), (1, TIMEOUT, 0, 5_000)))
-    yield Case(GyroscopeRest, "HIBf", (20, ENOUGH_US, 0, 0.0), (
-        (0, BAD, 0, 4097, 0xFFFF), (0, OK, 1), (1, *LATE), (1, TIMEOUT, 0, 100_000),
-        (2, BAD, 2, 255), (3, BAD, -0.5, nan, inf), (3, OK, 1e-3, 1e6)))
+    yield Case(
+        Average,
+        "HIH",
+        (4, ENOUGH_US, 1 << slot),
+        ((0, BAD, 0, 513, 0xFFFF), (0, OK, 1), (1, *LATE), (1, TIMEOUT, 0, 5_000)),
+    )
+    yield Case(
+        GyroscopeRest,
+        "HIBf",
+        (20, ENOUGH_US, 0, 0.0),
+        (
+            (0, BAD, 0, 4097, 0xFFFF),
+            (0, OK, 1),
+            (1, *LATE),
+            (1, TIMEOUT, 0, 100_000),
+            (2, BAD, 2, 255),
+            (3, BAD, -0.5, nan, inf),
+            (3, OK, 1e-3, 1e6),
+        ),
+    )
     for stream in board.identity.stream_calibrators:
         steps = ((0, FEW, 2, 0xFFFF), (0, OK, 1), (1, BAD, 0, 81, 255), (1, FEW, 4, 80), (1, OK, 1, 3))
         yield named(StreamReset, "B", (0,), stream, (0, BAD, 2, 255), (0, OK, 1))
@@ -152,34 +195,89 @@ def cases(board: Board) -> Iterator[Case]:
         yield named(StreamState, "", (), stream)
     yield Case(SetAccelerometer, "B12f", (slot, *UNIT), linear)
     yield Case(GetAccelerometer, "B", (slot,), ((0, *no_slot),))
-    yield Case(AddPose, "HIB", (4, ENOUGH_US, 255), (
-        (0, BAD, 0, 513, 0xFFFF), (0, OK, 1), (1, *LATE), (1, TIMEOUT, 0, 5_000), (2, BAD, 6, 254), (2, OK, 0, 5)))
+    yield Case(
+        AddPose,
+        "HIB",
+        (4, ENOUGH_US, 255),
+        ((0, BAD, 0, 513, 0xFFFF), (0, OK, 1), (1, *LATE), (1, TIMEOUT, 0, 5_000), (2, BAD, 6, 254), (2, OK, 0, 5)),
+    )
     yield Case(Poses, "BB", (0, 1), ((0, BAD, 2, 255), (0, OK, 1), (1, BAD, 21, 255), (1, OK, 0, 20)))
     means, spreads = (4, 5, 6, 10, 11, 12), (7, 8, 9, 13, 14, 15)
-    yield Case(UploadPoses, "BBBH12f", (1, 1, *POSE), (
-        (0, BAD, 0, 2, 255), (1, LENGTH, 0, 2, 20, 255), (2, BAD, 6, 254), (2, OK, 0, 5), (3, BAD, 0), (3, OK, 0xFFFF),
-        *not_finite(*means), (spreads, BAD, -1.0, inf), (spreads, OK, nan, 0.0)))
+    yield Case(
+        UploadPoses,
+        "BBBH12f",
+        (1, 1, *POSE),
+        (
+            (0, BAD, 0, 2, 255),
+            (1, LENGTH, 0, 2, 20, 255),
+            (2, BAD, 6, 254),
+            (2, OK, 0, 5),
+            (3, BAD, 0),
+            (3, OK, 0xFFFF),
+            *not_finite(*means),
+            (spreads, BAD, -1.0, inf),
+            (spreads, OK, nan, 0.0),
+        ),
+    )
     for method in ("six-position", "ellipsoid"):
         yield named(FitAccelerometer, "B", (1,), method, (0, FEW, 2, 255), (0, OK, 0))
     for source in (0, 1):
-        yield Case(FitDpi, "BHBBf", (source, 1, slot, 1, 60.0), (
-            (0, BAD, 2, 255), (1, BAD, 0), (1, FEW, 4, 0xFFFF), (2, *no_slot), (3, BAD, 2, 255), (3, OK, 0),
-            (4, BAD, -90.5, 90.5, nan, inf), (4, OK, -90.0, 90.0)))
-    yield Case(IntegrateGyroscope, "HI", (40, ENOUGH_US), (
-        (0, BAD, 0, 39, 12_001, 0xFFFF), (1, *LATE), (1, TIMEOUT, 0, 100_000)))
+        yield Case(
+            FitDpi,
+            "BHBBf",
+            (source, 1, slot, 1, 60.0),
+            (
+                (0, BAD, 2, 255),
+                (1, BAD, 0),
+                (1, FEW, 4, 0xFFFF),
+                (2, *no_slot),
+                (3, BAD, 2, 255),
+                (3, OK, 0),
+                (4, BAD, -90.5, 90.5, nan, inf),
+                (4, OK, -90.0, 90.0),
+            ),
+        )
+    yield Case(
+        IntegrateGyroscope,
+        "HI",
+        (40, ENOUGH_US),
+        ((0, BAD, 0, 39, 12_001, 0xFFFF), (1, *LATE), (1, TIMEOUT, 0, 100_000)),
+    )
     reals = [at + 15 * turn for turn in (0, 2) for at in (1, 2, 3, *range(9, 16))]
     yield Case(FitGyroscope, "B" + 3 * "3f3iHI7f", (3, *TURNS), ((0, LENGTH, 1, 2, 4, 8), *not_finite(*reals)))
     yield Case(SetGyroscope, "12f", UNIT, not_finite(*range(12)))
-    yield Case(FusionStart, "BBHI4f", (slot, 1, 8, ENOUGH_US, 0.2, 0.3, 1.2, 0.1), (
-        (0, *no_slot), (1, BAD, 0), (1, OK, 255), (2, BAD, 0, 513, 0xFFFF), (2, OK, 1), (3, *LATE),
-        (3, TIMEOUT, 0, 20_000), ((4, 5, 6), BAD, 0.0, 9e-5, 181.0, nan, inf), ((4, 5, 6), OK, 1e-4, 180.0),
-        (7, BAD, -0.1, nan), (7, OK, 0.0)))
+    yield Case(
+        FusionStart,
+        "BBHI4f",
+        (slot, 1, 8, ENOUGH_US, 0.2, 0.3, 1.2, 0.1),
+        (
+            (0, *no_slot),
+            (1, BAD, 0),
+            (1, OK, 255),
+            (2, BAD, 0, 513, 0xFFFF),
+            (2, OK, 1),
+            (3, *LATE),
+            (3, TIMEOUT, 0, 20_000),
+            ((4, 5, 6), BAD, 0.0, 9e-5, 181.0, nan, inf),
+            ((4, 5, 6), OK, 1e-4, 180.0),
+            (7, BAD, -0.1, nan),
+            (7, OK, 0.0),
+        ),
+    )
     yield Case(FusionRun, "I", (100_000,), ((0, BAD, 0, LONGEST_US + 1, 0xFFFF_FFFF), (0, TIMEOUT, 1)))
     yield Case(FusionRead, "HB", (0, 36), ((0, BAD, 0xFFFF), (1, BAD, 37, 255), (1, OK, 0)))
-    yield Case(LogGyroscope, "BBI", (40, 0, ENOUGH_US), (
-        (0, BAD, 129, 255), (0, OK, 0, 128), (1, BAD, 2, 255), (1, OK, 1), (2, *LATE), (2, TIMEOUT, 0, 100_000)))
-    yield Case(TimeSequence, "BB", (0, 0), (
-        (0, BAD, len(SEQUENCES), 255), (0, OK, len(SEQUENCES) - 1), (1, BAD, 5, 255), (1, OK, 1, 2, 3, 4)))
+    yield Case(
+        LogGyroscope,
+        "BBI",
+        (40, 0, ENOUGH_US),
+        ((0, BAD, 129, 255), (0, OK, 0, 128), (1, BAD, 2, 255), (1, OK, 1), (2, *LATE), (2, TIMEOUT, 0, 100_000)),
+    )
+    yield Case(
+        TimeSequence,
+        "BB",
+        (0, 0),
+        ((0, BAD, len(SEQUENCES), 255), (0, OK, len(SEQUENCES) - 1), (1, BAD, 5, 255), (1, OK, 1, 2, 3, 4)),
+    )
     yield Case(TimeRange, "H", (3,), ((0, BAD, 0), (0, FEW, 4, 0xFFFF), (0, OK, 1)))
 
 
@@ -210,9 +308,13 @@ def kept(board: Board) -> dict[str, bytes]:
     """Return what the board keeps, as it sends it; without the cycles that a stream's answer took."""
     slot = board.identity.slots - 1
     requests: list[Request[Any]] = [
-        Points(0, 80), Poses(0, 20), GetGyroscope(), GetCalibration(slot), GetAccelerometer(slot),
+        Points(0, 80),
+        Poses(0, 20),
+        GetGyroscope(),
+        GetCalibration(slot),
+        GetAccelerometer(slot),
         *map(StreamState, board.identity.stream_calibrators),
-    ]  # fmt: skip
+    ]
     found = {str(request): answer(board, request.code, request.payload())[1] for request in requests}
     return {name: data[:-8] if name.startswith("StreamState") else data for name, data in found.items()}
 
@@ -338,9 +440,15 @@ def broken_frames() -> list[bytes]:
     longest = Frame(Upload.code, 0x55, bytes(MAX_PAYLOAD))
     too_long = encode_frame(longest)[1:-1] + bytes(8)
     broken = [
-        escaped, whole + bytes([ESCAPE]), whole[:-1], whole[:7], whole[:1],
-        whole + b"\0", whole[:2] + b"\1" + whole[3:], too_long,
-    ]  # fmt: skip
+        escaped,
+        whole + bytes([ESCAPE]),
+        whole[:-1],
+        whole[:7],
+        whole[:1],
+        whole + b"\0",
+        whole[:2] + b"\1" + whole[3:],
+        too_long,
+    ]
     return [bytes([DELIMITER]) + each + bytes([DELIMITER]) for each in broken]
 
 

@@ -85,10 +85,13 @@ def test_a_spread_far_from_zero_is_that_at_rest(board: Board, stage: Stage) -> N
 def test_temperature_is_the_worlds_and_follows_it(board: Board, stage: Stage) -> None:
     answered, true = [], []
     for _ in range(2):
-        answered.append([
-            board.session.request(Read(sensor.sensor_id, 1)).die_temperature_degc
-            for sensor in board.sensors if sensor.present
-        ])
+        answered.append(
+            [
+                board.session.request(Read(sensor.sensor_id, 1)).die_temperature_degc
+                for sensor in board.sensors
+                if sensor.present
+            ]
+        )
         true.append(stage.temperature_degc)
         board.sleep(WARM_UP_S)
     assert np.abs(np.array(answered) - np.array(true)[:, None]).max() <= 5.0, f"{answered} beside {true} degC"

@@ -50,10 +50,20 @@ def test_what_is_known_on_the_way(
             errors = heading_errors_deg(known_angles, stage.fit, accelerometer_fit)
             worst, mean = (None, None) if errors is None else (float(abs(errors).max()), float(abs(errors).mean()))
             state = stage.state
-            rows.append([
-                name, stage.points, state.fit.name, state.is_sphere, state.held, state.elements, state.accepted,
-                state.fit_error_percent, worst, mean,
-            ])
+            rows.append(
+                [
+                    name,
+                    stage.points,
+                    state.fit.name,
+                    state.is_sphere,
+                    state.held,
+                    state.elements,
+                    state.accepted,
+                    state.fit_error_percent,
+                    worst,
+                    mean,
+                ]
+            )
     measure.table(
         "stream.stages",
         {"calibrator": "", "points": "", "fit": "", "sphere": "", "held": "", "elements": "", "accepted": ""}

@@ -28,16 +28,17 @@ def measure_points(case: WorstCase, board: Board, measure: Measure) -> None:
     measure(
         f"cycles.{case.function}.worst_found",
         reply.cost.cycles if reply.fit is FitStatus.ELLIPSOID else None,
-        "cycle", cycle_model=board.cycle_model, band=board.cycle_range(reply.cost, case.function),
-        not_offered="" if reply.fit is FitStatus.ELLIPSOID else
-        f"this firmware refuses the points ({reply.fit.name}): search again with hiltest worst {case.function}",
+        "cycle",
+        cycle_model=board.cycle_model,
+        band=board.cycle_range(reply.cost, case.function),
+        not_offered=""
+        if reply.fit is FitStatus.ELLIPSOID
+        else f"this firmware refuses the points ({reply.fit.name}): search again with hiltest worst {case.function}",
         note=f"{len(case.points)} points, found in {case.calls} calls",
-    )  # fmt: skip
+    )
 
 
-def test_the_worst_cases_that_were_found(
-    board: Board, judged: list[str], cycles: Cycles, measure: Measure
-) -> None:
+def test_the_worst_cases_that_were_found(board: Board, judged: list[str], cycles: Cycles, measure: Measure) -> None:
     for file in sorted(KEPT.glob("*.json")):
         case = load_worst_case(file)
         if case.function in judged:

@@ -24,16 +24,27 @@ __version__ = "0.1.0"
 
 __all__ = ["Board", "Limit", "Measure", "Rig", "Turntable", "VirtualK64F", "cycles", "hookspecs"]
 
-__getattr__ = when_used(__name__, {
-    "Board": "boards", "Limit": "measurement", "Measure": "fixtures", "Rig": "rig", "Turntable": "procedures",
-    "VirtualK64F": "virtual.board.k64f", "hookspecs": "hookspecs",
-})  # fmt: skip
+__getattr__ = when_used(
+    __name__,
+    {
+        "Board": "boards",
+        "Limit": "measurement",
+        "Measure": "fixtures",
+        "Rig": "rig",
+        "Turntable": "procedures",
+        "VirtualK64F": "virtual.board.k64f",
+        "hookspecs": "hookspecs",
+    },
+)
 
 
 def cycles(
-    elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None,
+    elf: str | Path | None = None,
+    *,
+    profile: str | None = None,
+    memory: str | None = None,
     clock_hz: float | None = None,
-) -> ProfiledImage:  # fmt: skip
+) -> ProfiledImage:
     """Open an ELF to count cycles of its functions, on a virtual board of its own.
 
     Parameters

@@ -26,10 +26,14 @@ from tempfile import TemporaryDirectory
 
 _PACKAGE = Path(__file__).parent
 _FLAGS = (
-    "-std=c11", "-O2", "-fPIC", "-shared", "-s",
+    "-std=c11",
+    "-O2",
+    "-fPIC",
+    "-shared",
+    "-s",
     "-ffp-contract=off",  # clang would contract a product and a sum to one fma on processors with that instruction
     "-fno-semantic-interposition",  # gcc may inline a function although the library could export it
-)  # fmt: skip
+)
 _CORE_FLAGS = (
     "-fno-tree-slp-vectorize",  # gcc would keep both counters of the interpreter in one vector: a third slower
     "-falign-functions=64",  # else the interpreter is up to a tenth slower for where it happens to begin

@@ -41,10 +41,13 @@ class _Commands(click.Group):
         for title, names in _GROUPS.items():
             commands = {name: self.get_command(context, name) for name in names}
             with formatter.section(title):
-                formatter.write_dl([
-                    (f"{name:<{len(max(_COMMANDS, key=len))}}", command.get_short_help_str(limit=_LONGEST_LINE))
-                    for name, command in commands.items() if command
-                ])
+                formatter.write_dl(
+                    [
+                        (f"{name:<{len(max(_COMMANDS, key=len))}}", command.get_short_help_str(limit=_LONGEST_LINE))
+                        for name, command in commands.items()
+                        if command
+                    ]
+                )
 
     def get_command(self, _context: click.Context, name: str) -> click.Command | None:
         if name not in _COMMANDS:
@@ -55,7 +58,8 @@ class _Commands(click.Group):
 
 
 @click.group(
-    cls=_Commands, epilog=EXIT_CODES,
+    cls=_Commands,
+    epilog=EXIT_CODES,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 @click.version_option(__version__, prog_name="hiltest")

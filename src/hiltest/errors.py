@@ -235,8 +235,14 @@ class BoardFault(BenchError):
     """
 
     def __init__(
-        self, cause: str, *, pc: int, function: str = "", location: str = "",
-        registers: dict[str, int] | None = None, ending: str = "",
+        self,
+        cause: str,
+        *,
+        pc: int,
+        function: str = "",
+        location: str = "",
+        registers: dict[str, int] | None = None,
+        ending: str = "",
     ) -> None:
         self.cause = cause
         self.pc = pc
@@ -251,9 +257,13 @@ class BoardFault(BenchError):
     def ended(self, ending: str) -> BoardFault:
         """Return this fault with its ending."""
         return BoardFault(
-            self.cause, pc=self.pc, function=self.function, location=self.location, registers=self.registers,
+            self.cause,
+            pc=self.pc,
+            function=self.function,
+            location=self.location,
+            registers=self.registers,
             ending=ending,
-        )  # fmt: skip
+        )
 
 
 def place_of(pc: int, function: str, location: str) -> str:

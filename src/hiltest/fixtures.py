@@ -39,9 +39,18 @@ class Measure:
         self._session = session
 
     def __call__(
-        self, name: str, value: float | int | Counted | None, unit: str = "", *, limit: Limit | None = None,
-        not_checked: str = "", not_offered: str = "", volatile: bool = False, cycle_model: str = "",
-        band: CycleRange | None = None, note: str = "",
+        self,
+        name: str,
+        value: float | int | Counted | None,
+        unit: str = "",
+        *,
+        limit: Limit | None = None,
+        not_checked: str = "",
+        not_offered: str = "",
+        volatile: bool = False,
+        cycle_model: str = "",
+        band: CycleRange | None = None,
+        note: str = "",
     ) -> Measurement:
         """Record one measurement.
 
@@ -92,8 +101,18 @@ class Measure:
         caller = sys._getframe(1)
         place = place_in_record(caller.f_code.co_filename, caller.f_lineno, self._session.config)
         measurement = self._session.check(
-            name, value, unit=unit, limit=limit, not_checked=not_checked, not_offered=not_offered, volatile=volatile,
-            cycle_model=cycle_model, band=band, note=note, place=place, test=self._session.test_id(self._item.nodeid),
+            name,
+            value,
+            unit=unit,
+            limit=limit,
+            not_checked=not_checked,
+            not_offered=not_offered,
+            volatile=volatile,
+            cycle_model=cycle_model,
+            band=band,
+            note=note,
+            place=place,
+            test=self._session.test_id(self._item.nodeid),
         )
         self._session.keep(self._item, measurement)
         return measurement
@@ -148,8 +167,11 @@ def board(request: pytest.FixtureRequest) -> Board:
 
     opened = _session(request).connect()
     if not isinstance(opened, Board):
-        pytest.fail(f"{opened.rig.where('device', 'kind')}: this firmware speaks its own language: a test of it asks "
-                    "for the fixture compass, not for board", pytrace=False)  # fmt: skip
+        pytest.fail(
+            f"{opened.rig.where('device', 'kind')}: this firmware speaks its own language: a test of it asks "
+            "for the fixture compass, not for board",
+            pytrace=False,
+        )
     return opened
 
 
@@ -160,8 +182,11 @@ def compass(request: pytest.FixtureRequest) -> CompassBoard:
 
     opened = _session(request).connect()
     if not isinstance(opened, CompassBoard):
-        pytest.fail(f"rig {_session(request).rig.path} has no [device] table: its firmware speaks hiltest's protocol, "
-                    "and a test of it asks for the fixture board, not for compass", pytrace=False)  # fmt: skip
+        pytest.fail(
+            f"rig {_session(request).rig.path} has no [device] table: its firmware speaks hiltest's protocol, "
+            "and a test of it asks for the fixture board, not for compass",
+            pytrace=False,
+        )
     return opened
 
 
@@ -196,9 +221,13 @@ class Cycles:
         self._session = session
 
     def __call__(
-        self, elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None,
+        self,
+        elf: str | Path | None = None,
+        *,
+        profile: str | None = None,
+        memory: str | None = None,
         clock_hz: float | None = None,
-    ) -> ProfiledImage:  # fmt: skip
+    ) -> ProfiledImage:
         """Return an ELF on a virtual board of its own.
 
         Parameters

@@ -36,8 +36,14 @@ _FEWEST = 4
 
 
 def each_done(
-    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], jobs: int | str, *, remark: str,
-    starts_process: bool = False, asked_to_end: Callable[[], bool] = lambda: False,
+    do: Callable[[Common, int], Result],
+    common: Common,
+    pieces: Iterable[int],
+    jobs: int | str,
+    *,
+    remark: str,
+    starts_process: bool = False,
+    asked_to_end: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[int, Result]]:
     """Yield number and result of each piece when it is finished.
 
@@ -69,8 +75,11 @@ def each_done(
         return _run_by_scheduler(do, common, pieces, jobs, remark, asked_to_end)
     if jobs == 1 and not starts_process:
         return _run_locally(do, common, pieces, asked_to_end)
-    pool = (ThreadPoolExecutor(jobs) if starts_process
-            else ProcessPoolExecutor(jobs, initializer=_leave_interruption_to_parent))  # fmt: skip
+    pool = (
+        ThreadPoolExecutor(jobs)
+        if starts_process
+        else ProcessPoolExecutor(jobs, initializer=_leave_interruption_to_parent)
+    )
     return _run_in_pool(do, common, pieces, pool, jobs, remark, asked_to_end)
 
 
@@ -84,7 +93,12 @@ def _run_locally(
 
 
 def _run_in_pool(
-    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], pool: Executor, jobs: int, remark: str,
+    do: Callable[[Common, int], Result],
+    common: Common,
+    pieces: Iterable[int],
+    pool: Executor,
+    jobs: int,
+    remark: str,
     asked_to_end: Callable[[], bool],
 ) -> Iterator[tuple[int, Result]]:
     def room() -> int:
@@ -123,7 +137,11 @@ def _yield_results(
 
 
 def _run_by_scheduler(
-    do: Callable[[Common, int], Result], common: Common, pieces: Iterable[int], address: str, remark: str,
+    do: Callable[[Common, int], Result],
+    common: Common,
+    pieces: Iterable[int],
+    address: str,
+    remark: str,
     asked_to_end: Callable[[], bool],
 ) -> Iterator[tuple[int, Result]]:
     try:
@@ -134,8 +152,9 @@ def _run_by_scheduler(
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False, name="hiltest")
     except OSError as error:
-        raise SchedulerError(address, f"nobody answers there ({error}). Start it with dask scheduler, or name another "
-                                      "with --jobs") from error  # fmt: skip
+        raise SchedulerError(
+            address, f"nobody answers there ({error}). Start it with dask scheduler, or name another with --jobs"
+        ) from error
     going = dict[Any, int]()
     workers = _Workers(client, address, remark)
     # The keys belong to this command alone, so that results of another command with other files are not reused.
@@ -199,15 +218,19 @@ class _Workers:
 
 def _refuse_without_hiltest(client: Any, address: str) -> None:
     """Check installed versions by a function that all machines have: a worker that cannot load a piece dies of it."""
-    lacking = [worker for worker, answer in client.run(version, "hiltest", on_error="return").items()
-               if isinstance(answer, PackageNotFoundError)]  # fmt: skip
+    lacking = [
+        worker
+        for worker, answer in client.run(version, "hiltest", on_error="return").items()
+        if isinstance(answer, PackageNotFoundError)
+    ]
     try:
         client.run_on_scheduler(version, "hiltest")
     except PackageNotFoundError:
         lacking.insert(0, address)
     if lacking:
-        raise ConfigError(f"hiltest is not installed at {', '.join(lacking)}: install hiltest {__version__} there, and "
-                          "start it again")  # fmt: skip
+        raise ConfigError(
+            f"hiltest is not installed at {', '.join(lacking)}: install hiltest {__version__} there, and start it again"
+        )
 
 
 def _identity(common: Common) -> Common:
@@ -219,6 +242,8 @@ def _run_on_worker(do: Callable[[Common, int], Result], requested_version: str, 
     if requested_version != __version__:
         from distributed import get_worker
 
-        raise ConfigError(f"the worker {get_worker().address} has hiltest {__version__}, and this is "
-                          f"{requested_version}: install the same there and start it again")  # fmt: skip
+        raise ConfigError(
+            f"the worker {get_worker().address} has hiltest {__version__}, and this is "
+            f"{requested_version}: install the same there and start it again"
+        )
     return do(common, piece)

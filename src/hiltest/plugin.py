@@ -48,9 +48,17 @@ from hiltest.session.selection import MARKER, leave_out_full, only_looks, uses_b
 from hiltest.settings import add_options, resolve
 
 __all__ = [
-    "benchmark_cycles", "board", "compass", "cycles", "hil_calibration", "hil_progress", "hil_settings", "measure",
-    "rig", "turntable",
-]  # fmt: skip
+    "benchmark_cycles",
+    "board",
+    "compass",
+    "cycles",
+    "hil_calibration",
+    "hil_progress",
+    "hil_settings",
+    "measure",
+    "rig",
+    "turntable",
+]
 
 _LETTERS = {TestOutcome.CONNECTION_LOST: "L", TestOutcome.WRONG_FIRMWARE: "W"}
 

@@ -55,7 +55,11 @@ class ProgressLine:
     """
 
     def __init__(
-        self, writer: Writer, *, shown: bool, say: Callable[[str], None] | None = None,
+        self,
+        writer: Writer,
+        *,
+        shown: bool,
+        say: Callable[[str], None] | None = None,
         room: Callable[[], int] | None = None,
     ) -> None:
         self._writer = writer
@@ -129,7 +133,9 @@ def progress_of(config: pytest.Config) -> ProgressLine:
 
     return ProgressLine(
         # The output bypasses pytest's writer, which would otherwise count it as part of the line.
-        _UncapturedOutput(TextOutput(writer._file), uncaptured), shown=writer.hasmarkup, say=say,
+        _UncapturedOutput(TextOutput(writer._file), uncaptured),
+        shown=writer.hasmarkup,
+        say=say,
         room=lambda: writer.fullwidth - writer.width_of_current_line - 1,
     )
 

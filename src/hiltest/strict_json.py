@@ -90,7 +90,10 @@ def parse_json(text: str | bytes) -> Any:
     decoded = text.decode("utf-8") if isinstance(text, bytes) else text
     try:
         parsed = json.loads(
-            decoded, object_pairs_hook=_refuse_duplicates, parse_constant=_refuse_constant, parse_float=_parse_finite,
+            decoded,
+            object_pairs_hook=_refuse_duplicates,
+            parse_constant=_refuse_constant,
+            parse_float=_parse_finite,
             parse_int=_parse_short_integer,
         )
     except RecursionError as error:

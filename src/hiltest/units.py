@@ -20,9 +20,12 @@ class RateUnit(StrEnum):
 
 #: Size of a unit in deg/s; None if unknown.
 DEGREES_PER_SECOND: dict[RateUnit, float | None] = {
-    RateUnit.DPS: 1.0, RateUnit.MDPS: 1e-3, RateUnit.RAD_S: math.degrees(1.0), RateUnit.DEG_H: 1.0 / 3600.0,
+    RateUnit.DPS: 1.0,
+    RateUnit.MDPS: 1e-3,
+    RateUnit.RAD_S: math.degrees(1.0),
+    RateUnit.DEG_H: 1.0 / 3600.0,
     RateUnit.COUNTS: None,
-}  # fmt: skip
+}
 
 #: Words for units of rates, in lower case.
 RATE_WORDS = {
@@ -45,15 +48,18 @@ class AccelerationUnit(StrEnum):
 
 #: Size of a unit in g; None if unknown.
 GRAVITIES: dict[AccelerationUnit, float | None] = {
-    AccelerationUnit.G: 1.0, AccelerationUnit.MG: 1e-3, AccelerationUnit.MS2: 1.0 / 9.80665,
+    AccelerationUnit.G: 1.0,
+    AccelerationUnit.MG: 1e-3,
+    AccelerationUnit.MS2: 1.0 / 9.80665,
     AccelerationUnit.COUNTS: None,
-}  # fmt: skip
+}
 
 ACCELERATION_WORDS = {
-    "g": AccelerationUnit.G, "mg": AccelerationUnit.MG,
+    "g": AccelerationUnit.G,
+    "mg": AccelerationUnit.MG,
     **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "ms2", "si"), AccelerationUnit.MS2),
     **dict.fromkeys(("counts", "count", "lsb"), AccelerationUnit.COUNTS),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,19 +82,30 @@ _CONVERSIONS: dict[str, dict[str, Conversion]] = {
     ),
     "dps": _conversions_by_word({word: DEGREES_PER_SECOND[unit] for word, unit in RATE_WORDS.items()}),
     "g": _conversions_by_word({word: GRAVITIES[unit] for word, unit in ACCELERATION_WORDS.items()}),
-    "uT": _conversions_by_word({
-        "uT": 1.0, "µT": 1.0, "μT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": 100.0, "Gs": 100.0, "mgauss": 0.1,
-    }),
+    "uT": _conversions_by_word(
+        {
+            "uT": 1.0,
+            "µT": 1.0,
+            "μT": 1.0,
+            "nT": 1e-3,
+            "mT": 1e3,
+            "T": 1e6,
+            "gauss": 100.0,
+            "Gs": 100.0,
+            "mgauss": 0.1,
+        }
+    ),
     "degC": {
-        "degC": Conversion(), "°C": Conversion(), "C": Conversion(), "K": Conversion(offset=-273.15),
+        "degC": Conversion(),
+        "°C": Conversion(),
+        "C": Conversion(),
+        "K": Conversion(offset=-273.15),
         "degF": Conversion(5.0 / 9.0, -160.0 / 9.0),
     },
     "%": {"%": Conversion(), "1": Conversion(100.0)},
     "": {"": Conversion(), "1": Conversion()},
-}  # fmt: skip
-_BY_LOWER = {
-    unit: {word.lower(): factor for word, factor in words.items()} for unit, words in _CONVERSIONS.items()
 }
+_BY_LOWER = {unit: {word.lower(): factor for word, factor in words.items()} for unit, words in _CONVERSIONS.items()}
 # Units of a field, with a capital; in lower case they are the g of accelerometers.
 _GAUSS = {"G": "gauss", "mG": "mgauss"}
 

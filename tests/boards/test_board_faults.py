@@ -36,9 +36,7 @@ def board_with(**faults: SensorFault | HeldLine | BoardReset) -> Iterator[Board]
         yield board
 
 
-def sensor(
-    part: str, fault: str, *, after_s: float = BEGIN_S, for_s: float | None = None
-) -> dict[str, SensorFault]:
+def sensor(part: str, fault: str, *, after_s: float = BEGIN_S, for_s: float | None = None) -> dict[str, SensorFault]:
     return {"sensor": SensorFault(part, fault, after_s, for_s)}  # type: ignore[arg-type]
 
 

@@ -70,7 +70,13 @@ def test_an_operator_is_led_and_only_what_was_refused_is_done_again(
     ended = at_a_terminal(command(led_rig_file, paced.path), led_rig_file.parent, hand)
     assert ended.code == 0, ended.shown
     assert hand.faces == [
-        "nose down", "nose up", "nose up", "right side down", "left side down", "level", "upside down",
+        "nose down",
+        "nose up",
+        "nose up",
+        "right side down",
+        "left side down",
+        "level",
+        "upside down",
     ]
     again = "Enter to do it again, Ctrl-C to end"
     assert re.search(rf"asked for nose up, and the board reads .*: it lies nose down; .*{again}", ended.shown)
@@ -115,8 +121,13 @@ def test_without_a_terminal_it_says_that_nobody_can_be_asked(
     pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path
 ) -> None:
     done = subprocess.run(
-        command(operators_rig_file, pty_board(rig).path), stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        timeout=90, cwd=operators_rig_file.parent, check=False,
+        command(operators_rig_file, pty_board(rig).path),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=90,
+        cwd=operators_rig_file.parent,
+        check=False,
     )
     assert done.returncode == 20, done.stdout
     assert "no one answers at the terminal" in done.stderr

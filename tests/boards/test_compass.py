@@ -164,9 +164,9 @@ def test_a_heading_with_a_right_check_sum_needs_no_neighbour(far_end: Callable[.
     (tmp_path / "nmea.toml").write_text(text.replace('algorithm = "Q9"', f"patterns = [{pattern}]"), encoding="utf-8")
     rig = load_rig(tmp_path / "nmea.toml")
     # The last one is as the line has changed it: its check sum is that of the first two.
-    other = far_end(lambda number: (
-        b"$HCHDM,101.1,M*28\r\n", b"$HCHDM,111.1,M*29\r\n", b"$HCHDM,181.1,M*28\r\n"
-    )[number % 3])  # fmt: skip
+    other = far_end(
+        lambda number: (b"$HCHDM,101.1,M*28\r\n", b"$HCHDM,111.1,M*29\r\n", b"$HCHDM,181.1,M*28\r\n")[number % 3]
+    )
     with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
         settled = wait_until_settled(board, frame_of(rig))
         assert settled.unconfirmed == 0

@@ -80,17 +80,17 @@ def test_it_can_be_sent_in_when_its_owner_has_filled_it_in(
         (r"^divide = \d+$", "divide = -1", "clocks are whole numbers"),
         (r"^divide = \d+\n", "", "has not the clocks of all"),
         (r"^\[measured.flash_alone\].*\n(?:\w+ = \d+\n)+", "", "[measured.flash_alone] has not the clocks"),
-        (r'^base = .*$', 'base = "cortex-m4-k64f/2"', "and of these clocks it is cortex-m4-trm/2"),
-        (r'^build_id = .*$', 'build_id = "0000000000000000"', "flash that, and measure again"),
+        (r"^base = .*$", 'base = "cortex-m4-k64f/2"', "and of these clocks it is cortex-m4-trm/2"),
+        (r"^build_id = .*$", 'build_id = "0000000000000000"', "flash that, and measure again"),
         (CHIP, VIRTUAL_UNIQUE_ID.hex(), "is not the profile of the chip"),
-        (r'^signed_off_by = .*$', 'signed_off_by = "somebody"', "must be Name <address>"),
-        (r'^revision = .*$', 'revision = ""', "board.revision is empty"),
-        (r'^revision = .*$', 'revision = "\\u001b[2J"', "one line of at most"),
-        (r'^core_clock_hz = .*$', 'core_clock_hz = "fast"', "board.core_clock_hz: must be a number"),
-        (r'^date = .*$', 'date = "yesterday"', "board.date: must be a date"),
-        (r'^\[board\]\n(?:\w+ = .*\n)+', "", "it has no table [board]"),
+        (r"^signed_off_by = .*$", 'signed_off_by = "somebody"', "must be Name <address>"),
+        (r"^revision = .*$", 'revision = ""', "board.revision is empty"),
+        (r"^revision = .*$", 'revision = "\\u001b[2J"', "one line of at most"),
+        (r"^core_clock_hz = .*$", 'core_clock_hz = "fast"', "board.core_clock_hz: must be a number"),
+        (r"^date = .*$", 'date = "yesterday"', "board.date: must be a date"),
+        (r"^\[board\]\n(?:\w+ = .*\n)+", "", "it has no table [board]"),
     ],
-)  # fmt: skip
+)
 def test_what_is_missing_or_does_not_fit_is_named(
     filled_in: str, objections: Callable[[str], tuple[str, ...]], pattern: str, instead: str, said: str
 ) -> None:

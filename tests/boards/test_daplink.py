@@ -104,9 +104,12 @@ def test_the_one_board_needs_no_choice_and_two_do(tree: UsbTree) -> None:
 
 def test_what_devices_and_volumes_say_of_themselves_is_cut_and_made_legible(tree: UsbTree) -> None:
     tree.plug_in(
-        serial="0240\x1b[2J\u202e" + "7" * 500, name="DAP\x07Link", disk="sdb", mounted="/m/D",
+        serial="0240\x1b[2J\u202e" + "7" * 500,
+        name="DAP\x07Link",
+        disk="sdb",
+        mounted="/m/D",
         details=DETAILS.format(serial="\x1b]0;owned\x07", version="9" * 3000),
-    )  # fmt: skip
+    )
     (board,) = find_boards(tree.root)
     assert board.volume is not None
     texts = (board.serial_number, board.product, board.volume.interface_version, board.volume.unique_id)

@@ -207,6 +207,7 @@ OpenOn = Callable[..., Session]
 @pytest.fixture
 def session_on(bench: VirtualBench) -> OpenOn:
     """Return a function that opens a session with the virtual board, synchronised, whose faults begin in 0.5 s."""
+
     def opened(**faults: Any) -> Session:
         port = VirtualPort()
         port.port, port.timeout = "hil://", READ_SLICE_S

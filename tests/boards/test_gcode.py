@@ -32,11 +32,29 @@ def test_the_preamble_of_senders_is_understood() -> None:
 @pytest.mark.parametrize(
     ("line", "number"),
     [
-        ("10", 1), ("X-", 2), ("G", 2), ("X1E3", 20), ("G1X1F-1", 4), ("G4P-1", 4), ("G38.2X1", 20), ("G2X1Y1I1", 20),
-        ("G20", 20), ("M3", 20), ("A5", 20), ("G-1", 20), ("G0G1X1", 21), ("G90G91", 21), ("G1.5X1", 23),
-        ("X1X2", 25), ("N10000000", 27), ("G4", 28), ("G0X1P1", 36), ("G0X1R2", 36), ("@", 1),
+        ("10", 1),
+        ("X-", 2),
+        ("G", 2),
+        ("X1E3", 20),
+        ("G1X1F-1", 4),
+        ("G4P-1", 4),
+        ("G38.2X1", 20),
+        ("G2X1Y1I1", 20),
+        ("G20", 20),
+        ("M3", 20),
+        ("A5", 20),
+        ("G-1", 20),
+        ("G0G1X1", 21),
+        ("G90G91", 21),
+        ("G1.5X1", 23),
+        ("X1X2", 25),
+        ("N10000000", 27),
+        ("G4", 28),
+        ("G0X1P1", 36),
+        ("G0X1R2", 36),
+        ("@", 1),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_line_is_refused_by_number(line: str, number: int) -> None:
     with pytest.raises(GcodeError, match=rf"^error:{number}$"):
         read_block(line, FED)

@@ -375,12 +375,49 @@ def test_a_bkpt_instruction_halts_and_is_gone_on_from(debugged: Debugged) -> Non
 
 
 HOSTILE = [
-    b"m", b"m0", b"m0,ffffffff", b"mffffffff,8", b"m-1,4", b"M0,4:00", b"Mzz", b"X0,1:", b"p", b"pff", b"p-1", b"P0",
-    b"P0=", b"P1=zz", b"Pffff=00000000", b"G", b"G00", b"Z1,", b"Z9,0,2", b"Z1,f0000000,2", b"Z2,0,0", b"Z2,0,ffffffff",
-    b"Z4,ffffffff,2", b"z1,0,2", b"z2,0,4", b"qRcmd,zz", b"qRcmd,", b"qXfer:features:read:target.xml:zz,1",
-    b"qXfer:features:read:target.xml:ffffffff,ffff", b"qXfer:features:read:../etc:0,1", b"vCont;x", b"vCont;r1",
-    b"vCont;r5,1,9", b"vRun;", b"vFile:open:", b"Fx", b"\x80\xff", b"", b"A" * 20_000, b"H", b"T7f", b"qCRC:0,1",
-]  # fmt: skip
+    b"m",
+    b"m0",
+    b"m0,ffffffff",
+    b"mffffffff,8",
+    b"m-1,4",
+    b"M0,4:00",
+    b"Mzz",
+    b"X0,1:",
+    b"p",
+    b"pff",
+    b"p-1",
+    b"P0",
+    b"P0=",
+    b"P1=zz",
+    b"Pffff=00000000",
+    b"G",
+    b"G00",
+    b"Z1,",
+    b"Z9,0,2",
+    b"Z1,f0000000,2",
+    b"Z2,0,0",
+    b"Z2,0,ffffffff",
+    b"Z4,ffffffff,2",
+    b"z1,0,2",
+    b"z2,0,4",
+    b"qRcmd,zz",
+    b"qRcmd,",
+    b"qXfer:features:read:target.xml:zz,1",
+    b"qXfer:features:read:target.xml:ffffffff,ffff",
+    b"qXfer:features:read:../etc:0,1",
+    b"vCont;x",
+    b"vCont;r1",
+    b"vCont;r5,1,9",
+    b"vRun;",
+    b"vFile:open:",
+    b"Fx",
+    b"\x80\xff",
+    b"",
+    b"A" * 20_000,
+    b"H",
+    b"T7f",
+    b"qCRC:0,1",
+]
 
 
 def test_wrong_packets_get_an_answer_and_harm_nobody(debugged: Debugged) -> None:
@@ -423,11 +460,17 @@ def test_a_notice_of_a_halt_that_comes_when_the_processor_runs_again_says_nothin
     assert quiet.session.feed(b"\x03").startswith(b"$T02")
 
 
-framed = st.sampled_from(HOSTILE) | st.binary(max_size=40) | st.builds(
-    lambda letter, rest: letter + rest,
-    st.sampled_from([b"m", b"M", b"X", b"p", b"P", b"Z", b"z", b"q", b"v", b"vCont;", b"H", b"T", b"c", b"s", b"\x03"]),
-    st.text("0123456789abcdef,:;=-x", max_size=24).map(str.encode),
-)  # fmt: skip
+framed = (
+    st.sampled_from(HOSTILE)
+    | st.binary(max_size=40)
+    | st.builds(
+        lambda letter, rest: letter + rest,
+        st.sampled_from(
+            [b"m", b"M", b"X", b"p", b"P", b"Z", b"z", b"q", b"v", b"vCont;", b"H", b"T", b"c", b"s", b"\x03"]
+        ),
+        st.text("0123456789abcdef,:;=-x", max_size=24).map(str.encode),
+    )
+)
 
 
 @settings(max_examples=60)
@@ -480,31 +523,73 @@ def test_gdb_comes_to_a_board_in_stepped_time(elf: Path) -> None:
 
 
 SCRIPT = [
-    "info threads", "break work", "continue", "backtrace", "print n", "print/x $pc", "finish", "delete",
-    "set var total=0", "watch total", "continue", "delete", "tbreak SysTick_Handler", "continue", "backtrace", "stepi",
-    "set var count=77", "print count", "print $d0",
-    "print ratio", "info registers fpscr control basepri", "print/x *(unsigned *)0xE000ED00", "monitor cycles",
-    "monitor reset", "maintenance flush register-cache", "print $pc", "detach",
-]  # fmt: skip
+    "info threads",
+    "break work",
+    "continue",
+    "backtrace",
+    "print n",
+    "print/x $pc",
+    "finish",
+    "delete",
+    "set var total=0",
+    "watch total",
+    "continue",
+    "delete",
+    "tbreak SysTick_Handler",
+    "continue",
+    "backtrace",
+    "stepi",
+    "set var count=77",
+    "print count",
+    "print $d0",
+    "print ratio",
+    "info registers fpscr control basepri",
+    "print/x *(unsigned *)0xE000ED00",
+    "monitor cycles",
+    "monitor reset",
+    "maintenance flush register-cache",
+    "print $pc",
+    "detach",
+]
 
 
 def test_debians_gdb_debugs_the_board(debugged: Debugged, elf: Path, require_tool: Callable[[str], str]) -> None:
     debugged.goes_on = True
     debugged.thread.start()
-    commands = [f"target remote 127.0.0.1:{debugged.server.port}", "monitor reset",
-                "maintenance flush register-cache", *SCRIPT]  # fmt: skip
+    commands = [
+        f"target remote 127.0.0.1:{debugged.server.port}",
+        "monitor reset",
+        "maintenance flush register-cache",
+        *SCRIPT,
+    ]
     arguments = [each for command in commands for each in ("-ex", command)]
     done = subprocess.run(
         [require_tool("gdb-multiarch"), "-nx", "-batch", *arguments, str(elf)],
-        capture_output=True, text=True, timeout=WALL_LIMIT_S, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=WALL_LIMIT_S,
+        check=False,
+    )
     said = done.stdout
     for expected in (
-        "Thread 1 (Cortex-M4F)", "Breakpoint 1, work (n=n@entry=20)", "#1  0x", "in main ()", "$1 = 20",
-        f"= {debugged.at['work']:#x}", f"Value returned is $3 = {sum(weighed(20))}", "Hardware watchpoint 2: total",
-        f"New value = {sum(weighed(20))}", "SysTick_Handler ()", "<signal handler called>", "= 77", "fpscr", "control",
-        "0x410fc241", "<start>", "detached",
-    ):  # fmt: skip
+        "Thread 1 (Cortex-M4F)",
+        "Breakpoint 1, work (n=n@entry=20)",
+        "#1  0x",
+        "in main ()",
+        "$1 = 20",
+        f"= {debugged.at['work']:#x}",
+        f"Value returned is $3 = {sum(weighed(20))}",
+        "Hardware watchpoint 2: total",
+        f"New value = {sum(weighed(20))}",
+        "SysTick_Handler ()",
+        "<signal handler called>",
+        "= 77",
+        "fpscr",
+        "control",
+        "0x410fc241",
+        "<start>",
+        "detached",
+    ):
         assert expected in said, (expected, said, done.stderr)
     assert "cycles, " in done.stderr
     assert done.returncode == 0

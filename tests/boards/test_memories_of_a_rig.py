@@ -35,8 +35,13 @@ def answers(board: VirtualBoard) -> tuple[list[list[int]], dict[str, tuple[objec
         fit = reply.calibration
         counted = board.instructions_counted(reply.cost.cycles + reply.cost.overhead_cycles)
         found[name] = (
-            reply.fit, reply.iterations, reply.coverage, fit.soft_iron.tolist(), fit.hard_iron.tolist(), counted
-        )  # fmt: skip
+            reply.fit,
+            reply.iterations,
+            reply.coverage,
+            fit.soft_iron.tolist(),
+            fit.hard_iron.tolist(),
+            counted,
+        )
         clocks[name] = reply.cost.cycles
     return [point for each in replies for point in each.magnetometer.tolist()], found, clocks
 

@@ -25,8 +25,10 @@ from ..device.compiled import compile_c
 from ..device.test_gdb_client import SOURCE, WALL_LIMIT_S, own_server, qemu_server
 from ..foreign_elf import foreign_elf
 
-VALUES = {"hard_iron": MemoryValue("calibration.hard_iron", unit="uT"),
-          "heading": MemoryValue("heading_rad", unit="rad")}  # fmt: skip
+VALUES = {
+    "hard_iron": MemoryValue("calibration.hard_iron", unit="uT"),
+    "heading": MemoryValue("heading_rad", unit="rad"),
+}
 LINES = {"device.memory.values.hard_iron": 41, "device.memory.at_return_of": 42, "device.memory.server": 43}
 
 
@@ -60,9 +62,13 @@ def test_a_virtual_board_is_read_without_a_server(rig: Rig, image: FirmwareImage
 @pytest.mark.parametrize("server", ["own", pytest.param("qemu", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("at_return_of", ["update_calibration", None])
 def test_any_other_board_is_read_through_its_server(
-    rig: Rig, elf: Path, image: FirmwareImage, server: str, at_return_of: str | None,
+    rig: Rig,
+    elf: Path,
+    image: FirmwareImage,
+    server: str,
+    at_return_of: str | None,
     require_tool: Callable[[str], str],
-) -> None:  # fmt: skip
+) -> None:
     served = own_server(elf) if server == "own" else qemu_server(elf, require_tool("qemu-system-arm"))
     with served as port:
         device = MemoryDevice(values=VALUES, server=f"localhost:{port}", at_return_of=at_return_of)
@@ -101,14 +107,23 @@ def opened_soon(rig: Rig, device: MemoryDevice, image: FirmwareImage) -> MemoryI
             time.sleep(0.05)
 
 
-@pytest.mark.parametrize(("device", "reason"), [
-    (MemoryDevice(values={"hard_iron": MemoryValue("calibration.hard_irn", unit="uT")}),
-     r"^mine\.toml:41: device\.memory\.values\.hard_iron: .*nearest: hard_iron"),
-    (MemoryDevice(values=VALUES, at_return_of="update"),
-     r"^mine\.toml:42: device\.memory\.at_return_of: .*no function update"),
-    (MemoryDevice(values=VALUES, server="localhost:3333"),
-     r"^mine\.toml:43: device\.memory\.server: a virtual board needs no server; leave it out"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("device", "reason"),
+    [
+        (
+            MemoryDevice(values={"hard_iron": MemoryValue("calibration.hard_irn", unit="uT")}),
+            r"^mine\.toml:41: device\.memory\.values\.hard_iron: .*nearest: hard_iron",
+        ),
+        (
+            MemoryDevice(values=VALUES, at_return_of="update"),
+            r"^mine\.toml:42: device\.memory\.at_return_of: .*no function update",
+        ),
+        (
+            MemoryDevice(values=VALUES, server="localhost:3333"),
+            r"^mine\.toml:43: device\.memory\.server: a virtual board needs no server; leave it out",
+        ),
+    ],
+)
 def test_a_mistake_is_refused_with_its_place_in_the_rig(
     rig: Rig, image: FirmwareImage, device: MemoryDevice, reason: str
 ) -> None:
@@ -149,8 +164,9 @@ def both_kinds(tmp_path: Path) -> Callable[[str], Path]:
 @pytest.mark.slow
 def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(both_kinds: Callable[[str], Path]) -> None:
     rig = load_rig(both_kinds(MEMORY))
-    with open_compass(rig, firmware=foreign_elf("nxp_sensor_fusion.elf"), port=None, seed=1, transcript=None,
-                      base=None) as board:  # fmt: skip
+    with open_compass(
+        rig, firmware=foreign_elf("nxp_sensor_fusion.elf"), port=None, seed=1, transcript=None, base=None
+    ) as board:
         assert {Quantity.HEADING, Quantity.HARD_IRON, Quantity.GYROSCOPE_BIAS, Quantity.QUATERNION} <= board.offers
         said = board.observe(1.0)
     read = [each for each in said if Quantity.HEADING in each.values]
@@ -162,14 +178,23 @@ def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(both_kind
     assert not any(Quantity.HEADING in packet.values for packet in packets)
 
 
-@pytest.mark.parametrize(("memory", "reason"), [
-    ("", r'device\.kind: "memory" needs a table \[device\.memory\] that says its variables'),
-    (MEMORY.replace("unit", "units"), r"mine\.toml:\d+: unknown key 'units'; did you mean 'unit'"),
-    (MEMORY.replace("at_return_of", "server"), r"mine\.toml:\d+: device\.memory\.server: is host:port of a GDB server"),
-    (MEMORY.replace("[device.memory.values]", "[device.memory.value]"), r"unknown key 'value'; did you mean 'values'"),
-    (MEMORY.replace('"uT"', '"uT", scale = 0'), r"mine\.toml:\d+: device\.memory\.values\.hard_iron\.scale: must"),
-    (MEMORY.replace('"sfg.MagCal.fV"', "5"), r"mine\.toml:\d+: device\.memory\.values\.hard_iron\.path: .*, not 5"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("memory", "reason"),
+    [
+        ("", r'device\.kind: "memory" needs a table \[device\.memory\] that says its variables'),
+        (MEMORY.replace("unit", "units"), r"mine\.toml:\d+: unknown key 'units'; did you mean 'unit'"),
+        (
+            MEMORY.replace("at_return_of", "server"),
+            r"mine\.toml:\d+: device\.memory\.server: is host:port of a GDB server",
+        ),
+        (
+            MEMORY.replace("[device.memory.values]", "[device.memory.value]"),
+            r"unknown key 'value'; did you mean 'values'",
+        ),
+        (MEMORY.replace('"uT"', '"uT", scale = 0'), r"mine\.toml:\d+: device\.memory\.values\.hard_iron\.scale: must"),
+        (MEMORY.replace('"sfg.MagCal.fV"', "5"), r"mine\.toml:\d+: device\.memory\.values\.hard_iron\.path: .*, not 5"),
+    ],
+)
 def test_a_wrong_table_is_refused_with_its_line(both_kinds: Callable[[str], Path], memory: str, reason: str) -> None:
     with pytest.raises(ConfigError, match=reason):
         load_rig(both_kinds(memory))
@@ -185,7 +210,8 @@ def test_a_real_board_is_understood_by_its_variables_alone(tmp_path: Path, elf: 
     shipped = rig_file(Path(__file__).parent, "frdm-k64f").read_text(encoding="utf-8")
     with own_server(elf) as port:
         path = tmp_path / "mine.toml"
-        path.write_text(f"""{shipped}
+        path.write_text(
+            f"""{shipped}
 [device]
 kind = "memory"
 start_s = 0.1
@@ -195,7 +221,9 @@ at_return_of = "update_calibration"
 [device.memory.values]
 heading = {{ path = "heading_rad", unit = "rad" }}
 hard_iron = {{ path = "calibration.hard_iron", unit = "uT" }}
-""", encoding="utf-8")  # fmt: skip
+""",
+            encoding="utf-8",
+        )
         with open_compass(load_rig(path), firmware=elf, port="loop://", seed=None, transcript=None, base=None) as board:
             assert board.offers == {Quantity.HEADING, Quantity.HARD_IRON}
             hard_iron = board.latest[Quantity.HARD_IRON]

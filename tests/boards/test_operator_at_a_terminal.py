@@ -27,9 +27,18 @@ SUITES = Path(__file__).parents[2] / "hil" / "suites"
 
 def command(rig_file: Path, port: str) -> list[str]:
     return [
-        sys.executable, "-m", "pytest", str(SUITES / "test_heading.py"), "-p", "no:cacheprovider", "--color=no",
-        f"--hil-rig={rig_file}", f"--hil-port={port}", "--hil-poses=level", f"--hil-out={rig_file.parent / 'out'}",
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "pytest",
+        str(SUITES / "test_heading.py"),
+        "-p",
+        "no:cacheprovider",
+        "--color=no",
+        f"--hil-rig={rig_file}",
+        f"--hil-port={port}",
+        "--hil-poses=level",
+        f"--hil-out={rig_file.parent / 'out'}",
+    ]
 
 
 def measured(rig_file: Path) -> dict[str, Any]:
@@ -61,7 +70,13 @@ def test_an_operator_is_asked_again_for_a_wrong_face_and_the_headings_are_judged
     # Beside each question, drawn in place.
     assert re.search(r"board \d+\.\d deg, (still|moving); 3 of 4, \d+ s left\x1b\[K", ended.shown)
     assert faces == [
-        "nose down", "nose up", "nose up", "right side down", "left side down", "level", "upside down",
+        "nose down",
+        "nose up",
+        "nose up",
+        "right side down",
+        "left side down",
+        "level",
+        "upside down",
     ]
     assert re.search(r"asked for nose up, .*: it lies level; .*\. Enter to do it again, Ctrl-C to end", ended.shown)
     values = measured(operators_rig_file)
@@ -126,8 +141,13 @@ def test_without_a_terminal_the_run_says_that_nobody_can_be_asked(
     pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path
 ) -> None:
     done = subprocess.run(
-        command(operators_rig_file, pty_board(rig).path), stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        timeout=90, cwd=operators_rig_file.parent, check=False,
+        command(operators_rig_file, pty_board(rig).path),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=90,
+        cwd=operators_rig_file.parent,
+        check=False,
     )
     assert done.returncode == 20, done.stdout
     assert "no one answers at the terminal" in done.stdout

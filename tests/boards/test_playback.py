@@ -36,9 +36,10 @@ def rig_of(folder: Path, rows: list[LogRow], began_s: float) -> Rig:
     path = folder / "bench.toml"
     text = RIG.read_text(encoding="utf-8")
     for old, new in (
-        ("[world]", '[world]\nplayback = "field.csv"'), ("seed = 1 ", "seed = 7 "),
+        ("[world]", '[world]\nplayback = "field.csv"'),
+        ("seed = 1 ", "seed = 7 "),
         ("hard_iron_ut = [2.4, -2.2, 4.0]", "hard_iron_ut = [-12.4, 3.2, 9.0]"),
-    ):  # fmt: skip
+    ):
         assert text.count(old) == 1
         text = text.replace(old, new)
     path.write_text(text, encoding="utf-8")

@@ -141,8 +141,11 @@ def test_an_operator_who_follows_the_prompts_gets_the_headings_judged(
         assert run.usable
         assert (run.offset_error_ut, run.rotation_left_deg) == (None, None)
         angles = measure_known_angles(
-            board, turntable, poses=rig.procedure.known_angle_poses("level")[::4],
-            slots={"uncalibrated": 0, "direct": run.slot}, mounting_yaw_deg=rig.mounting.yaw_deg,
+            board,
+            turntable,
+            poses=rig.procedure.known_angle_poses("level")[::4],
+            slots={"uncalibrated": 0, "direct": run.slot},
+            mounting_yaw_deg=rig.mounting.yaw_deg,
         )
     assert "all round" in asked[0]
     assert "\npose 1: turn to heading 0, pitch +0, roll +0" in asked[1]
@@ -203,9 +206,7 @@ def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real
         open_turntable(board, uncertainty_deg=0.5)
 
 
-def test_cycles_over_a_port_are_those_of_the_stepped_board(
-    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
-) -> None:
+def test_cycles_over_a_port_are_those_of_the_stepped_board(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:
     calibrators = ["direct", "iterative"]
     with open_board(rig) as stepped:
         expected = measure_cycles(stepped, calibrators, point_sets=1, sizes=(20, 100))

@@ -78,10 +78,15 @@ def test_a_lost_connection_and_the_operators_words_come_again(tmp_path: Path) ->
     with (
         PacedBench(VirtualBench(load_rig(shipped() / "rigs" / "virtual-k64f.toml")), terminal) as paced,
         subprocess.Popen(
-            command(f"--hil-port={terminal.path}", "--hil-record=run.jsonl"), cwd=bench, env=environment(),
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            command(f"--hil-port={terminal.path}", "--hil-record=run.jsonl"),
+            cwd=bench,
+            env=environment(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
         ) as running,
-    ):  # fmt: skip
+    ):
         assert running.stdin is not None
         running.stdin.write("east\n31.5\n")
         running.stdin.flush()

@@ -175,14 +175,24 @@ def test_when_all_places_are_taken_the_answer_waits(table: Table) -> None:
 @pytest.mark.parametrize(
     ("said", "answers"),
     [
-        ("\r", ["ok"]), ("\n", ["ok"]), ("\r\n", ["ok"]), ("\r\n\r\n", ["ok", "ok"]), ("\n\n", ["ok", "ok"]),
-        ("(all of it) ; and this\n", ["ok"]), ("g0 x1 (heading) y 2\n", ["ok"]), ("G38.2 X1 F1\n", ["error:20"]),
-        ("X36001\n", ["error:33"]), ("G0 X1" + " " * 90 + "\n", ["error:11"]), ("$J=X1\n", ["error:3"]),
-        ("$\n", ["[HLP:$$ $G $I $X $H ~ ! ? ctrl-x]", "ok"]), ("%\n", ["ok"]),
+        ("\r", ["ok"]),
+        ("\n", ["ok"]),
+        ("\r\n", ["ok"]),
+        ("\r\n\r\n", ["ok", "ok"]),
+        ("\n\n", ["ok", "ok"]),
+        ("(all of it) ; and this\n", ["ok"]),
+        ("g0 x1 (heading) y 2\n", ["ok"]),
+        ("G38.2 X1 F1\n", ["error:20"]),
+        ("X36001\n", ["error:33"]),
+        ("G0 X1" + " " * 90 + "\n", ["error:11"]),
+        ("$J=X1\n", ["error:3"]),
+        ("$\n", ["[HLP:$$ $G $I $X $H ~ ! ? ctrl-x]", "ok"]),
+        ("%\n", ["ok"]),
         ("$I\n", ["[VER:1.1h.20190825:a test]", "[OPT:,15,128]", "ok"]),
-        ("G91 F30\n$G\n", ["ok", "[GC:G0 G54 G17 G21 G91 G94 F30]", "ok"]), (b"\x90\xff\x00G0\n", ["ok"]),
+        ("G91 F30\n$G\n", ["ok", "[GC:G0 G54 G17 G21 G91 G94 F30]", "ok"]),
+        (b"\x90\xff\x00G0\n", ["ok"]),
     ],
-)  # fmt: skip
+)
 def test_lines_and_their_answers(table: Table, said: str | bytes, answers: list[str]) -> None:
     assert table.send(said) == answers
 
@@ -216,10 +226,17 @@ def test_moves_one_after_the_other_give_the_world_a_smooth_attitude(table: Table
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.one_of(
-    st.binary(max_size=40),
-    st.sampled_from([b"G0X10\n", b"G1Y5F900\r\n", b"$H\n", b"!", b"~", b"?", b"\x18", b"$X\n", b"G91\n", b"G4P.1\n"]),
-), max_size=30))  # fmt: skip
+@given(
+    st.lists(
+        st.one_of(
+            st.binary(max_size=40),
+            st.sampled_from(
+                [b"G0X10\n", b"G1Y5F900\r\n", b"$H\n", b"!", b"~", b"?", b"\x18", b"$X\n", b"G91\n", b"G4P.1\n"]
+            ),
+        ),
+        max_size=30,
+    )
+)
 def test_no_bytes_ever_kill_the_table(chunks: list[bytes]) -> None:
     table = Table()
     for chunk in chunks:

@@ -58,9 +58,17 @@ def state_of(bench: VirtualBench) -> tuple[Any, ...]:
     core, memory = processor.core, processor.memory
     memories = [sha256(memory.read(base, size)).hexdigest() for base, size in (*memory.map.flash, *memory.map.ram)]
     return (
-        core.cycles, core.instructions, core.idle_cycles, tuple(core.r), tuple(core.s), memories,
-        bench.machine.events, bench.machine.cycle_counter.readings, bench.temperature_degc, bench.next_move_s(),
-    )  # fmt: skip
+        core.cycles,
+        core.instructions,
+        core.idle_cycles,
+        tuple(core.r),
+        tuple(core.s),
+        memories,
+        bench.machine.events,
+        bench.machine.cycle_counter.readings,
+        bench.temperature_degc,
+        bench.next_move_s(),
+    )
 
 
 def work(bench: VirtualBench) -> tuple[Any, ...]:

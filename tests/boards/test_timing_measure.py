@@ -45,17 +45,49 @@ POP_BYTES = 4  # of the instruction that a sequence returns with
 # What no public measurement settles, each at the other end of its band, and vectors that come late, as out of a flash
 # without a cache; and a core that is like no other.
 OPEN = {
-    "fp_accumulate": 2, "fp_accumulate_hidden": 1, "fp_store": 1, "store_behind_load": 1, "load_behind_store": 0,
-    "it": 0, "refill_direct": 2, "refill_indirect": 3, "divide": 7, "system": 2,
-    "exception_entry": 17, "exception_return": 12,
-}  # fmt: skip
+    "fp_accumulate": 2,
+    "fp_accumulate_hidden": 1,
+    "fp_store": 1,
+    "store_behind_load": 1,
+    "load_behind_store": 0,
+    "it": 0,
+    "refill_direct": 2,
+    "refill_indirect": 3,
+    "divide": 7,
+    "system": 2,
+    "exception_entry": 17,
+    "exception_return": 12,
+}
 STRANGE = {
-    "data": 2, "divide": 5, "load": 4, "load_behind_load": 2, "store": 3, "store_register_offset": 6,
-    "store_behind_load": 2, "load_behind_store": 3, "multiple_base": 4, "branch": 2, "refill_direct": 3,
-    "refill_indirect": 5, "table_branch": 4, "it": 2, "barrier": 9, "system": 3, "exclusive": 7, "fp": 2, "fp_use": 3,
-    "fp_accumulate": 8, "fp_accumulate_hidden": 5, "fp_divide": 21, "fp_divide_use": 21, "fp_load": 3, "fp_store": 4,
-    "fp_move_pair": 5, "exception_entry": 31, "exception_return": 6,
-}  # fmt: skip
+    "data": 2,
+    "divide": 5,
+    "load": 4,
+    "load_behind_load": 2,
+    "store": 3,
+    "store_register_offset": 6,
+    "store_behind_load": 2,
+    "load_behind_store": 3,
+    "multiple_base": 4,
+    "branch": 2,
+    "refill_direct": 3,
+    "refill_indirect": 5,
+    "table_branch": 4,
+    "it": 2,
+    "barrier": 9,
+    "system": 3,
+    "exclusive": 7,
+    "fp": 2,
+    "fp_use": 3,
+    "fp_accumulate": 8,
+    "fp_accumulate_hidden": 5,
+    "fp_divide": 21,
+    "fp_divide_use": 21,
+    "fp_load": 3,
+    "fp_store": 4,
+    "fp_move_pair": 5,
+    "exception_entry": 31,
+    "exception_return": 6,
+}
 
 
 #: The same where TBB has a row of its own, and one more, for its refill.
@@ -86,10 +118,16 @@ def values(profile: TimingProfile) -> dict[str, int]:
 
 @pytest.mark.parametrize(
     ("base", "changed"),
-    [(PLAIN, {}), (PLAIN, OPEN), (PLAIN, STRANGE), (WITH_RULES, {}), (WITH_RULES, OPEN),
-     (WITH_RULES, STRANGE_BY_RULES)],
+    [
+        (PLAIN, {}),
+        (PLAIN, OPEN),
+        (PLAIN, STRANGE),
+        (WITH_RULES, {}),
+        (WITH_RULES, OPEN),
+        (WITH_RULES, STRANGE_BY_RULES),
+    ],
     ids=["plain", "plain, open", "plain, strange", "rules", "rules, open", "rules, strange"],
-)  # fmt: skip
+)
 def test_it_gives_back_the_profile_that_the_board_was_made_with(
     tmp_path: Path, rig: Rig, base: str, changed: dict[str, int]
 ) -> None:
@@ -139,18 +177,20 @@ BOTH_BEHIND_CMP = "it cannot be told: none waits behind the CMP, or one of the t
 
 @pytest.mark.parametrize(
     ("changed", "told"),
-    [({"fetch_late": 0}, {"load_and_three": "none waits", "pair_and_three": "none waits"}),
-     ({"fetch_late_integer": 1}, {"integers_misplaced": "one in three waits", BEHIND_CMP: BOTH_BEHIND_CMP}),
-     ({"fetch_late_fp": 0}, {"fp_misplaced": "none waits"}),
-     ({"target_misplaced": 0}, {"loop_misplaced": "the branch to it waits for nothing"}),
-     ({"return_misplaced": 1}, {"calls_misplaced": "the return takes one more"}),
-     ({"address_use": 0}, {"computed_address": "LDR waits for nothing"}),
-     ({"it_folded": 1}, dict.fromkeys(("compare_if_then", "if_then"), "IT takes what it takes elsewhere")),
-     ({"refill_table": 2}, {"table_branch": "it refills as other branches do"}),
-     ({"refill_table": 5}, {"table_branch": "with its refill it takes 7"}),
-     ({"refill_table": 6}, {"table_branch": "with its refill it takes 8"})],
+    [
+        ({"fetch_late": 0}, {"load_and_three": "none waits", "pair_and_three": "none waits"}),
+        ({"fetch_late_integer": 1}, {"integers_misplaced": "one in three waits", BEHIND_CMP: BOTH_BEHIND_CMP}),
+        ({"fetch_late_fp": 0}, {"fp_misplaced": "none waits"}),
+        ({"target_misplaced": 0}, {"loop_misplaced": "the branch to it waits for nothing"}),
+        ({"return_misplaced": 1}, {"calls_misplaced": "the return takes one more"}),
+        ({"address_use": 0}, {"computed_address": "LDR waits for nothing"}),
+        ({"it_folded": 1}, dict.fromkeys(("compare_if_then", "if_then"), "IT takes what it takes elsewhere")),
+        ({"refill_table": 2}, {"table_branch": "it refills as other branches do"}),
+        ({"refill_table": 5}, {"table_branch": "with its refill it takes 7"}),
+        ({"refill_table": 6}, {"table_branch": "with its refill it takes 8"}),
+    ],
     ids=lambda each: "-".join(f"{row}={value}" for row, value in each.items()) if "_" in next(iter(each)) else "",
-)  # fmt: skip
+)
 def test_a_board_that_behaves_by_another_candidate_is_told_and_its_row_written(
     tmp_path: Path, rig: Rig, verdicts_by_rules: dict[str, str], changed: dict[str, int], told: dict[str, str]
 ) -> None:
@@ -159,7 +199,7 @@ def test_a_board_that_behaves_by_another_candidate_is_told_and_its_row_written(
         measured = solved(clocks_from_sram(board))
     assert measured.remarks == ()
     assert verdicts(measured).items() - verdicts_by_rules.items() == told.items()
-    (row, value), = changed.items()
+    ((row, value),) = changed.items()
     assert measured.rows[row].band == (value, value)
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
     assert values(load_profile(str(tmp_path / "measured.toml"))) == values(load_profile(made))
@@ -167,14 +207,27 @@ def test_a_board_that_behaves_by_another_candidate_is_told_and_its_row_written(
 
 @pytest.mark.parametrize(
     ("changed", "told", "left"),
-    [({}, {"load_and_two": "the second waits", "fp_misplaced": "one in two waits"}, {"fetch_late", "fetch_late_fp"}),
-     ({"fetch_late": 0, "fetch_late_fp": 0, "fetch_late_integer": 1},
-      {"load_and_three": "none waits", "pair_and_three": "none waits", "fp_misplaced": "none waits",
-       "integers_misplaced": "one in two waits"}, {"fetch_late_integer"})],
+    [
+        ({}, {"load_and_two": "the second waits", "fp_misplaced": "one in two waits"}, {"fetch_late", "fetch_late_fp"}),
+        (
+            {"fetch_late": 0, "fetch_late_fp": 0, "fetch_late_integer": 1},
+            {
+                "load_and_three": "none waits",
+                "pair_and_three": "none waits",
+                "fp_misplaced": "none waits",
+                "integers_misplaced": "one in two waits",
+            },
+            {"fetch_late_integer"},
+        ),
+    ],
     ids=["behind slow and floating-point", "behind integers"],
-)  # fmt: skip
+)
 def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_says_every_third(
-    tmp_path: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch, changed: dict[str, int], told: dict[str, str],
+    tmp_path: Path,
+    rig: Rig,
+    monkeypatch: pytest.MonkeyPatch,
+    changed: dict[str, int],
+    told: dict[str, str],
     left: set[str],
 ) -> None:
     made = written(tmp_path, {"fetch_late_integer": 0} | changed, WITH_RULES)
@@ -198,9 +251,10 @@ def clocks_of_dearer_board(rig: Rig, clocks: Callable[[int, str], int], profile:
         symbol = bench.machine.image.symbols[f"sequence_{name}_sram"]
         begin = symbol.address & ~1
         code = next(
-            segment.data[begin - segment.run_address :][: symbol.size] for segment in bench.machine.image.segments
+            segment.data[begin - segment.run_address :][: symbol.size]
+            for segment in bench.machine.image.segments
             if segment.run_address <= begin < segment.run_address + segment.run_size
-        )  # fmt: skip
+        )
         for address in [instruction.address for instruction in decode(begin, code)]:
             more[address] = clocks(address, instruction_text(address, code[address - begin :]))
 
@@ -216,9 +270,7 @@ def clocks_of_dearer_board(rig: Rig, clocks: Callable[[int, str], int], profile:
         return clocks_from_sram(board)
 
 
-def test_a_board_whose_fetch_is_late_behind_two_bytes_too_is_told(
-    rig: Rig, verdicts_by_rules: dict[str, str]
-) -> None:
+def test_a_board_whose_fetch_is_late_behind_two_bytes_too_is_told(rig: Rig, verdicts_by_rules: dict[str, str]) -> None:
     body = IMAGE.symbols[f"sequence_{BEHIND_CMP}_sram"]
     code = range(body.address & ~1, (body.address & ~1) + body.size)
     # LDR.W at a line, CMP, and of three EOR.W the last, 14 bytes behind it.
@@ -250,9 +302,15 @@ def test_one_rule_that_shows_is_enough_for_the_profile_that_has_them_all(tmp_pat
     assert (measured.base.name, measured.remarks) == (WITH_RULES, ())
     rules = {name: row.value for name, row in measured.rows.items() if name not in ROWS}
     assert rules == {
-        "fetch_late": 0, "fetch_late_integer": 0, "fetch_late_fp": 0, "target_misplaced": 0, "return_misplaced": 0,
-        "address_use": 1, "it_folded": 1, "refill_table": 2,
-    }  # fmt: skip
+        "fetch_late": 0,
+        "fetch_late_integer": 0,
+        "fetch_late_fp": 0,
+        "target_misplaced": 0,
+        "return_misplaced": 0,
+        "address_use": 1,
+        "it_folded": 1,
+        "refill_table": 2,
+    }
 
 
 def test_clocks_that_no_candidate_predicts_and_two_sequences_that_disagree_leave_the_row_to_the_base(
@@ -418,17 +476,21 @@ def test_a_rule_that_does_not_hold_is_told(clocks: dict[str, int]) -> None:
 
 @pytest.mark.parametrize(
     ("mnemonics", "told"),
-    [(("mul", "mla", "mls"), {"multiply", "multiply_chain"}),
-     (("umull", "smull", "umlal", "smlal"), {"multiply_long", "multiply_long_chain"}),
-     (("smlad", "smladx", "smlabb", "smlatt"), {"multiply_pairs", "multiply_pairs_chain"}),
-     (("ssub16", "pkhtb", "pkhbt", "uxth"), {"pack_halves"}),
-     (("ldrsh",), {"loads_of_halves"}), (("strh",), {"stores_of_halves"}),
-     (("vmul.f32",), {"accumulate_and_multiply", "fp_multiply", "fp_multiply_chain"}),
-     (("vcvt.f32.s32", "vmov.f32", "vabs.f32", "vneg.f32"), {"fp_convert"}),
-     (("vcmpe.f32", "vmrs"), {"fp_compare"}),
-     (("vldmia",), {"fp_load_multiple"}), (("vstmia",), {"fp_store_multiple"})],
+    [
+        (("mul", "mla", "mls"), {"multiply", "multiply_chain"}),
+        (("umull", "smull", "umlal", "smlal"), {"multiply_long", "multiply_long_chain"}),
+        (("smlad", "smladx", "smlabb", "smlatt"), {"multiply_pairs", "multiply_pairs_chain"}),
+        (("ssub16", "pkhtb", "pkhbt", "uxth"), {"pack_halves"}),
+        (("ldrsh",), {"loads_of_halves"}),
+        (("strh",), {"stores_of_halves"}),
+        (("vmul.f32",), {"accumulate_and_multiply", "fp_multiply", "fp_multiply_chain"}),
+        (("vcvt.f32.s32", "vmov.f32", "vabs.f32", "vneg.f32"), {"fp_convert"}),
+        (("vcmpe.f32", "vmrs"), {"fp_compare"}),
+        (("vldmia",), {"fp_load_multiple"}),
+        (("vstmia",), {"fp_store_multiple"}),
+    ],
     ids=lambda each: each[0].partition(".")[0] if isinstance(each, tuple) else "",
-)  # fmt: skip
+)
 def test_a_class_of_the_kernels_that_costs_more_than_others_of_its_row_is_told(
     rig: Rig, mnemonics: tuple[str, ...], told: set[str]
 ) -> None:
@@ -463,9 +525,13 @@ def test_only_a_chip_is_called_silicon() -> None:
 @pytest.mark.slow
 def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_found(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "timing", "measure"], cwd=tmp_path, capture_output=True, text=True,
-        check=False, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "timing", "measure"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     assert done.returncode == 0, done.stderr
     name = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
     rows = tomllib.loads((tmp_path / f"{name}.toml").read_text(encoding="utf-8"))["cost"]
@@ -486,17 +552,26 @@ OF_THIS_BOARD = f'name = "{MEASURED}"\nbase = "{DEFAULT_PROFILE}"\n[measured.sra
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("there", "code"),
-    [(OF_THIS_BOARD, 0), (OF_THIS_BOARD.replace(MEASURED, "silicon-12"), 4), ("", 4), ("my notes", 4),
-     (OF_THIS_BOARD.partition("[measured")[0], 4)],
+    [
+        (OF_THIS_BOARD, 0),
+        (OF_THIS_BOARD.replace(MEASURED, "silicon-12"), 4),
+        ("", 4),
+        ("my notes", 4),
+        (OF_THIS_BOARD.partition("[measured")[0], 4),
+    ],
     ids=["this board's", "another's", "empty", "notes", "written by hand"],
-)  # fmt: skip
+)
 def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path, there: str, code: int) -> None:
     file = tmp_path / "x.toml"
     file.write_text(there, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "x.toml"], cwd=tmp_path,
-        capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "x.toml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     assert done.returncode == code, done.stderr
     assert (file.read_text(encoding="utf-8") == there) is bool(code)
     refused = f"x.toml: what is there is no measured profile {MEASURED}, and is not overwritten"
@@ -505,9 +580,11 @@ def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path,
 
 @pytest.mark.parametrize(
     ("changed", "row", "remark"),
-    [({"accumulate": 0}, "fp_accumulate", "where the model knows at least 1"),
-     ({"accumulate_over_integers": -64}, "fp_accumulate_hidden", "where the model knows at most 2")],
-)  # fmt: skip
+    [
+        ({"accumulate": 0}, "fp_accumulate", "where the model knows at least 1"),
+        ({"accumulate_over_integers": -64}, "fp_accumulate_hidden", "where the model knows at most 2"),
+    ],
+)
 def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(
     clocks: dict[str, int], tmp_path: Path, changed: dict[str, int], row: str, remark: str
 ) -> None:
@@ -520,9 +597,13 @@ def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(
 @pytest.mark.slow
 def test_who_only_wants_to_see_the_clocks_writes_them_nowhere(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", os.devnull], cwd=tmp_path,
-        capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", os.devnull],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     assert done.returncode == 0, done.stderr
     assert "fp_accumulate" in done.stdout
     assert not list(tmp_path.iterdir())
@@ -531,8 +612,12 @@ def test_who_only_wants_to_see_the_clocks_writes_them_nowhere(tmp_path: Path) ->
 @pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "gone/x.toml"], cwd=tmp_path,
-        capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "gone/x.toml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     assert done.returncode == 4
     assert "cannot write gone/x.toml: No such file or directory; name another file" in done.stderr

@@ -31,8 +31,10 @@ def test_the_default_board_boots_identifies_and_selects_the_rig_s_sensors(rig: R
         assert (board.clock, board.seed) == ("virtual", rig.seed)
         assert board.cycle_model == "cortex-m4-trm/2@sram"
         assert {board.sensor(kind).name for kind in SensorKind} == {
-            rig.sensors.magnetometer, rig.sensors.accelerometer, rig.sensors.gyroscope,
-        }  # fmt: skip
+            rig.sensors.magnetometer,
+            rig.sensors.accelerometer,
+            rig.sensors.gyroscope,
+        }
         assert board.firmware_sha256 == hashlib.sha256(default_firmware().read_bytes()).hexdigest()
         before = board.now_s()
         board.session.request(LinkStatistics())

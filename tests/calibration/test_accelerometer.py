@@ -142,10 +142,16 @@ def test_what_askew_faces_leave_of_an_axis_is_their_share_at_first_and_the_parts
 
 def test_six_readings_that_no_ellipsoid_meets_are_refused() -> None:
     # Each within 20 degrees of its axis and of 0.6 to 1.6 g, so nothing else refuses them.
-    leaning = np.array([
-        [1.36, -0.32, -0.22], [-0.80, 0.14, -0.25], [-0.22, 1.40, 0.33],
-        [-0.25, -0.74, -0.08], [0.08, 0.31, 1.03], [0.02, -0.14, -0.73],
-    ])
+    leaning = np.array(
+        [
+            [1.36, -0.32, -0.22],
+            [-0.80, 0.14, -0.25],
+            [-0.22, 1.40, 0.33],
+            [-0.25, -0.74, -0.08],
+            [0.08, 0.31, 1.03],
+            [0.02, -0.14, -0.73],
+        ]
+    )
     found = fit_six_position([pose_of(COUNTS_PER_G * each, face) for each, face in zip(leaning, FACES, strict=True)])
     assert (found.status, found.fit) == (AccelerometerStatus.NOT_AN_ELLIPSOID, NOMINAL)
 
@@ -163,25 +169,40 @@ SHAKEN = np.array([10.0, 10.0, 60.0])
         ([*POSES, POSES[4], POSES[2]], AccelerometerStatus.REPEATED_FACE, (Face.PLUS_Y, Face.PLUS_Z), 2),
         (
             [replace(POSES[1], face=Face.PLUS_X), replace(POSES[0], face=Face.MINUS_X), *POSES[2:]],
-            AccelerometerStatus.MISPLACED_FACE, (Face.PLUS_X, Face.MINUS_X), 0,
+            AccelerometerStatus.MISPLACED_FACE,
+            (Face.PLUS_X, Face.MINUS_X),
+            0,
         ),
         # Forgotten to turn: the board lies as for the face before.
         (
-            [*POSES[:5], replace(POSES[4], face=Face.MINUS_Z)], AccelerometerStatus.MISPLACED_FACE, (Face.MINUS_Z,), 5,
+            [*POSES[:5], replace(POSES[4], face=Face.MINUS_Z)],
+            AccelerometerStatus.MISPLACED_FACE,
+            (Face.MINUS_Z,),
+            5,
         ),
         # 21 degrees between two faces; no gravity at all; the counts of another full scale.
         (
             [pose_of(8192 * np.array([math.cos(0.367), math.sin(0.367), 0]), Face.PLUS_X), *POSES[1:]],
-            AccelerometerStatus.MISPLACED_FACE, (Face.PLUS_X,), 0,
+            AccelerometerStatus.MISPLACED_FACE,
+            (Face.PLUS_X,),
+            0,
         ),
         ([*POSES[:5], pose_of(np.zeros(3), Face.MINUS_Z)], AccelerometerStatus.MISPLACED_FACE, (Face.MINUS_Z,), 5),
-        ([replace(each, accelerometer=2 * each.accelerometer) for each in POSES], AccelerometerStatus.MISPLACED_FACE,
-         FACES, 0),
-        ([POSES[0], replace(POSES[1], accelerometer_spread=SHAKEN), *POSES[2:]], AccelerometerStatus.MOVED,
-         (Face.MINUS_X,), 1),
+        (
+            [replace(each, accelerometer=2 * each.accelerometer) for each in POSES],
+            AccelerometerStatus.MISPLACED_FACE,
+            FACES,
+            0,
+        ),
+        (
+            [POSES[0], replace(POSES[1], accelerometer_spread=SHAKEN), *POSES[2:]],
+            AccelerometerStatus.MOVED,
+            (Face.MINUS_X,),
+            1,
+        ),
         ([*POSES[:5], replace(POSES[5], accelerometer_spread=None)], AccelerometerStatus.MOVED, (Face.MINUS_Z,), 5),
     ],
-)  # fmt: skip
+)
 def test_faces_that_are_wrong_are_named(
     poses: list[StillPose], status: AccelerometerStatus, faces: tuple[Face, ...], pose: int | None
 ) -> None:
@@ -227,14 +248,14 @@ def test_three_degrees_of_rotation_are_three_degrees_of_axis_error_for_the_ellip
         (sphere_directions(60)[:15], AccelerometerStatus.POOR_COVERAGE),  # a quarter of the sphere
         (np.tile([[0.0, 0.0, 1.0]], (20, 1)), AccelerometerStatus.POOR_COVERAGE),
         # A hyperboloid of two sheets: the poles pulled out, the equator pushed in.
-        (np.array([[x, y, s * math.hypot(0.3, x, y)] for s in (-1, 1) for x in (-1, 0, 1) for y in (-1, 0, 1)]),
-         AccelerometerStatus.NOT_AN_ELLIPSOID),
+        (
+            np.array([[x, y, s * math.hypot(0.3, x, y)] for s in (-1, 1) for x in (-1, 0, 1) for y in (-1, 0, 1)]),
+            AccelerometerStatus.NOT_AN_ELLIPSOID,
+        ),
     ],
     ids=["eight", "six faces", "a quarter", "one spot", "a hyperboloid"],
-)  # fmt: skip
-def test_poses_that_determine_no_ellipsoid_are_refused(
-    directions: np.ndarray, status: AccelerometerStatus
-) -> None:
+)
+def test_poses_that_determine_no_ellipsoid_are_refused(directions: np.ndarray, status: AccelerometerStatus) -> None:
     assert fit_ellipsoid([pose_of(8192.0 * direction) for direction in directions]).status is status
 
 

@@ -10,7 +10,12 @@ from hiltest.calibration import FitStatus
 from hiltest.calibration.acceptance import Acceptance, FitFigures, rate
 
 _GOOD = FitFigures(
-    FitStatus.ELLIPSOID, condition=11.0, n=300, residual_percent=0.8, axis_ratio=1.1, radius_ut=48.0,
+    FitStatus.ELLIPSOID,
+    condition=11.0,
+    n=300,
+    residual_percent=0.8,
+    axis_ratio=1.1,
+    radius_ut=48.0,
     direction_error_deg=0.2,
 )
 
@@ -52,8 +57,9 @@ def test_the_worst_reason_decides_and_every_figure_is_told_once() -> None:
     verdict, reasons = rate(replace(_GOOD, condition=500.0, residual_percent=4.0))
     assert verdict is Acceptance.REFUSED
     assert [(reason.figure, reason.verdict) for reason in reasons] == [
-        ("condition", Acceptance.REFUSED), ("residual_percent", Acceptance.POOR),
-    ]  # fmt: skip
+        ("condition", Acceptance.REFUSED),
+        ("residual_percent", Acceptance.POOR),
+    ]
 
 
 @pytest.mark.parametrize("status", [status for status in FitStatus if status is not FitStatus.ELLIPSOID])

@@ -23,9 +23,7 @@ def value(estimate: Estimate | None) -> float:
 
 def by_definition(rates: np.ndarray, m: int) -> float:
     """Half the mean square difference of neighbouring means of m samples, over all places they can begin at."""
-    differences = [
-        rates[k + m : k + 2 * m].mean() - rates[k : k + m].mean() for k in range(len(rates) - 2 * m + 1)
-    ]
+    differences = [rates[k + m : k + 2 * m].mean() - rates[k : k + m].mean() for k in range(len(rates) - 2 * m + 1)]
     return float(np.sqrt(0.5 * np.mean(np.square(differences))))
 
 
@@ -51,11 +49,13 @@ def test_known_courses_have_the_deviation_of_the_standard() -> None:
 @pytest.fixture(scope="module")
 def two_hours() -> np.ndarray:
     rng, n = np.random.default_rng(952), int(TWO_HOURS_S * RATE_HZ)
-    return np.column_stack([
-        white(rng, n, rate_hz=RATE_HZ, angle_random_walk=WALK)
-        + flicker(rng, n, rate_hz=RATE_HZ, bias_instability=INSTABILITY)
-        for _ in range(3)
-    ])
+    return np.column_stack(
+        [
+            white(rng, n, rate_hz=RATE_HZ, angle_random_walk=WALK)
+            + flicker(rng, n, rate_hz=RATE_HZ, bias_instability=INSTABILITY)
+            for _ in range(3)
+        ]
+    )
 
 
 def test_two_hours_give_random_walk_and_instability_back(two_hours: np.ndarray) -> None:
@@ -81,16 +81,24 @@ def test_in_68_of_100_logs_the_true_numbers_are_within_their_intervals() -> None
     found, hits = [], []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        curve = allan_curve(white(rng, n, rate_hz=rate_hz, angle_random_walk=walk)[:, None]
-                            + flicker(rng, n, rate_hz=rate_hz, bias_instability=instability)[:, None], rate_hz=rate_hz)
+        curve = allan_curve(
+            white(rng, n, rate_hz=rate_hz, angle_random_walk=walk)[:, None]
+            + flicker(rng, n, rate_hz=rate_hz, bias_instability=instability)[:, None],
+            rate_hz=rate_hz,
+        )
         (reading,) = curve.readings
         found.append((value(reading.angle_random_walk), value(reading.bias_instability)))
         truth = np.sqrt(walk**2 / curve.tau_s + FLICKER * instability**2)
         within = (curve.low[:, 0] <= truth) & (truth <= curve.high[:, 0])
-        hits.append([*within[::12], *(
-            each is not None and each.low <= true <= each.high
-            for each, true in ((reading.angle_random_walk, walk), (reading.bias_instability, instability))
-        )])  # fmt: skip
+        hits.append(
+            [
+                *within[::12],
+                *(
+                    each is not None and each.low <= true <= each.high
+                    for each, true in ((reading.angle_random_walk, walk), (reading.bias_instability, instability))
+                ),
+            ]
+        )
     # B comes out 3 % low, a third of one log's uncertainty: K, which is never negative, takes some of the flat part.
     assert np.mean(found, axis=0) == pytest.approx((walk, instability), rel=0.05)
     # 40 logs show 0.68 with a deviation of 0.074: all columns within three of them, and together within 0.08.

@@ -76,9 +76,7 @@ def test_deviations_and_intervals_agree_at_all_averaging_times(make: Callable[[i
     for index, m in enumerate(averages(N).tolist()):
         if 200 * m > N:
             continue  # it knows no kind below 30 averages, and often a wrong one below 200: see above
-        low, high = allantools.confidence_interval_noiseID(
-            theta, theirs[index], m, dev_type="oadev", data_type="phase"
-        )
+        low, high = allantools.confidence_interval_noiseID(theta, theirs[index], m, dev_type="oadev", data_type="phase")
         # "within 5 %": but for a sample's difference in n they are the same.
         assert (curve.low[index, 0], curve.high[index, 0]) == pytest.approx((low, high), rel=0.05)
         compared += 1

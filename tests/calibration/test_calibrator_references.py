@@ -105,10 +105,11 @@ def test_the_order_of_points_does_not_matter(seed: int) -> None:
 
 def test_coverage_falls_as_less_of_the_sphere_is_covered() -> None:
     ratios = [
-        np.median([fit_direct(instance(seed, covered=(part, part), stretch=0.0).points_counts).coverage
-                   for seed in range(20)])
+        np.median(
+            [fit_direct(instance(seed, covered=(part, part), stretch=0.0).points_counts).coverage for seed in range(20)]
+        )
         for part in (1.0, 0.75, 0.5, 0.3, 0.2)
-    ]  # fmt: skip
+    ]
     assert ratios == sorted(ratios)
     assert ratios[0] < 2.0
     assert ratios[-1] > 30.0

@@ -42,9 +42,15 @@ def test_a_whole_sphere_has_the_smallest_condition() -> None:
 
 @pytest.mark.parametrize(
     ("part", "median", "low", "high"),
-    [(1.0, 11, 9, 14), (0.75, 26, 18, 38), (0.6, 58, 40, 85), (0.5, 105, 71, 163), (0.4, 215, 137, 339),
-     (0.3, 500, 290, 820)],
-)  # fmt: skip
+    [
+        (1.0, 11, 9, 14),
+        (0.75, 26, 18, 38),
+        (0.6, 58, 40, 85),
+        (0.5, 105, 71, 163),
+        (0.4, 215, 137, 339),
+        (0.3, 500, 290, 820),
+    ],
+)
 def test_the_condition_tells_the_coverage(part: float, median: float, low: float, high: float) -> None:
     """Between the 1st and 99th percentile that thresholds were chosen by, at the same noise and soft iron."""
     conditions = _conditions(part)
@@ -59,9 +65,13 @@ def test_a_tenth_of_the_sphere_is_always_beyond_refusal() -> None:
 
 
 @given(
-    st.integers(0, 1000), st.floats(-180.0, 180.0), st.floats(-89.0, 89.0), st.floats(-180.0, 180.0),
-    st.floats(0.01, 100.0), st.floats(-1000.0, 1000.0),
-)  # fmt: skip
+    st.integers(0, 1000),
+    st.floats(-180.0, 180.0),
+    st.floats(-89.0, 89.0),
+    st.floats(-180.0, 180.0),
+    st.floats(0.01, 100.0),
+    st.floats(-1000.0, 1000.0),
+)
 def test_the_condition_depends_neither_on_turn_nor_unit_nor_origin(
     seed: int, yaw: float, pitch: float, roll: float, scale: float, shift: float
 ) -> None:

@@ -41,8 +41,9 @@ def test_each_is_the_single_fit(seed: int, n: int, noise_ut: float) -> None:
             assert np.isnan(batch.hard_iron[place]).all()
             continue
         within = ROUNDING * condition(points[k])
-        np.testing.assert_allclose(batch.soft_iron[place], single.soft_iron, rtol=0, atol=within * np.abs(
-            single.soft_iron).max())  # fmt: skip
+        np.testing.assert_allclose(
+            batch.soft_iron[place], single.soft_iron, rtol=0, atol=within * np.abs(single.soft_iron).max()
+        )
         # A centre may lie far outside of the points, where few of much noise are nearly a paraboloid.
         half = max(np.ptp(points[k], axis=0).max() / 2, np.abs(single.hard_iron - points[k].mean(axis=0)).max())
         np.testing.assert_allclose(batch.hard_iron[place], single.hard_iron, rtol=0, atol=within * half)

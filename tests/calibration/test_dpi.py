@@ -82,10 +82,15 @@ def test_it_sees_the_rotation_that_a_fit_of_norms_cannot() -> None:
         drawn = dpi_instance(seed, dip_deg=60.0)
         # 300 pairs of 0.4 uT leave some 0.2 degrees in every component.
         assert rotation_left_deg(fitted(drawn).calibration, drawn.soft_iron) < 1.0
-    assert np.median([
-        rotation_left_deg(fit_direct(drawn.magnetometer), drawn.soft_iron)
-        for drawn in (dpi_instance(seed, dip_deg=60.0) for seed in range(20))
-    ]) > 5.0
+    assert (
+        np.median(
+            [
+                rotation_left_deg(fit_direct(drawn.magnetometer), drawn.soft_iron)
+                for drawn in (dpi_instance(seed, dip_deg=60.0) for seed in range(20))
+            ]
+        )
+        > 5.0
+    )
 
 
 def test_a_wrong_dip_scales_the_calibration_and_leaves_every_heading() -> None:
@@ -128,7 +133,9 @@ def test_a_field_that_is_too_horizontal_is_refused(
     readings: int, count: int, refused_deg: float, works_deg: float
 ) -> None:
     for dip_deg, wanted in [
-        (0.0, FitStatus.HORIZONTAL_FIELD), (refused_deg, FitStatus.HORIZONTAL_FIELD), (works_deg, FitStatus.ELLIPSOID)
+        (0.0, FitStatus.HORIZONTAL_FIELD),
+        (refused_deg, FitStatus.HORIZONTAL_FIELD),
+        (works_deg, FitStatus.ELLIPSOID),
     ]:
         for seed in range(30):
             drawn = dpi_instance(seed, count, dip_deg=dip_deg, readings=readings)
@@ -268,7 +275,8 @@ def _trial(seed: int) -> tuple[float, float, float]:
     dpi = fit_dpi(points, gravity.corrected(accelerations)).calibration
     level = gravity.corrected(judged_gravity)
     return (
-        worst_heading_deg(judged, judged_gravity), worst_heading_deg(ellipsoid.corrected(judged), level),
+        worst_heading_deg(judged, judged_gravity),
+        worst_heading_deg(ellipsoid.corrected(judged), level),
         worst_heading_deg(dpi.corrected(judged), level),
     )
 

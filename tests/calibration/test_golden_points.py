@@ -35,4 +35,3 @@ def test_the_clouds_cover_both_ways_a_corrected_fit_ends() -> None:
         for corrected, direct in zip(golden["corrected"]["soft_iron"], golden["direct"]["soft_iron"], strict=True)
     ]
     assert max(moved) > 0.1
-

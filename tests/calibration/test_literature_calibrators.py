@@ -271,8 +271,10 @@ def test_hyper_takes_out_the_bias_that_shrinks_the_ellipse_of_direct() -> None:
     random = np.random.default_rng(9)
     angle = np.linspace(0.0, np.pi, 40)
     points = np.column_stack([np.cos(angle), 0.8 * np.sin(angle)]) + random.normal(0.0, 0.03, (4000, 40, 2))
-    bias = {name: float(np.nanmedian(BATCHES[name](points).hard_iron[:, 1]))
-            for name in ("hyper", "taubin", "fitzgibbon-ying")}  # fmt: skip
+    bias = {
+        name: float(np.nanmedian(BATCHES[name](points).hard_iron[:, 1]))
+        for name in ("hyper", "taubin", "fitzgibbon-ying")
+    }
     # The median over 4000 is known to 1.25 x 0.03 / sqrt 4000 = 6e-4 of the spread that one has.
     assert abs(bias["hyper"]) < 0.3 * abs(bias["fitzgibbon-ying"])
     assert abs(bias["hyper"]) <= abs(bias["taubin"]) + 2e-3
@@ -327,9 +329,9 @@ def test_degenerate_samples_have_no_ellipsoid(
 ) -> None:
     points = _DEGENERATE[kind](np.random.default_rng(seed)) @ _rotation(about_z, about_x).T
     fit = reference(name)(500.0 * points + offset)
-    assert fit.status in {
-        "few": (FitStatus.TOO_FEW_POINTS,), "cap": (FitStatus.POOR_COVERAGE,)
-    }.get(kind, (FitStatus.POOR_COVERAGE, FitStatus.SINGULAR))  # fmt: skip
+    assert fit.status in {"few": (FitStatus.TOO_FEW_POINTS,), "cap": (FitStatus.POOR_COVERAGE,)}.get(
+        kind, (FitStatus.POOR_COVERAGE, FitStatus.SINGULAR)
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -364,9 +366,7 @@ def test_ellipses_in_a_plane_are_found_exactly(name: str) -> None:
 
 def test_an_arc_of_an_ellipse_has_poor_coverage() -> None:
     angle = np.linspace(0.0, 2.0, 40)
-    assert int(BATCHES["taubin"](np.column_stack([np.cos(angle), np.sin(angle)])).status) == (
-        FitStatus.POOR_COVERAGE
-    )
+    assert int(BATCHES["taubin"](np.column_stack([np.cos(angle), np.sin(angle)])).status) == (FitStatus.POOR_COVERAGE)
 
 
 @pytest.mark.parametrize("points", [[1.0, 2.0, 3.0], np.zeros((9, 4)), [(1.0, np.nan, 2.0)] * 9])

@@ -94,11 +94,15 @@ def test_more_unknowns_do_not_win_by_fitting_their_own_pairs() -> None:
 
 def test_the_joint_fit_is_the_best_of_noisy_pairs() -> None:
     """In float64, of 20 draws; the accelerometer's noise bends its own ellipsoid, and the joint fit sees both."""
-    errors = np.array([
-        [direction_error_deg(method(*still_pairs(seed, 24, noise_ut=0.2, noise_g=0.005)).magnetometer)
-         for method in METHODS.values()]
-        for seed in range(20)
-    ])  # fmt: skip
+    errors = np.array(
+        [
+            [
+                direction_error_deg(method(*still_pairs(seed, 24, noise_ut=0.2, noise_g=0.005)).magnetometer)
+                for method in METHODS.values()
+            ]
+            for seed in range(20)
+        ]
+    )
     norms, turned, joint, dpi = np.sqrt((errors**2).mean(axis=0))
     assert joint < turned < dpi < norms
 
@@ -150,8 +154,9 @@ def test_the_dip_held_out_orders_methods_as_aligned_shots_do(shots: list[Shots])
                 field = fit.magnetometer.corrected(shot.points[aligned])
                 groups.append(repeats_within_deg(field, fit.accelerometer.gravity_g(shot.acceleration[aligned])))
             wrong[name] = float(np.hypot(*groups))
-        spread = {name: held_out_dip_deg(method, shot.points, shot.acceleration) or np.inf
-                  for name, method in METHODS.items()}  # fmt: skip
+        spread = {
+            name: held_out_dip_deg(method, shot.points, shot.acceleration) or np.inf for name, method in METHODS.items()
+        }
         for first, second in agreed:
             agreed[first, second] += (wrong[first] < wrong[second]) == (spread[first] < spread[second])
     assert agreed["norms", "joint"] == agreed["norms", "direct+rotation"] == len(shots)

@@ -77,12 +77,16 @@ def _stuck(trail: Array, _: np.random.Generator) -> None:
 
 
 _DEFECTS = {
-    "one row, first": _one(0, 500.0), "one row, in the middle": _one(600, 200.0), "one row, last": _one(-1, 50_000.0),
-    "a tenth at random": _tenth_at_random, "a trail past iron": _trail(_past_iron),
-    "a trail beside iron": _trail(_beside_iron), "a trail of zeros": _trail(_nothing_read),
+    "one row, first": _one(0, 500.0),
+    "one row, in the middle": _one(600, 200.0),
+    "one row, last": _one(-1, 50_000.0),
+    "a tenth at random": _tenth_at_random,
+    "a trail past iron": _trail(_past_iron),
+    "a trail beside iron": _trail(_beside_iron),
+    "a trail of zeros": _trail(_nothing_read),
     "a trail of noise": _trail(lambda trail, random: trail.__setitem__(slice(None), _wild(random, len(trail)))),
     "a stuck sensor": _trail(_stuck),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -133,11 +137,14 @@ def test_a_long_rest_does_not_make_the_turn_wild() -> None:
 @pytest.mark.parametrize(
     "points",
     [
-        np.zeros((0, 3)), np.zeros((100, 3)), sphere_directions(17), np.outer(np.arange(50.0), [1.0, 2.0, 3.0]),
+        np.zeros((0, 3)),
+        np.zeros((100, 3)),
+        sphere_directions(17),
+        np.outer(np.arange(50.0), [1.0, 2.0, 3.0]),
         _turn(100),
     ],
     ids=["none", "one place", "few", "a line", "a turn in a plane"],
-)  # fmt: skip
+)
 def test_what_is_no_cloud_loses_nothing(points: Array) -> None:
     assert not outliers(points).any()
 

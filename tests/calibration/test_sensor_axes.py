@@ -25,16 +25,19 @@ def known(vector_ned: np.ndarray | tuple[float, ...], tilts: Tilts = TILTS, yaw:
 
 
 def seen(
-    magnetometer: np.ndarray = RIGHT.matrix, accelerometer: np.ndarray = RIGHT.matrix, *, tilts: Tilts = TILTS,
-    hard_iron: tuple[float, ...] = (24.0, -22.0, 40.0), real: np.ndarray = FIELD_NED, yaw: float = 0.0,
+    magnetometer: np.ndarray = RIGHT.matrix,
+    accelerometer: np.ndarray = RIGHT.matrix,
+    *,
+    tilts: Tilts = TILTS,
+    hard_iron: tuple[float, ...] = (24.0, -22.0, 40.0),
+    real: np.ndarray = FIELD_NED,
+    yaw: float = 0.0,
 ) -> SensorAxes:
     """Axes of sensors that read these maps of field and gravity, with the noise of 16 readings and offsets."""
     noise = np.random.default_rng(7).normal(size=(2, 12 * len(tilts), 3))
     field = 10.0 * known(real, tilts, 1.7 + yaw) @ magnetometer.T + np.array(hard_iron) + 1.0 * noise[0]
     gravity = 8192.0 * (known((0, 0, 1), tilts, 1.7 + yaw) @ accelerometer.T + [0.06, -0.05, 0.04]) + 3.0 * noise[1]
-    return sensor_axes(
-        known(FIELD_NED, tilts), known((0, 0, 1), tilts), field, gravity, hard_iron=np.array(hard_iron)
-    )
+    return sensor_axes(known(FIELD_NED, tilts), known((0, 0, 1), tilts), field, gravity, hard_iron=np.array(hard_iron))
 
 
 @pytest.mark.parametrize("axes", ALL_AXES, ids=lambda axes: str(axes) or "right")
@@ -50,8 +53,12 @@ def test_all_48_are_different_and_half_of_them_are_left_handed() -> None:
     assert sum(axes.are_left_handed for axes in ALL_AXES) == 24
 
 
-@given(st.sampled_from(ALL_AXES), st.lists(st.floats(0.7, 1.3), min_size=3, max_size=3), st.integers(0, 1000),
-       st.lists(st.floats(-800, 800), min_size=3, max_size=3))
+@given(
+    st.sampled_from(ALL_AXES),
+    st.lists(st.floats(0.7, 1.3), min_size=3, max_size=3),
+    st.integers(0, 1000),
+    st.lists(st.floats(-800, 800), min_size=3, max_size=3),
+)
 def test_soft_iron_of_30_percent_and_hard_iron_beyond_the_field_do_not_confuse_it(
     axes: Axes, gains: list[float], draw: int, hard_iron: list[float]
 ) -> None:
@@ -69,7 +76,8 @@ def test_a_rotation_of_some_degrees_is_no_change_of_axes(axis: str, degrees: flo
 
 
 @pytest.mark.parametrize(
-    "matrix", [rotation_body_from_ned(Pose(45)), np.diag([1.0, 1.0, 0.1]), np.zeros((3, 3))],
+    "matrix",
+    [rotation_body_from_ned(Pose(45)), np.diag([1.0, 1.0, 0.1]), np.zeros((3, 3))],
     ids=["half way between two", "an axis that hardly reads", "nothing but noise"],
 )
 def test_near_no_signed_permutation_nothing_is_said(matrix: np.ndarray) -> None:

@@ -61,10 +61,13 @@ def _rms(values: list[float]) -> float:
     ("shape", "arc_deg", "at_most_deg"),
     [
         # ../shared's prototype had 1.5, .38, .51, 2.6 and 4.3 with the same noise and soft iron, of other draws.
-        (Shape.CIRCLE, 360.0, 1.6), (Shape.ELLIPSE, 360.0, 0.45), (Shape.ELLIPSE, 270.0, 0.6),
-        (Shape.CIRCLE, 180.0, 3.0), (Shape.CIRCLE, 120.0, 4.3),
+        (Shape.CIRCLE, 360.0, 1.6),
+        (Shape.ELLIPSE, 360.0, 0.45),
+        (Shape.ELLIPSE, 270.0, 0.6),
+        (Shape.CIRCLE, 180.0, 3.0),
+        (Shape.CIRCLE, 120.0, 4.3),
     ],
-)  # fmt: skip
+)
 def test_a_turn_gives_headings_within_the_stated_error(shape: Shape, arc_deg: float, at_most_deg: float) -> None:
     found, stated = [], []
     for seed in range(60):
@@ -126,9 +129,11 @@ def test_noise_that_lasts_is_stated_as_what_it_does() -> None:
 
 
 @given(
-    seed=st.integers(0, 2**32 - 1), shape=st.sampled_from(list(Shape)), radius=st.floats(1e-3, 1e5),
+    seed=st.integers(0, 2**32 - 1),
+    shape=st.sampled_from(list(Shape)),
+    radius=st.floats(1e-3, 1e5),
     away=st.floats(-10.0, 10.0),
-)  # fmt: skip
+)
 @settings(max_examples=40, deadline=None)
 def test_exact_readings_give_the_exact_shape_in_any_unit_and_place(
     seed: int, shape: Shape, radius: float, away: float
@@ -150,7 +155,8 @@ def test_exact_readings_give_the_exact_shape_in_any_unit_and_place(
 
 
 @pytest.mark.parametrize(
-    "points", [np.zeros((0, 3)), np.zeros((50, 3)), np.outer(np.arange(50.0), [1.0, 2.0, 3.0]), sphere_directions(4)],
+    "points",
+    [np.zeros((0, 3)), np.zeros((50, 3)), np.outer(np.arange(50.0), [1.0, 2.0, 3.0]), sphere_directions(4)],
     ids=["none", "one place", "a line", "four"],
 )
 @pytest.mark.parametrize("shape", Shape)

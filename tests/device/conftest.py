@@ -37,18 +37,24 @@ def numbers(sent: Sent) -> st.SearchStrategy[int]:
     """Every integer of a form; those often whose bytes are delimiters and escapes."""
     bits = BITS[sent.letter.lower()]
     low, high = (0, 2**bits - 1) if sent.letter.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
-    awkward = [value for byte in (0x7D, 0x7E, 0x5D, 0x5E, 0xFF)
-               if low <= (value := int.from_bytes(bytes([byte] * (bits // 8)), "little")) <= high]  # fmt: skip
+    awkward = [
+        value
+        for byte in (0x7D, 0x7E, 0x5D, 0x5E, 0xFF)
+        if low <= (value := int.from_bytes(bytes([byte] * (bits // 8)), "little")) <= high
+    ]
     return st.one_of(st.integers(low, high), st.sampled_from([low, high, *awkward]))
 
 
 @cache
 def packets_of(kind: type[Packet]) -> st.SearchStrategy[Packet]:
     """Every packet of a kind."""
-    return st.builds(kind, **{
-        name: st.tuples(*[numbers(sent)] * sent.count) if sent.count else numbers(sent)
-        for name, sent in sent_fields(kind)
-    })  # fmt: skip
+    return st.builds(
+        kind,
+        **{
+            name: st.tuples(*[numbers(sent)] * sent.count) if sent.count else numbers(sent)
+            for name, sent in sent_fields(kind)
+        },
+    )
 
 
 ANY_PACKET = st.one_of(*map(packets_of, KINDS))

@@ -7,9 +7,20 @@ import struct
 from dataclasses import dataclass, field
 
 _INTEGERS = {
-    "int8_t": -8, "uint8_t": 8, "int16_t": -16, "uint16_t": 16, "int32_t": -32, "uint32_t": 32, "int64_t": -64,
-    "uint64_t": 64, "char": 8, "signed char": -8, "unsigned": 32, "long": -32, "long long": -64,
-}  # fmt: skip
+    "int8_t": -8,
+    "uint8_t": 8,
+    "int16_t": -16,
+    "uint16_t": 16,
+    "int32_t": -32,
+    "uint32_t": 32,
+    "int64_t": -64,
+    "uint64_t": 64,
+    "char": 8,
+    "signed char": -8,
+    "unsigned": 32,
+    "long": -32,
+    "long long": -64,
+}
 _QUALIFIERS = ("", "", "const ", "volatile ", "const volatile ")
 _DEEPEST = 3
 
@@ -152,7 +163,10 @@ class Program:
         kind = f"{name}_type"
         body = target.declaration.rpartition(" ")[0]
         self.before += [f"typedef {body} {kind};", f"{kind} {name}_target = {target.initialiser};"]
-        values = {f"->{behind[1:]}" if behind[0] == "." else behind: each
-                  for behind, each in target.values.items() if behind[0] == "."}  # fmt: skip
+        values = {
+            f"->{behind[1:]}" if behind[0] == "." else behind: each
+            for behind, each in target.values.items()
+            if behind[0] == "."
+        }
         values |= {f"[0]{behind}": each for behind, each in target.values.items()}
         return Written(f"{kind} *{name}", f"&{name}_target", values, None)

@@ -19,8 +19,14 @@ from hiltest.virtual.program.elf import FirmwareImage
 from .compiled import compile_c
 from .test_variables import SOURCE
 
-PATHS = ("calibration.hard_iron[AXIS_Y]", "app.part[1].rates", "first.next->value", "sample::count", "nothing",
-         "*latest")  # fmt: skip
+PATHS = (
+    "calibration.hard_iron[AXIS_Y]",
+    "app.part[1].rates",
+    "first.next->value",
+    "sample::count",
+    "nothing",
+    "*latest",
+)
 WALL_LIMIT_S = 20  # for what takes a tenth of a second
 EXAMPLES = 250
 
@@ -116,11 +122,18 @@ def pointed_at(content: bytes, tag: str, attribute: str, where: Callable[[Any], 
     return bytes(changed)
 
 
-@pytest.mark.parametrize(("tag", "attribute"), [
-    ("DW_TAG_typedef", "DW_AT_type"), ("DW_TAG_array_type", "DW_AT_type"), ("DW_TAG_structure_type", "DW_AT_sibling"),
-    ("DW_TAG_subprogram", "DW_AT_sibling"), ("DW_TAG_enumeration_type", "DW_AT_sibling"),
-    ("DW_TAG_member", "DW_AT_type"), ("DW_TAG_volatile_type", "DW_AT_type"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("tag", "attribute"),
+    [
+        ("DW_TAG_typedef", "DW_AT_type"),
+        ("DW_TAG_array_type", "DW_AT_type"),
+        ("DW_TAG_structure_type", "DW_AT_sibling"),
+        ("DW_TAG_subprogram", "DW_AT_sibling"),
+        ("DW_TAG_enumeration_type", "DW_AT_sibling"),
+        ("DW_TAG_member", "DW_AT_type"),
+        ("DW_TAG_volatile_type", "DW_AT_type"),
+    ],
+)
 @pytest.mark.parametrize("back", ["itself", "the first"])
 def test_entries_that_lead_in_a_circle_end(content: bytes, tag: str, attribute: str, back: str) -> None:
     def where(entry: Any) -> int:
@@ -131,6 +144,10 @@ def test_entries_that_lead_in_a_circle_end(content: bytes, tag: str, attribute: 
 
 def test_a_struct_that_contains_itself_is_refused(content: bytes) -> None:
     structs = [entry.offset for entry, _ in entries(content) if entry.tag == "DW_TAG_structure_type"]
-    damaged = pointed_at(content, "DW_TAG_member", "DW_AT_type",
-                         lambda member: max(struct for struct in structs if struct < member.offset))  # fmt: skip
+    damaged = pointed_at(
+        content,
+        "DW_TAG_member",
+        "DW_AT_type",
+        lambda member: max(struct for struct in structs if struct < member.offset),
+    )
     assert "damaged" in outcomes(damaged)

@@ -18,13 +18,13 @@ ANGLES = st.floats(-180.0, 180.0)
 @pytest.mark.parametrize(
     ("frame", "gravity", "field"),
     [
-        ("ned", (0, 0, 1), (22.8, 0, 42.8)), ("android", (0, 0, 1), (0, 22.8, -42.8)),
-        ("windows", (0, 0, -1), (0, 22.8, -42.8)), ("enu", (0, 0, 1), (0, 22.8, -42.8)),
+        ("ned", (0, 0, 1), (22.8, 0, 42.8)),
+        ("android", (0, 0, 1), (0, 22.8, -42.8)),
+        ("windows", (0, 0, -1), (0, 22.8, -42.8)),
+        ("enu", (0, 0, 1), (0, 22.8, -42.8)),
     ],
-)  # fmt: skip
-def test_a_level_board_that_points_north(
-    frame: str, gravity: tuple[float, ...], field: tuple[float, ...]
-) -> None:
+)
+def test_a_level_board_that_points_north(frame: str, gravity: tuple[float, ...], field: tuple[float, ...]) -> None:
     of = FRAMES[frame]
     assert of.gravity(gravity).tolist() == [0.0, 0.0, 1.0]
     assert tilt_heading(of.gravity(gravity), of.vector(field)) == Pose(0.0, 0.0, 0.0)

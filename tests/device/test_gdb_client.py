@@ -61,8 +61,21 @@ def qemu_server(elf: Path, qemu: str) -> Iterator[int]:
     """Have QEMU emulate the program on another Cortex-M4, and serve it; the port."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [qemu, "-M", "mps2-an386", "-nographic", "-monitor", "none", "-serial", "none", "-kernel", str(elf),
-               "-S", "-gdb", f"tcp:127.0.0.1:{port}"]  # fmt: skip
+    command = [
+        qemu,
+        "-M",
+        "mps2-an386",
+        "-nographic",
+        "-monitor",
+        "none",
+        "-serial",
+        "none",
+        "-kernel",
+        str(elf),
+        "-S",
+        "-gdb",
+        f"tcp:127.0.0.1:{port}",
+    ]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE)
     try:
         yield port
@@ -267,32 +280,35 @@ def answering(**by_letter: bytes) -> Callable[[bytes], bytes | None]:
     return answer
 
 
-@pytest.mark.parametrize(("answer", "says"), [
-    (answering(), "took it"),
-    (answering(m=b"E01"), "refuses to read 1024 bytes at 0x20000000"),
-    (answering(m=b"E.no such memory"), "refuses to read"),
-    (answering(m=b""), "answers 'm20000000,400' with ''; is it a GDB server"),
-    (answering(m=b"0g"), "with '0g'"),
-    (answering(m=b"0"), "with '0'"),
-    (answering(m=b"00" * 2000), "answers 'm20000000,400' with '0000"),
-    (answering(g=b"E03"), "refuses 'g' ('E03')"),
-    (answering(g=b"00" * 20), "answers 'g' with"),
-    (answering(g=b"xx" * 64), "does not know the registers SP, LR and PC"),
-    (answering(Z=b"E09"), "sets no breakpoint at 0x00000400 ('E09'); free one"),
-    (answering(Z=b""), "sets no breakpoint"),
-    (answering(c=b"W00"), "answers '?' with 'W00'"),
-    (answering(c=b"O" + b"hard fault".hex().encode()), "does not halt the processor within 0.2 s"),
-    (answering(**{"?": b"W00"}), "answers '?' with 'W00'"),
-    (answering(**{"?": b"vCont;c"}), "answers '?' with 'vCont;c'"),
-    (lambda _: None, "is gone: it has closed the connection. See what it printed, start it again"),
-    (lambda _: b"", "does not answer 'qSupported:swbreak+;hwbreak+' within 0.2 s; is its probe connected"),
-    (lambda _: b"SSH-2.0-OpenSSH_9.2\r\n", "does not answer"),
-    (lambda _: b"$" * 100_000, "does not answer|sends damaged packets"),
-    (lambda _: b"$OK#00" * 9, "sends damaged packets; is it a GDB server"),
-    (lambda _: b"-" * 99, "does not answer"),
-    (lambda _: packet(b"T05") * 99, "does not answer"),
-    (lambda _: packet(b"O" + b"41" * 900), "does not answer"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (answering(), "took it"),
+        (answering(m=b"E01"), "refuses to read 1024 bytes at 0x20000000"),
+        (answering(m=b"E.no such memory"), "refuses to read"),
+        (answering(m=b""), "answers 'm20000000,400' with ''; is it a GDB server"),
+        (answering(m=b"0g"), "with '0g'"),
+        (answering(m=b"0"), "with '0'"),
+        (answering(m=b"00" * 2000), "answers 'm20000000,400' with '0000"),
+        (answering(g=b"E03"), "refuses 'g' ('E03')"),
+        (answering(g=b"00" * 20), "answers 'g' with"),
+        (answering(g=b"xx" * 64), "does not know the registers SP, LR and PC"),
+        (answering(Z=b"E09"), "sets no breakpoint at 0x00000400 ('E09'); free one"),
+        (answering(Z=b""), "sets no breakpoint"),
+        (answering(c=b"W00"), "answers '?' with 'W00'"),
+        (answering(c=b"O" + b"hard fault".hex().encode()), "does not halt the processor within 0.2 s"),
+        (answering(**{"?": b"W00"}), "answers '?' with 'W00'"),
+        (answering(**{"?": b"vCont;c"}), "answers '?' with 'vCont;c'"),
+        (lambda _: None, "is gone: it has closed the connection. See what it printed, start it again"),
+        (lambda _: b"", "does not answer 'qSupported:swbreak+;hwbreak+' within 0.2 s; is its probe connected"),
+        (lambda _: b"SSH-2.0-OpenSSH_9.2\r\n", "does not answer"),
+        (lambda _: b"$" * 100_000, "does not answer|sends damaged packets"),
+        (lambda _: b"$OK#00" * 9, "sends damaged packets; is it a GDB server"),
+        (lambda _: b"-" * 99, "does not answer"),
+        (lambda _: packet(b"T05") * 99, "does not answer"),
+        (lambda _: packet(b"O" + b"41" * 900), "does not answer"),
+    ],
+)
 def test_a_server_that_talks_nonsense_is_named_with_the_next_step(
     answer: Callable[[bytes], bytes | None], says: str
 ) -> None:

@@ -130,8 +130,9 @@ def test_without_a_function_it_is_read_until_it_stands_still_but_for_what_never_
     machine = VirtualK64F(compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, SLOW_UPDATE))
     machine.boot()
     place = Variables(machine.image).place("hard_iron")
-    interface = opened(machine, {"hard_iron": MemoryValue("hard_iron", unit="uT"),
-                                 "heading": MemoryValue("heading", unit="deg")})  # fmt: skip
+    interface = opened(
+        machine, {"hard_iron": MemoryValue("hard_iron", unit="uT"), "heading": MemoryValue("heading", unit="deg")}
+    )
     torn, headings = 0, []
     for count in range(1, 80):
         machine.run_until(machine.time_s + 0.0011)
@@ -162,8 +163,7 @@ def test_a_pointer_that_is_not_set_yet_leaves_its_quantity_out_and_says_why(mach
     interface = opened(machine, {name: ALL[name] for name in ("magnetometer", "gyroscope_bias")})
     machine.run_until(1e-6)
     assert set(interface.read(0.0).values) == {Quantity.MAGNETOMETER}
-    assert re.fullmatch(r"newest->hard_iron: the pointer at 0x2\w+ is 0 now",
-                        interface.absent[Quantity.GYROSCOPE_BIAS])  # fmt: skip
+    assert re.fullmatch(r"newest->hard_iron: the pointer at 0x2\w+ is 0 now", interface.absent[Quantity.GYROSCOPE_BIAS])
     assert interface.remarks()[0].startswith("gyroscope_bias has no value: newest->hard_iron: the pointer at")
     pointer = machine.image.symbols["newest"].address
     machine.processor.memory.write(pointer, (0xF0000000).to_bytes(4, "little"))
@@ -255,15 +255,25 @@ def test_a_fault_of_the_firmware_is_the_firmwares_and_leaves_nobody_waiting(mach
         interface.close()
 
 
-@pytest.mark.parametrize(("name", "value", "reason"), [
-    ("hard_iron", MemoryValue("calibration.hard_iron"), "unit is missing; write the firmware's own, one of uT, nT"),
-    ("hard_iron", MemoryValue("calibration.hard_iron", unit="deg"), "unit 'deg' is no unit of hard_iron; write one of"),
-    ("calibrated", MemoryValue("is_calibrated", unit="uT"), "unit 'uT' is no unit of calibrated; write one of: 1"),
-    ("hard_iron", MemoryValue("heading_rad", unit="uT"),
-     "hard_iron is 3 numbers, and these are 1 (heading_rad is volatile float)"),
-    ("heading", MemoryValue(("heading_rad", "heading_rad"), unit="rad"), "heading is 1 numbers, and these are 2"),
-    ("heading", MemoryValue("heading_deg", unit="deg"), "no variable heading_deg; nearest: heading_rad"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("hard_iron", MemoryValue("calibration.hard_iron"), "unit is missing; write the firmware's own, one of uT, nT"),
+        (
+            "hard_iron",
+            MemoryValue("calibration.hard_iron", unit="deg"),
+            "unit 'deg' is no unit of hard_iron; write one of",
+        ),
+        ("calibrated", MemoryValue("is_calibrated", unit="uT"), "unit 'uT' is no unit of calibrated; write one of: 1"),
+        (
+            "hard_iron",
+            MemoryValue("heading_rad", unit="uT"),
+            "hard_iron is 3 numbers, and these are 1 (heading_rad is volatile float)",
+        ),
+        ("heading", MemoryValue(("heading_rad", "heading_rad"), unit="rad"), "heading is 1 numbers, and these are 2"),
+        ("heading", MemoryValue("heading_deg", unit="deg"), "no variable heading_deg; nearest: heading_rad"),
+    ],
+)
 def test_a_value_that_is_no_such_quantity_is_refused(
     image: FirmwareImage, name: str, value: MemoryValue, reason: str
 ) -> None:

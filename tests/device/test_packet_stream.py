@@ -55,8 +55,11 @@ def test_a_recording_cut_anywhere_has_every_packet_that_is_whole(at: int) -> Non
 @pytest.mark.parametrize("lost", [1, 2, 5])
 @pytest.mark.parametrize("at", range(len(RECORDING)))
 def test_lost_bytes_cost_the_packets_that_they_belong_to_and_no_other(at: int, lost: int) -> None:
-    untouched = [packet for begin, end, packet in zip(BEGINS, BEGINS[1:], STREAM, strict=False)
-                 if end <= at or begin >= at + lost]  # fmt: skip
+    untouched = [
+        packet
+        for begin, end, packet in zip(BEGINS, BEGINS[1:], STREAM, strict=False)
+        if end <= at or begin >= at + lost
+    ]
     came = decoded(RECORDING[:at] + RECORDING[at + lost :], Release.V7)
     assert [packet for packet in came if packet in untouched] == untouched
     # 7D 5E without its 7D is a body as long as before: without a check value that is a packet.

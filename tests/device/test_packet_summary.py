@@ -99,12 +99,16 @@ def test_a_damaged_number_is_no_missing_packet() -> None:
         ([DebugPacket(0, 720, 1)], [Release.V4_22, Release.V5_00, Release.V7]),
         ([MagneticPacket422(0, 1, 1, 1, (1, 1, 1))], [Release.V4_22, Release.V5_00]),
         ([MagneticPacket422(0, 1, 1, 1, (1, 1, 1)), KalmanPacket422(1, *((1, 1, 1),) * 3)], [Release.V4_22]),
-        ([KalmanPacket422(0, *((1, 1, 1),) * 3), MagneticPacket7(1, 1, 1, 1, 1, (1, 1, 1))],
-         [Release.V4_22, Release.V7]),
-        ([KalmanPacket500(0, *((1, 1, 1),) * 5, 1, (1, 1, 1), (1, 1, 1)), MagneticPacket7(1, 1, 1, 1, 1, (1, 1, 1))],
-         [Release.V7]),
+        (
+            [KalmanPacket422(0, *((1, 1, 1),) * 3), MagneticPacket7(1, 1, 1, 1, 1, (1, 1, 1))],
+            [Release.V4_22, Release.V7],
+        ),
+        (
+            [KalmanPacket500(0, *((1, 1, 1),) * 5, 1, (1, 1, 1), (1, 1, 1)), MagneticPacket7(1, 1, 1, 1, 1, (1, 1, 1))],
+            [Release.V7],
+        ),
     ],
-)  # fmt: skip
+)
 def test_the_release_is_told_from_the_kinds_that_came(packets: list[Packet], releases: list[Release]) -> None:
     assert summed(packets).releases() == releases
 

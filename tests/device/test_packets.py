@@ -74,66 +74,104 @@ BODIES: list[tuple[bytes, Packet, dict[str, object]]] = [
     (
         body(1, "I13hBB", 2_000_001, 8192, -4096, 0, 503, -10, 0, 20, -30, 1, 30_000, 0, -15_000, 0, 0x18, 0x45),
         MainPacket(9, 2_000_001, (8192, -4096, 0), (503, -10, 0), (20, -30, 1), (30_000, 0, -15_000, 0), 0x18, 0x45),
-        {"acceleration_g": (1.0, -0.5, 0.0), "field_ut": (50.3, -1.0, 0.0), "rate_dps": (1.0, -1.5, 0.05),
-         "rotation": (1.0, 0.0, -0.5, 0.0), "algorithm": Algorithm.NINE_AXES, "frame": AxisConvention.ANDROID,
-         "board_number": 5, "shield": Shield.AGM01},
+        {
+            "acceleration_g": (1.0, -0.5, 0.0),
+            "field_ut": (50.3, -1.0, 0.0),
+            "rate_dps": (1.0, -1.5, 0.05),
+            "rotation": (1.0, 0.0, -0.5, 0.0),
+            "algorithm": Algorithm.NINE_AXES,
+            "frame": AxisConvention.ANDROID,
+            "board_number": 5,
+            "shield": Shield.AGM01,
+        },
     ),
     (body(2, "hH", 720, 3000), DebugPacket(9, 720, 3000), {"firmware_release": 7.2, "algorithm_ticks": 60_000.0}),
     (body(3, "I3h", 7, 20, 0, -1), RatePacket(9, 7, (20, 0, -1)), {"rate_dps": (1.0, 0.0, -0.05)}),
     (
-        body(4, "I3h", 7, -1800, 905, 3599), AnglesPacket(9, 7, -1800, 905, 3599),
+        body(4, "I3h", 7, -1800, 905, 3599),
+        AnglesPacket(9, 7, -1800, 905, 3599),
         {"roll_deg": -180.0, "pitch_deg": 90.5, "compass_deg": 359.9},
     ),
     (
-        body(5, "Iih", 7, -100_500, 2150), AltitudePacket(9, 7, -100_500, 2150),
+        body(5, "Iih", 7, -100_500, 2150),
+        AltitudePacket(9, 7, -100_500, 2150),
         {"altitude_m": -100.5, "temperature_degc": 21.5},
     ),
     (
-        body(6, "6h", 120, 35, 1, 113, -159, 100), MagneticPacket422(9, 120, 35, 1, (113, -159, 100)),
-        {"fit_error_percent": 3.5, "shown": Shown.HARD_IRON,
-         "shown_values": {"hard_iron_x_uT": 11.3, "hard_iron_y_uT": -15.9, "hard_iron_z_uT": 10.0}},
+        body(6, "6h", 120, 35, 1, 113, -159, 100),
+        MagneticPacket422(9, 120, 35, 1, (113, -159, 100)),
+        {
+            "fit_error_percent": 3.5,
+            "shown": Shown.HARD_IRON,
+            "shown_values": {"hard_iron_x_uT": 11.3, "hard_iron_y_uT": -15.9, "hard_iron_z_uT": 10.0},
+        },
     ),
     (
-        body(6, "6h", 120, 35, 0, 0, 500, 621), MagneticPacket422(9, 120, 35, 0, (0, 500, 621)),
+        body(6, "6h", 120, 35, 0, 0, 500, 621),
+        MagneticPacket422(9, 120, 35, 0, (0, 500, 621)),
         {"shown": Shown.STRENGTH, "shown_values": {"field_strength_uT": 50.0, "inclination_deg": 62.1}},
     ),
     (
-        body(6, "7h", 120, 350, 500, 0, 0, 0, 621), MagneticPacket7(9, 120, 350, 500, 0, (0, 0, 621)),
+        body(6, "7h", 120, 350, 500, 0, 0, 0, 621),
+        MagneticPacket7(9, 120, 350, 500, 0, (0, 0, 621)),
         {"fit_error_percent": 3.5, "field_strength_ut": 50.0, "shown_values": {"inclination_deg": 62.1}},
     ),
     (
-        body(6, "7h", 1, 1, 1, 401, -300, 0, 7), MagneticPacket7(9, 1, 1, 1, 401, (-300, 0, 7)),
-        {"buffer_cell": 391, "shown_values": {
-            "magnetometer_x_uT": -30.0, "magnetometer_y_uT": 0.0, "magnetometer_z_uT": 0.7}},
+        body(6, "7h", 1, 1, 1, 401, -300, 0, 7),
+        MagneticPacket7(9, 1, 1, 1, 401, (-300, 0, 7)),
+        {
+            "buffer_cell": 391,
+            "shown_values": {"magnetometer_x_uT": -30.0, "magnetometer_y_uT": 0.0, "magnetometer_z_uT": 0.7},
+        },
     ),
     (
-        body(6, "7h", 1, 1, 1, -10, -300, 0, 7), MagneticPacket7(9, 1, 1, 1, -10, (-300, 0, 7)),
+        body(6, "7h", 1, 1, 1, -10, -300, 0, 7),
+        MagneticPacket7(9, 1, 1, 1, -10, (-300, 0, 7)),
         {"buffer_cell": 0, "shown": Shown.EMPTY_CELL, "shown_values": {}},
     ),
     (
-        body(6, "7h", 1, 1, 1, 3, 1000, -2, 0), MagneticPacket7(9, 1, 1, 1, 3, (1000, -2, 0)),
-        {"buffer_cell": None, "shown_values": {
-            "inverse_soft_iron_xy": 1.0, "inverse_soft_iron_xz": -0.002, "inverse_soft_iron_yz": 0.0}},
+        body(6, "7h", 1, 1, 1, 3, 1000, -2, 0),
+        MagneticPacket7(9, 1, 1, 1, 3, (1000, -2, 0)),
+        {
+            "buffer_cell": None,
+            "shown_values": {"inverse_soft_iron_xy": 1.0, "inverse_soft_iron_xz": -0.002, "inverse_soft_iron_yz": 0.0},
+        },
     ),
     (
-        body(7, "9h", 1, 2, 3, 1000, -2000, 0, 10_000, 0, 5), KalmanPacket422(
-            9, (1, 2, 3), (1000, -2000, 0), (10_000, 0, 5)),
-        {"orientation_error_deg": (0.001, 0.002, 0.003), "gyroscope_offset_dps": (1.0, -2.0, 0.0),
-         "gyroscope_offset_error_dps": (1.0, 0.0, 0.0005)},
+        body(7, "9h", 1, 2, 3, 1000, -2000, 0, 10_000, 0, 5),
+        KalmanPacket422(9, (1, 2, 3), (1000, -2000, 0), (10_000, 0, 5)),
+        {
+            "orientation_error_deg": (0.001, 0.002, 0.003),
+            "gyroscope_offset_dps": (1.0, -2.0, 0.0),
+            "gyroscope_offset_error_dps": (1.0, 0.0, 0.0005),
+        },
     ),
     (
-        body(7, "22h", *range(1, 13), -2100, 0, 1600, 6210, 8192, 0, 0, 0, 0, -50), KalmanPacket500(
-            9, (1, 2, 3), (4, 5, 6), (7, 8, 9), (10, 11, 12), (-2100, 0, 1600), 6210, (8192, 0, 0), (0, 0, -50)),
-        {"gyroscope_offset_dps": (-2.1, 0.0, 1.6), "inclination_deg": 62.1, "linear_acceleration_g": (1.0, 0.0, 0.0),
-         "displacement_m": (0.0, 0.0, -0.5), "gravity_error_parts": (4 / 30_000, 5 / 30_000, 6 / 30_000)},
+        body(7, "22h", *range(1, 13), -2100, 0, 1600, 6210, 8192, 0, 0, 0, 0, -50),
+        KalmanPacket500(
+            9, (1, 2, 3), (4, 5, 6), (7, 8, 9), (10, 11, 12), (-2100, 0, 1600), 6210, (8192, 0, 0), (0, 0, -50)
+        ),
+        {
+            "gyroscope_offset_dps": (-2.1, 0.0, 1.6),
+            "inclination_deg": 62.1,
+            "linear_acceleration_g": (1.0, 0.0, 0.0),
+            "displacement_m": (0.0, 0.0, -0.5),
+            "gravity_error_parts": (4 / 30_000, 5 / 30_000, 6 / 30_000),
+        },
     ),
     (
-        body(8, "b21h", 12, 8192, 0, 0, -32_768, 0, 0, 100, 0, 0, *range(12)), AccelerometerPacket(
-            9, 12, (8192, 0, 0), (-32_768, 0, 0), (100, 0, 0), (0, 1, 2), (3, 4, 5), (6, 7, 8, 9, 10, 11)),
-        {"stored_g": (1.0, 0.0, 0.0), "offset_g": (-1.0, 0.0, 0.0), "inverse_gain_less_1": (0.01, 0.0, 0.0),
-         "rotation_other_parts": (0.0006, 0.0007, 0.0008, 0.0009, 0.001, 0.0011)},
+        body(8, "b21h", 12, 8192, 0, 0, -32_768, 0, 0, 100, 0, 0, *range(12)),
+        AccelerometerPacket(
+            9, 12, (8192, 0, 0), (-32_768, 0, 0), (100, 0, 0), (0, 1, 2), (3, 4, 5), (6, 7, 8, 9, 10, 11)
+        ),
+        {
+            "stored_g": (1.0, 0.0, 0.0),
+            "offset_g": (-1.0, 0.0, 0.0),
+            "inverse_gain_less_1": (0.01, 0.0, 0.0),
+            "rotation_other_parts": (0.0006, 0.0007, 0.0008, 0.0009, 0.001, 0.0011),
+        },
     ),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("sent", "packet", "in_units"), BODIES)
@@ -178,6 +216,21 @@ def test_commands_have_four_characters_and_no_two_are_the_same() -> None:
     assert all(len(each.value) == 4 and each.value.decode("ascii").isprintable() for each in ToolboxCommand)
     assert len({each.value for each in ToolboxCommand}) == len(ToolboxCommand) == 45
     of_422 = {each.value for each in ToolboxCommand if each.is_known_to(Release.V4_22)}
-    assert of_422 == {b"VG+ ", b"VG- ", b"DB+ ", b"DB- ", b"RPC+", b"RPC-", b"ALT+", b"ALT-",
-                      b"Q3  ", b"Q3M ", b"Q3G ", b"Q6MA", b"Q6AG", b"Q9  ", b"RST "}  # fmt: skip
+    assert of_422 == {
+        b"VG+ ",
+        b"VG- ",
+        b"DB+ ",
+        b"DB- ",
+        b"RPC+",
+        b"RPC-",
+        b"ALT+",
+        b"ALT-",
+        b"Q3  ",
+        b"Q3M ",
+        b"Q3G ",
+        b"Q6MA",
+        b"Q6AG",
+        b"Q9  ",
+        b"RST ",
+    }
     assert all(each.is_known_to(Release.V7) for each in ToolboxCommand)

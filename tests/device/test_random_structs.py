@@ -16,10 +16,16 @@ from .random_structs import Program
 VARIABLES = 60
 
 
-@pytest.mark.parametrize(("seed", "flags"), [
-    (0, "-O0 -gdwarf-5"), (1, "-O2 -gdwarf-4"), (2, "-O2 -gdwarf-5 -fno-short-enums"),
-    (3, "-O1 -gdwarf-2 -gstrict-dwarf"), (4, "-O0 -gdwarf-3"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("seed", "flags"),
+    [
+        (0, "-O0 -gdwarf-5"),
+        (1, "-O2 -gdwarf-4"),
+        (2, "-O2 -gdwarf-5 -fno-short-enums"),
+        (3, "-O1 -gdwarf-2 -gstrict-dwarf"),
+        (4, "-O0 -gdwarf-3"),
+    ],
+)
 def test_what_random_initialisers_write_is_read(
     seed: int, flags: str, tmp_path: Path, require_tool: Callable[[str], str]
 ) -> None:

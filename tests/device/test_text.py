@@ -28,17 +28,25 @@ LINES = TextDevice(
     error="ERR (?P<error>.*)",
     values={"temperature": TextValue(unit="K")},
 )
-JSON = TextDevice(format="json", error='"fault"', values={
-    "heading": TextValue("att.yaw", unit="rad"),
-    "magnetometer": TextValue("mag", unit="mG"),
-    "accelerometer": TextValue(("a.0", "a.1", "a.2"), unit="m/s2"),
-    "inverse_soft_iron": TextValue("w"),
-    "calibrated": TextValue("ok"),
-})  # fmt: skip
-COLUMNS = TextDevice(format="csv", values={
-    "heading": TextValue("Yaw"), "gyroscope": TextValue(("gx", "gy", "gz"), unit="rad/s"),
-    "calibrated": TextValue("cal"),
-})  # fmt: skip
+JSON = TextDevice(
+    format="json",
+    error='"fault"',
+    values={
+        "heading": TextValue("att.yaw", unit="rad"),
+        "magnetometer": TextValue("mag", unit="mG"),
+        "accelerometer": TextValue(("a.0", "a.1", "a.2"), unit="m/s2"),
+        "inverse_soft_iron": TextValue("w"),
+        "calibrated": TextValue("ok"),
+    },
+)
+COLUMNS = TextDevice(
+    format="csv",
+    values={
+        "heading": TextValue("Yaw"),
+        "gyroscope": TextValue(("gx", "gy", "gz"), unit="rad/s"),
+        "calibrated": TextValue("cal"),
+    },
+)
 
 
 def opened(device: TextDevice) -> TextInterface:
@@ -73,9 +81,11 @@ def test_a_line_with_a_check_sum_is_believed_only_where_that_is_right() -> None:
     lines += b"$HCHDM,101.1,M\r\n$PTNT,7*4g\r\n"
     found = interface.feed(lines, 1.0)
     assert [(values(each), each.checked) for each in found if not each.error] == [
-        ({"heading": [101.1]}, True), ({"pitch": [-2.5]}, True),
-        ({"heading": [101.1]}, False), ({"pitch": [7.0]}, False),
-    ]  # fmt: skip
+        ({"heading": [101.1]}, True),
+        ({"pitch": [-2.5]}, True),
+        ({"heading": [101.1]}, False),
+        ({"pitch": [7.0]}, False),
+    ]
     assert [each.error for each in found if each.error] == 2 * ["a line has another check sum than it says"]
     assert interface.not_understood == 2
 
@@ -92,14 +102,21 @@ def test_a_check_sum_is_of_all_bytes_between_its_signs(text: str) -> None:
 
 
 def test_json_is_read_by_paths_and_arrays() -> None:
-    line = {"att": {"yaw": 1.0}, "mag": [100, "200", -300], "a": [0, 0, 9.80665],
-            "w": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "ok": True}  # fmt: skip
+    line = {
+        "att": {"yaw": 1.0},
+        "mag": [100, "200", -300],
+        "a": [0, 0, 9.80665],
+        "w": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "ok": True,
+    }
     (understood,) = said(JSON, json.dumps(line))
     assert understood.pop("heading") == pytest.approx([57.29578])
     assert understood == {
-        "magnetometer": pytest.approx([10.0, 20.0, -30.0]), "accelerometer": [0.0, 0.0, pytest.approx(1.0)],
-        "inverse_soft_iron": [1, 0, 0, 0, 1, 0, 0, 0, 1], "calibrated": [1.0],
-    }  # fmt: skip
+        "magnetometer": pytest.approx([10.0, 20.0, -30.0]),
+        "accelerometer": [0.0, 0.0, pytest.approx(1.0)],
+        "inverse_soft_iron": [1, 0, 0, 0, 1, 0, 0, 0, 1],
+        "calibrated": [1.0],
+    }
 
 
 def test_what_is_missing_in_json_takes_nothing_else_away() -> None:
@@ -133,12 +150,17 @@ def test_a_header_may_be_the_first_line_and_is_understood() -> None:
 
 
 def test_a_scale_is_what_one_count_is() -> None:
-    device = TextDevice(patterns=("m (?P<magnetometer>.*)", "a (?P<accelerometer>.*)"), values={
-        "magnetometer": TextValue(unit="count", scale=0.1), "accelerometer": TextValue(unit="mg", scale=0.5),
-    })  # fmt: skip
+    device = TextDevice(
+        patterns=("m (?P<magnetometer>.*)", "a (?P<accelerometer>.*)"),
+        values={
+            "magnetometer": TextValue(unit="count", scale=0.1),
+            "accelerometer": TextValue(unit="mg", scale=0.5),
+        },
+    )
     assert said(device, "m 1 -2 3", "a 2000;0; 1000") == [
-        {"magnetometer": pytest.approx([0.1, -0.2, 0.3])}, {"accelerometer": pytest.approx([1.0, 0.0, 0.5])},
-    ]  # fmt: skip
+        {"magnetometer": pytest.approx([0.1, -0.2, 0.3])},
+        {"accelerometer": pytest.approx([1.0, 0.0, 0.5])},
+    ]
 
 
 @pytest.mark.parametrize(
@@ -178,16 +200,20 @@ def test_lines_without_a_meaning_are_counted() -> None:
 def test_why_a_line_means_nothing_is_said() -> None:
     remarks = [reading.remark for reading in opened(LINES).readings(b"\n.\nhdg=x\nmag=1 2 3e9\nb\n")]
     assert remarks[1:] == [
-        "heading: 'x' is no number", "magnetometer: 3e+09 uT is beyond 100000; look at its unit and scale",
+        "heading: 'x' is no number",
+        "magnetometer: 3e+09 uT is beyond 100000; look at its unit and scale",
         "no pattern matches",
-    ]  # fmt: skip
+    ]
     assert [reading.remark for reading in opened(JSON).readings(b".\n{\n{}\n")][1:] == [
-        "no JSON", "nothing at att.yaw, mag, a.0, a.1, a.2, w, ok"
-    ]  # fmt: skip
+        "no JSON",
+        "nothing at att.yaw, mag, a.0, a.1, a.2, w, ok",
+    ]
     rows = opened(COLUMNS).readings(b".\n1,2\ncal,yaw,gx,gy,gz\n1,2\n")
     assert [row.remark for row in rows][1:] == [
-        "no line with the names cal, gx, gy, gz, yaw came yet", "names of the columns", "2 columns, not 5"
-    ]  # fmt: skip
+        "no line with the names cal, gx, gy, gz, yaw came yet",
+        "names of the columns",
+        "2 columns, not 5",
+    ]
 
 
 def test_values_that_are_not_taken_are_summed_up() -> None:

@@ -81,13 +81,22 @@ def test_a_count_needs_a_scale_and_a_command_bytes() -> None:
 @pytest.mark.parametrize(
     ("number", "word", "unit", "converted"),
     [
-        (math.pi, "rad", "deg", 180.0), (1.0, "rad/s", "dps", 57.29578), (500.0, "mdps", "dps", 0.5),
-        (3600.0, "deg/h", "dps", 1.0), (1000.0, "mg", "g", 1.0), (9.80665, "m/s2", "g", 1.0),
+        (math.pi, "rad", "deg", 180.0),
+        (1.0, "rad/s", "dps", 57.29578),
+        (500.0, "mdps", "dps", 0.5),
+        (3600.0, "deg/h", "dps", 1.0),
+        (1000.0, "mg", "g", 1.0),
+        (9.80665, "m/s2", "g", 1.0),
         (50_000.0, "nT", "uT", 50.0),
-        (0.5, "G", "uT", 50.0), (500.0, "mG", "uT", 50.0), (0.05, "mT", "uT", 50.0), (0.5, "gauss", "uT", 50.0),
-        (300.15, "K", "degC", 27.0), (212.0, "degF", "degC", 100.0), (21.0, "°C", "degC", 21.0),
+        (0.5, "G", "uT", 50.0),
+        (500.0, "mG", "uT", 50.0),
+        (0.05, "mT", "uT", 50.0),
+        (0.5, "gauss", "uT", 50.0),
+        (300.15, "K", "degC", 27.0),
+        (212.0, "degF", "degC", 100.0),
+        (21.0, "°C", "degC", 21.0),
     ],
-)  # fmt: skip
+)
 def test_units_convert(number: float, word: str, unit: str, converted: float) -> None:
     found = conversion(word, unit)
     assert found is not None

@@ -86,22 +86,53 @@ int main(void)
 """
 
 VALUES: dict[str, tuple[float, ...]] = {
-    "calibration.hard_iron": (11.5, -16.25, 10.0), "calibration.hard_iron[1]": (-16.25,),
-    "calibration.hard_iron[AXIS_Z]": (10.0,), "calibration.inverse": (1, 2, 3, 4, 5, 6, 7, 8, 9),
-    "calibration.inverse[1]": (4, 5, 6), "calibration.inverse[2][0]": (7,), "calibration.solver": (7,),
-    "calibration.strength": (47.125,), "calibration.valid": (1,), "calibration.quality": (21,),
-    "calibration.trend": (-5,), "calibration.wide": (0x1234567890,), "calibration.word": (0xA1B2C3D4,),
-    "calibration.bytes": (0xD4, 0xC3, 0xB2, 0xA1), "calibration.bytes[0x3]": (0xA1,),
-    "calibration.choice.half": (-2,), "calibration.choice.quarter": (-2,),
-    "app.part[0].current->hard_iron[0]": (11.5,), "app.part[AXIS_X].current[0].trend": (-5,),
-    "app.part[1].rates": (4, 5, 6), "app.part[0].rates.y": (0.25,),
-    "first.next->value": (-20,), "first.next->next->value": (30,), "program.c:third.value": (30,),
-    "*latest": (7, 8, 9), "latest->y": (8,), "latest[1]": (10, 11, 12), "latest[-2].x": (1,), "**handle": (7, 8, 9),
-    "handle[0]->z": (9,), "*samples": (1, 2, 3), "samples": tuple(range(1, 13)), " * latest": (7, 8, 9),
-    "samples [ 1 ] . z": (6,), "level": (-3,), "before": (-9000000000000000000,), "after": (18000000000000000000,),
-    "letter": (65,), "small": (-100,), "byte": (200,), "numbers": (-1, 2, -3), "matrix": (1, 2, 3, 4, 5, 6),
-    "matrix[1]": (4, 5, 6), "*matrix": (1, 2, 3), "sample::count": (7,), "program.c:sample::count": (7,),
-}  # fmt: skip
+    "calibration.hard_iron": (11.5, -16.25, 10.0),
+    "calibration.hard_iron[1]": (-16.25,),
+    "calibration.hard_iron[AXIS_Z]": (10.0,),
+    "calibration.inverse": (1, 2, 3, 4, 5, 6, 7, 8, 9),
+    "calibration.inverse[1]": (4, 5, 6),
+    "calibration.inverse[2][0]": (7,),
+    "calibration.solver": (7,),
+    "calibration.strength": (47.125,),
+    "calibration.valid": (1,),
+    "calibration.quality": (21,),
+    "calibration.trend": (-5,),
+    "calibration.wide": (0x1234567890,),
+    "calibration.word": (0xA1B2C3D4,),
+    "calibration.bytes": (0xD4, 0xC3, 0xB2, 0xA1),
+    "calibration.bytes[0x3]": (0xA1,),
+    "calibration.choice.half": (-2,),
+    "calibration.choice.quarter": (-2,),
+    "app.part[0].current->hard_iron[0]": (11.5,),
+    "app.part[AXIS_X].current[0].trend": (-5,),
+    "app.part[1].rates": (4, 5, 6),
+    "app.part[0].rates.y": (0.25,),
+    "first.next->value": (-20,),
+    "first.next->next->value": (30,),
+    "program.c:third.value": (30,),
+    "*latest": (7, 8, 9),
+    "latest->y": (8,),
+    "latest[1]": (10, 11, 12),
+    "latest[-2].x": (1,),
+    "**handle": (7, 8, 9),
+    "handle[0]->z": (9,),
+    "*samples": (1, 2, 3),
+    "samples": tuple(range(1, 13)),
+    " * latest": (7, 8, 9),
+    "samples [ 1 ] . z": (6,),
+    "level": (-3,),
+    "before": (-9000000000000000000,),
+    "after": (18000000000000000000,),
+    "letter": (65,),
+    "small": (-100,),
+    "byte": (200,),
+    "numbers": (-1, 2, -3),
+    "matrix": (1, 2, 3, 4, 5, 6),
+    "matrix[1]": (4, 5, 6),
+    "*matrix": (1, 2, 3),
+    "sample::count": (7,),
+    "program.c:sample::count": (7,),
+}
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +140,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("variables")
 
 
-@pytest.fixture(scope="module", params=["-gdwarf-5 -O0", "-gdwarf-4 -O2", "-gdwarf-3 -O1", "-gdwarf-2 -gstrict-dwarf",
-                                        "-gdwarf-5 -O2 -flto", "-gdwarf-4 -O2 -fdebug-types-section",
-                                        "-g3 -Os -fdata-sections -gz"])  # fmt: skip
+@pytest.fixture(
+    scope="module",
+    params=[
+        "-gdwarf-5 -O0",
+        "-gdwarf-4 -O2",
+        "-gdwarf-3 -O1",
+        "-gdwarf-2 -gstrict-dwarf",
+        "-gdwarf-5 -O2 -flto",
+        "-gdwarf-4 -O2 -fdebug-types-section",
+        "-g3 -Os -fdata-sections -gz",
+    ],
+)
 def image(request: pytest.FixtureRequest, folder: Path, require_tool: Callable[[str], str]) -> FirmwareImage:
     """The program, with debug information of every version."""
     place = folder / request.param.replace(" ", "")
@@ -141,8 +181,11 @@ def test_an_enum_is_shown_with_the_name_of_its_value(plain: FirmwareImage) -> No
     for path in ("calibration.solver", "level", "calibration.hard_iron"):
         place = Variables(plain).place(path)
         shown[path] = place.shown(place.read(memory))
-    assert shown == {"calibration.solver": "SEVEN (7)", "level": "COLD (-3)",
-                     "calibration.hard_iron": "11.5, -16.25, 10"}  # fmt: skip
+    assert shown == {
+        "calibration.solver": "SEVEN (7)",
+        "level": "COLD (-3)",
+        "calibration.hard_iron": "11.5, -16.25, 10",
+    }
 
 
 def test_pointers_are_followed_anew_each_time_and_one_that_is_0_is_named(plain: FirmwareImage) -> None:
@@ -199,12 +242,17 @@ def test_statics_of_one_name_are_refused_with_their_places_unless_the_file_is_na
     tmp_path: Path, require_tool: Callable[[str], str]
 ) -> None:
     (tmp_path / "mag").mkdir()
-    elf = compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, {
-        "a.c": "static volatile int last = 1; __attribute__((noinline)) static int step(void) { return last; }\n"
-               "int other(void); int main(void) { for (;;) last = step() + other(); }",
-        "mag/b.c": "static volatile int last = 2; __attribute__((noinline)) static int step(void) { return last; }\n"
-                   "int other(void) { return step(); }",
-    })  # fmt: skip
+    elf = compile_c(
+        require_tool("arm-none-eabi-gcc"),
+        tmp_path,
+        {
+            "a.c": "static volatile int last = 1; __attribute__((noinline)) static int step(void) { return last; }\n"
+            "int other(void); int main(void) { for (;;) last = step() + other(); }",
+            "mag/b.c": "static volatile int last = 2;\n"
+            "__attribute__((noinline)) static int step(void) { return last; }\n"
+            "int other(void) { return step(); }",
+        },
+    )
     image = load_image(elf)
     variables, memory = Variables(image), InitialMemory(image)
     with pytest.raises(ConfigError, match=r"2 variables are called last: .*a\.c \(0x2\w+\), .*b\.c \(0x2\w+\); say wh"):
@@ -246,21 +294,31 @@ int main(void)
 """
 
 
-@pytest.mark.parametrize(("path", "reason"), [
-    ("doubled", "the compiler has optimised it away; declare it volatile|put its constant value into the code"),
-    ("scale", "the compiler has put its constant value into the code|optimised it away"),
-    ("each_thread", "each_thread is thread-local: each thread has its own"),
-    ("held", "held is in a register only"),
-    ("elsewhere", "elsewhere is declared, and nothing in this firmware defines it"),
-    ("used_by_nobody", "the linker has left it out, because nothing uses it"),
-    ("hidden->x", "this firmware has no definition of struct opaque, only its name"),
-    ("hidden[1]", "the size of struct opaque is not known"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("path", "reason"),
+    [
+        ("doubled", "the compiler has optimised it away; declare it volatile|put its constant value into the code"),
+        ("scale", "the compiler has put its constant value into the code|optimised it away"),
+        ("each_thread", "each_thread is thread-local: each thread has its own"),
+        ("held", "held is in a register only"),
+        ("elsewhere", "elsewhere is declared, and nothing in this firmware defines it"),
+        ("used_by_nobody", "the linker has left it out, because nothing uses it"),
+        ("hidden->x", "this firmware has no definition of struct opaque, only its name"),
+        ("hidden[1]", "the size of struct opaque is not known"),
+    ],
+)
 def test_what_lies_nowhere_in_memory_is_refused_with_the_reason(
     path: str, reason: str, tmp_path: Path, require_tool: Callable[[str], str]
 ) -> None:
-    elf = compile_c(require_tool("arm-none-eabi-gcc"), tmp_path,
-                    GONE, "-O2", "-fdata-sections", "-ffunction-sections", "-Wl,--gc-sections")  # fmt: skip
+    elf = compile_c(
+        require_tool("arm-none-eabi-gcc"),
+        tmp_path,
+        GONE,
+        "-O2",
+        "-fdata-sections",
+        "-ffunction-sections",
+        "-Wl,--gc-sections",
+    )
     with pytest.raises(ConfigError) as refused:
         Variables(load_image(elf)).place(path)
     assert any(part in str(refused.value) for part in reason.split("|"))
@@ -269,11 +327,15 @@ def test_what_lies_nowhere_in_memory_is_refused_with_the_reason(
 def test_a_struct_that_one_file_only_declares_is_read_where_another_defines_it(
     tmp_path: Path, require_tool: Callable[[str], str]
 ) -> None:
-    elf = compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, {
-        "a.c": "struct late; extern struct late late; struct late *known = &late;\n"
-               "int main(void) { for (;;) *(struct late *volatile *)&known; }",
-        "b.c": "struct late { int a; short b; } late = { 1, -7 };",
-    })  # fmt: skip
+    elf = compile_c(
+        require_tool("arm-none-eabi-gcc"),
+        tmp_path,
+        {
+            "a.c": "struct late; extern struct late late; struct late *known = &late;\n"
+            "int main(void) { for (;;) *(struct late *volatile *)&known; }",
+            "b.c": "struct late { int a; short b; } late = { 1, -7 };",
+        },
+    )
     image = load_image(elf)
     place = Variables(image).place("known->b")
     assert place.numbers(place.read(InitialMemory(image))) == (-7,)
@@ -314,10 +376,17 @@ def test_variables_of_cpp_are_named_with_their_namespaces_and_classes(
     image = load_image(compile_c(compiler, tmp_path, {"program.cpp": CPP}, *version.split(), "-fno-exceptions"))
     variables, memory = Variables(image), InitialMemory(image)
     expected = {
-        "nav::filter::heading": (1.5,), "nav::filter::state": (3, 1, 2), "nav::filter::state.first": (3,),
-        "nav::filter::State::count": (4,), "nav::ticks": (9,), "hidden": (5,), "axis": (1,), "field.v": (1, 2, 3),
-        "field.v[Z]": (3,), "compass.state->gains": (1, 2),
-    }  # fmt: skip
+        "nav::filter::heading": (1.5,),
+        "nav::filter::state": (3, 1, 2),
+        "nav::filter::state.first": (3,),
+        "nav::filter::State::count": (4,),
+        "nav::ticks": (9,),
+        "hidden": (5,),
+        "axis": (1,),
+        "field.v": (1, 2, 3),
+        "field.v[Z]": (3,),
+        "compass.state->gains": (1, 2),
+    }
     read = {}
     for path in expected:
         place = variables.place(path)
@@ -333,10 +402,13 @@ def test_without_debug_information_a_symbol_is_read_by_the_type_that_the_rig_sta
     image = load_image(compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, SOURCE, "-g0"))
     variables, memory = Variables(image), InitialMemory(image)
     stated = {
-        ("matrix", "float[2][3]"): (1, 2, 3, 4, 5, 6), ("matrix[1]", "float[2][3]"): (4, 5, 6),
-        ("matrix[1][2]", "float [2] [3]"): (6,), ("numbers", "int8_t[3]"): (-1, 2, -3),
-        ("after", "uint64"): (18000000000000000000,), ("byte", "uint8_t"): (200,),
-    }  # fmt: skip
+        ("matrix", "float[2][3]"): (1, 2, 3, 4, 5, 6),
+        ("matrix[1]", "float[2][3]"): (4, 5, 6),
+        ("matrix[1][2]", "float [2] [3]"): (6,),
+        ("numbers", "int8_t[3]"): (-1, 2, -3),
+        ("after", "uint64"): (18000000000000000000,),
+        ("byte", "uint8_t"): (200,),
+    }
     for (path, kind), values in stated.items():
         place = variables.place(path, type_=kind)
         assert place.numbers(place.read(memory)) == values
@@ -353,7 +425,12 @@ def test_without_debug_information_a_symbol_is_read_by_the_type_that_the_rig_sta
 
 def test_paths_into_firmware_that_others_wrote_are_found_in_its_debug_information() -> None:
     variables = Variables(load_image(foreign_elf("nxp_sensor_fusion.elf")))
-    assert [(len(variables.place(path).scalars), variables.place(path).type_text) for path in (
-        "sfg.MagCal.fV", "sfg.MagCal.finvW", "sfg.SV_9DOF_GBY_KALMAN.fPhiPl",
-        "sfg.pControlSubsystem->DefaultQuaternionPacketType",
-    )] == [(3, "float[3]"), (9, "float[3][3]"), (1, "float"), (1, "quaternion_type")]  # fmt: skip
+    assert [
+        (len(variables.place(path).scalars), variables.place(path).type_text)
+        for path in (
+            "sfg.MagCal.fV",
+            "sfg.MagCal.finvW",
+            "sfg.SV_9DOF_GBY_KALMAN.fPhiPl",
+            "sfg.pControlSubsystem->DefaultQuaternionPacketType",
+        )
+    ] == [(3, "float[3]"), (9, "float[3][3]"), (1, "float"), (1, "quaternion_type")]

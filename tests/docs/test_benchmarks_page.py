@@ -30,9 +30,14 @@ def run(command: str, folder: Path, **more: str) -> str:
         return ""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")} | more
     done = subprocess.run(
-        [sys.executable, "-m", MODULES[program], *arguments], cwd=folder, env=environment, capture_output=True,
-        text=True, check=False, timeout=240,
-    )  # fmt: skip
+        [sys.executable, "-m", MODULES[program], *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=240,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

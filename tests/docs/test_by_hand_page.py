@@ -44,7 +44,7 @@ def test_the_uncertainty_that_the_page_works_out_is_the_shipped_rigs() -> None:
     assert shown["turntable"] == {"kind": RIG.turntable.kind, "uncertainty_deg": RIG.turntable.uncertainty_deg}
     whole, centred = (RIG.guard_band_deg(f"heading.direct.{statistic}") for statistic in ("max", "max_centred"))
     assert f"U = {whole:.2f} degrees here, and {centred:g} for a centred error" in PAGE
-    affected = PAGE[PAGE.index("The uncertainty affects"):PAGE.index("A simulated table")]
+    affected = PAGE[PAGE.index("The uncertainty affects") : PAGE.index("A simulated table")]
     for statistic in re.findall(r"`(?:heading\.\*)?\.(\w+)`", affected):
         assert RIG.guard_band_deg(f"heading.direct.{statistic}")
 

@@ -19,7 +19,8 @@ from hiltest.record.reader import read_record
 PAGE = (Path(__file__).parents[2] / "docs" / "calibrate.md").read_text(encoding="utf-8")
 (COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
 PARTS = {
-    "accelerometer": (AccelerometerPart, ACCELEROMETER_UNITS), "gyroscope": (GyroscopePart, GYROSCOPE_UNITS),
+    "accelerometer": (AccelerometerPart, ACCELEROMETER_UNITS),
+    "gyroscope": (GyroscopePart, GYROSCOPE_UNITS),
     "magnetometer": (MagnetometerPart, MAGNETOMETER_UNITS),
 }
 
@@ -31,8 +32,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     for command in COMMANDS.splitlines():
         done = subprocess.run(
-            [sys.executable, "-m", *shlex.split(command)], cwd=path, env=environment, stdin=subprocess.DEVNULL,
-            capture_output=True, text=True, check=False, timeout=300,
+            [sys.executable, "-m", *shlex.split(command)],
+            cwd=path,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
         )
         assert done.returncode == 0, done.stdout + done.stderr
     return path

@@ -80,9 +80,15 @@ def checkout_of(sha: str) -> dict[str, str]:
 def sh(command: str, folder: Path, **more: Any) -> subprocess.CompletedProcess[str]:
     """Run a line as GitHub's shell does."""
     return subprocess.run(
-        ["bash", "-e", "-c", command], cwd=folder, capture_output=True, text=True, check=False, timeout=WALL_LIMIT_S,
-        stdin=subprocess.DEVNULL, **{"env": environment(folder)} | more,
-    )  # fmt: skip
+        ["bash", "-e", "-c", command],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=WALL_LIMIT_S,
+        stdin=subprocess.DEVNULL,
+        **{"env": environment(folder)} | more,
+    )
 
 
 def filled(value: Any, inputs: dict[str, str]) -> Any:
@@ -270,17 +276,34 @@ def test_every_input_of_the_action_reaches_the_run(tmp_path: Path) -> None:
     (tmp_path / "hiltest").write_text("#!/bin/sh\nprintf '%s\\n' \"$@\"\n", encoding="utf-8")
     (tmp_path / "hiltest").chmod(0o755)
     inputs = INPUTS | {
-        "firmware": "my $(id).elf", "rig": "mine", "seeds": "1..8", "out": "out; id",
+        "firmware": "my $(id).elf",
+        "rig": "mine",
+        "seeds": "1..8",
+        "out": "out; id",
         "options": "--suite full -- -k 'heading or cycles'",
-    }  # fmt: skip
+    }
     (step,) = [each for each in steps_of(inputs) if each.get("name") == RUN]
     there = environment(tmp_path)
     there["PATH"] = f"{tmp_path}{os.pathsep}{there['PATH']}"
     done = sh(step["run"], tmp_path, env=there | step["env"])
     assert done.stdout.splitlines() == [
-        "run", "--out", "out; id", "--firmware", "my $(id).elf", "--baseline", str(BASELINE), "--rig", "mine",
-        "--seeds", "1..8", "--suite", "full", "--", "-k", "heading or cycles",
-    ]  # fmt: skip
+        "run",
+        "--out",
+        "out; id",
+        "--firmware",
+        "my $(id).elf",
+        "--baseline",
+        str(BASELINE),
+        "--rig",
+        "mine",
+        "--seeds",
+        "1..8",
+        "--suite",
+        "full",
+        "--",
+        "-k",
+        "heading or cycles",
+    ]
     unclosed = sh(step["run"], tmp_path, env=there | step["env"] | {"OPTIONS": "-k 'heading"})
     assert (unclosed.returncode != 0, unclosed.stdout) == (True, ""), "it does not run without what was asked for"
 

@@ -24,9 +24,14 @@ COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S
 def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     return subprocess.run(
-        [sys.executable, "-m", *shlex.split(command)], cwd=folder, env=environment, capture_output=True, text=True,
-        check=False, timeout=300,
-    )  # fmt: skip
+        [sys.executable, "-m", *shlex.split(command)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +70,8 @@ def test_the_rig_s_lines_are_understood(tmp_path: Path) -> None:
     rig = (ROOT / "hil" / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
     (tmp_path / "rig.toml").write_text(f"{rig}\n{lines}", encoding="utf-8")
     assert load_rig(tmp_path / "rig.toml").tolerances == {
-        "heading.direct.max": Tolerance(0.05, 0.02), "compass.lag": Tolerance(3.0, 0.0),
+        "heading.direct.max": Tolerance(0.05, 0.02),
+        "compass.lag": Tolerance(3.0, 0.0),
     }
 
 

@@ -23,9 +23,14 @@ ONE_TEST = ("--", "-k", "identity")
 def run(command: str, folder: Path) -> str:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
-        [sys.executable, "-m", *shlex.split(command), *ONE_TEST], cwd=folder, env=environment, capture_output=True,
-        text=True, check=False, timeout=300,
-    )  # fmt: skip
+        [sys.executable, "-m", *shlex.split(command), *ONE_TEST],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -68,9 +73,7 @@ def test_what_the_suites_walk_is_as_the_page_has_it(tmp_path: Path, suite: str, 
     )
     assert done.returncode == 0, done.stdout + done.stderr
     found = read(tmp_path / "lcov.info")
-    for what, share in (
-        ("lines", found.lines), ("functions", found.functions), ("branches both ways", found.branches)
-    ):
+    for what, share in (("lines", found.lines), ("functions", found.functions), ("branches both ways", found.branches)):
         (cells,) = re.findall(rf"^\| {what} \| (\d+) of (\d+) .*? \| (\d+) of (\d+) ", PAGE, re.M)
         assert share == tuple(map(int, cells[2 * column :][:2])), f"{what} in the {suite} set"
     if suite == "full":  # what the page promises of it

@@ -61,7 +61,10 @@ def test_ports_prints_what_the_page_shows(tree: UsbTree, capsys: pytest.CaptureF
 
 
 def test_doctor_prints_what_the_page_shows(
-    pty_board: Callable[[Rig], Any], rig: Rig, tree: UsbTree, capsys: pytest.CaptureFixture[str]  # noqa: F811
+    pty_board: Callable[[Rig], Any],  # noqa: F811 (the fixture)
+    rig: Rig,  # noqa: F811 (the fixture)
+    tree: UsbTree,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     plug_in(tree, Path(pty_board(rig).path))
     assert run(*shlex.split(COMMANDS[1])) == 0
@@ -74,7 +77,10 @@ def test_doctor_prints_what_the_page_shows(
 
 
 def test_doctor_says_of_other_firmware_what_the_page_shows(
-    pty_board: Callable[..., Any], rig: Rig, tree: UsbTree, capsys: pytest.CaptureFixture[str]  # noqa: F811
+    pty_board: Callable[..., Any],  # noqa: F811 (the fixture)
+    rig: Rig,  # noqa: F811 (the fixture)
+    tree: UsbTree,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     plug_in(tree, Path(pty_board(rig, default_firmware().with_name("compass-lines.elf")).path))
     assert run("doctor") == 23

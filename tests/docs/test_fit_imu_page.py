@@ -29,9 +29,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     _, *arguments = shlex.split(command)
     return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        [sys.executable, "-m", "hiltest", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
         timeout=60,
-    )  # fmt: skip
+    )
 
 
 def test_the_commands_do_what_the_page_says(folder: Path) -> None:
@@ -98,9 +102,11 @@ def test_the_verdicts_of_the_page_are_those_that_are_given() -> None:
     severity = list(Acceptance)
     rows = {
         "error of gravity's direction, predicted [deg]": "direction_error_deg",
-        "spread of norms [%]": "spread_after_percent", "rests of an ellipsoid, at least": "rests",
+        "spread of norms [%]": "spread_after_percent",
+        "rests of an ellipsoid, at least": "rests",
         "condition of readings in motion": "condition",
-        "readings in motion that are left out [%]": "left_out_percent", "longest over shortest axis": "axis_ratio",
+        "readings in motion that are left out [%]": "left_out_percent",
+        "longest over shortest axis": "axis_ratio",
     }
     for label, figure in rows.items():
         (row,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.M)

@@ -38,9 +38,13 @@ def _truth() -> tuple[np.ndarray, np.ndarray]:
 def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     _, *arguments = shlex.split(command)
     return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        [sys.executable, "-m", "hiltest", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
         timeout=120,
-    )  # fmt: skip
+    )
 
 
 def test_the_commands_do_what_the_page_says(folder: Path) -> None:
@@ -87,8 +91,9 @@ def test_the_table_has_every_threshold() -> None:
     rows = re.findall(r"^\| (\w+) \| .* \| ?([^|]*?) ?\| ?([^|]*?) ?\| ?([^|]*?) \|$", PAGE, re.M)
     told = {
         name: dict(zip((Acceptance.FAIR, Acceptance.POOR, Acceptance.REFUSED), cells, strict=True))
-        for name, *cells in rows if name != "figure"
-    }  # fmt: skip
+        for name, *cells in rows
+        if name != "figure"
+    }
     for bound in BOUNDS:
         side = "below" if bound.below else "above"
         assert f"{side} {bound.limit:g}" in told[bound.figure][bound.verdict].split(", ")

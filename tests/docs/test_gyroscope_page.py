@@ -20,9 +20,13 @@ COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S
 def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     _, *arguments = shlex.split(command)
     return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        [sys.executable, "-m", "hiltest", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
         timeout=240,
-    )  # fmt: skip
+    )
 
 
 def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:

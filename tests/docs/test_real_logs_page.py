@@ -24,5 +24,8 @@ def test_the_verdicts_are_those_of_today(shared_data: Callable[[str], Path]) -> 
 
 def _verdicts(text: str) -> dict[str, tuple[str, str]]:
     """Return what was left out of each set, and its verdict with the best fit."""
-    return {row[0]: (row[1], row[2]) for row in re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \|", text, re.M)
-            if "`" in row[2] and row[1][0].isdigit() and ", " in row[1]}  # fmt: skip
+    return {
+        row[0]: (row[1], row[2])
+        for row in re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \|", text, re.M)
+        if "`" in row[2] and row[1][0].isdigit() and ", " in row[1]
+    }

@@ -27,9 +27,14 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     for command in COMMANDS.splitlines():
         done = subprocess.run(
-            [sys.executable, "-m", *shlex.split(command)], cwd=tmp_path, env=environment, capture_output=True,
-            text=True, check=False, timeout=300,
-        )  # fmt: skip
+            [sys.executable, "-m", *shlex.split(command)],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
+        )
         assert done.returncode == 0, done.stdout + done.stderr
         sentence = read_record(tmp_path / "hil-out").run.verdict.sentence
         assert " ".join(sentence.split()) in " ".join(done.stdout.split())
@@ -44,9 +49,14 @@ def test_the_label_is_in_the_record(tmp_path: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     command = f"{LABELLED.strip()} -- -k identity"  # one test is enough to have a record
     done = subprocess.run(
-        [sys.executable, "-m", *shlex.split(command)], cwd=tmp_path, env=environment, capture_output=True,
-        text=True, check=False, timeout=300,
-    )  # fmt: skip
+        [sys.executable, "-m", *shlex.split(command)],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert read_record(tmp_path / "hil-out").run.revision == Revision(label="compass v1.2")
 

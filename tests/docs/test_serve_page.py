@@ -30,9 +30,12 @@ class Server:
     def __init__(self, command: str, folder: Path) -> None:
         arguments = shlex.split(command.replace("--tcp 6464", "--tcp 0"))[1:]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "hiltest", *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            [sys.executable, "-m", "hiltest", *arguments],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
-        )  # fmt: skip
+        )
         assert self.process.stdout is not None
         self.printed = [self.process.stdout.readline() for _ in range(2)]
 
@@ -63,9 +66,13 @@ def test_every_run_is_understood(tmp_path: Path) -> None:
     for command in runs:
         arguments = [*shlex.split(command)[1:], "--", "--collect-only", "-q"]
         done = subprocess.run(
-            [sys.executable, "-m", "hiltest", *arguments], cwd=tmp_path, capture_output=True, text=True, check=False,
+            [sys.executable, "-m", "hiltest", *arguments],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
             timeout=WALL_LIMIT_S,
-        )  # fmt: skip
+        )
         assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -32,8 +32,10 @@ def rows(run: Run) -> dict[str, list[Cell]]:
     found: dict[str, list[Cell]] = {measurement.name: [measurement.value] for measurement in run.measurements}
     for table in run.tables:
         shown = (4,) if table.name.endswith(".printed") else range(len(table.columns))
-        found |= {f"{table.name}, row {number}": [row[0], *(row[column] for column in shown)]
-                  for number, row in enumerate(table.rows)}  # fmt: skip
+        found |= {
+            f"{table.name}, row {number}": [row[0], *(row[column] for column in shown)]
+            for number, row in enumerate(table.rows)
+        }
     return found
 
 

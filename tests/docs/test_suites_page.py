@@ -36,9 +36,14 @@ def run(bench: Path, command: list[str]) -> tuple[int, set[str], str]:
     """Return the exit code, the names that were measured under a limit, and the output."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
-        [sys.executable, "-m", *command], cwd=bench, env=environment, capture_output=True, text=True, check=False,
+        [sys.executable, "-m", *command],
+        cwd=bench,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
         timeout=120,
-    )  # fmt: skip
+    )
     file = bench / "hil-out" / "run.json"
     measured = json.loads(file.read_text(encoding="utf-8"))["measurements"] if file.exists() else []
     return done.returncode, {each["name"] for each in measured if each["limit"]}, done.stdout + done.stderr

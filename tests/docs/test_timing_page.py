@@ -34,9 +34,13 @@ ROW, BOARD = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
 
 def run(*arguments: str, folder: Path) -> str:
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        [sys.executable, "-m", "hiltest", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
         timeout=120,
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -79,7 +83,9 @@ def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_range(
     assert head == ["measurement", "cycles", "lowest", "highest", "largest contributor"]
     assert band.moved_most_by is not None
     assert shown == [
-        "cycles.direct.total", *map(format_number, (cost.cycles, band.low, band.high)), band.moved_most_by.row
+        "cycles.direct.total",
+        *map(format_number, (cost.cycles, band.low, band.high)),
+        band.moved_most_by.row,
     ]
 
 
@@ -96,8 +102,12 @@ def test_the_command_for_owners_of_a_board_is_one_that_there_is(tmp_path: Path) 
     (command,) = (each for each in COMMANDS if each.startswith("timing measure"))
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", *shlex.split(command.replace("/dev/ttyACM0", "/dev/no-such-port"))],
-        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     assert done.returncode == 4
     assert "no serial port '/dev/no-such-port'" in done.stderr
 

@@ -37,9 +37,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(command: str, folder: Path) -> str:
     _, *arguments = shlex.split(command)
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        [sys.executable, "-m", "hiltest", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
         timeout=60,
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -49,9 +49,13 @@ def test_a_board_without_its_shield_names_what_is_missing_where(rig: Rig, rig_wi
 def test_the_magnetometers_noise_is_judged_by_what_the_rig_declares(
     board: Board, rig: Rig, declared_ut: float, health: Health
 ) -> None:
-    declaring = replace(rig, world=None, board=replace(rig.board, kind="real"),
-                        turntable=replace(rig.turntable, kind="operator"),
-                        sensors=replace(rig.sensors, magnetometer_noise_ut=declared_ut))  # fmt: skip
+    declaring = replace(
+        rig,
+        world=None,
+        board=replace(rig.board, kind="real"),
+        turntable=replace(rig.turntable, kind="operator"),
+        sensors=replace(rig.sensors, magnetometer_noise_ut=declared_ut),
+    )
     found = see_magnetometer_noise(board, declaring)
     assert found.health is health
     assert ("magnetometer_noise_ut" in found.remedy) is (health is Health.WARNING)
@@ -101,16 +105,12 @@ def test_a_build_of_someone_else_is_a_warning(board: Board, rig: Rig, monkeypatc
     assert found.remedy.startswith("hiltest flash --hil-port usb://0240, ")
 
 
-def test_a_virtual_board_is_not_told_to_be_flashed(
-    board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_virtual_board_is_not_told_to_be_flashed(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(board, "identity", replace(board.identity, build_id="0123456789abcdef"))
     assert "hiltest serve" in see_identity(board, rig, "hiltest flash").remedy
 
 
-def test_a_core_without_a_cycle_counter_is_a_warning(
-    board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_core_without_a_cycle_counter_is_a_warning(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(board, "identity", replace(board.identity, cycle_source=CycleSource.NONE))
     assert see_cycle_counter(board, rig).health is Health.WARNING
 

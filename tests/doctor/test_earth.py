@@ -40,12 +40,15 @@ def test_a_rig_without_a_place_and_a_day_behind_the_models_end_say_so(rig: Rig) 
         assert see_declared_field(rig, unknown).health is Health.NOT_LOOKED_AT
 
 
-@pytest.mark.parametrize(("model", "health"), [
-    (HERE, Health.OK),
-    (replace(HERE, strength_ut=51.0), Health.WARNING),
-    (replace(HERE, dip_deg=64.0), Health.WARNING),
-    (replace(HERE, declination_deg=-3.0), Health.WARNING),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("model", "health"),
+    [
+        (HERE, Health.OK),
+        (replace(HERE, strength_ut=51.0), Health.WARNING),
+        (replace(HERE, dip_deg=64.0), Health.WARNING),
+        (replace(HERE, declination_deg=-3.0), Health.WARNING),
+    ],
+)
 def test_a_declared_field_far_from_the_models_is_a_warning(rig: Rig, model: ModelField, health: Health) -> None:
     found = see_declared_field(rig, model)
     assert found.health is health

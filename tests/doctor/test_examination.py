@@ -130,11 +130,15 @@ class Synchronised:
             return b"\xf8" * len(data)
         frames = [each for each in self._decoder.feed(data) if isinstance(each, Frame) and each.type == Sync.code]
         return b"".join(
-            encode_frame(Frame(
-                frame.type | REPLY_BIT, frame.sequence,
-                b"\0" + frame.payload + self._version.to_bytes(2, "little"),
-            )) for frame in frames
-        )  # fmt: skip
+            encode_frame(
+                Frame(
+                    frame.type | REPLY_BIT,
+                    frame.sequence,
+                    b"\0" + frame.payload + self._version.to_bytes(2, "little"),
+                )
+            )
+            for frame in frames
+        )
 
 
 @pytest.mark.slow

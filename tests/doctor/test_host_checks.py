@@ -71,11 +71,14 @@ def test_a_port_off_usb_leaves_out_what_is_about_usb(tree: UsbTree) -> None:
     assert {*checks.values()} == {Health.OK, Health.NOT_LOOKED_AT}
 
 
-@pytest.mark.parametrize(("drive", "said"), [
-    ({}, "shows no drive"),
-    ({"disk": "sdb"}, "sdb is not mounted"),
-    ({"disk": "sdb", "mounted": "/m/D", "options": "ro"}, "read only"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("drive", "said"),
+    [
+        ({}, "shows no drive"),
+        ({"disk": "sdb"}, "sdb is not mounted"),
+        ({"disk": "sdb", "mounted": "/m/D", "options": "ro"}, "read only"),
+    ],
+)
 def test_a_drive_that_firmware_cannot_be_dropped_onto(tree: UsbTree, drive: dict[str, str], said: str) -> None:
     tree.plug_in(**drive)
     found = see_volume(plugged(tree))

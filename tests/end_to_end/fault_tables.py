@@ -61,6 +61,7 @@ OF_THE_LINE = (
     Tried("... that stays full", "full_output = { after_s = 2.5, for_s = 1e3 }", False),
 )
 
+
 def _sensor(what: str, part: str, fault: str, times: str = "", *, noisy: bool = False) -> Tried:
     key = ", ".join((f'part = "{part}"', f'fault = "{fault}"', *filter(None, [times])))
     return Tried(what, f"sensor = {{ {key} }}", False, noisy=noisy)
@@ -134,7 +135,8 @@ def table(rows: Sequence[str], heads: str) -> str:
 TABLES = {
     f"| fault of the {where} | {made} | the run | message | numbers kept |": tried
     for where, made, tried in (
-        ("line", "`[faults]`", OF_THE_LINE), ("board", "`[faults]`, or first instructions of", OF_THE_BOARD)
+        ("line", "`[faults]`", OF_THE_LINE),
+        ("board", "`[faults]`, or first instructions of", OF_THE_BOARD),
     )
 }
 

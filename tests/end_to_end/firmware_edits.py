@@ -75,7 +75,6 @@ class FirmwareCopy:
             _run("cmake", "--build", self._build)
             return Path(shutil.copyfile(self._build / "hiltest-frdm-k64f.elf", elf))
 
-
     def build_compass(self, edit: Edit, elf: Path) -> Path:
         """Build the sample compass that prints lines with an edit, into a file."""
         with edit.made(self._sources):

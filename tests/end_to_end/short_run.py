@@ -117,9 +117,24 @@ def run_short(folder: Path, faults: str = "", *, noisy: bool = False, firmware: 
         (folder / "other.elf").write_bytes(firmware)
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("HIL_", "PYTEST_"))}
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--hil-rig", "rig.toml",
-         *(["--hil-firmware", "other.elf"] if firmware else []), "test_short.py"],
-        cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=WALL_LIMIT_S,
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "--hil-rig",
+            "rig.toml",
+            *(["--hil-firmware", "other.elf"] if firmware else []),
+            "test_short.py",
+        ],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=WALL_LIMIT_S,
     )
     (file,) = folder.glob("**/run.json")
     return Ended(done.returncode, done.stdout, json.loads(file.read_text(encoding="utf-8")))
@@ -139,9 +154,13 @@ def wrong_numbers(ended: Ended, clean: Ended) -> list[str]:
     """Return the names of numbers that are there and are not those of the run without faults."""
     allowed = heading_tolerance_deg()
     return [
-        name for name, value in ended.numbers.items()
-        if value != clean.numbers[name] and not (
-            name.startswith("heading.") and value is not None and clean.numbers[name] is not None
+        name
+        for name, value in ended.numbers.items()
+        if value != clean.numbers[name]
+        and not (
+            name.startswith("heading.")
+            and value is not None
+            and clean.numbers[name] is not None
             and abs(value - clean.numbers[name]) <= allowed
         )
-    ]  # fmt: skip
+    ]

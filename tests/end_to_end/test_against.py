@@ -64,9 +64,14 @@ def environment(**more: str) -> dict[str, str]:
 
 def hiltest(folder: Path, *arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, env=environment(**more), capture_output=True,
-        text=True, check=False, timeout=WAIT_S,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", *arguments],
+        cwd=folder,
+        env=environment(**more),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=WAIT_S,
+    )
 
 
 def stopped(folder: Path, by: signal.Signals, *arguments: str) -> int:

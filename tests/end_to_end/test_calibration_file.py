@@ -29,9 +29,15 @@ JUDGE_RATES = ("--", "-k", "rate_at_rest_under_the_file or test_turn_under_the_f
 def calibrate(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     return subprocess.run(
-        [sys.executable, "-m", "hiltest", "calibrate", *arguments], cwd=folder, env=environment,
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=300,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "calibrate", *arguments],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -77,10 +83,15 @@ def test_the_file_is_judged_green_on_poses_that_it_is_not_made_of(judged, calibr
     assert judged.code == 0, judged.output
     limits = {name: each["limit"] for name, each in judged.measured.items() if ".calibration." in name}
     assert {name for name, limit in limits.items() if limit} == {
-        "heading.calibration.max", "heading.calibration.bias", "heading.calibration.max_centred",
-        "accelerometer.calibration.norm_rms", "accelerometer.calibration.tilt_error",
-        "gyroscope.calibration.bias_error", "gyroscope.calibration.turn_error",
-        "gyroscope.calibration.largest_turn_error", "magnetometer.calibration.norm_rms",
+        "heading.calibration.max",
+        "heading.calibration.bias",
+        "heading.calibration.max_centred",
+        "accelerometer.calibration.norm_rms",
+        "accelerometer.calibration.tilt_error",
+        "gyroscope.calibration.bias_error",
+        "gyroscope.calibration.turn_error",
+        "gyroscope.calibration.largest_turn_error",
+        "magnetometer.calibration.norm_rms",
     }
     assert re.search(r"^calibration +\d\.\d\d ", judged.output, re.MULTILINE)
     assert judged.record["calibration"]["file"] == str(calibrated)
@@ -135,9 +146,24 @@ SWAPPED = [1, 0, 2]
         (changed("gyroscope", "bias", lambda counts: 0.0625 * counts), "gyroscope.calibration.bias_error"),
         (changed("gyroscope", "bias", lambda counts: counts[SWAPPED]), "gyroscope.calibration.bias_error"),
     ],
-    ids=["hard iron's sign", "hard iron in uT", "hard iron's axes", "soft iron's sign", "axes", "soft iron per uT",
-         "offset's sign", "gravity's sign", "gravity's axes", "gravity in m/s2", "rate's sign", "rate's axes",
-         "rate in rad/s", "bias' sign", "bias in deg per s", "bias' axes"],
+    ids=[
+        "hard iron's sign",
+        "hard iron in uT",
+        "hard iron's axes",
+        "soft iron's sign",
+        "axes",
+        "soft iron per uT",
+        "offset's sign",
+        "gravity's sign",
+        "gravity's axes",
+        "gravity in m/s2",
+        "rate's sign",
+        "rate's axes",
+        "rate in rad/s",
+        "bias' sign",
+        "bias in deg per s",
+        "bias' axes",
+    ],
 )
 def test_a_wrong_sign_axis_or_unit_in_the_file_is_red(
     calibrated: Path, run_in, tmp_path: Path, change: Change, red: str

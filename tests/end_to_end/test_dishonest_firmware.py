@@ -85,11 +85,16 @@ def test_a_heading_that_another_computation_gives_names_that(
         Edit(TIMED, REPORTED, "    cost.cycles = (total - 18u) / 5u * 4u; /*"),
         Edit(TIMED, FIT, f"    {COUNTER_CONTROL} = 0u;\n{FIT}    {COUNTER_CONTROL} = 1u;\n"),
         Edit(TIMED, TOTAL, TOTAL.replace("calibrator,", "magnetometer_empty,") + FIT),
-        Edit(TIMED, TOTAL, "    magnetometer_points_t half = *points;\n    half.count /= 2u;\n"
-             + TOTAL.replace("points,", "&half,") + FIT),
+        Edit(
+            TIMED,
+            TOTAL,
+            "    magnetometer_points_t half = *points;\n    half.count /= 2u;\n"
+            + TOTAL.replace("points,", "&half,")
+            + FIT,
+        ),
     ],
     ids=["half of it", "20 % less", "the counter is stopped", "other work is timed", "half of the points are timed"],
-)  # fmt: skip
+)
 def test_cycles_that_the_board_did_not_count(copy_of_the_firmware: FirmwareCopy, tmp_path: Path, edit: Edit) -> None:
     ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity or cycles")
     told = re.search(

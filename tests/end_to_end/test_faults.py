@@ -23,9 +23,13 @@ pytestmark = pytest.mark.slow
 
 # Each ends in another way; the others differ in what the port or the board does.
 FEW = (
-    "lost bytes", "a device that disappears", "a stall for good", "a brown-out", "a magnetometer that is stuck",
+    "lost bytes",
+    "a device that disappears",
+    "a stall for good",
+    "a brown-out",
+    "a magnetometer that is stuck",
     "SDA held low",
-)  # fmt: skip
+)
 OPENING = ("command_sync", "command_identity", "command_sensors", "command_select")
 ALL = [(heads, tried) for heads, each in TABLES.items() for tried in each]
 
@@ -39,9 +43,11 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, Ended]:
 
 @pytest.mark.parametrize(
     ("heads", "tried"),
-    [pytest.param(heads, each, id=f"{number}-{each.what}", marks=[] if each.what in FEW else pytest.mark.ci)
-     for number, (heads, each) in enumerate(ALL)],
-)  # fmt: skip
+    [
+        pytest.param(heads, each, id=f"{number}-{each.what}", marks=[] if each.what in FEW else pytest.mark.ci)
+        for number, (heads, each) in enumerate(ALL)
+    ],
+)
 def test_a_fault_ends_as_the_page_says_and_leaves_no_wrong_number(
     heads: str, tried: Tried, clean: dict[bool, Ended], tmp_path: Path
 ) -> None:

@@ -84,7 +84,8 @@ def test_a_fifth_of_the_sphere_is_refused_by_name(run_in, tmp_path: Path) -> Non
 def test_a_noisier_part_and_a_weaker_hard_iron_are_red_by_name(run_in, tmp_path: Path) -> None:
     text = (RIGS / f"{HARSH}.toml").read_text(encoding="utf-8")
     edits = (
-        ("[170.0, -121.0, 124.0]", "[2.4, -2.2, 4.0]"), ("[2.236068, 0.447214]", "[22.0, 4.5]"),
+        ("[170.0, -121.0, 124.0]", "[2.4, -2.2, 4.0]"),
+        ("[2.236068, 0.447214]", "[22.0, 4.5]"),
         ("magnetometer_noise_ut = 1.0", "magnetometer_noise_ut = 10.0"),  # a rig that declares another is refused
     )
     for old, new in edits:

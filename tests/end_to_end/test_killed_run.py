@@ -89,9 +89,14 @@ class Killed:
 
     def report(self) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, "-m", "hiltest", "report", "out"], cwd=self.folder, env=self._environment,
-            capture_output=True, text=True, check=False, timeout=WAIT_S,
-        )  # fmt: skip
+            [sys.executable, "-m", "hiltest", "report", "out"],
+            cwd=self.folder,
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=WAIT_S,
+        )
 
     def check(self, expected: Callable[[list[str]], Mapping[str, object]]) -> Run | None:
         """Check what is left; `expected` says what finished tests have measured, volatile values left out."""
@@ -170,9 +175,7 @@ def test_a_run_of_many_tests_that_is_killed_leaves_each_that_had_finished(number
 def test_the_main_job_that_is_killed_leaves_what_it_had_measured(number: int, good_run, tmp_path: Path) -> None:
     dice = random.Random(1000 + number)
     tests = good_run.record["tests"]
-    whole = {
-        each["name"]: each for each in good_run.record["measurements"] if each["test"] and not each["volatile"]
-    }
+    whole = {each["name"]: each for each in good_run.record["measurements"] if each["test"] and not each["volatile"]}
     killed = Killed(tmp_path, "hiltest", "run", "--out", "out", "--", "-p", "witness")
     assert killed.run(kill_after=dice.randrange(1, len(tests)), later_s=dice.uniform(0.0, 0.5))
 
@@ -205,9 +208,14 @@ def test_a_run_that_goes_on_keeps_its_folder_and_can_be_looked_at(tmp_path: Path
             time.sleep(0.01)
         looked = killed.report()
         second = subprocess.run(
-            [sys.executable, "-m", "hiltest", "run", "--out", "out"], cwd=tmp_path, env=environment,
-            capture_output=True, text=True, check=False, timeout=WAIT_S,
-        )  # fmt: skip
+            [sys.executable, "-m", "hiltest", "run", "--out", "out"],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=WAIT_S,
+        )
         (tmp_path / "go").touch()
         assert running.wait(timeout=WAIT_S) == 0
     assert looked.returncode == 0, looked.stderr

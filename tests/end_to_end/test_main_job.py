@@ -32,19 +32,41 @@ FURTHER = ("li", "gauss-newton", "gradient-descent")
 # Beside them, against gravity.
 DPI = "dpi"
 PER_CALIBRATOR = (
-    "heading.{}.max", "heading.{}.rms", "heading.{}.bias", "heading.{}.max_centred", "heading.{}.worst_sector",
-    "fit.{}.residual", "fit.{}.offset_error", "fit.{}.rotation_left", "cycles.{}.total", "cycles.{}.per_point",
-    "cycles.{}.fixed", "cycles.{}.spread", "cycles.{}.instructions",
+    "heading.{}.max",
+    "heading.{}.rms",
+    "heading.{}.bias",
+    "heading.{}.max_centred",
+    "heading.{}.worst_sector",
+    "fit.{}.residual",
+    "fit.{}.offset_error",
+    "fit.{}.rotation_left",
+    "cycles.{}.total",
+    "cycles.{}.per_point",
+    "cycles.{}.fixed",
+    "cycles.{}.spread",
+    "cycles.{}.instructions",
 )
 PER_STREAM = (
-    "heading.{}.max", "stream.{}.cycles_mean", "stream.{}.cycles_median", "stream.{}.cycles_max", "stream.{}.held",
+    "heading.{}.max",
+    "stream.{}.cycles_mean",
+    "stream.{}.cycles_median",
+    "stream.{}.cycles_max",
+    "stream.{}.held",
 )
 # Whole and sliced: without slices it is the same, and there once.
 STREAMS = ("direct-stream", "iterative-stream", "iterative-stream-sliced")
 ALWAYS = (
-    "heading.uncalibrated.max_level", "heading.uncalibrated.max", "gyroscope.bias_error", "board.virtual_seconds",
-    "board.wall_seconds", "fit.dpi.n_used", "fit.dpi.dip", "fit.dpi.dip_declared", "fit.dpi.strength",
-    "fit.dpi.strength_declared", "fit.dpi.standard_error",
+    "heading.uncalibrated.max_level",
+    "heading.uncalibrated.max",
+    "gyroscope.bias_error",
+    "board.virtual_seconds",
+    "board.wall_seconds",
+    "fit.dpi.n_used",
+    "fit.dpi.dip",
+    "fit.dpi.dip_declared",
+    "fit.dpi.strength",
+    "fit.dpi.strength_declared",
+    "fit.dpi.standard_error",
 )
 
 
@@ -78,7 +100,8 @@ def test_everything_that_was_promised_is_measured(good_run) -> None:
     assert wanted | set(ALWAYS) <= set(good_run.measured)
     # Judged where the rig has a limit, and said to be information where it has none.
     outcomes = {
-        (each["outcome"], each["limit"] is not None) for each in good_run.measured.values()
+        (each["outcome"], each["limit"] is not None)
+        for each in good_run.measured.values()
         if each["outcome"] != "not offered"  # what a calibrator does not have, such as the coverage of `iterative`
     }
     assert outcomes == {("pass", True), ("information", False)}
@@ -87,7 +110,10 @@ def test_everything_that_was_promised_is_measured(good_run) -> None:
 
 def test_the_folder_holds_the_record_and_its_reports(good_run) -> None:
     assert sorted(path.name for path in good_run.folder.iterdir()) == [
-        "junit.xml", "report.html", "report.md", "run.json",
+        "junit.xml",
+        "report.html",
+        "report.md",
+        "run.json",
     ]
     read_record(good_run.folder / "run.json")
 
@@ -121,7 +147,11 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
     assert gate.keys() < full.keys()
     more = full.keys() - gate.keys()
     assert {each.split(".")[0] for each in more if each.split(".")[1] not in ("dpi-poses", *FURTHER)} == {
-        "accelerometer", "budget", "cycles", "fusion", "gyroscope",
+        "accelerometer",
+        "budget",
+        "cycles",
+        "fusion",
+        "gyroscope",
     }
     assert {"fit.dpi-poses.n_used", "heading.dpi-poses.max"} <= more
     assert {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in FURTHER} <= more

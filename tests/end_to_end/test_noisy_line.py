@@ -65,9 +65,12 @@ def checked(board: RealBoard) -> LinkCheck | None:
 
 def holds(check: LinkCheck) -> bool:
     return (
-        check.wrong == 0 and check.damaged_counted == check.damaged_sent and check.damaged_answered == 0
-        and check.repeated_answered and check.executed_once
-    )  # fmt: skip
+        check.wrong == 0
+        and check.damaged_counted == check.damaged_sent
+        and check.damaged_answered == 0
+        and check.repeated_answered
+        and check.executed_once
+    )
 
 
 @pytest.mark.parametrize("noise", [LOST, FLIPPED], ids=["lost", "flipped"])

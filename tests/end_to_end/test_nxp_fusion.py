@@ -15,8 +15,10 @@ RIG = Path(__file__).parents[2] / "hil" / "rigs" / "nxp-fusion-agm01.toml"
 WALL_LIMIT_S = 900  # a minute and a half on two idle cores
 # Four headings, and hardly a rest: the calibration needs none, and the filter has not converged then.
 SHORT = (
-    (r"^headings_deg = .*$", "headings_deg = [0, 90, 180, 270]"), (r"^tilts_deg = .*$", "tilts_deg = [[0, 0]]"),
-    (r"^converge_s = .*$", "converge_s = 1.0"), (r"^settle_s = .*$", "settle_s = 3.0"),
+    (r"^headings_deg = .*$", "headings_deg = [0, 90, 180, 270]"),
+    (r"^tilts_deg = .*$", "tilts_deg = [[0, 0]]"),
+    (r"^converge_s = .*$", "converge_s = 1.0"),
+    (r"^settle_s = .*$", "settle_s = 3.0"),
 )
 
 
@@ -47,8 +49,10 @@ def test_its_calibration_is_right_and_its_slices_are_counted(tmp_path: Path) -> 
     assert values["cycles.fit-4.slices"] == 17, "as its source has it, with 14 rows of its buffer"
     # Of its last solution; were it computed from another memory, or by other arguments, it would not be offered.
     assert 1.05 < values["cycles.calibrated.from_flash"] / values["cycles.calibrated.total"] < 1.5
-    assert re.search(r"Its fit takes \d+ \d+ cycles without memory waits, .* \(fit-10 in \d+ slices\); direct \d",
-                     record["verdict"]["sentence"]), record["verdict"]["sentence"]  # fmt: skip
+    assert re.search(
+        r"Its fit takes \d+ \d+ cycles without memory waits, .* \(fit-10 in \d+ slices\); direct \d",
+        record["verdict"]["sentence"],
+    ), record["verdict"]["sentence"]
     # Ours got what was in its buffer when that solution began: with three axes in a row or another index none fits.
     assert values["heading.direct.max"] < 1.5
     assert values["cycles.kalman.calls"] > 40 * 60, "40 a second"

@@ -69,9 +69,13 @@ def test_a_rotated_soft_iron_is_a_good_fit_with_a_bad_heading(run_in, tmp_path: 
     assert run.value("fit.dpi.rotation_left") < 1.0
     assert "heading.dpi.max" not in run.output
     assert re.search(r"^dpi +\d\.\d\d ", run.output, re.MULTILINE), run.output
-    assert recomputed_maxima(run.record) == pytest.approx((
-        *(run.value(f"heading.{name}.max") for name in CALIBRATORS), run.value("accelerometer.tilt_error"),
-    ), abs=1e-6)  # of numbers with nine digits, up to 360
+    assert recomputed_maxima(run.record) == pytest.approx(
+        (
+            *(run.value(f"heading.{name}.max") for name in CALIBRATORS),
+            run.value("accelerometer.tilt_error"),
+        ),
+        abs=1e-6,
+    )  # of numbers with nine digits, up to 360
 
 
 def test_gravity_calibrates_at_five_degrees_of_dip(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
@@ -104,9 +108,7 @@ def test_a_rotation_about_the_vertical_is_a_constant_offset(run_in, edited: Call
     assert abs(run.value("heading.direct.bias")) == pytest.approx(3.0, abs=0.5)
 
 
-def test_over_tilted_poses_the_same_rotation_is_no_constant(
-    run_in, edited: Callable[..., str], tmp_path: Path
-) -> None:
+def test_over_tilted_poses_the_same_rotation_is_no_constant(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
     rig = edited((SOFT_IRON, soft_iron_turned_about_the_vertical(3.0)))
     run = run_in(tmp_path, "--rig", rig, "--poses", "all", *SUITES)
     assert run.code == 1
@@ -116,17 +118,29 @@ def test_over_tilted_poses_the_same_rotation_is_no_constant(
 @pytest.mark.parametrize(
     ("soft_iron", "poses", "cause"),
     [
-        ("[[0.0, 1.2, 0.0], [0.0, 0.0, 0.9], [0.8, 0.0, 0.0]]", "all",
-         "magnetometer: x, y and z are exchanged cyclically: x reads y, y reads z, z reads x."),
-        ("[[-0.8, 0.0, 0.0], [0.0, 1.1, 0.0], [0.0, 0.0, 1.0]]\nmirrored = true", "level",
-         "magnetometer: x is negated (left-handed: no mounting makes it)."),
-        ("[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]", "level",
-         "constant offset (+90."),  # of a level board; as which axes it looks follows
-        ("[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]", "all",
-         "magnetometer: x and y are exchanged, y is negated (as turned by 90 deg about z)."),
+        (
+            "[[0.0, 1.2, 0.0], [0.0, 0.0, 0.9], [0.8, 0.0, 0.0]]",
+            "all",
+            "magnetometer: x, y and z are exchanged cyclically: x reads y, y reads z, z reads x.",
+        ),
+        (
+            "[[-0.8, 0.0, 0.0], [0.0, 1.1, 0.0], [0.0, 0.0, 1.0]]\nmirrored = true",
+            "level",
+            "magnetometer: x is negated (left-handed: no mounting makes it).",
+        ),
+        (
+            "[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]",
+            "level",
+            "constant offset (+90.",
+        ),  # of a level board; as which axes it looks follows
+        (
+            "[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]",
+            "all",
+            "magnetometer: x and y are exchanged, y is negated (as turned by 90 deg about z).",
+        ),
     ],
     ids=["cyclic", "left-handed", "a turn about z, level", "a turn about z, tilted"],
-)  # fmt: skip
+)
 def test_a_magnetometer_with_other_axes_is_named_on_the_virtual_board(
     run_in, edited: Callable[..., str], tmp_path: Path, soft_iron: str, poses: str, cause: str
 ) -> None:
@@ -167,9 +181,7 @@ def test_a_horizontal_offset_that_the_norm_hardly_sees_is_still_the_acceleromete
     assert "accelerometer.tilt_error" in run.sentence
 
 
-def test_six_faces_take_off_what_a_bad_accelerometer_does(
-    run_in, edited: Callable[..., str], tmp_path: Path
-) -> None:
+def test_six_faces_take_off_what_a_bad_accelerometer_does(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
     rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [60.0, -50.0, 40.0]"))
     run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
     assert run.code == 0, run.output
@@ -184,9 +196,7 @@ def test_a_face_that_is_askew_is_named_and_ends_red(run_in, edited: Callable[...
     assert "one of right side down (+y down), left side down (-y down) is askew by some 1.0 deg" in run.output
 
 
-def test_points_on_a_part_of_the_sphere_are_poor_coverage(
-    run_in, edited: Callable[..., str], tmp_path: Path
-) -> None:
+def test_points_on_a_part_of_the_sphere_are_poor_coverage(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
     # Ten points of a tumble are one stroke of it.
     rig = edited(("calibration_points = 100 ", "calibration_points = 10 "))
     run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
@@ -195,9 +205,7 @@ def test_points_on_a_part_of_the_sphere_are_poor_coverage(
     assert "only a sphere was fitted" in run.sentence
 
 
-def test_a_mounting_declared_wrongly_is_a_constant_offset(
-    run_in, edited: Callable[..., str], tmp_path: Path
-) -> None:
+def test_a_mounting_declared_wrongly_is_a_constant_offset(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
     rig = edited(("yaw_deg = 1.7                             #", "yaw_deg = 4.7 #"))
     run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
     assert run.code == 1
@@ -206,9 +214,7 @@ def test_a_mounting_declared_wrongly_is_a_constant_offset(
     assert run.value("heading.direct.bias") == pytest.approx(-3.0, abs=0.3)
 
 
-def test_an_undeclared_mounting_leaves_only_centred_values(
-    run_in, edited: Callable[..., str], tmp_path: Path
-) -> None:
+def test_an_undeclared_mounting_leaves_only_centred_values(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
     rig = edited((MOUNTING, ""))
     assert load_rig(tmp_path / rig).mounting is None
     run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)

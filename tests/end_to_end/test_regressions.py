@@ -46,7 +46,8 @@ COST, HEADING = ("--", "-k", "cost"), ("--", "-k", "heading")
 
 ONE_NOP_A_POINT = Edit(
     "calibration/moments.c",
-    "        s_zzzz += zz * zz;\n", '        s_zzzz += zz * zz;\n        __asm__ volatile("nop");\n',
+    "        s_zzzz += zz * zz;\n",
+    '        s_zzzz += zz * zz;\n        __asm__ volatile("nop");\n',
 )
 ADDED_TO_EVERY_HEADING = calibrations_turned(0.3, about="z")  # on the level
 TURNED_ABOUT_A_HORIZONTAL_AXIS = calibrations_turned(1.0, about="x")
@@ -175,7 +176,9 @@ def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
     assert run.code == 0, run.output
     found = difference(run.record["comparison"], "cycles.corrected.per_iteration")
     assert (found["change"], found["new"], found["note"]) == (
-        "changed", None, "not offered: it took 1 iteration, and two show what one costs"
+        "changed",
+        None,
+        "not offered: it took 1 iteration, and two show what one costs",
     )
     assert difference(run.record["comparison"], "cycles.corrected.total")["change"] == "better"
 

@@ -22,27 +22,62 @@ FITTED = "        background->iron = iron;\n"
 @pytest.mark.parametrize(
     ("edit", "poses", "red", "told"),
     [
-        (Edit("compass/main.c", SAID, f"    state.heading_deg = 360.0f - state.heading_deg;\n{SAID}"), "level",
-         "heading.firmware.max", "if they grow counterclockwise from north: write heading ="),
-        (Edit("compass/background.c", FITTED, f"{FITTED}        background->iron.soft_iron[0] *= 1.1f;\n"), "level",
-         "heading.firmware.max", "its own calibration (its calibration alone errs by"),
+        (
+            Edit("compass/main.c", SAID, f"    state.heading_deg = 360.0f - state.heading_deg;\n{SAID}"),
+            "level",
+            "heading.firmware.max",
+            "if they grow counterclockwise from north: write heading =",
+        ),
+        (
+            Edit("compass/background.c", FITTED, f"{FITTED}        background->iron.soft_iron[0] *= 1.1f;\n"),
+            "level",
+            "heading.firmware.max",
+            "its own calibration (its calibration alone errs by",
+        ),
         # Of the first points, which are of less than half of the sphere: 0.69, 1.16, 1.92 and 1.21 degrees of the noise
         # of seeds 1 to 4, beside 0.37 to 0.63. One run does not see the first.
-        (Edit("compass/background.c", POOR, f"    if (background->iron.error_percent < 100.0f || {POOR[8:]}"),
-         "all --seed 3", "heading.firmware.max", "its own calibration"),
-        (Edit("compass/main.c", SAID, f"    state.pitch_deg = -state.pitch_deg;\n{SAID}"), "all",
-         "accelerometer.tilt_error", "right within 0.1 deg with pitch negated"),
-        (Edit("compass/main.c", SAID, f"    state.heading_deg = 12.0f;\n{SAID}"), "level",
-         "heading.firmware.max", "a heading that does not follow the board (they cover 0.0 deg"),
+        (
+            Edit("compass/background.c", POOR, f"    if (background->iron.error_percent < 100.0f || {POOR[8:]}"),
+            "all --seed 3",
+            "heading.firmware.max",
+            "its own calibration",
+        ),
+        (
+            Edit("compass/main.c", SAID, f"    state.pitch_deg = -state.pitch_deg;\n{SAID}"),
+            "all",
+            "accelerometer.tilt_error",
+            "right within 0.1 deg with pitch negated",
+        ),
+        (
+            Edit("compass/main.c", SAID, f"    state.heading_deg = 12.0f;\n{SAID}"),
+            "level",
+            "heading.firmware.max",
+            "a heading that does not follow the board (they cover 0.0 deg",
+        ),
         # Of the noise of its samples the mean is off by a tenth of a degree, either way.
-        (Edit("compass/main.c", SAID, f"    state.heading_deg += 10.5f;\n{SAID}"), "level",
-         "heading.firmware.max", "constant offset (+10."),
-        (Edit("compass/main.c", SAID, f"{SAID}    if (state.time_us > 30000000u) output_error(\"too warm\");\n"),
-         "level", "device.errors", "'too warm'"),
+        (
+            Edit("compass/main.c", SAID, f"    state.heading_deg += 10.5f;\n{SAID}"),
+            "level",
+            "heading.firmware.max",
+            "constant offset (+10.",
+        ),
+        (
+            Edit("compass/main.c", SAID, f'{SAID}    if (state.time_us > 30000000u) output_error("too warm");\n'),
+            "level",
+            "device.errors",
+            "'too warm'",
+        ),
     ],
-    ids=["heading the other way", "a wrong gain after the fit", "a fit that is never renewed", "pitch the other way",
-         "a heading that is frozen", "a heading with an offset", "errors on the way"],
-)  # fmt: skip
+    ids=[
+        "heading the other way",
+        "a wrong gain after the fit",
+        "a fit that is never renewed",
+        "pitch the other way",
+        "a heading that is frozen",
+        "a heading with an offset",
+        "errors on the way",
+    ],
+)
 def test_a_compass_with_a_mistake_is_red_by_its_name(
     copy_of_the_firmware: FirmwareCopy, tmp_path: Path, edit: Edit, poses: str, red: str, told: str
 ) -> None:

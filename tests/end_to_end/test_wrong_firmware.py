@@ -109,16 +109,22 @@ OF_ANOTHER_SLOT = """    if (slot > 1u && slots[1].filled) {
     ("edit", "told"),
     [
         # 0.6 uT are 6 counts; seen through a soft iron within 3 % of the identity.
-        (Edit("calibration/closed_form.h", ADDED, f"{ADDED} + (axis == 0 ? 6.0f : 0.0f)"),
-         r"hard-iron error \(0\.(59|6\d) uT: x \+0\.(59|6\d), .* beside its fit in float64\)"),
-        (Edit("app/calibration_slots.c", STORED_IN_A_SLOT, STORED_IN_A_SLOT + SCALED),
-         r"wrong scale \(x \+10\.0 %, y \+0\.0 %, z \+0\.0 %, beside its fit in float64\)"),
+        (
+            Edit("calibration/closed_form.h", ADDED, f"{ADDED} + (axis == 0 ? 6.0f : 0.0f)"),
+            r"hard-iron error \(0\.(59|6\d) uT: x \+0\.(59|6\d), .* beside its fit in float64\)",
+        ),
+        (
+            Edit("app/calibration_slots.c", STORED_IN_A_SLOT, STORED_IN_A_SLOT + SCALED),
+            r"wrong scale \(x \+10\.0 %, y \+0\.0 %, z \+0\.0 %, beside its fit in float64\)",
+        ),
         (calibrations_turned(3.0, about="x"), r"rotation \(rotated by 3 deg about x, beside its fit in float64\)"),
-        (Edit("app/calibration_slots.c", STORED_IN_A_SLOT, STORED_IN_A_SLOT + OF_ANOTHER_SLOT),
-         r"stale calibration \(it is that of direct\)"),
+        (
+            Edit("app/calibration_slots.c", STORED_IN_A_SLOT, STORED_IN_A_SLOT + OF_ANOTHER_SLOT),
+            r"stale calibration \(it is that of direct\)",
+        ),
     ],
     ids=["hard iron", "scale", "rotation", "stale"],
-)  # fmt: skip
+)
 def test_a_mistake_in_a_calibration_is_named_with_its_size(run_edited: RunEdited, edit: Edit, told: str) -> None:
     ended = run_edited(edit)
     assert re.search(rf"likely cause: {told}", ended.output), ended.output
@@ -218,11 +224,13 @@ def gyroscope_axes(x: int, sign: str, z: int) -> Edit:
         (gyroscope_axes(1, "limited", 2), r"\(.*, .*, -36\d\) deg"),
         (gyroscope_axes(2, "negated", 1), r"\(\+36\d, .*, .*\) deg"),
         # The part's range doubled, which halves its counts.
-        (Edit("sensors/fxas21002.c", "CTRL_REG3_WRAP_TO_ONE 0x08u", "CTRL_REG3_WRAP_TO_ONE 0x09u"),
-         r"\(.*, .*, \+18\d\) deg"),
+        (
+            Edit("sensors/fxas21002.c", "CTRL_REG3_WRAP_TO_ONE 0x08u", "CTRL_REG3_WRAP_TO_ONE 0x09u"),
+            r"\(.*, .*, \+18\d\) deg",
+        ),
     ],
     ids=["sign", "axis", "unit"],
-)  # fmt: skip
+)
 def test_a_gyroscope_of_wrong_sign_axis_or_unit_is_red(run_edited: RunEdited, edit: Edit, felt: str) -> None:
     ended = run_edited(edit)
     assert re.search(rf"felt {felt} about x, y, z where \+360 about z", ended.output), ended.output
@@ -242,14 +250,21 @@ PDB0_BY_ITS_STATUS = """*(volatile unsigned *)0x4004803C |= 1u << 22;
     ("edit", "told"),
     [
         (in_tilt_heading("for (;;) {\n    }"), ("the firmware is hung", "in tilt_heading (tilt_heading.c:")),
-        (in_tilt_heading("*(volatile int *)0x30000000 = 1;"),
-         ("write to unmapped address 0x30000000", "tilt_heading.c:")),
-        (in_tilt_heading(PDB0_BY_ITS_STATUS),
-         ("no answer to AVERAGE within", "executing tilt_heading (tilt_heading.c:",
-          ", polling PDB0_SC at 0x40036000, which is not modelled")),
+        (
+            in_tilt_heading("*(volatile int *)0x30000000 = 1;"),
+            ("write to unmapped address 0x30000000", "tilt_heading.c:"),
+        ),
+        (
+            in_tilt_heading(PDB0_BY_ITS_STATUS),
+            (
+                "no answer to AVERAGE within",
+                "executing tilt_heading (tilt_heading.c:",
+                ", polling PDB0_SC at 0x40036000, which is not modelled",
+            ),
+        ),
     ],
     ids=["hangs", "faults", "waits for what is not modelled"],
-)  # fmt: skip
+)
 def test_firmware_that_stops_is_a_lost_bench_that_says_where_and_keeps_what_was_measured(
     run_edited: RunEdited, edit: Edit, told: tuple[str, ...]
 ) -> None:
@@ -262,17 +277,26 @@ def test_firmware_that_stops_is_a_lost_bench_that_says_where_and_keeps_what_was_
 @pytest.mark.parametrize(
     ("edit", "exit_code", "told"),
     [
-        (Edit("boards/frdm_k64f/uart.c", "#define BAUD_DIVISOR 65u", "#define BAUD_DIVISOR 60u"),
-         20, ("synchronisation",)),
+        (
+            Edit("boards/frdm_k64f/uart.c", "#define BAUD_DIVISOR 65u", "#define BAUD_DIVISOR 60u"),
+            20,
+            ("synchronisation",),
+        ),
         # Bytes arrive at the right pace, and none of their check sums holds.
-        (Edit("protocol/message.c", "write_u32(&trailer, crc32(", "write_u32(&trailer, ~crc32("),
-         20, ("synchronisation",)),
-        (Edit("boards/frdm_k64f/board.c", '.name = "hiltest-frdm-k64f"', '.name = "blinky"'),
-         23, ("blinky", "hiltest-frdm-k64f")),
+        (
+            Edit("protocol/message.c", "write_u32(&trailer, crc32(", "write_u32(&trailer, ~crc32("),
+            20,
+            ("synchronisation",),
+        ),
+        (
+            Edit("boards/frdm_k64f/board.c", '.name = "hiltest-frdm-k64f"', '.name = "blinky"'),
+            23,
+            ("blinky", "hiltest-frdm-k64f"),
+        ),
         (NEXT_PROTOCOL, 23, (f"speaks protocol version {PROTOCOL_VERSION + 1}",)),
     ],
     ids=["another baud rate", "wrong check sums", "another name", "another protocol version"],
-)  # fmt: skip
+)
 def test_firmware_that_is_not_understood_is_named_and_nothing_is_measured(
     run_edited: RunEdited, edit: Edit, exit_code: int, told: tuple[str, ...]
 ) -> None:

@@ -56,8 +56,13 @@ class HostCalibrators:
         self._library = library
 
     def calibrate(
-        self, name: str, points: ArrayLike, *, iterations: int = 0,
-        low: ArrayLike | None = None, high: ArrayLike | None = None,
+        self,
+        name: str,
+        points: ArrayLike,
+        *,
+        iterations: int = 0,
+        low: ArrayLike | None = None,
+        high: ArrayLike | None = None,
     ) -> MagnetometerFit:
         """Calibrate; `low` and `high` stand for the points' range."""
         counts, rest = _prepare(points, iterations, low, high)
@@ -130,12 +135,31 @@ def build_program(
     def build(program: str) -> Path:
         elf = tmp_path_factory.mktemp("program") / "program.elf"
         command = [
-            require_tool("arm-none-eabi-gcc"), "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard",
-            "-std=c11", "-O2", "-g", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffunction-sections",
-            "-fdata-sections", "-fno-tree-loop-distribute-patterns", f"-I{FIRMWARE}", "-nostartfiles",
-            f"-T{board / 'frdm_k64f.ld'}", "-Wl,--gc-sections", str(PROGRAMS / program), *map(str, drivers), "-lm",
-            "-o", str(elf),
-        ]  # fmt: skip
+            require_tool("arm-none-eabi-gcc"),
+            "-mcpu=cortex-m4",
+            "-mthumb",
+            "-mfpu=fpv4-sp-d16",
+            "-mfloat-abi=hard",
+            "-std=c11",
+            "-O2",
+            "-g",
+            "-Wall",
+            "-Wextra",
+            "-Wconversion",
+            "-Werror",
+            "-ffunction-sections",
+            "-fdata-sections",
+            "-fno-tree-loop-distribute-patterns",
+            f"-I{FIRMWARE}",
+            "-nostartfiles",
+            f"-T{board / 'frdm_k64f.ld'}",
+            "-Wl,--gc-sections",
+            str(PROGRAMS / program),
+            *map(str, drivers),
+            "-lm",
+            "-o",
+            str(elf),
+        ]
         subprocess.run(command, check=True, timeout=120)
         return elf
 

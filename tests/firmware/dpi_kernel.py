@@ -27,9 +27,13 @@ class DpiAnswer:
     def __init__(self, packed: bytes) -> None:
         status, is_sphere, iterations, *rest = RESULT.unpack(packed)
         self.fit = MagnetometerFit(
-            FitStatus(status), bool(is_sphere), iterations,
-            np.array(rest[:9]).reshape(3, 3), np.array(rest[9:12]), rest[12],
-        )  # fmt: skip
+            FitStatus(status),
+            bool(is_sphere),
+            iterations,
+            np.array(rest[:9]).reshape(3, 3),
+            np.array(rest[9:12]),
+            rest[12],
+        )
         self.used: int = rest[13]
         self.sine: float = rest[14]
         self.standard_error: float = rest[15]
@@ -43,13 +47,24 @@ class DpiKernel(Protocol):
     """Something that runs the firmware's C."""
 
     def pairs(
-        self, magnetometer: ArrayLike, accelerometer: ArrayLike, *, gain: ArrayLike = ..., offset: ArrayLike = ...,
+        self,
+        magnetometer: ArrayLike,
+        accelerometer: ArrayLike,
+        *,
+        gain: ArrayLike = ...,
+        offset: ArrayLike = ...,
         dip_deg: float | None = None,
     ) -> DpiAnswer: ...
 
     def poses(
-        self, magnetometer: ArrayLike, accelerometer: ArrayLike, *, gain: ArrayLike = ..., offset: ArrayLike = ...,
-        dip_deg: float | None = None, readings: int = ...,
+        self,
+        magnetometer: ArrayLike,
+        accelerometer: ArrayLike,
+        *,
+        gain: ArrayLike = ...,
+        offset: ArrayLike = ...,
+        dip_deg: float | None = None,
+        readings: int = ...,
     ) -> DpiAnswer: ...
 
 

@@ -38,8 +38,19 @@ class Report:
     def bits(self) -> tuple[object, ...]:
         """All of it, to be compared to the last bit."""
         fit = self.fit
-        return (fit.status, fit.is_sphere, fit.iterations, fit.soft_iron.tobytes(), fit.hard_iron.tobytes(),
-                fit.coverage, self.held, self.elements, self.is_solving, self.accepted, self.fit_error_percent)
+        return (
+            fit.status,
+            fit.is_sphere,
+            fit.iterations,
+            fit.soft_iron.tobytes(),
+            fit.hard_iron.tobytes(),
+            fit.coverage,
+            self.held,
+            self.elements,
+            self.is_solving,
+            self.accepted,
+            self.fit_error_percent,
+        )
 
 
 class Stream:
@@ -61,9 +72,13 @@ class Stream:
         status, is_sphere, iterations, *rest = REPORT.unpack(self._report(REPORT.size))
         values, (held, elements, is_solving, accepted, fit_error) = rest[:13], rest[13:]
         fit = MagnetometerFit(
-            FitStatus(status), bool(is_sphere), iterations,
-            np.array(values[:9]).reshape(3, 3), np.array(values[9:12]), values[12],
-        )  # fmt: skip
+            FitStatus(status),
+            bool(is_sphere),
+            iterations,
+            np.array(values[:9]).reshape(3, 3),
+            np.array(values[9:12]),
+            values[12],
+        )
         return Report(fit, held, elements, is_solving, accepted, fit_error)
 
     def sums(self) -> dict[str, int]:

@@ -50,9 +50,7 @@ def unpacked(status: int, faces: int, pose: int, *numbers: float) -> Acceleromet
     fit = AccelerometerFit(np.array(numbers[:9]).reshape(3, 3), np.array(numbers[9:12]))
     at_fault = tuple(face for face in FACES if faces >> face & 1)
     residual_mg = numbers[12] if len(numbers) > 12 else math.nan
-    return AccelerometerSolution(
-        AccelerometerStatus(status), at_fault, None if pose == 255 else pose, fit, residual_mg
-    )
+    return AccelerometerSolution(AccelerometerStatus(status), at_fault, None if pose == 255 else pose, fit, residual_mg)
 
 
 def c_name(method: str) -> str:
@@ -161,8 +159,10 @@ SHAKEN = replace(GOOD[1], accelerometer_spread=np.array([0.0, 41.0, 0.0]))
 # What is not good about a face, and whether it is there at all, once or twice.
 _face_poses = st.lists(
     st.tuples(
-        st.sampled_from(FACES), st.sampled_from(FACES),
-        st.sampled_from([0.0, 10.0, 40.9, 41.0, math.nan]), st.sampled_from([0.0, 0.5, 0.61, 1.0, 1.59, 1.7]),
+        st.sampled_from(FACES),
+        st.sampled_from(FACES),
+        st.sampled_from([0.0, 10.0, 40.9, 41.0, math.nan]),
+        st.sampled_from([0.0, 0.5, 0.61, 1.0, 1.59, 1.7]),
     ),
     max_size=10,
 )
@@ -175,7 +175,9 @@ def test_c_and_float64_find_the_same_faces_at_fault(
 ) -> None:
     changed = [
         replace(
-            GOOD[face], face=face, accelerometer=size * GOOD[lies_on].accelerometer,
+            GOOD[face],
+            face=face,
+            accelerometer=size * GOOD[lies_on].accelerometer,
             accelerometer_spread=np.full(3, spread),
         )
         for face, lies_on, spread, size in drawn_faces
@@ -188,9 +190,12 @@ def test_c_and_float64_find_the_same_faces_at_fault(
 def test_an_ellipsoid_of_poses_that_tell_too_little_is_refused(fits: Fits) -> None:
     directions = sphere_directions(60)
     for rows, shaken in (
-        (directions[::7][:8], None), (directions[:15], None), (np.tile(directions[:1], (20, 1)), None),
-        (directions[::3] * (1.0, 1.0, 0.0), None), (directions[::3], 5),
-    ):  # fmt: skip
+        (directions[::7][:8], None),
+        (directions[:15], None),
+        (np.tile(directions[:1], (20, 1)), None),
+        (directions[::3] * (1.0, 1.0, 0.0), None),
+        (directions[::3], 5),
+    ):
         poses = [replace(GOOD[0], accelerometer=COUNTS_PER_G * row, face=Face.NONE) for row in rows]
         if shaken is not None:
             poses[shaken] = replace(poses[shaken], accelerometer_spread=np.array([0.0, 0.0, 41.0]))
@@ -208,7 +213,8 @@ _anything = st.floats(width=32, allow_nan=False, allow_infinity=False)
 @settings(deadline=None)
 @given(
     means=st.lists(st.tuples(_anything, _anything, _anything), max_size=20),
-    around=st.sampled_from([0.0, 1.0, 8192.0]), faces=st.permutations(FACES),
+    around=st.sampled_from([0.0, 1.0, 8192.0]),
+    faces=st.permutations(FACES),
 )
 def test_no_poses_whatever_end_in_nan_or_infinity(
     fits: Fits, method: str, means: list[tuple[float, float, float]], around: float, faces: list[Face]

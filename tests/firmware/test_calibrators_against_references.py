@@ -222,9 +222,13 @@ _step = st.tuples(*[st.integers(-90, 90)] * 3)
 @pytest.mark.parametrize("name", CALIBRATORS)
 @given(first=_step, second=_step, middle=st.tuples(*[st.integers(-9000, 9000)] * 3), seed=st.integers(0, 1000))
 def test_points_on_any_plane_are_singular(
-    host_calibrators: Runner, name: str,
-    first: tuple[int, ...], second: tuple[int, ...], middle: tuple[int, ...], seed: int,
-) -> None:  # fmt: skip
+    host_calibrators: Runner,
+    name: str,
+    first: tuple[int, ...],
+    second: tuple[int, ...],
+    middle: tuple[int, ...],
+    seed: int,
+) -> None:
     """In float32 the pivots of a plane are rounding, hardly ever zero."""
     steps = np.random.default_rng(seed).integers(-9, 10, (40, 2))
     points = steps @ np.array([first, second]) + middle

@@ -64,9 +64,25 @@ def test_unknown_types_are_refused(bare_bench: Bench) -> None:
     assert {bare_bench.status(kind) for kind in (0x00, 0x40, 0x7F)} == {Status.UNKNOWN_COMMAND}
 
 
-LENGTHS = {SYNC: 4, IDENTITY: 0, SENSORS: 0, SELECT: 1, READ: 6, COLLECT: 6, POINTS: 3, CLEAR_POINTS: 0, SET: 49,
-           GET: 1, CLEAR: 1, SET_ACCELEROMETER: 49,
-           GET_ACCELEROMETER: 1, AVERAGE: 8, REST: 11, STATISTICS: 0, RESET: 0}  # fmt: skip
+LENGTHS = {
+    SYNC: 4,
+    IDENTITY: 0,
+    SENSORS: 0,
+    SELECT: 1,
+    READ: 6,
+    COLLECT: 6,
+    POINTS: 3,
+    CLEAR_POINTS: 0,
+    SET: 49,
+    GET: 1,
+    CLEAR: 1,
+    SET_ACCELEROMETER: 49,
+    GET_ACCELEROMETER: 1,
+    AVERAGE: 8,
+    REST: 11,
+    STATISTICS: 0,
+    RESET: 0,
+}
 
 
 @pytest.mark.parametrize("kind", LENGTHS)
@@ -177,8 +193,14 @@ def test_select_changes_the_magnetometer(bench: Bench) -> None:
     assert bench.status(SELECT, b"\x06") == Status.NO_SUCH_SENSOR
 
 
-PERIODS_US = {MAG3110: 12_500, ACCELEROMETER: 5_000, FXOS8700_MAGNETOMETER: 5_000, GYROSCOPE: 5_000,
-              ON_BOARD_ACCELEROMETER: 5_000, ON_BOARD_MAGNETOMETER: 5_000}  # fmt: skip
+PERIODS_US = {
+    MAG3110: 12_500,
+    ACCELEROMETER: 5_000,
+    FXOS8700_MAGNETOMETER: 5_000,
+    GYROSCOPE: 5_000,
+    ON_BOARD_ACCELEROMETER: 5_000,
+    ON_BOARD_MAGNETOMETER: 5_000,
+}
 
 
 @pytest.mark.parametrize("sensor_id", PERIODS_US)

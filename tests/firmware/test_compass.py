@@ -98,8 +98,7 @@ def of(quantity: Quantity, observed: Sequence[Observation]) -> list[NDArray[np.f
 def errors_deg(heard: Sequence[Sequence[Observation]]) -> list[float]:
     """Errors of the mean headings, of which the mounting is known."""
     means = [circular_mean_deg(float(each[0]) for each in of(Quantity.HEADING, observed)) for observed in heard]
-    return [heading_error_deg(mean, pose.heading_deg + MOUNTING_DEG)
-            for mean, pose in zip(means, POSES, strict=False)]  # fmt: skip
+    return [heading_error_deg(mean, pose.heading_deg + MOUNTING_DEG) for mean, pose in zip(means, POSES, strict=False)]
 
 
 def test_ten_lines_a_second_are_all_understood(said: Said) -> None:

@@ -14,9 +14,13 @@ from numpy.typing import NDArray
 Reals = NDArray[np.float64]
 
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
-SOURCES = ["compass/background.c", *(f"calibration/{name}.c" for name in (
-    "direct", "fit_result", "moments", "normal_equations", "point_range", "quadric", "square_root"
-))]  # fmt: skip
+SOURCES = [
+    "compass/background.c",
+    *(
+        f"calibration/{name}.c"
+        for name in ("direct", "fit_result", "moments", "normal_equations", "point_range", "quadric", "square_root")
+    ),
+]
 SPACING, POINTS, A_MINUTE = 120.0, 256, 4800  # counts, points and samples, as in background.c
 RADIUS, NOISE = 485.0, 4.0  # counts
 
@@ -25,17 +29,33 @@ class Background(ctypes.Structure):
     """`background_t` of compass.h."""
 
     _fields_ = (
-        ("points", ctypes.c_int16 * 3 * POINTS), ("taken_at", ctypes.c_uint32 * POINTS), ("count", ctypes.c_uint32),
-        ("changes", ctypes.c_uint32), ("samples", ctypes.c_uint32), ("hard_iron", ctypes.c_float * 3),
-        ("soft_iron", ctypes.c_float * 9), ("strength", ctypes.c_float), ("error_percent", ctypes.c_float),
-    )  # fmt: skip
+        ("points", ctypes.c_int16 * 3 * POINTS),
+        ("taken_at", ctypes.c_uint32 * POINTS),
+        ("count", ctypes.c_uint32),
+        ("changes", ctypes.c_uint32),
+        ("samples", ctypes.c_uint32),
+        ("hard_iron", ctypes.c_float * 3),
+        ("soft_iron", ctypes.c_float * 9),
+        ("strength", ctypes.c_float),
+        ("error_percent", ctypes.c_float),
+    )
 
 
 @pytest.fixture(scope="module")
 def library(require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     built = tmp_path_factory.mktemp("compass") / "background.so"
-    options = ["-std=c11", "-O2", "-ffp-contract=off", "-fshort-enums", "-shared", "-fPIC", "-Wall", "-Wextra",
-               "-Wconversion", "-Werror"]
+    options = [
+        "-std=c11",
+        "-O2",
+        "-ffp-contract=off",
+        "-fshort-enums",
+        "-shared",
+        "-fPIC",
+        "-Wall",
+        "-Wextra",
+        "-Wconversion",
+        "-Werror",
+    ]
     # Undefined behaviour ends the process.
     options += ["-fsanitize=undefined,float-cast-overflow", "-fsanitize-undefined-trap-on-error"]
     sources = [str(FIRMWARE / each) for each in SOURCES]

@@ -53,7 +53,10 @@ def test_the_board_is_as_accurate(board_calibrators: Any, host_calibrators: Any)
 @pytest.mark.parametrize(
     ("count", "noise_ut", "covered"),
     [
-        (60, 5.0, (0.5, 0.5)), (50, 4.0, (0.5, 1.0)), (60, 10.0, (0.5, 1.0)), (512, 5.0, (0.5, 0.6)),
+        (60, 5.0, (0.5, 0.5)),
+        (50, 4.0, (0.5, 1.0)),
+        (60, 10.0, (0.5, 1.0)),
+        (512, 5.0, (0.5, 0.6)),
         (300, 0.0, (0.5, 1.0)),
     ],
 )

@@ -71,8 +71,6 @@ def _truth(drawn: Instance) -> Reals:
     return 10.0 * (FIELD_UT * DIRECTIONS @ drawn.soft_iron + drawn.hard_iron_ut)
 
 
-
-
 def _paired(calibrators: Any, setting: Setting) -> Paired:
     rows, refused, otherwise = [], 0, 0
     for seed in range(1, INSTANCES + 1):
@@ -112,9 +110,7 @@ def test_the_speed_costs_this_much_accuracy(host_calibrators: Any, setting: Sett
     assert paired.judged_otherwise <= max(2, 0.001 * INSTANCES)
 
 
-@pytest.mark.parametrize(
-    ("setting", "most"), [(SETTINGS[0], 0.0), (SETTINGS[1], 0.0), (Setting(100, 0.5, 0.1), 0.005)]
-)
+@pytest.mark.parametrize(("setting", "most"), [(SETTINGS[0], 0.0), (SETTINGS[1], 0.0), (Setting(100, 0.5, 0.1), 0.005)])
 def test_hardly_a_cloud_overflows(setting: Setting, most: float) -> None:
     """Each that does costs a second pass, so K begins where that is rare; the model counts them."""
     clouds = np.array(

@@ -123,9 +123,7 @@ def test_a_point_too_far_away_changes_nothing(direct: Stream, axis: int, sign: i
     assert direct.add([-32768, 32767, -32768]) == StreamStatus.OUT_OF_RANGE
 
 
-def test_host_and_board_give_the_same_bits(
-    host_stream: MakeStream, board_stream: Callable[[str], BoardStream]
-) -> None:
+def test_host_and_board_give_the_same_bits(host_stream: MakeStream, board_stream: Callable[[str], BoardStream]) -> None:
     """So what the host shows over many seeds holds of the board."""
     host, board = host_stream("direct-stream"), board_stream("direct-stream")
     statuses = set()

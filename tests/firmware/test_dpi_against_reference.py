@@ -141,9 +141,14 @@ def test_refusals_are_those_of_the_reference(kernel: DpiKernel) -> None:
     seen: set[FitStatus] = set()
     level = Rotation.from_rotvec(np.outer(np.linspace(0, 12, 300), [0, 0, 1]))
     cases: list[tuple[DpiInstance, float | None]] = [
-        (dpi_instance(1, 299), None), (dpi_instance(1, dip_deg=1.0), None), (dpi_instance(1, dip_deg=0.0), None),
-        (dpi_instance(1, dip_deg=60.0), 1.0), (dpi_instance(1, dip_deg=60.0), -60.0), (dpi_instance(1), None),
-        (dpi_instance(1, attitudes=level), None), (dpi_instance(1, attitudes=level, noise_ut=0.0, noise_mg=0.0), None),
+        (dpi_instance(1, 299), None),
+        (dpi_instance(1, dip_deg=1.0), None),
+        (dpi_instance(1, dip_deg=0.0), None),
+        (dpi_instance(1, dip_deg=60.0), 1.0),
+        (dpi_instance(1, dip_deg=60.0), -60.0),
+        (dpi_instance(1), None),
+        (dpi_instance(1, attitudes=level), None),
+        (dpi_instance(1, attitudes=level, noise_ut=0.0, noise_mg=0.0), None),
         (dpi_instance(2, dip_deg=3.2), None),
     ]
     for drawn, dip_deg in cases:
@@ -154,7 +159,10 @@ def test_refusals_are_those_of_the_reference(kernel: DpiKernel) -> None:
         if not ours.fit.has_fit:
             assert np.array_equal(ours.fit.soft_iron, np.eye(3))
     assert seen == {
-        FitStatus.ELLIPSOID, FitStatus.TOO_FEW_POINTS, FitStatus.HORIZONTAL_FIELD, FitStatus.MIRRORED,
+        FitStatus.ELLIPSOID,
+        FitStatus.TOO_FEW_POINTS,
+        FitStatus.HORIZONTAL_FIELD,
+        FitStatus.MIRRORED,
         FitStatus.SINGULAR,
     }
 
@@ -174,9 +182,7 @@ def test_whatever_the_pairs_are_the_answer_is_a_number_and_a_status(host_dpi: Ho
     seed = data.draw(st.integers(0, 2**32 - 1))
     random = np.random.default_rng(seed)
     spans = st.sampled_from([0, 1, 3, 500, 32767])
-    points, accelerations = (
-        random.integers(-data.draw(spans), data.draw(spans) + 1, (300, 3)) for _ in range(2)
-    )
+    points, accelerations = (random.integers(-data.draw(spans), data.draw(spans) + 1, (300, 3)) for _ in range(2))
     if data.draw(st.booleans()):
         points = points // np.array([1, 1, 32768])  # a plane
     gain = data.draw(st.sampled_from([1.0, 1e-30, 1e30, 3e38, 0.0])) * NOMINAL_GAIN

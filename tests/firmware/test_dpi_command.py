@@ -104,8 +104,10 @@ def test_the_board_fits_its_still_poses(bench: Bench) -> None:
 
 def test_what_is_refused_says_why_and_how_many(bench: Bench) -> None:
     for dip_deg, given_deg, wanted in [
-        (5.0, None, FitStatus.ELLIPSOID), (1.0, None, FitStatus.HORIZONTAL_FIELD),
-        (0.0, None, FitStatus.HORIZONTAL_FIELD), (60.0, -60.0, FitStatus.MIRRORED),
+        (5.0, None, FitStatus.ELLIPSOID),
+        (1.0, None, FitStatus.HORIZONTAL_FIELD),
+        (0.0, None, FitStatus.HORIZONTAL_FIELD),
+        (60.0, -60.0, FitStatus.MIRRORED),
     ]:
         drawn = dpi_instance(8, dip_deg=dip_deg)
         upload(bench, drawn)

@@ -37,9 +37,14 @@ def bare_bench() -> Bench:
 
 def start(**changes: float) -> bytes:
     asked = {
-        "slot": SLOT, "every": 1, "readings": 16,
-        "rate_dps_rthz": 0.2, "tilt_deg": 0.3, "heading_deg": 1.2, "gate_g": 0.1,
-    }  # fmt: skip
+        "slot": SLOT,
+        "every": 1,
+        "readings": 16,
+        "rate_dps_rthz": 0.2,
+        "tilt_deg": 0.3,
+        "heading_deg": 1.2,
+        "gate_g": 0.1,
+    }
     asked |= changes
     noise = [asked[name] for name in ("rate_dps_rthz", "tilt_deg", "heading_deg", "gate_g")]
     return struct.pack("<BBHI4f", int(asked["slot"]), int(asked["every"]), int(asked["readings"]), 2_000_000, *noise)
@@ -145,9 +150,17 @@ def test_no_field_shows_no_attitude_and_the_gyroscope_goes_on(bench: Bench) -> N
 
 def test_requests_that_make_no_sense_are_refused(bench: Bench) -> None:
     for name, value in (
-        ("slot", 16), ("every", 0), ("readings", 0), ("readings", 513), ("rate_dps_rthz", 0.0), ("tilt_deg", -1.0),
-        ("heading_deg", math.nan), ("heading_deg", 181.0), ("gate_g", math.nan), ("gate_g", -0.1),
-    ):  # fmt: skip
+        ("slot", 16),
+        ("every", 0),
+        ("readings", 0),
+        ("readings", 513),
+        ("rate_dps_rthz", 0.0),
+        ("tilt_deg", -1.0),
+        ("heading_deg", math.nan),
+        ("heading_deg", 181.0),
+        ("gate_g", math.nan),
+        ("gate_g", -0.1),
+    ):
         assert bench.status(START, start(**{name: value})) == Status.BAD_ARGUMENT, name
     assert bench.status(START, FusionStart(SLOT, 1, 1, 0.2, 0.3, 1.2, 0.1, timeout_us=60_000_001).payload()) == (
         Status.BAD_ARGUMENT

@@ -259,9 +259,11 @@ def test_too_few_turns_are_told(bench: Bench) -> None:
 
 def test_a_timeout_ends_in_time(bench: Bench) -> None:
     for kind, payload in (
-        (REST, struct.pack("<HIBf", 200, 200_000, 0, 0.0)), (INTEGRATE, struct.pack("<HI", 200, 200_000)),
-        (LOG, struct.pack("<BBI", 128, 0, 200_000)), (REST, struct.pack("<HIBf", 1, 20_000, 0, 0.0)),
-    ):  # fmt: skip
+        (REST, struct.pack("<HIBf", 200, 200_000, 0, 0.0)),
+        (INTEGRATE, struct.pack("<HI", 200, 200_000)),
+        (LOG, struct.pack("<BBI", 128, 0, 200_000)),
+        (REST, struct.pack("<HIBf", 1, 20_000, 0, 0.0)),
+    ):
         started_s = bench.board.time_s
         assert bench.status(kind, payload) == Status.SENSOR_TIMEOUT
         assert bench.board.time_s - started_s < 0.2 + 0.01

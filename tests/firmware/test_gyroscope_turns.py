@@ -26,11 +26,16 @@ def solver_of_this_machine(library: ctypes.CDLL) -> Solve:
     def solve(turns: list[GyroscopeTurn]) -> TurnsFit:
         packed = b"".join(
             TURN.pack(
-                *turn.turned_deg, *map(int, turn.total), turn.n, round(1e6 * turn.duration_s), *turn.bias_before,
-                *turn.bias_after, turn.share,
+                *turn.turned_deg,
+                *map(int, turn.total),
+                turn.n,
+                round(1e6 * turn.duration_s),
+                *turn.bias_before,
+                *turn.bias_after,
+                turn.share,
             )
             for turn in turns
-        )  # fmt: skip
+        )
         kept = ctypes.create_string_buffer(packed, len(packed))
         fit = ctypes.create_string_buffer(FIT.size)
         library.gyroscope_turns_fit(struct.pack("PB7x", ctypes.addressof(kept), len(turns)), fit)
@@ -73,9 +78,7 @@ def random_turns(rng: np.random.Generator, count: int, *, spread: float = 1.0) -
         after = float32(before + rng.normal(size=3))
         period_s = 1e-6 * duration_us / (n - 1)
         total = response @ turned / period_s + n * (before + share * (after - before)) + rng.normal(size=3) * 100.0
-        turns.append(
-            GyroscopeTurn(turned, np.round(total).astype(int), n, 1e-6 * duration_us, before, after, share)
-        )
+        turns.append(GyroscopeTurn(turned, np.round(total).astype(int), n, 1e-6 * duration_us, before, after, share))
     return turns
 
 
@@ -133,9 +136,13 @@ def whole_turn(axis: int, **changes: object) -> GyroscopeTurn:
     turned, total = np.zeros(3), np.zeros(3, dtype=int)
     turned[axis], total[axis] = 360.0, 1_152_000  # 16 * 360 / 0.005
     given: dict[str, object] = {
-        "turned_deg": turned, "total": total, "n": 1001, "duration_s": 5.0, "bias_before": np.zeros(3),
+        "turned_deg": turned,
+        "total": total,
+        "n": 1001,
+        "duration_s": 5.0,
+        "bias_before": np.zeros(3),
         "bias_after": np.zeros(3),
-    }  # fmt: skip
+    }
     return GyroscopeTurn(**(given | changes))  # type: ignore[arg-type]
 
 

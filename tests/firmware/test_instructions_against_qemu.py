@@ -108,10 +108,22 @@ def build_kernel(tmp_path: Path, firmware: list[str], require_tool: Callable[[st
         names = ("one_kernel", "stream_kernels", "pair_kernels", "integer_kernels")
         programs = [str(PROGRAMS / f"{name}.c") for name in names]
         subprocess.run(
-            [compiler, *FLAGS, f"-DKERNEL={kernel}", "-nostartfiles", f"-Wl,-T,{PROGRAMS / 'ram.ld'}", *firmware,
-             *programs, str(cloud), "-lm", "-o", str(elf)],
-            check=True, timeout=60,
-        )  # fmt: skip
+            [
+                compiler,
+                *FLAGS,
+                f"-DKERNEL={kernel}",
+                "-nostartfiles",
+                f"-Wl,-T,{PROGRAMS / 'ram.ld'}",
+                *firmware,
+                *programs,
+                str(cloud),
+                "-lm",
+                "-o",
+                str(elf),
+            ],
+            check=True,
+            timeout=60,
+        )
         return elf
 
     return build
@@ -122,10 +134,25 @@ def executed_by_qemu(qemu: str, image: FirmwareImage, folder: Path) -> int:
     log = folder / "trace"
     # One instruction a translation block, and a line in the trace for each that is entered.
     subprocess.run(
-        [qemu, "-M", "mps2-an386", "-nographic", "-semihosting", "-singlestep", "-d", "exec,nochain",
-         "-D", str(log), "-kernel", image.name],
-        check=True, timeout=120, stdin=subprocess.DEVNULL, capture_output=True,
-    )  # fmt: skip
+        [
+            qemu,
+            "-M",
+            "mps2-an386",
+            "-nographic",
+            "-semihosting",
+            "-singlestep",
+            "-d",
+            "exec,nochain",
+            "-D",
+            str(log),
+            "-kernel",
+            image.name,
+        ],
+        check=True,
+        timeout=120,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+    )
     begin, end = (image.symbols[name].address for name in ("run_kernel", "after_kernel"))
     addresses = [int(address, 16) for address in TRACED.findall(log.read_text())]
     return addresses.index(end) - addresses.index(begin) - 1  # without the branch to after_kernel

@@ -108,8 +108,10 @@ def test_c_and_float64_go_the_same_way_point_by_point(host_stream: MakeStream, a
             reference.add(point)
             report = made.report()
             assert (report.held, report.elements, report.accepted) == (
-                reference.held, reference.elements, reference.accepted,
-            ), f"seed {seed}, point {index}"  # fmt: skip
+                reference.held,
+                reference.elements,
+                reference.accepted,
+            ), f"seed {seed}, point {index}"
             if report.accepted > before:
                 before = report.accepted
                 # float32 sums and rotations leave parts in 1e6 of the trace; the smallest eigenvalue, of which the fit
@@ -147,9 +149,7 @@ def test_solvers_take_over_as_the_buffer_fills(iterative: Stream) -> None:
 
 
 @pytest.mark.parametrize(("held", "elements", "interval"), [(110, 4, 75), (160, 7, 250), (260, 10, 750)])
-def test_each_solver_runs_again_after_its_interval(
-    iterative: Stream, held: int, elements: int, interval: int
-) -> None:
+def test_each_solver_runs_again_after_its_interval(iterative: Stream, held: int, elements: int, interval: int) -> None:
     """One point over and over changes nothing in the buffer: a run takes the same fit over again, or ages it."""
     points = tumble(1)
     index = 0
@@ -183,8 +183,10 @@ def test_more_elements_are_worth_a_worse_fit_but_not_any(host_stream: MakeStream
             reference.add(point)
             report = iterative.report()
             assert (report.held, report.elements, report.accepted) == (
-                reference.held, reference.elements, reference.accepted,
-            ), f"seed {seed}"  # fmt: skip
+                reference.held,
+                reference.elements,
+                reference.accepted,
+            ), f"seed {seed}"
             if report.accepted > before.accepted > 0 and report.fit_error_percent > before.fit_error_percent:
                 fit_errors.append(report.fit_error_percent)
             refused += report.held >= 250 and report.elements < 10
@@ -274,9 +276,7 @@ def test_while_sums_are_formed_the_buffer_takes_no_points(made: Stream) -> None:
     assert made.points() != held
 
 
-def test_host_and_board_give_the_same_bits(
-    host_stream: MakeStream, board_stream: Callable[[str], BoardStream]
-) -> None:
+def test_host_and_board_give_the_same_bits(host_stream: MakeStream, board_stream: Callable[[str], BoardStream]) -> None:
     """Point by point, so what the host shows over many seeds holds of the board."""
     for sliced, all_round in itertools.product((False, True), repeat=2):
         both = [host_stream("iterative-stream"), board_stream("iterative-stream")]
@@ -330,9 +330,7 @@ def _instructions(stream: BoardStream, *, sliced: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("sliced", "mean", "largest"), [(False, 1_459, 281_000), (True, 1_170, 22_600)])
-def test_it_is_no_lame_horse(
-    board_stream: Callable[[str], BoardStream], sliced: bool, mean: int, largest: int
-) -> None:
+def test_it_is_no_lame_horse(board_stream: Callable[[str], BoardStream], sliced: bool, mean: int, largest: int) -> None:
     """Of what the public releases 5.00 and 7 execute a point over their first 4 000, on average and at most."""
     counted = _instructions(board_stream("iterative-stream"), sliced=sliced)
     middle = np.median(counted)

@@ -250,8 +250,18 @@ def stream() -> Costs:
 
 
 MEASURED = (
-    stack, direct, corrected, iterative, direct_fast, packed_moments, kernel_of_a_pair, sizes, overflow, dpi, stream,
-)  # fmt: skip
+    stack,
+    direct,
+    corrected,
+    iterative,
+    direct_fast,
+    packed_moments,
+    kernel_of_a_pair,
+    sizes,
+    overflow,
+    dpi,
+    stream,
+)
 
 
 @pytest.mark.parametrize("measured", MEASURED, ids=lambda each: each.__name__)

@@ -150,9 +150,10 @@ def test_a_point_in_either_lane_and_on_any_axis_lands_in_its_own_sums(
     degree_1, degree_2, degree_3, degree_4 = np.split(sums, [3, 9, 19])
     assert degree_1.tolist() == [-64.0 if each == axis else 0.0 for each in range(3)]
     for sums_of_degree, index, value in (
-        (degree_2, (0, 3, 5)[axis], 64.0**2), (degree_3, (0, 6, 9)[axis], -(64.0**3)),
+        (degree_2, (0, 3, 5)[axis], 64.0**2),
+        (degree_3, (0, 6, 9)[axis], -(64.0**3)),
         (degree_4, (0, 10, 14)[axis], 64.0**4),
-    ):  # fmt: skip
+    ):
         assert np.flatnonzero(sums_of_degree).tolist() == [index]
         assert sums_of_degree[index] == value
 
@@ -213,6 +214,7 @@ def _frame(image: FirmwareImage, function: str) -> int:
     start = symbol.address & ~1
     (code,) = (
         segment.data[start - segment.run_address :][: symbol.size]
-        for segment in image.segments if segment.run_address <= start < segment.run_address + len(segment.data)
-    )  # fmt: skip
+        for segment in image.segments
+        if segment.run_address <= start < segment.run_address + len(segment.data)
+    )
     return max(-each.number for each in decode(start, code) if each.result == STACK_POINTER and each.is_sum)

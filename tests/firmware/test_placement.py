@@ -86,11 +86,19 @@ def fusion(board: Watched) -> object:
     return state
 
 
-@pytest.mark.parametrize(("kernel", "run"), [
-    ("direct", calibrator("direct")), ("direct-fast", calibrator("direct_fast")),
-    ("corrected", calibrator("corrected")), ("iterative", calibrator("iterative")), ("dpi", dpi),
-    ("direct-stream", stream("direct-stream")), ("iterative-stream", stream("iterative-stream")), ("fusion", fusion),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kernel", "run"),
+    [
+        ("direct", calibrator("direct")),
+        ("direct-fast", calibrator("direct_fast")),
+        ("corrected", calibrator("corrected")),
+        ("iterative", calibrator("iterative")),
+        ("dpi", dpi),
+        ("direct-stream", stream("direct-stream")),
+        ("iterative-stream", stream("iterative-stream")),
+        ("fusion", fusion),
+    ],
+)
 def test_a_kernels_floating_point_lies_at_words(kernel: str, run: Callable[[Watched], object]) -> None:
     board = Watched()
     run(board)

@@ -114,8 +114,14 @@ def test_an_argument_out_of_range_is_refused_and_nothing_is_stored(bench: Bench,
 @pytest.mark.parametrize(
     ("kind", "payload"),
     [
-        (ADD_POSE, bytes(6)), (ADD_POSE, bytes(8)), (POSES, bytes(1)), (POSES, bytes(3)), (CLEAR_POSES, bytes(1)),
-        (UPLOAD_POSES, bytes(1)), (UPLOAD_POSES, b"\x00\x01" + bytes(50)), (UPLOAD_POSES, b"\x00\x02" + some_pose(1)),
+        (ADD_POSE, bytes(6)),
+        (ADD_POSE, bytes(8)),
+        (POSES, bytes(1)),
+        (POSES, bytes(3)),
+        (CLEAR_POSES, bytes(1)),
+        (UPLOAD_POSES, bytes(1)),
+        (UPLOAD_POSES, b"\x00\x01" + bytes(50)),
+        (UPLOAD_POSES, b"\x00\x02" + some_pose(1)),
     ],
 )
 def test_a_payload_of_another_length_is_refused(bare_bench: Bench, kind: int, payload: bytes) -> None:

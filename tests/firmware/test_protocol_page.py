@@ -14,9 +14,15 @@ from .bench import ROOT, Bench
 
 PAGE = (ROOT / "firmware_stub" / "PROTOCOL.md").read_text(encoding="utf-8")
 MEASURING = [
-    Collect(4), Average(4), AddPose(4), GyroscopeRest(40), IntegrateGyroscope(40), LogGyroscope(8), FusionRun(1000),
+    Collect(4),
+    Average(4),
+    AddPose(4),
+    GyroscopeRest(40),
+    IntegrateGyroscope(40),
+    LogGyroscope(8),
+    FusionRun(1000),
     FusionStart(0, every=1, readings=4, rate_dps_rthz=0.2, tilt_deg=0.3, heading_deg=1.2, gate_g=0.1),
-]  # fmt: skip
+]
 
 
 def test_requests_that_are_given_a_time_are_those_that_measure() -> None:

@@ -36,8 +36,11 @@ class _Sensor(ctypes.Structure):
 @pytest.fixture(scope="module")
 def drivers(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> ctypes.CDLL:
     library = tmp_path_factory.mktemp("sensors") / "sensors.so"
-    sources = [*sorted((FIRMWARE / "sensors").glob("*.c")), FIRMWARE / "boards" / "frdm_k64f" / "board_sensors.c",
-               Path(__file__).with_name("host_board.c")]  # fmt: skip
+    sources = [
+        *sorted((FIRMWARE / "sensors").glob("*.c")),
+        FIRMWARE / "boards" / "frdm_k64f" / "board_sensors.c",
+        Path(__file__).with_name("host_board.c"),
+    ]
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-shared", "-fPIC", f"-I{FIRMWARE}"]
     subprocess.run([require_tool("gcc"), *flags, "-o", library, *sources], check=True)
     return ctypes.CDLL(str(library))

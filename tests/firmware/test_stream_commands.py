@@ -54,8 +54,12 @@ def test_a_stream_is_fed_point_by_point_and_answers_what_it_knows(bench: Bench) 
     assert all(0 < cost.overhead_cycles < 100 < cost.cycles < 1000 for cost in costs)
     found = state(bench)
     assert (found.fit.name, found.is_sphere, found.held, found.elements, found.fit_error_percent) == (
-        "ELLIPSOID", False, 100, 0, None,
-    )  # fmt: skip
+        "ELLIPSOID",
+        False,
+        100,
+        0,
+        None,
+    )
     # Rounding to whole counts moves each point by at most 0.87 counts; the centre is a mean over 100 of them.
     assert math.dist(found.calibration.hard_iron, (100, -200, 300)) < 0.87
     assert found.cost is not None

@@ -159,8 +159,11 @@ def test_the_flash_controller_forgets_what_it_held_before_a_run_and_is_switched_
     before = controller.word(PFB0CR), controller.word(PFB1CR)
     # From SRAM as well: the vector of the exceptions that sequences make there is in flash.
     for place, under_it in (
-        (SequencePlace.SRAM, 0x1F), (SequencePlace.FLASH, 0x1F), (SequencePlace.FLASH_ALONE, 0),
-        (SequencePlace.FLASH_WITHOUT_CACHE, 0x07), (SequencePlace.FLASH_WITHOUT_PREFETCH, 0x19),
+        (SequencePlace.SRAM, 0x1F),
+        (SequencePlace.FLASH, 0x1F),
+        (SequencePlace.FLASH_ALONE, 0),
+        (SequencePlace.FLASH_WITHOUT_CACHE, 0x07),
+        (SequencePlace.FLASH_WITHOUT_PREFETCH, 0x19),
     ):
         written.clear()
         cycles(bench, 1, place)

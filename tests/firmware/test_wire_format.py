@@ -107,8 +107,18 @@ class FirmwareCodec:
 def firmware_codec(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> FirmwareCodec:
     library = tmp_path_factory.mktemp("protocol") / "protocol.so"
     sources = [FIRMWARE / "protocol" / name for name in ("crc32.c", "message.c", "payload.c", "stuffing.c")]
-    flags = ["-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-shared", "-fPIC", "-fsanitize=undefined",
-             "-fsanitize-undefined-trap-on-error", f"-I{FIRMWARE}"]  # fmt: skip
+    flags = [
+        "-std=c11",
+        "-Wall",
+        "-Wextra",
+        "-Wconversion",
+        "-Werror",
+        "-shared",
+        "-fPIC",
+        "-fsanitize=undefined",
+        "-fsanitize-undefined-trap-on-error",
+        f"-I{FIRMWARE}",
+    ]
     subprocess.run([require_tool("gcc"), *flags, "-o", library, *sources], check=True)
     return FirmwareCodec(ctypes.CDLL(str(library)))
 

@@ -44,8 +44,11 @@ class Bench:
         serves = ["serve", "--link", str(self._folder / "chip"), "--firmware", str(firmware)]
         self._chip = subprocess.Popen(
             [sys.executable, "-m", "hiltest", *serves],
-            env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-        )  # fmt: skip
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
         assert self._chip.stdout is not None
         assert self._chip.stdout.readline().startswith("board: ")
 

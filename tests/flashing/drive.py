@@ -106,6 +106,7 @@ class Drive:
         details = self._folder / "DETAILS"  # whole at once, as a mounted drive is
         details.write_text(
             f"# DAPLink Firmware - see https://daplink.io\r\nUnique ID: {K64F}\r\n{self._settings}\r\n"
-            f"Daplink Mode: Interface\r\nInterface Version: 0257\r\n{count}", newline="",
-        )  # fmt: skip
+            f"Daplink Mode: Interface\r\nInterface Version: 0257\r\n{count}",
+            newline="",
+        )
         details.rename(self._folder / "DETAILS.TXT")

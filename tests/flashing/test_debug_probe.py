@@ -21,9 +21,7 @@ FLASH_BYTES = 1 << 20
 
 
 @pytest.fixture
-def probe(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, require_module: Callable[[str], None]
-) -> type[Any]:
+def probe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, require_module: Callable[[str], None]) -> type[Any]:
     """The only probe that pyOCD finds, with a halted board behind it whose flash has something else in it."""
     require_module("pyocd")
     from pyocd.probe import aggregator
@@ -73,8 +71,10 @@ def test_a_flash_that_does_not_keep_what_is_written_is_found(
     read = Memory.read_memory_block8
 
     def worn(memory: Any, addr: int, size: int, **attributes: Any) -> list[int]:
-        return [each & ~0x10 if addr + at == 0x4AA else each
-                for at, each in enumerate(read(memory, addr, size, **attributes))]  # fmt: skip
+        return [
+            each & ~0x10 if addr + at == 0x4AA else each
+            for at, each in enumerate(read(memory, addr, size, **attributes))
+        ]
 
     was = app.read_bytes()[0x4AA]
     assert was & 0x10
@@ -93,9 +93,14 @@ def test_what_pyocd_cannot_do_is_said(
 
 @pytest.mark.parametrize(("probes", "code", "said"), [(0, 20, "no FRDM-K64F is plugged in"), (2, 4, "2 boards fit")])
 def test_there_must_be_one_probe(
-    probes: int, code: int, said: str, probe: type[Any], app: Path, monkeypatch: pytest.MonkeyPatch,
+    probes: int,
+    code: int,
+    said: str,
+    probe: type[Any],
+    app: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.setattr(probe, "get_all_connected_probes", classmethod(lambda cls, *_: [cls() for _ in range(probes)]))
     assert run("flash", str(app), "--probe", "pyocd") == code
     assert said in capsys.readouterr().err

@@ -79,8 +79,13 @@ def identity_of(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run the tests of a board's identity in a folder."""
     return subprocess.run(
         [sys.executable, "-m", "hiltest", "run", *words, "--", "-k", "identity"],
-        cwd=folder, capture_output=True, text=True, check=False, timeout=WAIT_S, env=os.environ,
-    )  # fmt: skip
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=WAIT_S,
+        env=os.environ,
+    )
 
 
 def board_in(out: Path) -> dict[str, object]:
@@ -108,9 +113,10 @@ def test_a_run_flashes_first_and_records_what_and_its_replay_says_the_same(plugg
 def test_of_two_boards_a_run_flashes_the_one_that_its_rig_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with Bench(tmp_path / "bench") as bench, Drive(
-        bench.usb.plug_in(serial=SECOND_K64F, tty="ttyACM1", disk="sdc", mounted="/media/me/DAPLINK1")
-    ) as other:
+    with (
+        Bench(tmp_path / "bench") as bench,
+        Drive(bench.usb.plug_in(serial=SECOND_K64F, tty="ttyACM1", disk="sdc", mounted="/media/me/DAPLINK1")) as other,
+    ):
         monkeypatch.setenv("HILTEST_ROOT", str(bench.root))
         served = (shipped() / "rigs" / "served-k64f.toml").read_text(encoding="utf-8")
         port = 'port = "socket://127.0.0.1:6464"'
@@ -162,8 +168,10 @@ def test_a_board_that_stays_silent_ends_with_20(
 def test_a_board_that_another_process_has_is_left_alone(machine: UsbTree, capsys: pytest.CaptureFixture[str]) -> None:
     far, near = os.openpty()
     behind = Path(os.ttyname(near))
-    holds = ("import sys; from hiltest.link.ports import open_port; port = open_port(sys.argv[1], rig='bench seven'); "
-             "print(1, flush=True); sys.stdin.read()")  # fmt: skip
+    holds = (
+        "import sys; from hiltest.link.ports import open_port; port = open_port(sys.argv[1], rig='bench seven'); "
+        "print(1, flush=True); sys.stdin.read()"
+    )
     other = subprocess.Popen(
         [sys.executable, "-c", holds, str(behind)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
@@ -203,14 +211,15 @@ def test_a_drive_that_is_not_mounted_is_said_with_how_to_mount_it(
 @pytest.mark.parametrize(
     ("words", "boards", "code", "said"),
     [
-        ((), 0, 20, "no FRDM-K64F is plugged in"), ((), 2, 4, "--hil-port usb://"),
+        ((), 0, 20, "no FRDM-K64F is plugged in"),
+        ((), 2, 4, "--hil-port usb://"),
         (("--rig", "virtual-k64f"), 1, 4, "a virtual board is not flashed"),
         (("--hil-port", "hil://"), 1, 4, "a virtual board is not flashed"),
         (("--hil-port", "socket://127.0.0.1:6464"), 1, 4, "its DAPLink is mounted with --volume"),
         (("--rig", "text-compass"), 1, 4, "name the ELF"),
         (("--hil-port", "usb://9999"), 1, 20, "serial number begins with '9999'"),
     ],
-)  # fmt: skip
+)
 def test_a_board_that_is_not_known_is_not_flashed(
     words: tuple[str, ...], boards: int, code: int, said: str, machine: UsbTree, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -223,7 +232,8 @@ def test_a_board_that_is_not_known_is_not_flashed(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "a virtual board is not flashed"), (("--seeds", "1..2"), "--flash is for a real board"),
+        ((), "a virtual board is not flashed"),
+        (("--seeds", "1..2"), "--flash is for a real board"),
         (("--against", str(default_firmware())), "--flash is for a real board"),
         (("--hil-port", "usb://", "--base", "0x8000"), "leave out --base"),
         (("--hil-port", "usb://", "--coverage", "lcov.info"), "--hil-coverage has none"),
@@ -231,11 +241,15 @@ def test_a_board_that_is_not_known_is_not_flashed(
         (("--hil-port", "usb://", "--calibration", "none.json"), "none.json"),
         (("--hil-port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a whole ELF file"),
     ],
-)  # fmt: skip
+)
 def test_a_run_that_cannot_flash_is_refused(
-    words: tuple[str, ...], said: str, machine: UsbTree, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    said: str,
+    machine: UsbTree,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     drive = machine.plug_in(disk="sdb", mounted="/media/me/DAPLINK")
     assert run("run", "--flash", *words) == 4

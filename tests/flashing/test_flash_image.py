@@ -71,11 +71,12 @@ def test_intel_hex_has_every_byte_in_its_place(content: dict[int, bytes]) -> Non
     ("fsec", "said"),
     [
         (0xFF, "secures the chip, and no debugger gets in (FSEC 0xFF)"),
-        (0xFC, "secures the chip"), (0xFD, "secures the chip"),
+        (0xFC, "secures the chip"),
+        (0xFD, "secures the chip"),
         (0xEF, "secures the chip, and no debugger gets in, and forbids the mass erase"),
         (0xEE, "forbids the mass erase that would open a secured chip again (FSEC 0xEE)"),
     ],
-)  # fmt: skip
+)
 def test_an_image_that_locks_the_chip_is_refused(fsec: int, said: str, tmp_path: Path) -> None:
     message = refused(tmp_path / "app.bin", binary(fsec=fsec))
     assert said in message
@@ -105,7 +106,7 @@ def test_an_image_without_a_whole_configuration_field_is_refused(size: int, tmp_
         (as_hex(0, binary(entry=CODE)), "no vector table"),
         (as_hex(0, binary(entry=0x9001)), "no vector table"),
     ],
-)  # fmt: skip
+)
 def test_an_image_with_other_memories_is_refused(content: bytes, said: str, tmp_path: Path) -> None:
     assert said in refused(tmp_path / "app.hex", content)
 
@@ -121,9 +122,17 @@ def test_start_up_code_of_another_kinetis_is_refused(
     source, elf = tmp_path / f"system_{part}.c", tmp_path / "app.elf"
     source.write_text("int main(void) { for (;;) { } }\n", encoding="utf-8")
     command = [
-        require_tool("arm-none-eabi-gcc"), "-mcpu=cortex-m4", "-mthumb", "-nostdlib", "-ffreestanding",
-        f"-Wl,-T,{PROGRAMS / 'flash.ld'}", str(PROGRAMS / "start.S"), str(source), "-o", str(elf),
-    ]  # fmt: skip
+        require_tool("arm-none-eabi-gcc"),
+        "-mcpu=cortex-m4",
+        "-mthumb",
+        "-nostdlib",
+        "-ffreestanding",
+        f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
+        str(PROGRAMS / "start.S"),
+        str(source),
+        "-o",
+        str(elf),
+    ]
     subprocess.run(command, check=True, timeout=60.0)
     if taken:
         load_flash_image(elf)

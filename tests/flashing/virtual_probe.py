@@ -25,9 +25,13 @@ _ROM_TABLE = 0xE00FF000
 # What they are, as they say themselves: part number of Arm's components, and the class of a ROM table.
 _COMPONENTS = {_ROM_TABLE: (0x4C4, 0x10), 0xE000E000: (0x00C, 0xE0), 0xE0002000: (0x003, 0xE0)}
 _FIXED = {
-    _ROM_TABLE: 0xFFF0F003, _ROM_TABLE + 4: 0xFFF03003, _ROM_TABLE + 8: 0,
-    0xE000ED00: 0x410FC241, 0xE000EF40: 0x10110021, 0xE0002000: 0x00000260,
-}  # fmt: skip
+    _ROM_TABLE: 0xFFF0F003,
+    _ROM_TABLE + 4: 0xFFF03003,
+    _ROM_TABLE + 8: 0,
+    0xE000ED00: 0x410FC241,
+    0xE000EF40: 0x10110021,
+    0xE0002000: 0x00000260,
+}
 _BUS, _MDM = {0xFC: 0x24770011, 0xF8: _ROM_TABLE | 3, 0x00: 0x23000042}, {0xFC: 0x001C0000, 0x00: 0x10022}
 _SLICE_S = 0.05
 """How long the processor runs between two looks at whether it has halted [virtual s]."""
@@ -71,9 +75,11 @@ class VirtualProbe(DebugProbe):
     wire_protocol = DebugProbe.Protocol.SWD
     supported_wire_protocols: Collection[Any] = [DebugProbe.Protocol.DEFAULT, DebugProbe.Protocol.SWD]
     capabilities = {  # noqa: RUF012 - a property of pyOCD's class
-        DebugProbe.Capability.MANAGED_AP_SELECTION, DebugProbe.Capability.MANAGED_DPBANKSEL,
-        DebugProbe.Capability.BANKED_DP_REGISTERS, DebugProbe.Capability.APv2_ADDRESSES,
-    }  # fmt: skip
+        DebugProbe.Capability.MANAGED_AP_SELECTION,
+        DebugProbe.Capability.MANAGED_DPBANKSEL,
+        DebugProbe.Capability.BANKED_DP_REGISTERS,
+        DebugProbe.Capability.APv2_ADDRESSES,
+    }
 
     @property
     def is_open(self) -> bool:
@@ -207,4 +213,3 @@ class Memory(MemoryInterface):
 
     def write_memory_block8(self, addr: int, data: Sequence[int], **_attributes: Any) -> None:
         self._access.write(addr, bytes(data))
-

@@ -49,8 +49,13 @@ def test_c_has_the_numbers_of_the_file(
     assert made.accelerometer is not None
     assert made.gyroscope is not None
     parts = [
-        made.magnetometer.soft_iron, made.magnetometer.hard_iron, made.magnetometer.hard_iron_ut,
-        made.accelerometer.gain, made.accelerometer.offset, made.gyroscope.matrix, made.gyroscope.bias,
+        made.magnetometer.soft_iron,
+        made.magnetometer.hard_iron,
+        made.magnetometer.hard_iron_ut,
+        made.accelerometer.gain,
+        made.accelerometer.offset,
+        made.gyroscope.matrix,
+        made.gyroscope.bias,
     ]
     wanted = np.concatenate([np.ravel(part) for part in parts]).astype(np.float32)
     # Nine digits are every digit of a float32.
@@ -61,9 +66,13 @@ def test_units_and_frame_stand_beside_the_numbers(made: ImuCalibration) -> None:
     text = to_header(made)
     units = dict(re.findall(r"(\w+)(?:\[3\])+ = [^;]*; /\* (\S+) \*/", text))
     assert units == {
-        "magnetometer_soft_iron": "1/count", "magnetometer_hard_iron": "count", "magnetometer_hard_iron_ut": "uT",
-        "accelerometer_gain": "g/count", "accelerometer_offset": "count",
-        "gyroscope_matrix": "dps/count", "gyroscope_bias": "count",
+        "magnetometer_soft_iron": "1/count",
+        "magnetometer_hard_iron": "count",
+        "magnetometer_hard_iron_ut": "uT",
+        "accelerometer_gain": "g/count",
+        "accelerometer_offset": "count",
+        "gyroscope_matrix": "dps/count",
+        "gyroscope_bias": "count",
     }
     assert made.frame in text
     assert made.made_utc in text

@@ -104,9 +104,7 @@ def test_a_unit_that_is_not_said_is_not_assumed(made: ImuCalibration, refusal: R
     assert refusal(json.dumps(content)).startswith(f"magnetometer.units.{unit} is missing")
 
 
-def test_counts_and_microtesla_that_contradict_each_other_are_refused(
-    made: ImuCalibration, refusal: Refusal
-) -> None:
+def test_counts_and_microtesla_that_contradict_each_other_are_refused(made: ImuCalibration, refusal: Refusal) -> None:
     said = refusal(changed(made, "magnetometer.hard_iron", [2.4, -2.16, 3.99]))
     assert said.startswith("magnetometer: hard_iron and hard_iron_ut contradict each other: 2.4 counts of 0.1 uT are")
 
@@ -146,9 +144,7 @@ def test_what_is_no_float_of_the_board_is_refused(made: ImuCalibration, refusal:
         (None, "no calibration of an IMU: its schema is null"),
     ],
 )
-def test_another_schema_is_refused(
-    made: ImuCalibration, refusal: Refusal, schema: str | None, complaint: str
-) -> None:
+def test_another_schema_is_refused(made: ImuCalibration, refusal: Refusal, schema: str | None, complaint: str) -> None:
     assert complaint in refusal(changed(made, "schema", schema))
 
 

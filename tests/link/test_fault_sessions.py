@@ -97,7 +97,7 @@ class FaultyPort(VirtualPort):
             self.happened[kind] += 1
             at = dice.randrange(len(data)) if data else 0
             if kind == "drop":
-                data = data[:at] + data[at + dice.choice((1, 1, 2, 5)):]
+                data = data[:at] + data[at + dice.choice((1, 1, 2, 5)) :]
             elif kind == "flip":
                 data = data[:at] + bytes(each ^ (1 << dice.randrange(8)) for each in data[at : at + 1]) + data[at + 1 :]
             elif kind == "double":

@@ -22,13 +22,16 @@ SPAN = struct.pack("<QQB", 1_000_000, 3_500_000, 0)
     [
         (g.GyroscopeRest(4096, store=True, timeout_us=2, noise=4.0), 0x0F, "0010 02000000 01 00008040"),
         (g.IntegrateGyroscope(12_000, timeout_us=3), 0x1E, "e02e 03000000"),
-        (g.FitGyroscope([TURN]), 0x1F, "01 0000000000000000 0000803f 01000000 ffffffff 00010000 2800 00010000"
-         + " 00" * 24 + " 0000003f"),
+        (
+            g.FitGyroscope([TURN]),
+            0x1F,
+            "01 0000000000000000 0000803f 01000000 ffffffff 00010000 2800 00010000" + " 00" * 24 + " 0000003f",
+        ),
         (g.SetGyroscope(np.eye(3), [0, 0, 1]), 0x20, ("0000803f" + "00" * 12) * 2 + "0000803f" + "00" * 8 + "0000803f"),
         (g.GetGyroscope(), 0x21, ""),
         (g.LogGyroscope(128, go_on=True, timeout_us=1), 0x25, "80 01 01000000"),
     ],
-)  # fmt: skip
+)
 def test_request_payloads_are_those_written_by_hand(request_: Request[Any], code: int, expected: str) -> None:
     assert request_.code == code
     assert request_.payload() == bytes.fromhex(expected)

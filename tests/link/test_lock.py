@@ -143,10 +143,13 @@ def test_a_device_is_known_by_its_serial_number(device: str, monkeypatch: pytest
 @pytest.mark.parametrize(
     ("url", "place"),
     [
-        ("rfc2217://Lab-3:2217?timeout=3", "lab-3:2217"), ("socket://lab-3:2217", "lab-3:2217"),
-        ("hil://", None), ("loop://", None), ("rfc2217://me:secret@lab-3:2217", "lab-3:2217"),
+        ("rfc2217://Lab-3:2217?timeout=3", "lab-3:2217"),
+        ("socket://lab-3:2217", "lab-3:2217"),
+        ("hil://", None),
+        ("loop://", None),
+        ("rfc2217://me:secret@lab-3:2217", "lab-3:2217"),
     ],
-)  # fmt: skip
+)
 def test_a_port_elsewhere_is_its_host_and_number(url: str, place: str | None) -> None:
     assert place_of(url) == place
 

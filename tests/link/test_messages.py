@@ -26,19 +26,47 @@ from hiltest.link.request import Request, decode_reply
 from hiltest.link.streams import StreamFeed, StreamRemove, StreamReset, StreamState, StreamStatus
 
 POSE = StillPose(
-    magnetometer=np.array([1.0, -2.0, 0.5]), magnetometer_spread=None, accelerometer=np.array([-8192.0, 0.0, 4.0]),
-    accelerometer_spread=np.array([0.0, 1.0, 1.0]), readings=16, face=Face.MINUS_X,
+    magnetometer=np.array([1.0, -2.0, 0.5]),
+    magnetometer_spread=None,
+    accelerometer=np.array([-8192.0, 0.0, 4.0]),
+    accelerometer_spread=np.array([0.0, 1.0, 1.0]),
+    readings=16,
+    face=Face.MINUS_X,
 )
 REQUESTS: list[Request[object]] = [
-    m.Sync(7), m.Identify(), m.Sensors(), m.Select(1), m.Read(1, 4), m.Collect(20), m.Upload(0, [(1, 2, 3)]),
-    m.Points(0, 10), m.ClearPoints(), m.Calibrate(100, "direct"), m.SetCalibration(1, np.eye(3), np.zeros(3)),
-    m.GetCalibration(1), m.ClearCalibration(1), m.Average(16, 0b111), m.LinkStatistics(), m.Reset(),
-    StreamReset("s"), StreamFeed("s", 0, 1), StreamRemove("s", 0, 1), StreamState("s"),
-    SetAccelerometer(1, np.eye(3), np.zeros(3)), GetAccelerometer(1), AddPose(1), Poses(0, 1), ClearPoses(),
-    UploadPoses(0, [POSE]), FitAccelerometer(6, "six-position"), FitDpi(300, 1),
+    m.Sync(7),
+    m.Identify(),
+    m.Sensors(),
+    m.Select(1),
+    m.Read(1, 4),
+    m.Collect(20),
+    m.Upload(0, [(1, 2, 3)]),
+    m.Points(0, 10),
+    m.ClearPoints(),
+    m.Calibrate(100, "direct"),
+    m.SetCalibration(1, np.eye(3), np.zeros(3)),
+    m.GetCalibration(1),
+    m.ClearCalibration(1),
+    m.Average(16, 0b111),
+    m.LinkStatistics(),
+    m.Reset(),
+    StreamReset("s"),
+    StreamFeed("s", 0, 1),
+    StreamRemove("s", 0, 1),
+    StreamState("s"),
+    SetAccelerometer(1, np.eye(3), np.zeros(3)),
+    GetAccelerometer(1),
+    AddPose(1),
+    Poses(0, 1),
+    ClearPoses(),
+    UploadPoses(0, [POSE]),
+    FitAccelerometer(6, "six-position"),
+    FitDpi(300, 1),
     m.TimeRange(100),
-    FusionStart(1, 1, 1, 0.5, 0.5, 1.0, 0.1), FusionRun(1), FusionRead(0, 1),
-]  # fmt: skip
+    FusionStart(1, 1, 1, 0.5, 0.5, 1.0, 0.1),
+    FusionRun(1),
+    FusionRead(0, 1),
+]
 
 
 @pytest.mark.parametrize(
@@ -68,8 +96,11 @@ REQUESTS: list[Request[object]] = [
         (StreamState("ab"), 0x15, "02 6162"),
         (GetAccelerometer(15), 0x17, "0f"),
         (FitAccelerometer(6, "ellipsoid"), 0x1C, "06 09 656c6c6970736f6964"),
-        (FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=2), 0x22,
-         "03 05 1000 02000000 0000003f 0000803e 0000803f 0000003e"),
+        (
+            FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=2),
+            0x22,
+            "03 05 1000 02000000 0000003f 0000803e 0000803f 0000003e",
+        ),
         (FusionRun(258), 0x23, "02010000"),
         (FusionRead(258, 36), 0x24, "0201 24"),
         (AddPose(512, Face.PLUS_Z, timeout_us=3), 0x18, "0002 03000000 04"),
@@ -77,7 +108,8 @@ REQUESTS: list[Request[object]] = [
         (Poses(3, 20), 0x19, "03 14"),
         (ClearPoses(), 0x1A, ""),
         (
-            UploadPoses(2, [POSE]), 0x1B,
+            UploadPoses(2, [POSE]),
+            0x1B,
             "02 01 01 1000 0000803f 000000c0 0000003f 0000c07f 0000c07f 0000c07f"
             " 000000c6 00000000 00008040 00000000 0000803f 0000803f",
         ),
@@ -132,9 +164,7 @@ def test_a_fit_of_an_accelerometer_names_the_faces_at_fault() -> None:
 
 
 def test_a_face_reads_gravity_on_the_axis_that_is_down() -> None:
-    assert [face.gravity_g for face in FACES] == [
-        (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)
-    ]  # fmt: skip
+    assert [face.gravity_g for face in FACES] == [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
     with pytest.raises(ValueError, match="no gravity"):
         _ = Face.NONE.gravity_g
 
@@ -287,9 +317,7 @@ def test_an_error_status_names_command_status_and_a_way_out() -> None:
         (m.GetCalibration(0), b"\x00" + struct.pack("<12f", *[1.0] * 3, math.nan, *[1.0] * 8), "element 3 is nan"),
     ],
 )
-def test_a_malformed_reply_says_which_field_and_where(
-    request_: Request[object], payload: bytes, message: str
-) -> None:
+def test_a_malformed_reply_says_which_field_and_where(request_: Request[object], payload: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         decode_reply(request_, payload)
 
@@ -321,9 +349,7 @@ def test_hostile_bytes_never_crash_a_parser(request_: Request[object], payload: 
         (StreamState(""), "0 characters"),
     ],
 )
-def test_requests_beyond_the_protocol_are_refused_before_they_are_sent(
-    request_: Request[object], message: str
-) -> None:
+def test_requests_beyond_the_protocol_are_refused_before_they_are_sent(request_: Request[object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         request_.payload()
 

@@ -52,7 +52,8 @@ def test_a_frame_is_shown_with_the_time_of_its_last_byte_its_number_and_its_fiel
     upload = m.Upload(7, [[1, -2, 3]] * 20)
     reply = answered(upload, 5, struct.pack("<BH", 0, 27))
     assert lines(
-        (1.25, Direction.TO_BOARD, asked(upload, 5)), (1.5, Direction.TO_HOST, reply[:6]),
+        (1.25, Direction.TO_BOARD, asked(upload, 5)),
+        (1.5, Direction.TO_HOST, reply[:6]),
         (1.75, Direction.TO_HOST, reply[6:]),
     ) == [
         "      1.250000  >    5  UPLOAD first=7 points=[1, -2, 3, 1, -2, 3, 1, -2, 3, 1, -2, 3, ... 20 x 3 in all]",
@@ -65,7 +66,8 @@ def test_a_reply_is_decoded_by_the_request_it_answers_and_an_error_by_its_name()
     payload = struct.pack("<BBQ3hHb", 0, 1, 5000, 10, -20, 30, 2, 25)
     refused = m.Calibrate(9, "direct")
     shown = lines(
-        (0.0, Direction.TO_BOARD, asked(read, 1)), (0.0, Direction.TO_BOARD, asked(refused, 2)),
+        (0.0, Direction.TO_BOARD, asked(read, 1)),
+        (0.0, Direction.TO_BOARD, asked(refused, 2)),
         (0.0, Direction.TO_HOST, answered(refused, 2, bytes([Status.TOO_FEW_POINTS]))),
         (0.0, Direction.TO_HOST, answered(read, 1, payload)),
         (0.0, Direction.TO_HOST, answered(m.ClearPoints(), 3, b"\0")),
@@ -81,10 +83,12 @@ def test_damage_is_shown_as_damage_and_what_follows_is_read() -> None:
     damaged = bytearray(asked(m.Select(3), 1))
     damaged[3] ^= 0x20
     shown = lines(
-        (0.0, Direction.TO_BOARD, bytes(damaged)), (0.0, Direction.TO_BOARD, asked(m.Select(3), 2)),
+        (0.0, Direction.TO_BOARD, bytes(damaged)),
+        (0.0, Direction.TO_BOARD, asked(m.Select(3), 2)),
         (0.0, Direction.TO_BOARD, encode_frame(Frame(0x04, 3, b"12"))),
         (0.0, Direction.TO_BOARD, encode_frame(Frame(0x77, 4, b"x"))),
-        (0.0, Direction.MARK, b"the table turns"), (0.0, Direction.TO_HOST, b"\x7e\x01\x02"),
+        (0.0, Direction.MARK, b"the table turns"),
+        (0.0, Direction.TO_HOST, b"\x7e\x01\x02"),
     )
     assert [line[16:] for line in shown] == [
         f">       damaged: length field says 33, frame carries 1 payload bytes; 9 bytes {damaged[1:-1].hex(' ')}",

@@ -73,9 +73,12 @@ def main() -> None:
 def told(command: str, *arguments: str | Path) -> dict[str, Any]:
     """Return what ``hiltest COMMAND ... --json`` says."""
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", command, *map(str, arguments), "--json"], capture_output=True, text=True,
-        check=False, timeout=300,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", command, *map(str, arguments), "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
     if not done.stdout:
         raise SystemExit(done.stderr)
     found: dict[str, Any] = json.loads(done.stdout)
@@ -127,17 +130,34 @@ def magnetometers() -> Iterator[str]:
             centre, radius = np.array(best["hard_iron"]), best["radius"]
             scipy_s = (
                 [_triple(geometric_fit(points, centre, radius)[0]) for points in (kept, samples.points)]
-                if said["condition"] <= 300.0 else ["-", "-"]
-            )  # fmt: skip
-            rows.append([
-                name, f"{said['n_in']}, {said['n_in'] - len(kept)}", f"{said['verdict']}, `{best['name']}`",
-                _triple(centre), f"{radius:.2f}", f"{best['residual_percent']:.2f}",
-                "-" if error is None else f"{error:.2f}", *scipy_s, known,
-            ])  # fmt: skip
+                if said["condition"] <= 300.0
+                else ["-", "-"]
+            )
+            rows.append(
+                [
+                    name,
+                    f"{said['n_in']}, {said['n_in'] - len(kept)}",
+                    f"{said['verdict']}, `{best['name']}`",
+                    _triple(centre),
+                    f"{radius:.2f}",
+                    f"{best['residual_percent']:.2f}",
+                    "-" if error is None else f"{error:.2f}",
+                    *scipy_s,
+                    known,
+                ]
+            )
     headings = [
-        "set", "readings, left out", "verdict, best", "centre", "radius", "residual [%]", "error [deg]",
-        "scipy's centre", "of all readings", "known",
-    ]  # fmt: skip
+        "set",
+        "readings, left out",
+        "verdict, best",
+        "centre",
+        "radius",
+        "residual [%]",
+        "error [deg]",
+        "scipy's centre",
+        "of all readings",
+        "known",
+    ]
     yield _table(headings, rows)
 
 
@@ -150,8 +170,10 @@ def _magnetometer_logs(folder: Path) -> Iterator[tuple[str, Path, str]]:
     yield "nxp_imu_fxos8700, check_cal.csv", nxp / "check_cal.csv", "flat, four stops of about 90 degrees"
     subprocess.run(
         [sys.executable, "-m", "hiltest", "decode", str(DATA / "nxp_packets" / "imu.bin"), "--csv", str(packets)],
-        check=True, capture_output=True, timeout=300,
-    )  # fmt: skip
+        check=True,
+        capture_output=True,
+        timeout=300,
+    )
     yield "nxp_packets, imu.bin by `hiltest decode --csv`", packets, "the samples of imu.csv"
     yield "xio_fusion, sensor_data.csv", DATA / "xio_fusion" / "sensor_data.csv", "a patch of the sphere: to be refused"
 
@@ -162,17 +184,27 @@ def _instruments() -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
         for path in sorted((DATA / "circuitpython_magcal" / "tests" / "fixtures").glob("*/*.json")):
             shots, log = Shots.read(path), Path(folder) / f"{path.stem}.csv"
-            np.savetxt(log, np.hstack([shots.points, shots.acceleration]), delimiter=",", header="mx,my,mz,ax,ay,az",
-                       comments="")  # fmt: skip
+            np.savetxt(
+                log,
+                np.hstack([shots.points, shots.acceleration]),
+                delimiter=",",
+                header="mx,my,mz,ax,ay,az",
+                comments="",
+            )
             said = told("fit", log, "--on", "host")
             by_name = {each["name"]: each for each in said["calibrators"]}
             best, gravity = by_name[said["best"]], by_name[said["best"]]["gravity"]
             norms = by_name["direct"]
             against = next((each for each in said["calibrators"] if each["gravity"]), None)
-            rows.append([
-                shots.name, f"{said['verdict']}, `{said['best']}`", f"{best['residual_percent']:.2f}",
-                _repeat(shots, norms, (gravity or (against or {}).get("gravity"))), _repeat(shots, best, gravity),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    shots.name,
+                    f"{said['verdict']}, `{said['best']}`",
+                    f"{best['residual_percent']:.2f}",
+                    _repeat(shots, norms, (gravity or (against or {}).get("gravity"))),
+                    _repeat(shots, best, gravity),
+                ]
+            )
     yield _table(["instrument", "verdict, best", "residual [%]", "repeat, norms", "repeat, best"], rows)
 
 
@@ -191,18 +223,29 @@ def _imus() -> Iterator[str]:
     answer = json.loads((ferraris / "example_cal.json").read_text(encoding="utf-8"))
     annotated = told("fit-imu", ferraris / "annotated_session.csv", "--intervals", "part", "--rate", "102.4")
     listed = told(
-        "fit-imu", ferraris / "example_ferraris_session.csv", "--intervals",
-        ferraris / "example_ferraris_session_list.json", "--accelerometer-unit", "m/s2", "--gyroscope-unit", "deg/s",
-        "--rate", "102.4",
-    )  # fmt: skip
+        "fit-imu",
+        ferraris / "example_ferraris_session.csv",
+        "--intervals",
+        ferraris / "example_ferraris_session_list.json",
+        "--accelerometer-unit",
+        "m/s2",
+        "--gyroscope-unit",
+        "deg/s",
+        "--rate",
+        "102.4",
+    )
     poses = told("fit-imu", xsens / "xsens_acc.mat.gz", "--gyroscope-log", xsens / "xsens_gyro.mat.gz")
     gains = [1.0 / (_STANDARD_GRAVITY * row[place]) for place, row in enumerate(answer["K_a"])]
     rows = [
-        ["imucal_ferraris, annotated", *_imu(annotated), f"offset {_triple(answer['b_a'], '.1f')} counts; gain "
-         f"{_triple(gains, '.4g')} g/count; bias {_triple(answer['b_g'])} counts"],
+        [
+            "imucal_ferraris, annotated",
+            *_imu(annotated),
+            f"offset {_triple(answer['b_a'], '.1f')} counts; gain "
+            f"{_triple(gains, '.4g')} g/count; bias {_triple(answer['b_g'])} counts",
+        ],
         ["imucal_ferraris, example", *_imu(listed), "three turns of -370.0, -353.7, -359.4 deg"],
         ["imu_tk_xsens", *_imu(poses), "offset 33124, 33275, 32365 counts; .01 % left in 38 poses"],
-    ]  # fmt: skip
+    ]
     headings = ["set", "accelerometer", "offset", "gain, diagonal", "spread of norms [%]", "bias", "known"]
     yield _table(headings, rows)
 
@@ -211,9 +254,12 @@ def _imu(said: dict[str, Any]) -> list[str]:
     accelerometer, gyroscope = said["accelerometer"], said["gyroscope"]
     gain = [accelerometer["gain"][place][place] for place in range(3)]
     return [
-        str(accelerometer.get("verdict", "-")), _triple(accelerometer["offset"], ".5g"), _triple(gain, ".4g"),
-        f"{accelerometer['spread_after_percent']:.3f}", _triple(gyroscope["bias"], ".5g"),
-    ]  # fmt: skip
+        str(accelerometer.get("verdict", "-")),
+        _triple(accelerometer["offset"], ".5g"),
+        _triple(gain, ".4g"),
+        f"{accelerometer['spread_after_percent']:.3f}",
+        _triple(gyroscope["bias"], ".5g"),
+    ]
 
 
 if __name__ == "__main__":

@@ -39,9 +39,15 @@ NAMES = ("mx", "my", "mz")
 
 def log(points: np.ndarray, acceleration: np.ndarray) -> Samples:
     return Samples(
-        Path("both.csv"), points, Unit.UT, "option", NAMES, 0, acceleration=acceleration,
+        Path("both.csv"),
+        points,
+        Unit.UT,
+        "option",
+        NAMES,
+        0,
+        acceleration=acceleration,
         acceleration_unit=AccelerationUnit.MS2,
-    )  # fmt: skip
+    )
 
 
 def still(seed: int = 1, count: int = 60, **how: float) -> Samples:
@@ -106,8 +112,9 @@ def test_a_moving_log_is_told_with_figures_and_fitted_as_without(moved_g: float)
     assert not against(fit)
     assert fit.best.name == fit_on_host(replace(cloud, acceleration=None)).best.name
     (told,) = (note for note in fit.notes if "Gravity" in note)
-    length, dip, most = map(float, re.findall(r"varies by ([\d.]+) %.* the dip by ([\d.]+) deg \(at most ([\d.]+)\)",
-                                              told)[0])  # fmt: skip
+    length, dip, most = map(
+        float, re.findall(r"varies by ([\d.]+) %.* the dip by ([\d.]+) deg \(at most ([\d.]+)\)", told)[0]
+    )
     assert length == pytest.approx(100.0 * moved_g, rel=0.2)
     # Of gravity turned by an angle of moved_g the dip has the part in the plane of both.
     assert dip == pytest.approx(np.degrees(moved_g), rel=0.2)
@@ -147,9 +154,7 @@ def test_no_attitude_of_a_still_log_is_taken_for_a_wild_row(shared_data: Callabl
         (lambda acceleration: np.random.default_rng(1).normal(size=acceleration.shape), "its length varies"),
     ],
 )
-def test_an_accelerometer_that_shows_nothing_is_named(
-    change: Callable[[np.ndarray], np.ndarray], why: str
-) -> None:
+def test_an_accelerometer_that_shows_nothing_is_named(change: Callable[[np.ndarray], np.ndarray], why: str) -> None:
     cloud = still(5, 200)
     fit = fit_on_host(replace(cloud, acceleration=change(np.array(cloud.acceleration))))
     assert not against(fit)
@@ -303,7 +308,8 @@ def test_the_truth_of_these_logs_is_what_the_best_calibration_comes_to() -> None
 
 @pytest.mark.slow  # 16 logs, each fitted 39 times
 def test_real_instruments_are_calibrated_against_gravity(
-    shared_data: Callable[[str], Path], tmp_path: Path  # noqa: F811
+    shared_data: Callable[[str], Path],  # noqa: F811 (the fixture)
+    tmp_path: Path,
 ) -> None:
     """16 cave survey instruments, logged still: none is refused, all have the norms beaten, none has wrong axes."""
     for path in sorted(shared_data("circuitpython_magcal/tests/fixtures").glob("*/*.json")):

@@ -34,8 +34,13 @@ def log_of(acceleration: Reals, rate: Reals | None, units: tuple[AccelerationUni
     return ImuLog(("made up",), np.arange(len(acceleration)) / RATE_HZ, acceleration, rate, *units)
 
 
-def fitted(recording: Recording, accelerometer: Sensor = ACCELEROMETER, gyroscope: Sensor = GYROSCOPE,
-           units: tuple[AccelerationUnit, RateUnit] = (G, DPS), **options: float) -> ImuLogFit:
+def fitted(
+    recording: Recording,
+    accelerometer: Sensor = ACCELEROMETER,
+    gyroscope: Sensor = GYROSCOPE,
+    units: tuple[AccelerationUnit, RateUnit] = (G, DPS),
+    **options: float,
+) -> ImuLogFit:
     log = log_of(*recording.readings(accelerometer, gyroscope), units)
     return fit_imu_log(log, found_intervals(log), **options)
 
@@ -179,7 +184,12 @@ def test_turns_that_are_none_are_refused_with_the_reason() -> None:
     recording = six_faces_and_turns().turn(270.0).rest().turn(360.0, about=np.array([1.0, 0.0, 0.0])).rest()
     turns = fitted(recording).gyroscope.turns  # type: ignore[union-attr]
     assert [turn.refused for turn in turns] == [
-        "", "", "", "", "0.76 of a turn of 360 degrees", "not about the vertical"  # its scale is 1.5 % too large
+        "",
+        "",
+        "",
+        "",
+        "0.76 of a turn of 360 degrees",
+        "not about the vertical",  # its scale is 1.5 % too large
     ]
 
 

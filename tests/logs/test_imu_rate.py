@@ -41,8 +41,9 @@ def turntable(seconds: float, about: Reals, dps: float = DPS) -> Reals:
 
 def log_of(truth: Reals, sensor: Sensor = GYROSCOPE, unit: RateUnit = RateUnit.DPS) -> ImuLog:
     readings = sensor.reading(truth, np.random.default_rng(1))
-    return ImuLog(("made up",), np.arange(len(truth)) / RATE_HZ, NO_ACCELERATION, readings,
-                  AccelerationUnit.COUNTS, unit)  # fmt: skip
+    return ImuLog(
+        ("made up",), np.arange(len(truth)) / RATE_HZ, NO_ACCELERATION, readings, AccelerationUnit.COUNTS, unit
+    )
 
 
 def fitted(log: ImuLog, bias: Reals | None = None, rpm: float = RPM) -> ImuLogFit:
@@ -115,8 +116,14 @@ def test_a_turn_has_the_bias_of_the_rests_beside_it() -> None:
     """A bias that rises by 0.3 deg/s over the log: with one bias for all, turns of five seconds are off by a degree."""
     acceleration, rate = six_faces_and_turns().readings()
     drift = np.linspace(0.0, 0.3, len(rate))
-    log = ImuLog(("made up",), np.arange(len(rate)) / RATE_HZ, acceleration, rate + drift[:, None],
-                 AccelerationUnit.G, RateUnit.DPS)  # fmt: skip
+    log = ImuLog(
+        ("made up",),
+        np.arange(len(rate)) / RATE_HZ,
+        acceleration,
+        rate + drift[:, None],
+        AccelerationUnit.G,
+        RateUnit.DPS,
+    )
     found = found_intervals(log)
     listed = replace(found, found=False)
     fits = [fit_imu_log(log, each).gyroscope for each in (found, listed)]

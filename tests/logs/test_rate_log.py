@@ -25,20 +25,31 @@ def written(folder: Path, *lines: str) -> Path:
 
 
 def test_a_log_of_hiltest_s_own(tmp_path: Path) -> None:
-    log = read_rate_log(written(
-        tmp_path, "# hiltest log", "time_s,gyroscope_x_dps,gyroscope_y_dps,gyroscope_z_dps,temperature_degc",
-        "0.5,1.5,-2,1,25", "0.505,1.25,-2,1,25", "0.51,1,-2.5,1,26",
-    ))  # fmt: skip
+    log = read_rate_log(
+        written(
+            tmp_path,
+            "# hiltest log",
+            "time_s,gyroscope_x_dps,gyroscope_y_dps,gyroscope_z_dps,temperature_degc",
+            "0.5,1.5,-2,1,25",
+            "0.505,1.25,-2,1,25",
+            "0.51,1,-2.5,1,26",
+        )
+    )
     assert (log.unit, log.columns) == (RateUnit.DPS, ("gyroscope_x_dps", "gyroscope_y_dps", "gyroscope_z_dps"))
     assert log.rates.tolist() == [[1.5, -2.0, 1.0], [1.25, -2.0, 1.0], [1.0, -2.5, 1.0]]
     assert (log.rate_hz, log.rows, log.gaps) == (pytest.approx(200.0), 3, 0)
 
 
 def test_rows_of_other_sensors_are_passed_over(tmp_path: Path) -> None:
-    log = read_rate_log(written(
-        tmp_path, "time_s,gyroscope_x_dps,gyroscope_y_dps,gyroscope_z_dps,magnetometer_x_uT",
-        "0.0,1,2,3,", "0.003,,,,25.5", "0.005,4,5,6,",
-    ))  # fmt: skip
+    log = read_rate_log(
+        written(
+            tmp_path,
+            "time_s,gyroscope_x_dps,gyroscope_y_dps,gyroscope_z_dps,magnetometer_x_uT",
+            "0.0,1,2,3,",
+            "0.003,,,,25.5",
+            "0.005,4,5,6,",
+        )
+    )
     assert log.rates.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     assert log.rate_hz == pytest.approx(200.0)
 
@@ -103,8 +114,12 @@ def test_a_part_is_taken_by_its_instants(tmp_path: Path) -> None:
 
 
 def test_both_commands_take_the_same_columns_for_a_gyroscope(tmp_path: Path) -> None:
-    for names in ("gx_dps,gy_dps,gz_dps", "wx,wy,wz", "angular_rate_x,angular_rate_y,angular_rate_z",
-                  "Gyro X (deg/s),Gyro Y (deg/s),Gyro Z (deg/s)"):
+    for names in (
+        "gx_dps,gy_dps,gz_dps",
+        "wx,wy,wz",
+        "angular_rate_x,angular_rate_y,angular_rate_z",
+        "Gyro X (deg/s),Gyro Y (deg/s),Gyro Z (deg/s)",
+    ):
         rows = [f"{0.01 * index},0,0,1,{index},2,3,30,0,0" for index in range(10)]
         path = written(tmp_path, f"time_s,ax,ay,az,{names},calibrated_x,calibrated_y,calibrated_z", *rows)
         log, imu = read_rate_log(path, unit=RateUnit.DPS), read_imu_log(path)
@@ -174,9 +189,13 @@ def test_what_is_wrong_is_refused_by_row(tmp_path: Path, lines: list[str], compl
 
 @pytest.mark.parametrize(
     ("columns", "complaint"),
-    [("1,2,3,4", "one to three different columns"), ("2,2", "different columns"), ("2,9", "no column '9'"),
-     ("1,2", "is given as time and as a rate")],
-)  # fmt: skip
+    [
+        ("1,2,3,4", "one to three different columns"),
+        ("2,2", "different columns"),
+        ("2,9", "no column '9'"),
+        ("1,2", "is given as time and as a rate"),
+    ],
+)
 def test_columns_that_cannot_be_are_refused(tmp_path: Path, columns: str, complaint: str) -> None:
     with pytest.raises(ConfigError, match=complaint):
         read_rate_log(written(tmp_path, HEADER, "0,1,2,3"), columns=columns)
@@ -195,9 +214,19 @@ def test_every_unit_of_a_rate_can_be_said_and_has_its_scale() -> None:
 @pytest.mark.parametrize(
     ("header", "seconds"),
     [
-        ("time", 1.0), ("Time_s", 1.0), ("seconds", 1.0), ("t [sec]", 1.0), ("timestamp.ms", 1e-3), ("t(us)", 1e-6),
-        ("time_\N{MICRO SIGN}s", 1e-6), ("time_\N{GREEK SMALL LETTER MU}s", 1e-6), ("Timestamp (NS)", 1e-9),
-        ("temperature", None), ("time_of_flight", None), ("gyro_t", None), ("", None),
+        ("time", 1.0),
+        ("Time_s", 1.0),
+        ("seconds", 1.0),
+        ("t [sec]", 1.0),
+        ("timestamp.ms", 1e-3),
+        ("t(us)", 1e-6),
+        ("time_\N{MICRO SIGN}s", 1e-6),
+        ("time_\N{GREEK SMALL LETTER MU}s", 1e-6),
+        ("Timestamp (NS)", 1e-9),
+        ("temperature", None),
+        ("time_of_flight", None),
+        ("gyro_t", None),
+        ("", None),
     ],
 )
 def test_a_column_of_time_is_known_by_its_name(header: str, seconds: float | None) -> None:

@@ -29,8 +29,10 @@ def text(path: Path, *lines: str) -> Path:
     ("header", "units"),
     [
         ("t,ax,ay,az,gx,gy,gz", ("counts", "counts")),
-        ("time (s),Acc X (m/s^2),Acc Y (m/s^2),Acc Z (m/s^2),Gyro X (deg/s),Gyro Y (deg/s),Gyro Z (deg/s)",
-         ("m/s2", "deg/s")),
+        (
+            "time (s),Acc X (m/s^2),Acc Y (m/s^2),Acc Z (m/s^2),Gyro X (deg/s),Gyro Y (deg/s),Gyro Z (deg/s)",
+            ("m/s2", "deg/s"),
+        ),
         ("t_s,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps", ("g", "deg/s")),
         ("seconds,ax_g,ay_g,az_g,gx_mdps,gy_mdps,gz_mdps", ("g", "mdps")),
         ("timestamp_s,accel_x_mg,accel_y_mg,accel_z_mg,gyr_x_rad/s,gyr_y_rad/s,gyr_z_rad/s", ("mg", "rad/s")),
@@ -64,12 +66,18 @@ def test_time_may_be_that_of_the_calendar(tmp_path: Path, unit: str, ticks: int)
 
 def test_rows_of_one_sensor_each_are_joined_at_the_gyroscopes_times(tmp_path: Path) -> None:
     """As `hiltest log` writes several sensors: here the accelerometer half as often, and between the gyroscope's."""
-    rows = ["0.0,,,,1,10,-5,,7", *(
-        line for n in range(20) for line in (
-            f"{0.01 * n + 0.005:.3f},{n},{2 * n},0.5,,,,,7", f"{0.01 * n + 0.005:.3f},,,,,,,30.5,7",
-            *([f"{0.01 * n + 0.01:.3f},,,,{1 + n},{10 - n},-5,,7"] if n % 2 else []),
-        )
-    )]  # fmt: skip
+    rows = [
+        "0.0,,,,1,10,-5,,7",
+        *(
+            line
+            for n in range(20)
+            for line in (
+                f"{0.01 * n + 0.005:.3f},{n},{2 * n},0.5,,,,,7",
+                f"{0.01 * n + 0.005:.3f},,,,,,,30.5,7",
+                *([f"{0.01 * n + 0.01:.3f},,,,{1 + n},{10 - n},-5,,7"] if n % 2 else []),
+            )
+        ),
+    ]
     header = "time_s,gyroscope_x_dps,gyroscope_y_dps,gyroscope_z_dps,acc_x_g,acc_y_g,acc_z_g,magnetometer_x_uT,label"
     log = read_imu_log(text(tmp_path / "log.csv", header, *rows), columns=LogColumns(labels="label"))
     assert log.rate is not None
@@ -105,7 +113,9 @@ def test_two_packed_tables_without_a_header_are_one_log(tmp_path: Path) -> None:
         rows = "".join(f"   {0.01 * n:.7e}   {first}.0   2.0   {n}.0\n" for n in range(20))
         (tmp_path / f"{name}.mat.gz").write_bytes(gzip.compress(rows.encode()))
     log = read_imu_log(
-        tmp_path / "acc.mat.gz", tmp_path / "gyro.mat.gz", acceleration_unit=AccelerationUnit.MS2,
+        tmp_path / "acc.mat.gz",
+        tmp_path / "gyro.mat.gz",
+        acceleration_unit=AccelerationUnit.MS2,
         rate_unit=RateUnit.RAD_S,
     )
     assert log.acceleration[3].tolist() == [1, 2, 3]

@@ -58,9 +58,13 @@ def test_a_table_is_read_however_it_is_written(tmp_path: Path, text: str) -> Non
 
 @pytest.mark.parametrize(
     ("columns", "names"),
-    [("b,c,a", ("b", "c", "a")), ("2, 3, 1", ("b", "c", "a")), ("B,c,1", ("b", "c", "a")),
-     ('"b","c",a', ("b", "c", "a"))],
-)  # fmt: skip
+    [
+        ("b,c,a", ("b", "c", "a")),
+        ("2, 3, 1", ("b", "c", "a")),
+        ("B,c,1", ("b", "c", "a")),
+        ('"b","c",a', ("b", "c", "a")),
+    ],
+)
 def test_columns_are_chosen_by_name_or_number(tmp_path: Path, columns: str, names: tuple[str, ...]) -> None:
     cloud = _read(tmp_path, "a,b,c,d\n3,1.5,-2,0\n-6.25,4,5,0\n", columns=columns)
     np.testing.assert_array_equal(cloud.points, _NUMBERS)
@@ -134,9 +138,16 @@ def test_what_was_skipped_above_and_cut_below_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("header", "gravity", "asked"),
-    [("g", 9.8, "Are these m/s2? A header that says m/s2"), ("m/s2", 1.0, "Are these g?"), ("mg", 1.02, "Are these g?"),
-     ("g", 1.02, None), ("mg", 980.0, None), ("lsb", 9.8, None), ("g", 3.0, None)],
-)  # fmt: skip
+    [
+        ("g", 9.8, "Are these m/s2? A header that says m/s2"),
+        ("m/s2", 1.0, "Are these g?"),
+        ("mg", 1.02, "Are these g?"),
+        ("g", 1.02, None),
+        ("mg", 980.0, None),
+        ("lsb", 9.8, None),
+        ("g", 3.0, None),
+    ],
+)
 def test_an_accelerometer_that_reads_gravity_of_another_unit_is_asked_about(
     tmp_path: Path, header: str, gravity: float, asked: str | None
 ) -> None:
@@ -174,12 +185,15 @@ def test_an_option_names_the_accelerometer_where_the_header_does_not(tmp_path: P
         ("1,2,3\n1,2,1_000\n", {}, "cloud.csv:2: column 3: '1_000' is not a number"),
         ("1,2,3\n1,2,1e300\n", {}, "cloud.csv:2: column 3: '1e300' is no magnetometer reading"),
         ("1,2,3\n1,2\n", {}, "cloud.csv:2: 2 cells where the table has 3 columns; correct or delete the line"),
-        ("1,2,3\n1,\"2,3\n", {}, "cloud.csv:2: a quote is opened and not closed on the line"),
+        ('1,2,3\n1,"2,3\n', {}, "cloud.csv:2: a quote is opened and not closed on the line"),
         ("mx,my,mz\r1,2,3\r4,5,6\r", {}, "cloud.csv:1: carriage returns within the line; save with line ends LF"),
         ("1,2,3,4\n", {}, "cannot tell which columns are the magnetometer: no header and 4 columns; say which"),
         ("a,b,c,d\n1,2,3,4\n", {}, "the columns are a, b, c, d; say which with --columns"),
-        ("mag_x,mag_y,mag_z,compass_x,compass_y,compass_z\n1,2,3,4,5,6\n", {},
-         "choose --columns mag_x,mag_y,mag_z or --columns compass_x,compass_y,compass_z"),
+        (
+            "mag_x,mag_y,mag_z,compass_x,compass_y,compass_z\n1,2,3,4,5,6\n",
+            {},
+            "choose --columns mag_x,mag_y,mag_z or --columns compass_x,compass_y,compass_z",
+        ),
         ("ax,ay,az,gx,gy,gz\n1,2,3,4,5,6\n", {}, "choose --columns ax,ay,az or --columns gx,gy,gz"),
         ("mx_nT,my_nT,mz_nT\n1,2,3\n", {}, "nt is not supported; convert to uT, or give --unit counts"),
         ("mx_mG,my_mG,mz_mG\n1,2,3\n", {}, "mgauss is not supported; convert to uT"),
@@ -196,7 +210,7 @@ def test_an_option_names_the_accelerometer_where_the_header_does_not(tmp_path: P
         ("x,y,z\n1,2,3\n".encode("utf-16-le"), {}, "cloud.csv:1: a zero byte: this is a binary file"),
         ("1" * 100_000, {}, "cloud.csv:1: the line is longer than 65536 bytes"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said_with_file_line_and_column(
     tmp_path: Path, content: str | bytes, how: dict[str, str], complaint: str
 ) -> None:
@@ -238,11 +252,7 @@ def test_no_bytes_do_more_than_be_refused(tmp_path_factory: pytest.TempPathFacto
         assert np.isfinite(read_samples(path).points).all()
 
 
-@given(
-    st.lists(
-        st.text(st.sampled_from('0123456789.-+eE,;\t" #%/naifx'), max_size=20), min_size=1, max_size=8
-    )
-)  # fmt: skip
+@given(st.lists(st.text(st.sampled_from('0123456789.-+eE,;\t" #%/naifx'), max_size=20), min_size=1, max_size=8))
 def test_no_text_of_numbers_and_separators_does_either(
     tmp_path_factory: pytest.TempPathFactory, lines: list[str]
 ) -> None:
@@ -257,12 +267,51 @@ _FORM = 100
 _HEADERS = (["t_s", "mx", "my", "mz"], ["mx", "my", "mz", "ok"], ["ax", "ay", "az", "mx", "my", "mz"])
 _CELLS = st.one_of(
     st.floats(allow_nan=False).map(repr),
-    st.sampled_from([
-        "", " 7 ", "+8", "-0", ".5", "5.", "1e3", "1E-400", "1e400", "nan", "inf", "-Infinity", "1_000", "0x10", "1,5",
-        "1.5.2", "--1", "1e", "4294967296", "4294967297", "1e20", "2e20", "1 2", "x", "\u0661", "\u00a02", '"3"', '"4',
-        "'5'", "#6", "7%", "8/9", "//", "1\r", "\x0c1", "\x1c2", "\0", "12:00:00 -> 1", "1*", "2026-11-26T10:00:00",
-    ]),
-)  # fmt: skip
+    st.sampled_from(
+        [
+            "",
+            " 7 ",
+            "+8",
+            "-0",
+            ".5",
+            "5.",
+            "1e3",
+            "1E-400",
+            "1e400",
+            "nan",
+            "inf",
+            "-Infinity",
+            "1_000",
+            "0x10",
+            "1,5",
+            "1.5.2",
+            "--1",
+            "1e",
+            "4294967296",
+            "4294967297",
+            "1e20",
+            "2e20",
+            "1 2",
+            "x",
+            "\u0661",
+            "\u00a02",
+            '"3"',
+            '"4',
+            "'5'",
+            "#6",
+            "7%",
+            "8/9",
+            "//",
+            "1\r",
+            "\x0c1",
+            "\x1c2",
+            "\0",
+            "12:00:00 -> 1",
+            "1*",
+            "2026-11-26T10:00:00",
+        ]
+    ),
+)
 _LINES = st.sampled_from(
     ["", "  ", "\t", "# a remark", "%", "// a, b", ",,,", ";;;", "\t\t\t", "#1,2,3", "boot", "1,2,3", "1 2", "1;2;3;"]
 )

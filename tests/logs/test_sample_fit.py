@@ -55,11 +55,14 @@ def _verdicts(fit: SampleFit) -> dict[str, Acceptance]:
 @pytest.mark.parametrize(
     ("covered", "noise_ut", "verdict"),
     [
-        (1.0, 0.4, Acceptance.GOOD), (0.75, 0.4, Acceptance.GOOD),
-        (0.55, 0.4, Acceptance.FAIR), (1.0, 2.0, Acceptance.POOR),
-        (0.2, 0.4, Acceptance.REFUSED), (0.1, 0.1, Acceptance.REFUSED),
+        (1.0, 0.4, Acceptance.GOOD),
+        (0.75, 0.4, Acceptance.GOOD),
+        (0.55, 0.4, Acceptance.FAIR),
+        (1.0, 2.0, Acceptance.POOR),
+        (0.2, 0.4, Acceptance.REFUSED),
+        (0.1, 0.1, Acceptance.REFUSED),
     ],
-)  # fmt: skip
+)
 def test_the_board_s_verdict_is_that_of_the_whole_file_on_the_host(
     virtual_board: Board, seed: int, count: int, covered: float, noise_ut: float, verdict: Acceptance
 ) -> None:
@@ -132,14 +135,19 @@ def test_the_wrong_unit_is_refused_by_the_field_strength() -> None:
     [
         (10.0, Unit.UT, "header", "480 uT, and the earth's is 20 to 70 uT. Are these tenths of a microtesla"),
         (0.01, Unit.UT, "option", "Are these gauss? --unit gauss says so"),
-        (1.0, Unit.GAUSS, "header", "Are these uT?"), (1000.0, Unit.UT, "header", "Are these nT?"),
+        (1.0, Unit.GAUSS, "header", "Are these uT?"),
+        (1000.0, Unit.UT, "header", "Are these nT?"),
         (1e-3, Unit.UT, "header", "Are these mT?"),
         (1.0, Unit.COUNTS, "assumed", "A strength of 48 would be the earth's in uT."),
         (0.01, Unit.COUNTS, "assumed", "A strength of 0.48 would be the earth's in gauss."),
-        (1.0, Unit.UT, "header", None), (0.01, Unit.GAUSS, "header", None), (1.0, Unit.COUNTS, "header", None),
-        (1.0, Unit.COUNTS, "option", None), (10.0, Unit.COUNTS, "assumed", None), (3.0, Unit.UT, "header", None),
+        (1.0, Unit.UT, "header", None),
+        (0.01, Unit.GAUSS, "header", None),
+        (1.0, Unit.COUNTS, "header", None),
+        (1.0, Unit.COUNTS, "option", None),
+        (10.0, Unit.COUNTS, "assumed", None),
+        (3.0, Unit.UT, "header", None),
     ],
-)  # fmt: skip
+)
 def test_a_strength_that_is_the_earth_s_in_another_unit_is_asked_about(
     scale: float, unit: Unit, unit_from: str, asked: str | None
 ) -> None:

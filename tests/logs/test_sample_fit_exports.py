@@ -49,9 +49,7 @@ def _corrected(content: dict[str, list[float]], readings: np.ndarray) -> np.ndar
 
 
 @pytest.mark.parametrize("name", ["cloud.csv", "*/ int main(void) {} /*??/.csv", "zwei\nZeilen \\.csv"])
-def test_c_and_python_correct_alike(
-    tmp_path: Path, require_tool: Callable[[str], str], name: str
-) -> None:
+def test_c_and_python_correct_alike(tmp_path: Path, require_tool: Callable[[str], str], name: str) -> None:
     fit = _fit(name)
     export_json(fit, tmp_path / "calibration.json")
     export_header(fit, tmp_path / "calibration.h")
@@ -67,8 +65,11 @@ def test_c_and_python_correct_alike(
     np.testing.assert_allclose(np.reshape(numbers, (50, 3)), _corrected(content, readings), atol=5e-5)
     assert radius == pytest.approx(content["radius"], rel=1e-7)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "calibration.h", "calibration.json", "program", "program.c",
-    ]  # fmt: skip
+        "calibration.h",
+        "calibration.json",
+        "program",
+        "program.c",
+    ]
 
 
 def test_exported_json_takes_its_points_to_the_sphere_and_says_how(tmp_path: Path) -> None:

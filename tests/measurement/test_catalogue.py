@@ -50,11 +50,16 @@ def test_a_name_that_hiltest_does_not_measure_has_none(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "sense"),
     [
-        ("cycles.direct.total", Better.LOWER), ("cycles.fusion.update", Better.LOWER),
-        ("accelerometer.six_position.cycles", Better.LOWER), ("heading.direct.max", Better.LOWER),
-        ("heading.direct.bias", Better.NEARER_ZERO), ("gyroscope.scale_error.z", Better.NEARER_ZERO),
-        ("heading.direct.worst_sector", Better.NEITHER), ("heading.uncalibrated.max", Better.NEITHER),
-        ("tumble.coverage", Better.HIGHER), ("fit.direct.status", Better.LOWER),
+        ("cycles.direct.total", Better.LOWER),
+        ("cycles.fusion.update", Better.LOWER),
+        ("accelerometer.six_position.cycles", Better.LOWER),
+        ("heading.direct.max", Better.LOWER),
+        ("heading.direct.bias", Better.NEARER_ZERO),
+        ("gyroscope.scale_error.z", Better.NEARER_ZERO),
+        ("heading.direct.worst_sector", Better.NEITHER),
+        ("heading.uncalibrated.max", Better.NEITHER),
+        ("tumble.coverage", Better.HIGHER),
+        ("fit.direct.status", Better.LOWER),
     ],
 )
 def test_each_gets_better_the_way_it_should(name: str, sense: Better) -> None:
@@ -62,8 +67,14 @@ def test_each_gets_better_the_way_it_should(name: str, sense: Better) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["cycles.direct.total", "cycles.dpi.total", "cycles.fusion.predict", "accelerometer.six_position.cycles",
-             "stream.direct-stream.fit_cycles"],
+    "name",
+    [
+        "cycles.direct.total",
+        "cycles.dpi.total",
+        "cycles.fusion.predict",
+        "accelerometer.six_position.cycles",
+        "stream.direct-stream.fit_cycles",
+    ],
 )
 def test_cycles_of_one_kernel_are_exact_on_a_virtual_board(name: str) -> None:
     assert tolerance_of(name, {}) == EXACT
@@ -138,8 +149,13 @@ def test_each_cost_of_a_calibrator_stands_beside_its_worst_heading() -> None:
 
 @pytest.mark.parametrize(
     ("limit", "better"),
-    [(Limit(max=3), Better.LOWER), (Limit(min=3), Better.HIGHER), (Limit.within(3), Better.NEARER_ZERO),
-     (Limit(min=1, max=3), Better.NEITHER), (None, Better.NEITHER)],
+    [
+        (Limit(max=3), Better.LOWER),
+        (Limit(min=3), Better.HIGHER),
+        (Limit.within(3), Better.NEARER_ZERO),
+        (Limit(min=1, max=3), Better.NEITHER),
+        (None, Better.NEITHER),
+    ],
 )
 def test_the_limit_says_which_way_a_measurement_of_one_s_own_gets_better(limit: Limit | None, better: Better) -> None:
     assert better_of("compass.lag", limit) is better
@@ -149,9 +165,14 @@ def test_the_limit_says_which_way_a_measurement_of_one_s_own_gets_better(limit: 
 
 @pytest.mark.parametrize(
     ("slip", "meant"),
-    [("heading.direct.maks", "heading.direct.max"), ("headin.direct.max", "heading.direct.max"),
-     ("heading.*.max", "heading.direct.max"), ("heading.direct.maximum", None), ("cycles.fn", None),
-     ("compass.lag", None)],
+    [
+        ("heading.direct.maks", "heading.direct.max"),
+        ("headin.direct.max", "heading.direct.max"),
+        ("heading.*.max", "heading.direct.max"),
+        ("heading.direct.maximum", None),
+        ("cycles.fn", None),
+        ("compass.lag", None),
+    ],
 )
 def test_only_a_slip_of_two_letters_is_taken_for_a_known_name(slip: str, meant: str | None) -> None:
     assert nearest_name(slip) == meant

@@ -78,7 +78,10 @@ def test_within_its_references_uncertainty_of_a_limit_nothing_is_proven(
 
 
 @given(
-    side=st.floats(0.1, 10.0), two_sides=st.booleans(), value=st.floats(-20.0, 20.0), uncertainty=st.floats(0.0, 5.0),
+    side=st.floats(0.1, 10.0),
+    two_sides=st.booleans(),
+    value=st.floats(-20.0, 20.0),
+    uncertainty=st.floats(0.0, 5.0),
     share=st.floats(-1.0, 1.0),
 )
 def test_no_true_value_within_the_uncertainty_contradicts_a_verdict(

@@ -59,8 +59,9 @@ def main() -> int:
         score = Score(len(todo))
         jobs = [
             pool.submit(_run, share, Path(folder) / f"{number}", results, score)
-            for number, share in enumerate(shares) if share
-        ]  # fmt: skip
+            for number, share in enumerate(shares)
+            if share
+        ]
         for job in jobs:
             job.result()
     print(score.summary())

@@ -31,9 +31,11 @@ def main() -> int:
     words = parser.parse_args().words
     every = tomllib.loads(FILE.read_text(encoding="utf-8"))
     chosen = [
-        (file, edit, every[file]["tests"]) for file in every for edit in every[file]["edit"]
+        (file, edit, every[file]["tests"])
+        for file in every
+        for edit in every[file]["edit"]
         if not words or any(word in f"{file} {edit['new']}" for word in words)
-    ]  # fmt: skip
+    ]
     survivors = []
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "src"

@@ -75,8 +75,11 @@ class Score:
         with self._lock:
             self._found.append((mutation, found))
             word = "SURVIVED" if found.code == 0 else "red     " if said_first(mutation, found) else "red, but"
-            print(f"[{len(self._found):3}/{self._total}] {word} {found.code:2}  {mutation.edit.file}: {mutation.name}: "
-                  f"{found.first}", flush=True)
+            print(
+                f"[{len(self._found):3}/{self._total}] {word} {found.code:2}  {mutation.edit.file}: {mutation.name}: "
+                f"{found.first}",
+                flush=True,
+            )
 
     @property
     def red(self) -> float:

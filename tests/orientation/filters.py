@@ -130,12 +130,19 @@ def noise_floats(noise: FusionNoise) -> ctypes.Array[ctypes.c_float]:
 def build(gcc: str, folder: Path) -> ctypes.CDLL:
     """Compile the firmware's filter. Undefined behaviour ends the process: nothing a test draws may cause any."""
     library = folder / "fusion.so"
-    options = ["-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fshort-enums", "-shared", "-fPIC",
-               "-fsanitize=undefined,float-cast-overflow", "-fsanitize-undefined-trap-on-error"]  # fmt: skip
+    options = [
+        "-std=c11",
+        "-O2",
+        "-ffp-contract=off",
+        "-fno-math-errno",
+        "-fshort-enums",
+        "-shared",
+        "-fPIC",
+        "-fsanitize=undefined,float-cast-overflow",
+        "-fsanitize-undefined-trap-on-error",
+    ]
     warnings = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror"]
-    subprocess.run(
-        [gcc, *options, *warnings, f"-I{FIRMWARE}", str(SOURCE), "-o", str(library), "-lm"], check=True
-    )
+    subprocess.run([gcc, *options, *warnings, f"-I{FIRMWARE}", str(SOURCE), "-o", str(library), "-lm"], check=True)
     loaded = ctypes.CDLL(str(library))
     for name in ("fusion_triad", "fusion_predict", "fusion_update"):
         getattr(loaded, name).restype = ctypes.c_uint8
@@ -168,6 +175,9 @@ def swaying_motion(seconds: float, *, hz: float = 100.0, dip_deg: float = 60.0, 
     to_body = [rotation_ned_from_body(attitude).T for attitude in attitudes[1:]]
     north_and_down = np.array([math.cos(dip), 0.0, math.sin(dip)])
     return Motion(
-        1.0 / hz, np.array(attitudes), rates, np.array([turn[:, 2] for turn in to_body]),
+        1.0 / hz,
+        np.array(attitudes),
+        rates,
+        np.array([turn[:, 2] for turn in to_body]),
         np.array([turn @ north_and_down for turn in to_body]),
-    )  # fmt: skip
+    )

@@ -115,9 +115,7 @@ def predict(state: Fusion, rate_dps: ArrayLike, dt_s: float, noise: FusionNoise)
     return Fusion(attitude, forward @ state.covariance @ forward.T + spread), FusionStatus.OK
 
 
-def update(
-    state: Fusion, gravity_g: ArrayLike, field: ArrayLike, noise: FusionNoise
-) -> tuple[Fusion, FusionStatus]:
+def update(state: Fusion, gravity_g: ArrayLike, field: ArrayLike, noise: FusionNoise) -> tuple[Fusion, FusionStatus]:
     """Correct the attitude by one of TRIAD: the thesis' equations (33) and (34).
 
     Parameters

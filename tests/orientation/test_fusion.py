@@ -34,8 +34,10 @@ FLOAT64_DEG = 1e-6
 components = st.floats(-1.0, 1.0, width=32)
 units = (
     st.tuples(components, components, components, components)
-    .filter(lambda values: math.hypot(*values) > 0.1).map(np.array).map(normalised)
-)  # fmt: skip
+    .filter(lambda values: math.hypot(*values) > 0.1)
+    .map(np.array)
+    .map(normalised)
+)
 vectors = st.tuples(components, components, components).map(np.array)
 
 
@@ -171,12 +173,18 @@ def test_an_acceleration_is_not_taken_for_gravity(either: FilterMaker):
 @pytest.mark.parametrize(
     ("gravity", "field"),
     [
-        ((0, 0, 0), (1, 0, 0)), ((0, 0, 1), (0, 0, 0)), ((0, 0, 1), (0, 0, 1)), ((0, 0.6, -0.8), (0, -6, 8)),
-        ((0, 0, math.inf), (1, 0, 0)), ((0, 0, 1), (math.nan, 0, 0)), ((0, 0, 1), (1e20, 0, 0)),
-        ((0, 0, 1), (1e-20, 0, 0)), ((0, 0, 1), (5e-4, 0, 1)),
+        ((0, 0, 0), (1, 0, 0)),
+        ((0, 0, 1), (0, 0, 0)),
+        ((0, 0, 1), (0, 0, 1)),
+        ((0, 0.6, -0.8), (0, -6, 8)),
+        ((0, 0, math.inf), (1, 0, 0)),
+        ((0, 0, 1), (math.nan, 0, 0)),
+        ((0, 0, 1), (1e20, 0, 0)),
+        ((0, 0, 1), (1e-20, 0, 0)),
+        ((0, 0, 1), (5e-4, 0, 1)),
     ],
     ids=["no gravity", "no field", "parallel", "antiparallel", "infinite", "not a number", "huge", "tiny", "0.03 deg"],
-)  # fmt: skip
+)
 def test_what_shows_no_attitude_changes_nothing(either: FilterMaker, gravity, field):
     found = either(NOISE, from_pose(Pose(100.0, 20.0, 30.0)))
     before = found.attitude
@@ -187,10 +195,17 @@ def test_what_shows_no_attitude_changes_nothing(either: FilterMaker, gravity, fi
 
 @pytest.mark.parametrize(
     ("rate", "dt_s"),
-    [((0, 0, 0), -0.01), ((math.nan, 0, 0), 0.01), ((0, math.inf, 0), 0.01), ((0, 0, 0), math.nan),
-     ((0, 0, 0), math.inf), ((0, 0, 1000), 0.2), ((math.inf, 0, 0), 0.0)],
+    [
+        ((0, 0, 0), -0.01),
+        ((math.nan, 0, 0), 0.01),
+        ((0, math.inf, 0), 0.01),
+        ((0, 0, 0), math.nan),
+        ((0, 0, 0), math.inf),
+        ((0, 0, 1000), 0.2),
+        ((math.inf, 0, 0), 0.0),
+    ],
     ids=["backwards", "no rate", "infinite rate", "no time", "for ever", "more than half a turn", "infinite at once"],
-)  # fmt: skip
+)
 def test_a_step_that_makes_no_sense_changes_nothing(either: FilterMaker, rate, dt_s: float):
     found = either(NOISE, from_pose(Pose(100.0, 20.0, 30.0)))
     before = found.attitude

@@ -117,9 +117,10 @@ def test_body_rates_multiply_on_the_right(pose, angle_rates):
     """What is easily turned round: the rates of the angles, and those of the body, lead to the same place."""
     dt_s = 1e-5
     later = Pose(
-        pose.heading_deg + angle_rates[0] * dt_s, pose.pitch_deg + angle_rates[1] * dt_s,
+        pose.heading_deg + angle_rates[0] * dt_s,
+        pose.pitch_deg + angle_rates[1] * dt_s,
         pose.roll_deg + angle_rates[2] * dt_s,
-    )  # fmt: skip
+    )
     turn = from_rotation_vector(np.radians(body_rate_dps(pose, angle_rates)) * dt_s)
     # The rates change within the step: by the square of the angles it turns, 1.6e-5 rad each.
     assert np.radians(angle_between_deg(product(from_pose(pose), turn), from_pose(later))) < 3e-9

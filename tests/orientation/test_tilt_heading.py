@@ -84,9 +84,12 @@ def test_poses_derived_by_hand(
 
 
 @given(
-    st.floats(0.0, 360.0, exclude_max=True), st.floats(-80.0, 80.0), st.floats(-179.0, 179.0),
-    st.sampled_from([1e-3, 1.0, 8192.0]), st.sampled_from([1e-3, 1.0, 485.0]),
-)  # fmt: skip
+    st.floats(0.0, 360.0, exclude_max=True),
+    st.floats(-80.0, 80.0),
+    st.floats(-179.0, 179.0),
+    st.sampled_from([1e-3, 1.0, 8192.0]),
+    st.sampled_from([1e-3, 1.0, 485.0]),
+)
 def test_any_attitude_comes_back(
     compass: tuple[Compass, float], heading: float, pitch: float, roll: float, gravity_scale: float, field_scale: float
 ) -> None:

@@ -77,15 +77,27 @@ def replace_in(path: Path, old: str, new: str) -> None:
     ("current", "code", "sentence"),
     [
         ("2", 0, "PASS. May be merged (against base/run.json): 4 unchanged."),
-        ("1", 0, "PASS. May be merged (against base/run.json): 1 better: lamp.current 2 -> 1 mA (-1, -50 %; limit "
-                 "at most 9); 3 unchanged."),
-        ("3", 21, "REGRESSION. Not to be merged (against base/run.json): 1 worse: lamp.current 2 -> 3 mA (+1, +50 %; "
-                  "limit at most 9); 3 unchanged."),
+        (
+            "1",
+            0,
+            "PASS. May be merged (against base/run.json): 1 better: lamp.current 2 -> 1 mA (-1, -50 %; limit "
+            "at most 9); 3 unchanged.",
+        ),
+        (
+            "3",
+            21,
+            "REGRESSION. Not to be merged (against base/run.json): 1 worse: lamp.current 2 -> 3 mA (+1, +50 %; "
+            "limit at most 9); 3 unchanged.",
+        ),
         # Out of its limit is a failed test, and that comes first.
-        ("10", 1, "FAIL. lamp.current 10 mA (limit 9, was 2). Not to be merged (against base/run.json): 1 worse; 3 "
-                  "unchanged."),
+        (
+            "10",
+            1,
+            "FAIL. lamp.current 10 mA (limit 9, was 2). Not to be merged (against base/run.json): 1 worse; 3 "
+            "unchanged.",
+        ),
     ],
-)  # fmt: skip
+)
 def test_it_says_what_changed_and_whether_it_may_be_merged(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, current: str, code: int, sentence: str
 ) -> None:
@@ -215,9 +227,15 @@ def test_a_tolerance_that_is_edited_with_the_change_hides_nothing(
     assert "lamp.current 2 -> 3 mA (+1, +50 %; limit at most 9; its tolerance was exact in the base)" in sentence
     if saved:  # the tolerance is changed as a number is: by name and with a reason
         accepted = hiltest(
-            "baseline", "update", "base.json", "hil-out", "--accept", "lamp.current",
-            "--because", "another lamp",
-        )  # fmt: skip
+            "baseline",
+            "update",
+            "base.json",
+            "hil-out",
+            "--accept",
+            "lamp.current",
+            "--because",
+            "another lamp",
+        )
         assert "lamp.current: 2 -> 3; tolerance exact -> 5 mA" in accepted.stdout.splitlines()
         monkeypatch.setenv("LAMP_CURRENT", "4")
         assert judged(pytester, base=base)[0] == 0
@@ -246,11 +264,14 @@ def test_a_choice_of_tests_is_no_pass(pytester: pytest.Pytester, options: list[s
 @pytest.mark.parametrize(
     ("options", "chosen"),
     [
-        ((), False), (("-k", "current"), True), (("test_lamp.py::test_current",), True),
-        (("--deselect=test_lamp.py::test_life",), True), (("-m", "not plain"), False),
+        ((), False),
+        (("-k", "current"), True),
+        (("test_lamp.py::test_current",), True),
+        (("--deselect=test_lamp.py::test_life",), True),
+        (("-m", "not plain"), False),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
-)  # fmt: skip
+)
 def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
     pytester: pytest.Pytester, options: tuple[str, ...], chosen: bool
 ) -> None:
@@ -298,8 +319,10 @@ def test_a_test_that_passed_and_measured_nothing_is_missed(
     pytester.makepyfile(test_lamp=LAMP + suite)
     code, sentence = judged(pytester, base=named)
     assert code == 22
-    advice = "or renew the baseline with `hiltest baseline save RUN base.json`" if saved else (
-        "or make this run the base with `hiltest baseline save RUN FILE`"
+    advice = (
+        "or renew the baseline with `hiltest baseline save RUN base.json`"
+        if saved
+        else ("or make this run the base with `hiltest baseline save RUN FILE`")
     )
     assert f"): test missing: test_lamp.py::test_first passed before and {word} now; let it run, {advice}; " in sentence
     if saved:
@@ -312,9 +335,9 @@ def test_a_choice_that_leaves_no_test_of_hiltest_is_no_pass(pytester: pytest.Pyt
     pytester.makepyfile(test_plain="def test_plain():\n    pass\n")
     result = pytester.runpytest_inprocess("--hil-baseline=base", "-k", "plain")
     assert result.ret == 22
-    result.stdout.fnmatch_lines([
-        "NOT EVALUATED: --hil-baseline is base, and no test that ran uses hiltest: there is nothing to compare."
-    ])
+    result.stdout.fnmatch_lines(
+        ["NOT EVALUATED: --hil-baseline is base, and no test that ran uses hiltest: there is nothing to compare."]
+    )
     assert pytester.runpytest_inprocess("--hil-baseline=base", "-k", "nothing").ret == 5
 
 
@@ -459,7 +482,11 @@ def no_board(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None
     ids=["as it was", "changed", "gone", "another cycle model", "worse"],
 )
 def test_a_run_that_needs_no_board_is_judged_as_any_other(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, given: dict[str, str], code: int, words: str,
+    pytester: pytest.Pytester,
+    monkeypatch: pytest.MonkeyPatch,
+    given: dict[str, str],
+    code: int,
+    words: str,
     saved: bool,
 ) -> None:
     if saved:

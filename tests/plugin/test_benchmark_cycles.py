@@ -49,9 +49,13 @@ def compare(pytester: pytest.Pytester, *arguments: str) -> str:
     """Run ``pytest-benchmark compare`` where the project is."""
     (pytester.path / "conftest.py").write_text(HOOKS, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "pytest_benchmark", "compare", *arguments], cwd=pytester.path, capture_output=True,
-        text=True, check=False, timeout=60,
-    )  # fmt: skip
+        [sys.executable, "-m", "pytest_benchmark", "compare", *arguments],
+        cwd=pytester.path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -85,16 +89,22 @@ def test_cycles_have_a_table_of_their_own_and_host_times_stay_in_seconds(pyteste
 
 
 def test_the_json_holds_cycles_their_model_the_firmware_and_the_board(pytester: pytest.Pytester) -> None:
-    content = saved(pytester, """
+    content = saved(
+        pytester,
+        """
         def test_on_the_board(benchmark_cycles, board):
             benchmark_cycles("x", [7, 9, 8], cycle_model=board.cycle_model)
 
         def test_called(benchmark_cycles, cycles):
             benchmark_cycles("empty", cycles().call("magnetometer_empty", 0, 0))
-    """, "both")  # fmt: skip
+    """,
+        "both",
+    )
     on_the_board, called = content["benchmarks"]
     assert content["machine_info"]["board"] == {
-        "kind": "virtual", "unique_id": b"virtual-frdmk64f".hex(), "core_clock_hz": 120_000_000,
+        "kind": "virtual",
+        "unique_id": b"virtual-frdmk64f".hex(),
+        "core_clock_hz": 120_000_000,
     }
     assert on_the_board["group"] == f"x, cycles of {MODEL}"
     assert on_the_board["stats"]["data"] == [7, 9, 8]
@@ -187,7 +197,7 @@ def test_a_saved_run_of_another_model_keeps_its_own_table(pytester: pytest.Pytes
 
 
 def test_a_saved_run_is_ranked_beside_the_new_one_and_another_build_is_no_other_machine(
-    pytester: pytest.Pytester
+    pytester: pytest.Pytester,
 ) -> None:
     pytester.makepyfile(test_it=fit(900))
     assert pytester.runpytest_inprocess("--benchmark-save=one").ret == 0
@@ -294,7 +304,9 @@ def test_options_of_pytest_benchmark_choose_these_tests_too(pytester: pytest.Pyt
 def test_a_mark_of_one_s_own_stays_and_another_project_s_fixture_is_none_of_ours(pytester: pytest.Pytester) -> None:
     content = saved(pytester, "import pytest\n@pytest.mark.benchmark(disable_gc=True)\n" + fit(100), "marked")
     assert content["benchmarks"][0]["options"]["disable_gc"] is True
-    content = saved(pytester, """
+    content = saved(
+        pytester,
+        """
         import pytest
 
         @pytest.fixture
@@ -303,7 +315,9 @@ def test_a_mark_of_one_s_own_stays_and_another_project_s_fixture_is_none_of_ours
 
         def test_it(benchmark_cycles):
             benchmark_cycles.pedantic(sum, ([1, 2],))
-    """, "theirs")  # fmt: skip
+    """,
+        "theirs",
+    )
     assert content["benchmarks"][0]["options"]["timer"] == "perf_counter"
     assert "board" not in content["machine_info"]
 

@@ -23,7 +23,10 @@ def run(pytester: pytest.Pytester, faults: str, tests: str, *options: str) -> tu
 
 
 def test_a_fixture_that_fails_on_a_board_that_was_reset_is_not_what_failed(pytester: pytest.Pytester) -> None:
-    code, tests = run(pytester, RESET, """
+    code, tests = run(
+        pytester,
+        RESET,
+        """
         import numpy as np, pytest
         from hiltest.link.messages import GetCalibration, SetCalibration
 
@@ -36,7 +39,8 @@ def test_a_fixture_that_fails_on_a_board_that_was_reset_is_not_what_failed(pytes
         def test_one(stored): pass
         def test_next(board): pass
         def test_of_no_board(): pass
-    """)  # fmt: skip
+    """,
+    )
     assert code == 20
     assert tests["test_one"]["outcome"] == "connection lost"
     assert "the board was reset" in tests["test_one"]["reason"]
@@ -46,14 +50,18 @@ def test_a_fixture_that_fails_on_a_board_that_was_reset_is_not_what_failed(pytes
 def test_what_was_measured_of_a_board_that_was_reset_is_not_recorded_and_what_was_before_is(
     pytester: pytest.Pytester,
 ) -> None:
-    code, tests = run(pytester, RESET, """
+    code, tests = run(
+        pytester,
+        RESET,
+        """
         from hiltest.link.messages import Average
 
         def test_one(board, measure):
             measure("own.before", board.session.request(Average(8)).n)
             board.sleep(1.0)
             measure("own.after", board.session.request(Average(8)).n)
-    """)  # fmt: skip
+    """,
+    )
     record = json.loads((pytester.path / "out" / "run.json").read_text(encoding="utf-8"))
     measured = {each["name"] for each in record["measurements"]}
     assert code == 20
@@ -83,7 +91,10 @@ def test_a_sensor_that_is_stuck_is_the_benchs_fault_and_what_needs_none_runs(pyt
 
 
 def test_on_a_virtual_board_with_sound_sensors_it_is_the_firmwares(pytester: pytest.Pytester) -> None:
-    code, tests = run(pytester, "", """
+    code, tests = run(
+        pytester,
+        "",
+        """
         import numpy as np, pytest
         from hiltest.link.messages import Average, Read
         from hiltest.link.replies import Statistic
@@ -96,7 +107,8 @@ def test_on_a_virtual_board_with_sound_sensors_it_is_the_firmwares(pytester: pyt
 
         def test_two(board):
             board.session.request(Read(2, 1, timeout_us=1))
-    """)  # fmt: skip
+    """,
+    )
     assert code == 1
     assert tests["test_one"]["outcome"] == "failed"
     assert "the firmware reads no new samples" in tests["test_one"]["reason"]

@@ -34,12 +34,14 @@ def test_a_run_writes_its_coverage_and_says_how_much_it_is(pytester: pytest.Pyte
     assert 0 < found.lines.hit < found.lines.found
     record = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     assert record["coverage"] == {
-        "file": "../lcov.info", "lines": list(found.lines), "functions": list(found.functions),
+        "file": "../lcov.info",
+        "lines": list(found.lines),
+        "functions": list(found.functions),
         "branches": list(found.branches),
-    }  # fmt: skip
-    result.stdout.fnmatch_lines([
-        f"Coverage: {found.lines.hit} of {found.lines.found} lines (* branches both ways (*): lcov.info"
-    ])
+    }
+    result.stdout.fnmatch_lines(
+        [f"Coverage: {found.lines.hit} of {found.lines.found} lines (* branches both ways (*): lcov.info"]
+    )
     assert 'href="./../lcov.info"' in (pytester.path / "hil-out" / "report.html").read_text(encoding="utf-8")
     assert "lcov.info" in (pytester.path / "hil-out" / "report.md").read_text(encoding="utf-8")
 

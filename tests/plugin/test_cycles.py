@@ -17,8 +17,10 @@ from hiltest.text import format_number
 from hiltest.virtual.board.k64f import VirtualK64F
 
 PROGRAMS = Path(__file__).parents[1] / "virtual" / "programs"
-SUM = "int sum(int n) {{ int s = 0; for (int i = 0; i < n; i++) s += i * i {more}; return s; }}\n" \
-      "int main(void) {{ return sum(3); }}\n"
+SUM = (
+    "int sum(int n) {{ int s = 0; for (int i = 0; i < n; i++) s += i * i {more}; return s; }}\n"
+    "int main(void) {{ return sum(3); }}\n"
+)
 TEST = """
 from hiltest.measurement import Limit
 
@@ -40,10 +42,26 @@ def compile_app(pytester: pytest.Pytester, require_tool: Callable[[str], str]) -
     def compile_it(more: str) -> int:
         source, elf = pytester.path / "app.c", pytester.path / "app.elf"
         source.write_text(SUM.format(more=more))
-        subprocess.run([
-            compiler, "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-O1", "-g", "-nostdlib",
-            "-ffreestanding", f"-Wl,-T,{PROGRAMS / 'flash.ld'}", str(PROGRAMS / "start.S"), str(source), "-o", str(elf),
-        ], check=True, timeout=60)
+        subprocess.run(
+            [
+                compiler,
+                "-mcpu=cortex-m4",
+                "-mthumb",
+                "-mfpu=fpv4-sp-d16",
+                "-mfloat-abi=hard",
+                "-O1",
+                "-g",
+                "-nostdlib",
+                "-ffreestanding",
+                f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
+                str(PROGRAMS / "start.S"),
+                str(source),
+                "-o",
+                str(elf),
+            ],
+            check=True,
+            timeout=60,
+        )
         return VirtualK64F(elf).call("sum", 20).cycles
 
     return compile_it
@@ -66,7 +84,10 @@ def test_a_function_gets_a_limit_in_one_line_and_turns_red_when_it_gets_slower(
     (measured,) = record["measurements"]
     assert (record["rig"], record["board"], record["verdict"]["complete"]) == (None, None, True)
     assert {key: measured[key] for key in ("value", "unit", "cycle_model", "outcome")} == {
-        "value": before, "unit": "cycle", "cycle_model": "cortex-m4-trm/2@flash", "outcome": "pass",
+        "value": before,
+        "unit": "cycle",
+        "cycle_model": "cortex-m4-trm/2@flash",
+        "outcome": "pass",
     }
 
     after = compile_app("+ n / (i + 1)")
@@ -133,11 +154,13 @@ def test_what_is_wrong_is_said_in_the_test(pytester: pytest.Pytester) -> None:
     """)
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(failed=3)
-    result.stdout.fnmatch_lines([
-        "*gone.elf: No such file or directory; name the firmware's ELF*",
-        "*no function 'crc3'; near: crc32",
-        "*ValueError: x: a counted call brings its unit and its cycle model; leave both out",
-    ])
+    result.stdout.fnmatch_lines(
+        [
+            "*gone.elf: No such file or directory; name the firmware's ELF*",
+            "*no function 'crc3'; near: crc32",
+            "*ValueError: x: a counted call brings its unit and its cycle model; leave both out",
+        ]
+    )
 
 
 def test_a_limit_of_the_rig_holds_where_a_rig_is_named(pytester: pytest.Pytester, default_rig: str) -> None:

@@ -53,9 +53,12 @@ def test_the_gate_set_is_the_default_and_is_green_without_what_it_leaves_out(ben
     result = bench.runpytest_inprocess()
     result.assert_outcomes(passed=1, deselected=1)
     assert result.ret == 0
-    result.stdout.fnmatch_lines([
-        "gate set: 1 test of the full set left out; --hil-suite=full runs them", "PASS.",
-    ])
+    result.stdout.fnmatch_lines(
+        [
+            "gate set: 1 test of the full set left out; --hil-suite=full runs them",
+            "PASS.",
+        ]
+    )
     record = record_of(bench)
     assert (record["suite"], record["verdict"]["complete"]) == ("gate", True)
     assert outcomes_of(bench) == {"lamp.current": "pass"}
@@ -81,9 +84,7 @@ def test_a_limit_that_is_not_said_to_be_of_the_full_set_must_be_met_by_the_gate_
     replace_in(bench, "lamp.toml", ', suite = "full"', "")
     result = bench.runpytest_inprocess()
     assert result.ret == 22
-    result.stdout.fnmatch_lines([
-        "NOT EVALUATED. lamp.life (nothing in the gate set measured it)."
-    ])
+    result.stdout.fnmatch_lines(["NOT EVALUATED. lamp.life (nothing in the gate set measured it)."])
 
 
 def test_a_limit_of_the_full_set_holds_for_whoever_measures_it(bench: pytest.Pytester) -> None:
@@ -100,9 +101,9 @@ def test_a_limit_of_the_full_set_holds_for_whoever_measures_it(bench: pytest.Pyt
 def test_who_asks_for_nothing_but_the_full_set_is_told_how(bench: pytest.Pytester, choice: list[str]) -> None:
     result = bench.runpytest_inprocess(*choice)
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines([
-        "ERROR: nothing to run in the gate set: 1 test of the full set left out; --hil-suite=full runs them"
-    ])
+    result.stderr.fnmatch_lines(
+        ["ERROR: nothing to run in the gate set: 1 test of the full set left out; --hil-suite=full runs them"]
+    )
     assert not (bench.path / "hil-out" / "run.json").exists()
     assert bench.runpytest_inprocess(*choice, "--hil-suite=full").ret == 0
 

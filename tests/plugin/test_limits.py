@@ -31,13 +31,16 @@ def outcomes_of(pytester: pytest.Pytester) -> dict[str, str]:
     return {each["name"]: each["outcome"] for each in record_of(pytester)["measurements"]}
 
 
-BOTH = HEAD + """
+BOTH = (
+    HEAD
+    + """
 def test_current(measure):
     measure("lamp.current", 1.0, "mA")
 
 def test_heat(measure):
     measure("lamp.heat", 30.0, "degC")
 """
+)
 
 
 @pytest.mark.usefixtures("limits")
@@ -99,10 +102,13 @@ def test_a_session_that_was_stopped_says_what_was_not_judged(pytester: pytest.Py
     pytester.makepyfile(BOTH.replace("1.0", "9.0"))
     result = pytester.runpytest_inprocess("-x")
     assert result.ret == 1
-    result.stdout.fnmatch_lines([
-        "FAIL. 1 measurement out of its limit. Not evaluated: 1 limit of the rig:*", "lamp.heat.",
-        "  lamp.current 9 mA (limit 3),*",
-    ])
+    result.stdout.fnmatch_lines(
+        [
+            "FAIL. 1 measurement out of its limit. Not evaluated: 1 limit of the rig:*",
+            "lamp.heat.",
+            "  lamp.current 9 mA (limit 3),*",
+        ]
+    )
 
 
 FIELD = """
@@ -234,13 +240,16 @@ def test_a_test_that_fails_in_its_own_words_does_so_once(pytester: pytest.Pytest
     pytester.runpytest_inprocess().assert_outcomes(failed=1, errors=0)
 
 
-BY_HAND = HEAD + """
+BY_HAND = (
+    HEAD
+    + """
 def test_headings(measure):
     measure("heading.direct.max", 1.0, "deg")
     measure("heading.direct.max_centred", 1.6, "deg")
     measure("heading.iterative.max", VALUE, "deg")
     measure("heading.direct.float32_error", 0.5, "deg", limit=Limit(max=0.6))
 """
+)
 
 
 @pytest.mark.parametrize(("value", "code"), [(1.2, 22), (2.8, 1)])
@@ -248,9 +257,13 @@ def test_angles_that_a_hand_sets_are_held_against_limits_with_their_uncertainty(
     pytester: pytest.Pytester, value: float, code: int
 ) -> None:
     rig = (shipped() / "rigs" / "frdm-k64f.toml").read_text(encoding="utf-8")
-    rig = rig[: rig.index("[limits]")] + "[limits]\n" + "".join(
-        f'"heading.{name}" = {{ max = 2.0, unit = "deg" }}\n'
-        for name in ("direct.max", "direct.max_centred", "iterative.max")
+    rig = (
+        rig[: rig.index("[limits]")]
+        + "[limits]\n"
+        + "".join(
+            f'"heading.{name}" = {{ max = 2.0, unit = "deg" }}\n'
+            for name in ("direct.max", "direct.max_centred", "iterative.max")
+        )
     )
     (pytester.path / "hand.toml").write_text(rig, encoding="utf-8")
     pytester.makepyfile(BY_HAND.replace("VALUE", str(value)))
@@ -258,7 +271,8 @@ def test_angles_that_a_hand_sets_are_held_against_limits_with_their_uncertainty(
     # U is 0.71 with the mounting and 0.5 without: 1.6 of a centred error cannot be told, and 2.8 is beyond 2.71.
     assert result.ret == code
     assert outcomes_of(pytester) == {
-        "heading.direct.max": "pass", "heading.direct.max_centred": "cannot tell",
+        "heading.direct.max": "pass",
+        "heading.direct.max_centred": "cannot tell",
         "heading.direct.float32_error": "pass",
         "heading.iterative.max": "pass" if code == 22 else "fail",
     }

@@ -25,11 +25,14 @@ def measurements_of(pytester: pytest.Pytester) -> dict[str, dict[str, Any]]:
 
 
 def test_a_value_out_of_limit_fails_the_test_after_everything_was_measured(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(HEAD + """
+    pytester.makepyfile(
+        HEAD
+        + """
 def test_two(measure):
     measure("first", 3.0, "deg", limit=Limit(max=2))
     measure("second", 1.0, "deg", limit=Limit(max=2))
-""")
+"""
+    )
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(failed=1)
     assert result.ret == 1
@@ -44,19 +47,26 @@ def test_two(measure):
 def test_a_failed_limit_is_said_once_with_its_place_from_where_pytest_was_started(
     pytester: pytest.Pytester, options: tuple[str, ...]
 ) -> None:
-    (pytester.mkdir("lamps") / "test_lamp.py").write_text(HEAD + """
+    (pytester.mkdir("lamps") / "test_lamp.py").write_text(
+        HEAD
+        + """
 def test_limit(measure):
     print("seen on the way")
     measure("lamp.current", 3.125, "mA", limit=Limit(max=2))
 
 def test_word():
     assert 1 == 2
-""")
+"""
+    )
     result = pytester.runpytest_inprocess("--junit-xml=junit.xml", *options)
-    result.stdout.fnmatch_lines([
-        "  lamp.current 3.125 mA (limit 2), lamps/test_lamp.py:*", "*_ test_limit _*",
-        "out of limit: lamp.current", "seen on the way",
-    ])
+    result.stdout.fnmatch_lines(
+        [
+            "  lamp.current 3.125 mA (limit 2), lamps/test_lamp.py:*",
+            "*_ test_limit _*",
+            "out of limit: lamp.current",
+            "seen on the way",
+        ]
+    )
     result.stdout.fnmatch_lines(["E*assert 1 == 2"])
     assert result.stdout.str().count("3.125") == 1
     assert "lamp.current = 3.125 mA, limit at most 2: fail" in (pytester.path / "junit.xml").read_text()
@@ -67,39 +77,58 @@ def test_word():
 
 
 def test_an_assertion_still_fails_as_itself(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(HEAD + """
+    pytester.makepyfile(
+        HEAD
+        + """
 def test_it(measure):
     measure("x", 3.0, "deg", limit=Limit(max=2))
     assert 1 == 2
-""")
+"""
+    )
     pytester.runpytest_inprocess().stdout.fnmatch_lines(["E*assert 1 == 2"])
     assert measurements_of(pytester)["x"]["outcome"] == "fail"
 
 
 def test_a_limit_of_the_rig_file_applies_by_name(pytester: pytest.Pytester, default_rig: str) -> None:
-    (pytester.path / "mine.toml").write_text(default_rig.replace(
-        "[limits]", '[limits]\n"field.strength" = { min = 45.0, max = 52.0, unit = "uT" }'
-    ), encoding="utf-8")
-    pytester.makepyfile(HEAD + """
+    (pytester.path / "mine.toml").write_text(
+        default_rig.replace("[limits]", '[limits]\n"field.strength" = { min = 45.0, max = 52.0, unit = "uT" }'),
+        encoding="utf-8",
+    )
+    pytester.makepyfile(
+        HEAD
+        + """
 def test_it(measure):
     measure("field.strength", 60.0, "uT")
     measure("cycles.direct.per_point", 200.0, "cycle", cycle_model="silicon-dwt")
-""")
+"""
+    )
     result = pytester.runpytest_inprocess("--hil-rig=mine.toml")
     result.stdout.fnmatch_lines(["  field.strength 60 uT (limit 45 to 52),*"])
     assert measurements_of(pytester)["cycles.direct.per_point"] | {"test": "", "place": ""} == {
-        "name": "cycles.direct.per_point", "value": 200.0, "unit": "cycle", "limit": None,
-        "information": {"min": None, "max": 168}, "outcome": "information", "volatile": False,
-        "cycle_model": "silicon-dwt", "note": "", "test": "", "band": None, "uncertainty": None,
+        "name": "cycles.direct.per_point",
+        "value": 200.0,
+        "unit": "cycle",
+        "limit": None,
+        "information": {"min": None, "max": 168},
+        "outcome": "information",
+        "volatile": False,
+        "cycle_model": "silicon-dwt",
+        "note": "",
+        "test": "",
+        "band": None,
+        "uncertainty": None,
         "place": "",
     }
 
 
 def test_a_limit_that_cannot_be_judged_ends_with_22(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(HEAD + """
+    pytester.makepyfile(
+        HEAD
+        + """
 def test_it(measure):
     measure("x", 1.0, "deg", limit=Limit(max=2), not_checked="no reference")
-""")
+"""
+    )
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(passed=1)
     assert result.ret == 22
@@ -107,23 +136,30 @@ def test_it(measure):
 
 
 def test_a_reason_why_there_is_nothing_to_measure_is_kept_and_no_limit_is_met_by_it(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(HEAD + """
+    pytester.makepyfile(
+        HEAD
+        + """
 def test_it(measure):
     measure("x", None, "deg", not_offered="it converged at once")
     measure("y", None, "deg", limit=Limit(max=2), not_offered="it converged at once")
-""")
+"""
+    )
     assert pytester.runpytest_inprocess().ret == 22
     measured = measurements_of(pytester)
     assert [(measured[name]["outcome"], measured[name]["note"]) for name in "xy"] == [
-        ("not offered", "it converged at once"), ("unset", "it converged at once"),
+        ("not offered", "it converged at once"),
+        ("unset", "it converged at once"),
     ]
 
 
 def test_what_a_number_is_of_is_kept_and_shown_beside_it(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(HEAD + """
+    pytester.makepyfile(
+        HEAD
+        + """
 def test_it(measure):
     measure("x", 1.0, "deg", limit=Limit(max=2), note="of one cloud")
-""")
+"""
+    )
     result = pytester.runpytest_inprocess("-v")
     result.stdout.fnmatch_lines(["x *1.00 *deg *at most 2 *pass*", "x 1.00: of one cloud"])
     assert measurements_of(pytester)["x"]["note"] == "of one cloud"
@@ -144,18 +180,23 @@ def test_one_name_measured_by_two_tests_is_an_error(pytester: pytest.Pytester) -
 
 
 def test_junit_has_the_measurements_as_properties_without_a_warning(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(HEAD + """
+    pytester.makepyfile(
+        HEAD
+        + """
 def test_it(measure):
     measure("heading.direct.max", 0.1 + 0.2, "deg", limit=Limit(max=2))
-""")
+"""
+    )
     result = pytester.runpytest_inprocess("--junit-xml=junit.xml", "-W", "error")
     result.assert_outcomes(passed=1)
     properties = {
         each.attrib["name"]: each.attrib["value"] for each in ET.parse(pytester.path / "junit.xml").iter("property")
     }
     assert properties == {
-        "hil.heading.direct.max": "0.3", "hil.heading.direct.max.unit": "deg",
-        "hil.heading.direct.max.outcome": "pass", "hil.heading.direct.max.limit": "at most 2",
+        "hil.heading.direct.max": "0.3",
+        "hil.heading.direct.max.unit": "deg",
+        "hil.heading.direct.max.outcome": "pass",
+        "hil.heading.direct.max.limit": "at most 2",
     }
 
 

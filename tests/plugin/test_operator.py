@@ -39,8 +39,17 @@ def board_at_a_port() -> Iterator[str]:
 
 def command(port: str) -> list[str]:
     return [
-        sys.executable, "-m", "hiltest", "run", "--rig", "frdm-k64f", "--hil-port", port,
-        "--", "-k", "accelerometer and rest",
+        sys.executable,
+        "-m",
+        "hiltest",
+        "run",
+        "--rig",
+        "frdm-k64f",
+        "--hil-port",
+        port,
+        "--",
+        "-k",
+        "accelerometer and rest",
     ]
 
 
@@ -77,7 +86,12 @@ def test_nobody_at_the_terminal_is_a_bench_error_with_the_next_step(tmp_path: Pa
         words = command(port)
         done = subprocess.run(
             ["sh", "-c", 'exec "$0" "$@" <&-', *words] if closed else words,
-            cwd=tmp_path, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=DEADLINE_S, check=False,
+            cwd=tmp_path,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=DEADLINE_S,
+            check=False,
         )
     assert done.returncode == 20, done.stdout + done.stderr
     shown = " ".join(done.stdout.split())  # the sentence is broken into lines

@@ -24,9 +24,13 @@ def test_help_shows_every_option_with_its_argument(pytester: pytest.Pytester, op
 
 
 def test_the_markers_are_registered_and_strict(pytester: pytest.Pytester) -> None:
-    pytester.runpytest_inprocess("--markers").stdout.fnmatch_lines([
-        "@pytest.mark.hil: the test needs a board;*", "", "@pytest.mark.full: *left out of the gate set*",
-    ])
+    pytester.runpytest_inprocess("--markers").stdout.fnmatch_lines(
+        [
+            "@pytest.mark.hil: the test needs a board;*",
+            "",
+            "@pytest.mark.full: *left out of the gate set*",
+        ]
+    )
     pytester.makepyfile("import pytest\n\n@pytest.mark.hill\ndef test_it():\n    pass\n")
     result = pytester.runpytest_inprocess("--strict-markers")
     result.stdout.fnmatch_lines(["*'hill' not found in `markers`*"])
@@ -40,10 +44,15 @@ def test_the_command_line_wins_over_environment_ini_and_default(
     monkeypatch.delenv("HIL_RIG")
     monkeypatch.setenv("HIL_SEED", "2")
     monkeypatch.setenv("HIL_POSES", "all")
-    pytester.runpytest_inprocess("-s", "--hil-seed=1").stdout.fnmatch_lines([
-        "*rig=None from default", "port=socket://ini:1 from hil_port", "seed=1 from --hil-seed",
-        "poses=all from HIL_POSES", "suite=gate from default",
-    ])
+    pytester.runpytest_inprocess("-s", "--hil-seed=1").stdout.fnmatch_lines(
+        [
+            "*rig=None from default",
+            "port=socket://ini:1 from hil_port",
+            "seed=1 from --hil-seed",
+            "poses=all from HIL_POSES",
+            "suite=gate from default",
+        ]
+    )
 
 
 @pytest.mark.parametrize("value", ["-1", "1.5", "x", "4294967296", ""])

@@ -15,26 +15,35 @@ def outcomes_of(pytester: pytest.Pytester) -> dict[str, str]:
 
 
 def test_a_lost_link_is_no_failed_test(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(HEAD + """
+    pytester.makepyfile(
+        HEAD
+        + """
 def test_before(measure):
     measure("x", 1, "")
 
 def test_lost(measure):
     measure("y", 2, "")
     raise LinkLostError("/dev/ttyACM0", "unplugged")
-""")
+"""
+    )
     result = pytester.runpytest_inprocess()
     assert result.ret == 20
-    result.stdout.fnmatch_lines([
-        "*.L*", "CONNECTION LOST: lost /dev/ttyACM0: unplugged. Check cable and power, then run*",
-        "*connection lost: *::test_lost", "*1 passed, 1 connection lost*",
-    ])
+    result.stdout.fnmatch_lines(
+        [
+            "*.L*",
+            "CONNECTION LOST: lost /dev/ttyACM0: unplugged. Check cable and power, then run*",
+            "*connection lost: *::test_lost",
+            "*1 passed, 1 connection lost*",
+        ]
+    )
     assert " ".join(result.outlines).count("unplugged") == 1, "the sentence has said why"
     assert outcomes_of(pytester) == {"test_before": "passed", "test_lost": "connection lost"}
 
 
 def test_a_lost_link_in_a_fixture_is_the_same(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(HEAD + """
+    pytester.makepyfile(
+        HEAD
+        + """
 import pytest
 
 @pytest.fixture
@@ -43,13 +52,16 @@ def points():
 
 def test_lost(points, measure):
     pass
-""")
+"""
+    )
     assert pytester.runpytest_inprocess("-v").ret == 20
     assert outcomes_of(pytester) == {"test_lost": "connection lost"}
 
 
 def test_wrong_firmware_wins_over_a_lost_bench_and_a_failed_test_over_both(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(test_them=HEAD + """
+    pytester.makepyfile(
+        test_them=HEAD
+        + """
 def test_lost(measure):
     raise LinkLostError("p", "gone")
 
@@ -58,7 +70,8 @@ def test_wrong(measure):
 
 def test_failed(measure):
     assert False
-""")
+"""
+    )
     assert pytester.runpytest_inprocess("-k", "test_lost").ret == 20
     both = pytester.runpytest_inprocess("-k", "test_lost or test_wrong")
     assert both.ret == 23
@@ -144,7 +157,8 @@ def test_an_error_of_a_fixture_that_tests_share_is_told_once(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("CI", raising=False)  # where pytest's own short summary repeats each message whole
-    pytester.makepyfile(test_lamp="""
+    pytester.makepyfile(
+        test_lamp="""
 import pytest
 
 from hiltest.errors import FirmwareContradictionError
@@ -157,7 +171,8 @@ def points(board):
 @pytest.mark.parametrize("number", range(3))
 def test_them(points, number, measure):
     measure("lamp.bright", number, "")
-""")
+"""
+    )
     result = pytester.runpytest_inprocess("-q")
     output = " ".join(result.stdout.str().split())
     assert result.ret == 1
@@ -170,10 +185,17 @@ def test_them(points, number, measure):
 @pytest.mark.parametrize(
     ("rig", "asked", "sentence"),
     [
-        ("text-compass", "board", "this firmware speaks its own language: a test of it asks for the fixture compass, "
-         "not for board"),
-        ("virtual-k64f", "compass", "has no [device] table: its firmware speaks hiltest's protocol, and a test of it "
-         "asks for the fixture board, not for compass"),
+        (
+            "text-compass",
+            "board",
+            "this firmware speaks its own language: a test of it asks for the fixture compass, not for board",
+        ),
+        (
+            "virtual-k64f",
+            "compass",
+            "has no [device] table: its firmware speaks hiltest's protocol, and a test of it "
+            "asks for the fixture board, not for compass",
+        ),
     ],
 )
 def test_a_fixture_that_is_not_the_rigs_is_refused_in_a_sentence(

@@ -40,9 +40,9 @@ def test_chosen_tests_are_recorded_beside_the_record_of_a_complete_run(
         assert (pytester.path / "hil-out" / "run.json").read_bytes() == complete
         assert measured_in(pytester.path / "hil-out" / "chosen") == {"lamp.current"}
     if "-n2" not in choice:
-        result.stdout.fnmatch_lines([
-            "hil-out keeps the record of its complete run; these tests are recorded in hil-out/chosen"
-        ])
+        result.stdout.fnmatch_lines(
+            ["hil-out keeps the record of its complete run; these tests are recorded in hil-out/chosen"]
+        )
 
 
 def test_a_complete_run_replaces_a_complete_one_and_one_of_chosen_tests(pytester: pytest.Pytester) -> None:
@@ -68,9 +68,7 @@ def test_tests_of_ones_own_do_not_replace_the_record_of_a_whole_suite(
     assert measured_in(pytester.path / "hil-out" / "chosen") == {"field.strength"}
 
 
-def test_hiltest_run_keeps_every_file_of_a_complete_run_when_tests_are_chosen(
-    pytester: pytest.Pytester
-) -> None:
+def test_hiltest_run_keeps_every_file_of_a_complete_run_when_tests_are_chosen(pytester: pytest.Pytester) -> None:
     suites = pytester.path / "hil" / "suites"
     suites.mkdir(parents=True)
     (suites / "test_both.py").write_text(TWO, encoding="utf-8")

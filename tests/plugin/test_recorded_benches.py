@@ -65,9 +65,15 @@ def test_a_recorded_bench_is_judged_as_it_was(
     monkeypatch.delenv("HIL_RIG")
     kept: dict[str, Any] = json.loads(gzip.decompress((RECORDINGS / f"{name}.run.json.gz").read_bytes()))
     done = pytester.runpytest_inprocess(
-        str(shipped() / "suites"), "--import-mode=importlib", f"--rootdir={pytester.path}", "-k", BENCHES[name].tests,
-        "--hil-out=hil-out", f"--hil-replay={RECORDINGS / f'{name}.jsonl.gz'}", plugins=[RunCommand()],
-    )  # fmt: skip
+        str(shipped() / "suites"),
+        "--import-mode=importlib",
+        f"--rootdir={pytester.path}",
+        "-k",
+        BENCHES[name].tests,
+        "--hil-out=hil-out",
+        f"--hil-replay={RECORDINGS / f'{name}.jsonl.gz'}",
+        plugins=[RunCommand()],
+    )
     again = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     del again["environment"]
     assert done.ret == kept["verdict"]["exit_code"]

@@ -41,9 +41,14 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "test_bench.py").write_text(SUITE, encoding="utf-8")
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "hiltest", "-q", "test_bench.py", "--hil-record=run.jsonl"], cwd=folder,
-        env=environment, capture_output=True, text=True, check=False, timeout=120.0,
-    )  # fmt: skip
+        [sys.executable, "-m", "pytest", "-p", "hiltest", "-q", "test_bench.py", "--hil-record=run.jsonl"],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120.0,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

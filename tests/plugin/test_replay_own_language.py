@@ -43,12 +43,12 @@ LINES = RIG.replace("\n[field]", '\n[device.text.commands]\npose = "pose\\r\\n"\
 RIGS = {
     "lines": LINES,
     "packets": f'{RIG[: RIG.index("[device]")]}[device]\nkind = "fsflk"\n[device.fsflk]\nalgorithm = "Q9"\n\n'
-               f'{RIG[RIG.index("[field]") :]}'.replace("compass-lines.elf", "compass-packets.elf"),
+    f"{RIG[RIG.index('[field]') :]}".replace("compass-lines.elf", "compass-packets.elf"),
     "lines and variables": LINES.replace('kind = "text"', 'kind = ["text", "memory"]').replace(
         "\n[field]", f"\n{VARIABLES}\n[field]"
     ),
     "silence": RIG.replace("compass-lines.elf", "hiltest-frdm-k64f.elf").partition("[cycles]")[0],
-}  # fmt: skip
+}
 # Lines say no dip; it is 62 degrees; in the place of one the rig names a variable that counts two points by then.
 READ = {"lines": (-1.0, -1.0), "packets": (60.0, 64.0), "lines and variables": (2.0, 2.0)}
 Run = Callable[..., tuple[int, dict[str, Any], str]]
@@ -142,10 +142,16 @@ def test_a_heading_at_an_angle_that_a_hand_set_is_held_against_its_limit_with_u(
     text = (recordings / "text-by-hand.toml").read_text(encoding="utf-8").partition("[limits]")[0]
     (pytester.path / "other.toml").write_text(f"{text}[limits]\n{limit}\n", encoding="utf-8")
     done = pytester.runpytest_inprocess(
-        str(shipped() / "suites"), "--import-mode=importlib", f"--rootdir={pytester.path}", "-k", "before_calibration",
-        f"--hil-replay={recordings / 'text-by-hand.jsonl.gz'}", "--hil-rig=other.toml", "--hil-out=hil-out",
+        str(shipped() / "suites"),
+        "--import-mode=importlib",
+        f"--rootdir={pytester.path}",
+        "-k",
+        "before_calibration",
+        f"--hil-replay={recordings / 'text-by-hand.jsonl.gz'}",
+        "--hil-rig=other.toml",
+        "--hil-out=hil-out",
         plugins=[RunCommand()],
-    )  # fmt: skip
+    )
     record = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     (found,) = (each for each in record["measurements"] if each["name"] == "heading.uncalibrated.max")
     assert (found["value"], found["outcome"], done.ret) == (value, outcome, code)

@@ -35,25 +35,31 @@ def values(record: dict[str, Any]) -> dict[str, tuple[float, str, str]]:
 
 
 def test_what_was_out_of_its_limit_once_stays_so(pytester: pytest.Pytester) -> None:
-    code, record = run(pytester, """
+    code, record = run(
+        pytester,
+        """
 def test_it(measure):
     attempts.append(1)
     measure("lamp.current", [2.0, 5.0, 1.0][len(attempts) - 1], "mA", limit=Limit(max=3))
     measure("lamp.voltage", 12.0, "V")
     assert len(attempts) > 2
-""")
+""",
+    )
     assert code == 1
     assert outcomes(record) == ["rerun", "rerun", "passed"]
     assert [each["reason"] for each in record["tests"]] == ["assert 1 > 2", "assert 2 > 2", ""]
     assert values(record) == {
-        "lamp.current": (5.0, "fail", "worst of several attempts"), "lamp.voltage": (12.0, "information", ""),
+        "lamp.current": (5.0, "fail", "worst of several attempts"),
+        "lamp.voltage": (12.0, "information", ""),
     }
     assert [each["value"] for each in record["other_attempts"]] == [2.0, 1.0]
     assert record["verdict"]["sentence"] == "FAIL. lamp.current 5 mA (limit 3)."
 
 
 def test_what_a_fixture_measured_at_its_end_stays_too(pytester: pytest.Pytester) -> None:
-    code, record = run(pytester, """
+    code, record = run(
+        pytester,
+        """
 @pytest.fixture
 def lamp(measure):
     yield
@@ -62,25 +68,31 @@ def lamp(measure):
 def test_it(lamp):
     attempts.append(1)
     assert len(attempts) > 1
-""")
+""",
+    )
     assert code == 1
     assert values(record)["lamp.life"] == (2.0, "fail", "worst of several attempts")
 
 
 def test_a_test_that_passes_at_last_within_its_limits_passes(pytester: pytest.Pytester) -> None:
-    code, record = run(pytester, """
+    code, record = run(
+        pytester,
+        """
 def test_it(measure):
     attempts.append(1)
     assert len(attempts) > 1
     measure("lamp.current", 2.0, "mA", limit=Limit(max=3))
-""")
+""",
+    )
     assert (code, outcomes(record)) == (0, ["rerun", "passed"])
     assert values(record) == {"lamp.current": (2.0, "pass", "")}
     assert record["other_attempts"] == []
 
 
 def test_a_lost_bench_is_not_made_good_by_a_skip(pytester: pytest.Pytester) -> None:
-    code, record = run(pytester, """
+    code, record = run(
+        pytester,
+        """
 @pytest.mark.hil
 def test_lost():
     raise LinkLostError("/dev/ttyACM0", "unplugged")
@@ -88,6 +100,7 @@ def test_lost():
 @pytest.mark.hil
 def test_after():
     pass
-""")
+""",
+    )
     assert code == 20
     assert outcomes(record) == ["rerun", "rerun", "connection lost", "skipped"]

@@ -37,7 +37,9 @@ def trace_of(pytester: pytest.Pytester, test: str) -> tuple[Path, list[str]]:
 
 
 def test_a_failing_test_keeps_its_own_part_decoded_and_names_the_file(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(test_line=HEAD + """
+    pytester.makepyfile(
+        test_line=HEAD
+        + """
 def test_good(board):
     board.session.request(ClearPoints())
 
@@ -50,7 +52,8 @@ def test_slow(board, measure):
 
 def test_off_the_line(board):
     assert False
-""")
+"""
+    )
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(passed=1, failed=3)
     path, lines = trace_of(pytester, "test_bad")
@@ -60,7 +63,8 @@ def test_off_the_line(board):
     )
     frames = [line.split(maxsplit=3) for line in lines[2:]]
     assert [(direction, what) for _, direction, _, what in frames] == [
-        (">", "GET_CALIBRATION slot=7"), ("<", "GET_CALIBRATION NO_CALIBRATION"),
+        (">", "GET_CALIBRATION slot=7"),
+        ("<", "GET_CALIBRATION NO_CALIBRATION"),
     ]
     assert frames[0][2] == frames[1][2], "a reply has the number of its request"
     assert 0.2 < float(frames[0][0]) < float(frames[1][0]), "virtual time goes on from power-on"
@@ -69,9 +73,7 @@ def test_off_the_line(board):
     assert {entry.direction for entry in raw.entries} == {Direction.TO_BOARD, Direction.TO_HOST}
 
     shown = f"hil-out/{results_of(pytester)['test_bad']['trace']}"
-    result.stdout.fnmatch_lines([
-        "  wire trace of 2 tests: hil-out/traces", "*- wire trace -*", f"*{shown}"
-    ])
+    result.stdout.fnmatch_lines(["  wire trace of 2 tests: hil-out/traces", "*- wire trace -*", f"*{shown}"])
     for report in ("report.html", "report.md"):
         assert path.stem in (path.parents[1] / report).read_text(encoding="utf-8").replace("\\", "")
 
@@ -83,7 +85,9 @@ def test_off_the_line(board):
 
 
 def test_a_session_fixture_that_fails_gives_its_part_to_every_test_it_fails(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(test_line=HEAD + """
+    pytester.makepyfile(
+        test_line=HEAD
+        + """
 @pytest.fixture(scope="session")
 def calibrated(board):
     return board.session.request(Calibrate(100, "direct"))
@@ -99,23 +103,28 @@ def test_between(board):
 
 def test_two(calibrated):
     pass
-""")
+"""
+    )
     pytester.runpytest_inprocess().assert_outcomes(passed=2, errors=2)
     results = results_of(pytester)
     assert results["test_one"]["trace"] == results["test_two"]["trace"] != ""
     _, lines = trace_of(pytester, "test_two")
     assert [line.split(maxsplit=3)[3] for line in lines[2:]] == [
-        "CALIBRATE n=100 calibrator=direct iterations=0", "CALIBRATE TOO_FEW_POINTS",
+        "CALIBRATE n=100 calibrator=direct iterations=0",
+        "CALIBRATE TOO_FEW_POINTS",
     ]
 
 
 def test_damaged_bytes_are_in_the_trace_and_traces_go_with_the_next_run(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(test_line=HEAD + """
+    pytester.makepyfile(
+        test_line=HEAD
+        + """
 def test_noise(board):
     board.session.send_raw(b"\\x7enoise\\x7e")
     board.session.request(ClearPoints())
     assert not board
-""")
+"""
+    )
     pytester.runpytest_inprocess().assert_outcomes(failed=1)
     path, lines = trace_of(pytester, "test_noise")
     assert "damaged: 5 bytes between delimiters" in lines[2]

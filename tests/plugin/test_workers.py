@@ -68,10 +68,12 @@ def test_tests_of_one_board_in_several_workers_are_refused(pytester: pytest.Pyte
     pytester.makepyfile(test_board=BOARD, test_more=MORE)
     result = pytester.runpytest_inprocess("-n2", "--dist=loadfile")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines([
-        "ERROR: 2 workers, and test_board.py::test_slots uses hiltest: * must run in one worker. "
-        "Leave out --dist loadfile, or -n"
-    ])
+    result.stderr.fnmatch_lines(
+        [
+            "ERROR: 2 workers, and test_board.py::test_slots uses hiltest: * must run in one worker. "
+            "Leave out --dist loadfile, or -n"
+        ]
+    )
     assert not (pytester.path / "hil-out" / "run.json").exists()
 
 
@@ -124,9 +126,7 @@ def test_a_lost_bench_keeps_its_exit_code(pytester: pytest.Pytester) -> None:
 
 
 @pytest.mark.parametrize("options", [ALONE, GROUPED], ids=" ".join)
-def test_a_worker_that_dies_is_a_failed_test_in_the_record(
-    pytester: pytest.Pytester, options: tuple[str, ...]
-) -> None:
+def test_a_worker_that_dies_is_a_failed_test_in_the_record(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
     pytester.makepyfile("""
         import os
 

@@ -49,8 +49,12 @@ def test_each_calibrator_does_less_of_what_it_can_do_less_of(virtual_board: Boar
     names = (*CALIBRATORS, "li", "gauss-newton")
     kinds = {name: effort_curve(virtual_board, name, points=POINTS)[0].kind for name in names}
     assert kinds == {
-        "direct": EffortKind.POINTS, "corrected": EffortKind.POINTS, "iterative": EffortKind.SWEEPS,
-        "li": EffortKind.POINTS, "direct-stream": EffortKind.POINTS_SO_FAR, "gauss-newton": EffortKind.SWEEPS,
+        "direct": EffortKind.POINTS,
+        "corrected": EffortKind.POINTS,
+        "iterative": EffortKind.SWEEPS,
+        "li": EffortKind.POINTS,
+        "direct-stream": EffortKind.POINTS_SO_FAR,
+        "gauss-newton": EffortKind.SWEEPS,
     }
 
 

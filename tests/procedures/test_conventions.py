@@ -28,7 +28,7 @@ TILTS = [(0.0, 0.0), (20.0, 0.0), (0.0, 20.0)]
         (lambda true: 45.0, ""),
         (lambda true: random.Random(true).uniform(0.0, 360.0), ""),
     ],
-)  # fmt: skip
+)
 def test_headings_that_grow_the_other_way_are_named(answer: Callable[[float], float], words: str) -> None:
     answered = [wrap_360(answer(each)) for each in REFERENCE]
     found = other_way(answered, REFERENCE, FRAMES["ned"])

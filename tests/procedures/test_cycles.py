@@ -37,9 +37,12 @@ def test_a_line_needs_two_places(x: list[int], y: list[int]) -> None:
 def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Board) -> None:
     told: list[tuple[int, int]] = []
     costs = measure_cycles(
-        virtual_board, ["direct", "corrected", "iterative"], point_sets=3, sizes=(20, 100, 300),
+        virtual_board,
+        ["direct", "corrected", "iterative"],
+        point_sets=3,
+        sizes=(20, 100, 300),
         progress=lambda _, done, of: told.append((done, of)),
-    )  # fmt: skip
+    )
     direct, corrected, iterative = costs["direct"], costs["corrected"], costs["iterative"]
     assert direct.total < corrected.total < iterative.total
     assert direct.cycles[1] == direct.total

@@ -26,8 +26,11 @@ PER_A = (0.6, -0.4, 0.3)
 
 def with_disturbances(rig: Rig, **tables: CurrentTable | PassingTable) -> Rig:
     assert rig.world is not None
-    exact = {"accelerometer_offset_mg": (0.0,) * 3, "accelerometer_gain_error_percent": (0.0,) * 3,
-             "accelerometer_cross_axis_percent": ((0.0,) * 3,) * 3}
+    exact = {
+        "accelerometer_offset_mg": (0.0,) * 3,
+        "accelerometer_gain_error_percent": (0.0,) * 3,
+        "accelerometer_cross_axis_percent": ((0.0,) * 3,) * 3,
+    }
     return replace(rig, world=replace(rig.world, **exact, **tables))
 
 

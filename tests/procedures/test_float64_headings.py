@@ -33,9 +33,7 @@ def runs(virtual_board: Board, tumble: Tumble) -> dict[str, CalibratorRun]:
 
 
 @pytest.fixture
-def known(
-    virtual_board: Board, simulated_turntable: Turntable, runs: dict[str, CalibratorRun]
-) -> KnownAngles:
+def known(virtual_board: Board, simulated_turntable: Turntable, runs: dict[str, CalibratorRun]) -> KnownAngles:
     slots = {name: run.slot for name, run in runs.items()}
     return measure_known_angles(virtual_board, simulated_turntable, poses=POSES, slots=slots, mounting_yaw_deg=1.7)
 

@@ -57,7 +57,8 @@ def calibrated(virtual_board: Board) -> Iterator[Board]:
 def moved(board: Board, rig: Rig, *, bias_s: float = 2.0) -> FusionResult:
     assert isinstance(board.stage, VirtualBench)
     noise = filter_noise(
-        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut, field_ut=rig.field.strength_ut,
+        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
+        field_ut=rig.field.strength_ut,
         dip_deg=rig.field.dip_deg,
     )
     return measure_fusion(board, QuickTurntable(board.stage), slot=SLOT, noise=noise, bias_s=bias_s)

@@ -64,8 +64,13 @@ class Runs:
             by_hand.tumble(self.board, self._collect)
             if reaches_poses:
                 found = measure_known_angles(
-                    self.board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses=POSES,
-                    slots={"uncalibrated": 0}, mounting_yaw_deg=0.0, readings=4, journal=by_hand,
+                    self.board,
+                    OperatorTurntable(prompt=hand, uncertainty_deg=1.0),
+                    poses=POSES,
+                    slots={"uncalibrated": 0},
+                    mounting_yaw_deg=0.0,
+                    readings=4,
+                    journal=by_hand,
                 )
         except KeyboardInterrupt:
             pass
@@ -188,9 +193,7 @@ def break_shape(entry: dict[str, object]) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("damage", [break_answer, break_shape])
-def test_a_damaged_journal_begins_anew(
-    runs: Runs, damage: Callable[[dict[str, object]], dict[str, object]]
-) -> None:
+def test_a_damaged_journal_begins_anew(runs: Runs, damage: Callable[[dict[str, object]], dict[str, object]]) -> None:
     runs("", "q")
     path = runs.folder / JOURNAL_FILE
     entries = [damage(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]

@@ -48,9 +48,10 @@ class Bench:
         self.paced.start()
         served = load_rig(shipped() / "rigs" / "served-k64f.toml")
         self.rig: Rig = replace(
-            served, board=replace(served.board, port=self.board_line.path),
+            served,
+            board=replace(served.board, port=self.board_line.path),
             turntable=replace(served.turntable, port=self.table_line.path),
-        )  # fmt: skip
+        )
 
     @property
     def pose(self) -> Pose:
@@ -181,8 +182,12 @@ def test_a_table_that_is_locked_is_sent_home_first(bench: Bench) -> None:
 
 def test_a_rig_that_the_table_contradicts_is_refused(bench: Bench) -> None:
     wrong = replace(bench.rig, board=replace(bench.rig.board, cycle_model="cortex-m4-trm/0"))
-    with open_board(wrong), pytest.raises(
-        TurntableError, match=rf'is cortex-m4-trm/0, the turntable that it is {MODEL}\. Write cycle_model = "{MODEL}"'
+    with (
+        open_board(wrong),
+        pytest.raises(
+            TurntableError,
+            match=rf'is cortex-m4-trm/0, the turntable that it is {MODEL}\. Write cycle_model = "{MODEL}"',
+        ),
     ):
         open_grbl_turntable(wrong)
     undeclared = replace(bench.rig, board=replace(bench.rig.board, cycle_model=None))

@@ -63,7 +63,11 @@ def test_no_step_loses_a_pose_and_the_open_ones_end_every_walk(of: int, steps: l
 
 def test_a_wish_is_a_word_or_its_first_letter() -> None:
     assert [wish_of(each) for each in ("r", "SKIP", " b ", "q", "quit")] == [
-        Wish.REDO, Wish.SKIP, Wish.BACK, Wish.STOP, Wish.STOP,
+        Wish.REDO,
+        Wish.SKIP,
+        Wish.BACK,
+        Wish.STOP,
+        Wish.STOP,
     ]
     assert [wish_of(each) for each in ("", "87.5", "rest", "-")] == [None] * 4
 
@@ -96,8 +100,12 @@ def by_hand(virtual_board: Board) -> Callable[..., tuple[KnownAngles, Hand]]:
     def measure(*answers: str) -> tuple[KnownAngles, Hand]:
         hand = Hand(virtual_board, *answers)
         found = measure_known_angles(
-            virtual_board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses=POSES, slots={"uncalibrated": 0},
-            mounting_yaw_deg=0.0, readings=4,
+            virtual_board,
+            OperatorTurntable(prompt=hand, uncertainty_deg=1.0),
+            poses=POSES,
+            slots={"uncalibrated": 0},
+            mounting_yaw_deg=0.0,
+            readings=4,
         )
         return found, hand
 
@@ -106,7 +114,7 @@ def by_hand(virtual_board: Board) -> Callable[..., tuple[KnownAngles, Hand]]:
 
 
 def test_what_the_board_says_whether_it_moves_and_what_is_left_stand_beside_a_question(
-    by_hand: Callable[..., tuple[KnownAngles, Hand]]
+    by_hand: Callable[..., tuple[KnownAngles, Hand]],
 ) -> None:
     found, hand = by_hand()
     assert hand.poses == [1, 2, 3]
@@ -133,7 +141,7 @@ def test_a_pose_is_taken_again_skipped_and_gone_back_to(by_hand: Callable[..., t
 
 
 def test_an_operator_who_skips_everything_or_is_not_there_ends_it_with_the_reason(
-    by_hand: Callable[..., tuple[KnownAngles, Hand]]
+    by_hand: Callable[..., tuple[KnownAngles, Hand]],
 ) -> None:
     with pytest.raises(TurntableError, match="every known angle was skipped"):
         by_hand("s", "s", "s")
@@ -157,8 +165,12 @@ def test_a_board_that_still_turns_is_not_taken_until_it_stands(virtual_board: Bo
         return ""
 
     found = measure_known_angles(
-        virtual_board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses=POSES[:1], slots={"uncalibrated": 0},
-        mounting_yaw_deg=0.0, readings=8,
+        virtual_board,
+        OperatorTurntable(prompt=hand, uncertainty_deg=1.0),
+        poses=POSES[:1],
+        slots={"uncalibrated": 0},
+        mounting_yaw_deg=0.0,
+        readings=8,
     )
     assert len(asked) == 2  # the pose, and the end
     after = session.request(Average(8, 1)).headings[0].attitude
@@ -184,8 +196,12 @@ def test_a_board_that_never_stands_still_is_asked_for_again(
         return ""
 
     measure_known_angles(
-        virtual_board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses=POSES[:1], slots={"uncalibrated": 0},
-        mounting_yaw_deg=0.0, readings=8,
+        virtual_board,
+        OperatorTurntable(prompt=hand, uncertainty_deg=1.0),
+        poses=POSES[:1],
+        slots={"uncalibrated": 0},
+        mounting_yaw_deg=0.0,
+        readings=8,
     )
     assert re.match(r"the board does not stand still: the field changed by \d+\.\d uT\.\npose 1: ", asked[1])
 

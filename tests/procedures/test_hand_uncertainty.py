@@ -49,7 +49,10 @@ def up_to(most_deg: float) -> Error:
 @pytest.fixture(scope="module")
 def hands_rig(bench_rig: Rig) -> Rig:
     return replace(
-        bench_rig, board=BoardPlace("real"), world=None, mounting=Mounting(YAW_DEG, 0.0),
+        bench_rig,
+        board=BoardPlace("real"),
+        world=None,
+        mounting=Mounting(YAW_DEG, 0.0),
         turntable=TurntableSettings("operator", PROTRACTOR_DEG),
     )
 
@@ -80,7 +83,11 @@ def measured_by(board: Board, rig: Rig, error_deg: Error) -> KnownAngles:
 
     table: Turntable = OperatorTurntable(prompt=hand, uncertainty_deg=rig.turntable.uncertainty_deg)
     return measure_known_angles(
-        board, table, poses=rig.procedure.known_angle_poses("level")[::3], slots=SLOTS, mounting_yaw_deg=YAW_DEG,
+        board,
+        table,
+        poses=rig.procedure.known_angle_poses("level")[::3],
+        slots=SLOTS,
+        mounting_yaw_deg=YAW_DEG,
         readings=32,  # their noise makes 0.18 degrees: what is left is the board's own error and the operator's
     )
 

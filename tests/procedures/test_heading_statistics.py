@@ -67,9 +67,7 @@ def test_tilt_sensitivity_is_the_extra_error_of_tilted_poses() -> None:
 
 
 @given(errors=SMALL_ERRORS, offset=st.floats(-150.0, 150.0))
-def test_an_offset_moves_the_bias_by_itself_and_leaves_the_centred_maximum(
-    errors: list[float], offset: float
-) -> None:
+def test_an_offset_moves_the_bias_by_itself_and_leaves_the_centred_maximum(errors: list[float], offset: float) -> None:
     before = summarise(errors, HEADINGS)
     after = summarise([error + offset for error in errors], HEADINGS)
     assert before.bias_deg is not None

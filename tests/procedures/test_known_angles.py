@@ -59,9 +59,7 @@ def test_a_tumble_gives_fresh_points_from_all_sides(tumble: Tumble) -> None:
     assert 1.4 < tumble.duration_s < 3.0
 
 
-def test_every_calibrator_sees_the_same_points_and_is_held_against_the_truth(
-    runs: dict[str, CalibratorRun]
-) -> None:
+def test_every_calibrator_sees_the_same_points_and_is_held_against_the_truth(runs: dict[str, CalibratorRun]) -> None:
     for slot, (name, run) in enumerate(runs.items(), start=1):
         assert (run.name, run.slot, run.n, run.usable, run.is_sphere) == (name, slot, 100, True, False)
         # The residual is noise alone: its rms scatters by 1/sqrt(2*91) = 7 %; 30 % are four sigma.
@@ -147,7 +145,10 @@ def test_a_rotated_soft_iron_leaves_a_good_residual_and_a_bad_heading(bench_rig:
         table = open_turntable(board, uncertainty_deg=0.1)
         run = run_calibrators(board, collect_tumble(board, table, points=100), calibrators=["direct"])["direct"]
         found = measure_known_angles(
-            board, table, poses=rotated.procedure.known_angle_poses("level"), slots={"direct": run.slot},
+            board,
+            table,
+            poses=rotated.procedure.known_angle_poses("level"),
+            slots={"direct": run.slot},
             mounting_yaw_deg=bench_rig.mounting.yaw_deg,
         )
     assert run.residual_percent < 1.5 * run.residual_predicted_percent
@@ -187,7 +188,10 @@ def test_headings_on_both_sides_of_north_err_by_little(
     yaw_deg = bench_rig.mounting.yaw_deg
     around_north = [Pose(360.0 - yaw_deg + offset) for offset in (-1.5, -0.7, 0.0, 0.7, 1.5)]
     found = measure_known_angles(
-        virtual_board, simulated_turntable, poses=around_north, slots={"direct": runs["direct"].slot},
+        virtual_board,
+        simulated_turntable,
+        poses=around_north,
+        slots={"direct": runs["direct"].slot},
         mounting_yaw_deg=yaw_deg,
     )
     assert np.allclose(found.reference_deg, [358.5, 359.3, 0.0, 0.7, 1.5])

@@ -38,11 +38,14 @@ def test_a_single_reading_has_no_noise_to_excuse_it() -> None:
 @pytest.mark.parametrize(
     ("said", "kept"),
     [
-        ([10.0, 10.5, 200.0, 10.2, 10.1], [10.0, 10.5, 10.2, 10.1]), ([359.0, 1.0, 180.0], [359.0, 1.0]),
-        ([10.0, 60.0, 110.0], []), ([10.0], []), ([], []),
+        ([10.0, 10.5, 200.0, 10.2, 10.1], [10.0, 10.5, 10.2, 10.1]),
+        ([359.0, 1.0, 180.0], [359.0, 1.0]),
+        ([10.0, 60.0, 110.0], []),
+        ([10.0], []),
+        ([], []),
         ([10.0, 200.0, 10.0], []),  # which of them is right nothing says
     ],
-)  # fmt: skip
+)
 def test_a_heading_counts_where_a_neighbour_confirms_it(said: list[float], kept: list[float]) -> None:
     assert confirmed(said, [False] * len(said)) == kept
 

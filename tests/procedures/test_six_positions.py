@@ -54,7 +54,9 @@ def untrimmed(rig: Rig, **world: object) -> Iterator[Board]:
     """A board whose part is 20 mg and 2.5 % wrong on every axis."""
     assert rig.world is not None
     wrong = replace(
-        rig.world, accelerometer_offset_mg=(20.0, -20.0, 20.0), accelerometer_gain_error_percent=(2.5, -2.5, 2.5),
+        rig.world,
+        accelerometer_offset_mg=(20.0, -20.0, 20.0),
+        accelerometer_gain_error_percent=(2.5, -2.5, 2.5),
         **world,  # type: ignore[arg-type]
     )
     with open_board(replace(rig, world=wrong)) as board:
@@ -233,9 +235,9 @@ def test_slots_get_the_calibration_and_an_untrimmed_copy_does_not(virtual_board:
     runs: dict[str, CalibratorRun] = run_calibrators(virtual_board, tumble, calibrators=["direct"])
     fit = replace(NOMINAL, offset=np.array([100.0, -50.0, 25.0]))
     store_accelerometer(virtual_board, fit, [0, 1, 9])
-    assert [
-        virtual_board.session.request(GetAccelerometer(slot)).offset.tolist() for slot in (0, 1, 9)
-    ] == [[100.0, -50.0, 25.0]] * 3
+    assert [virtual_board.session.request(GetAccelerometer(slot)).offset.tolist() for slot in (0, 1, 9)] == [
+        [100.0, -50.0, 25.0]
+    ] * 3
     virtual_board.session.request(SetCalibration(9, np.eye(3), np.zeros(3)))
     assert store_untrimmed(virtual_board, runs, first_slot=9) == {"direct-untrimmed": 9}
     table_of(virtual_board).rest()

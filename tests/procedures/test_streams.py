@@ -98,9 +98,7 @@ def test_steps_that_were_not_the_last_that_were_timed_have_no_band(virtual_board
         assert (steps.band() is not None) is known
 
 
-def test_points_are_taken_back_exactly_where_that_can_be(
-    virtual_board: Board, runs: dict[str, StreamRun]
-) -> None:
+def test_points_are_taken_back_exactly_where_that_can_be(virtual_board: Board, runs: dict[str, StreamRun]) -> None:
     direct = runs["direct-stream"]
     assert direct.cycles is not None
     assert direct.remove_cycles is not None

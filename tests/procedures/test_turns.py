@@ -236,9 +236,11 @@ def test_lost_samples_make_a_turn_invalid(board: Board, table: Turntable, monkey
 
 def _turn_in_spite_of_rests(board: Board, table: Turntable, monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the turn is to be judged here: a rest that lost samples is refused by itself."""
-    monkeypatch.setattr(turns, "rest_gyroscope", lambda board, seconds, store=False: board.session.request(
-        GyroscopeRest(int(200 * seconds), store)
-    ))
+    monkeypatch.setattr(
+        turns,
+        "rest_gyroscope",
+        lambda board, seconds, store=False: board.session.request(GyroscopeRest(int(200 * seconds), store)),
+    )
     turns_about(board, table, Axis.Z)
 
 

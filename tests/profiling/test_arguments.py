@@ -14,8 +14,17 @@ from hiltest.virtual.calls.buffers import Address, Structure
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("42", 42), ("-7", -7), ("0x2a", 42), ("4294967295", 0xFFFFFFFF), ("-2147483648", -(1 << 31)), ("007", 7),
-     ("2.5", 2.5), ("1e-3", 1e-3), ("-inf", float("-inf"))],
+    [
+        ("42", 42),
+        ("-7", -7),
+        ("0x2a", 42),
+        ("4294967295", 0xFFFFFFFF),
+        ("-2147483648", -(1 << 31)),
+        ("007", 7),
+        ("2.5", 2.5),
+        ("1e-3", 1e-3),
+        ("-inf", float("-inf")),
+    ],
 )
 def test_numbers(text: str, value: float) -> None:
     parsed = parse_argument(text)

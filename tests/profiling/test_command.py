@@ -62,8 +62,12 @@ def test_json_is_of_the_shipped_schema_and_its_shares_add_up(capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("written", "hz", "shown"),
     [
-        ("48MHz", 48_000_000, "48 MHz"), ("48_000_000", 48_000_000, "48 MHz"), ("20.97 mhz", 20_970_000, "20.97 MHz"),
-        ("32.768kHz", 32_768, "0.032768 MHz"), ("1GHz", 1_000_000_000, "1000 MHz"), ("6e7", 60_000_000, "60 MHz"),
+        ("48MHz", 48_000_000, "48 MHz"),
+        ("48_000_000", 48_000_000, "48 MHz"),
+        ("20.97 mhz", 20_970_000, "20.97 MHz"),
+        ("32.768kHz", 32_768, "0.032768 MHz"),
+        ("1GHz", 1_000_000_000, "1000 MHz"),
+        ("6e7", 60_000_000, "60 MHz"),
     ],
 )
 def test_microseconds_are_of_the_clock_that_was_named(
@@ -98,9 +102,7 @@ def test_what_a_function_left_in_a_buffer_is_shown_and_nothing_else(capsys: pyte
     assert "holds" not in profile(capsys, "shipped", "memset", "int16:0", "0", "2")[1]
 
 
-def test_folded_stacks_and_the_flame_graph_hold_every_cycle(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_folded_stacks_and_the_flame_graph_hold_every_cycle(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     folded, graph = tmp_path / "stacks.folded", tmp_path / "flame.svg"
     points = "ptr:int16:" + ",".join(str(100 * ((k * k) % 7 - 3) + k) for k in range(60))
     arguments = ("shipped", "magnetometer_direct", f"{points}+uint16:20+int16:-300,-300,-300,360,360,360", "zeros:64")
@@ -110,8 +112,11 @@ def test_folded_stacks_and_the_flame_graph_hold_every_cycle(
     assert "magnetometer_direct;moments_sum" in stacks
     titles = [each.text or "" for each in ET.parse(graph).iter("{http://www.w3.org/2000/svg}title")]
     assert f"magnetometer_direct: {found.cycles} cycles, 100.0 %" in titles
-    boxes = {float(each.attrib["width"]) for each in ET.parse(graph).iter("{http://www.w3.org/2000/svg}rect")
-             if each.attrib["width"] != "100%"}
+    boxes = {
+        float(each.attrib["width"])
+        for each in ET.parse(graph).iter("{http://www.w3.org/2000/svg}rect")
+        if each.attrib["width"] != "100%"
+    }
     assert max(boxes) == 1000.0
 
 
@@ -137,8 +142,11 @@ def test_folded_stacks_and_the_flame_graph_hold_every_cycle(
     ],
 )
 def test_a_wrong_command_line_is_a_usage_error(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    arguments: tuple[str, ...], complaint: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+    complaint: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     code, out, err = profile(capsys, *arguments)

@@ -39,8 +39,10 @@ def begin(tmp_path: Path, board: BoardRecord) -> Iterator[Begin]:
         recorder.begin(calibration)
         recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32, "not declared"), seed=None)
         recorder.board(board, seed=7)
-        recorder.add([check("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
-                       [Table("t", (Column("n"),), ((1,), (2,)))])
+        recorder.add(
+            [check("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
+            [Table("t", (Column("n"),), ((1,), (2,)))],
+        )
         recorder.finish_test(TestResult("a", TestOutcome.PASSED, 1.0))
         return recorder
 
@@ -115,8 +117,15 @@ def test_what_is_out_of_its_limit_is_named_even_when_the_run_is_cut_short(begin:
     )
 
 
-@pytest.mark.parametrize("torn", ['{"kind": "te', '{"kind": "test", "test": null, "utc": "", "measurements": [], "ta',
-                                  '{"kind": "test", "reason": "\xc3', "x"])
+@pytest.mark.parametrize(
+    "torn",
+    [
+        '{"kind": "te',
+        '{"kind": "test", "test": null, "utc": "", "measurements": [], "ta',
+        '{"kind": "test", "reason": "\xc3',
+        "x",
+    ],
+)
 def test_a_half_written_last_line_is_left_out(cut_short: Path, torn: str) -> None:
     whole = read_record(cut_short).run
     with cut_short.open("ab") as file:

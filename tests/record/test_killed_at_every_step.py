@@ -63,7 +63,9 @@ def test_every_finished_test_is_read_and_nothing_else(died: list[Path]) -> None:
         outcomes.append(run.verdict.outcome)
     # Every stage was met, in this order, and none again after the next.
     assert [name for name, after in zip(outcomes, [*outcomes[1:], ""], strict=True) if name != after] == [
-        "before", "cut short", "pass",
+        "before",
+        "cut short",
+        "pass",
     ]
     assert outcomes.count("cut short") > 10
 

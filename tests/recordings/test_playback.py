@@ -77,7 +77,8 @@ def test_packets_are_played_in_their_units_without_what_their_algorithm_left_out
 
 
 def test_a_stream_by_nxps_encoder_has_every_integer_that_went_into_it(
-    shared_data: Callable[[str], Path], tmp_path: Path  # noqa: F811
+    shared_data: Callable[[str], Path],  # noqa: F811 (the fixture)
+    tmp_path: Path,
 ) -> None:
     (tmp_path / "field.csv").write_bytes(shared_data("nxp_packets/imu.bin").read_bytes())
     tracks = played(tmp_path).tracks
@@ -93,15 +94,17 @@ def test_a_stream_by_nxps_encoder_has_every_integer_that_went_into_it(
         (lambda folder: stream(folder, *(packet(n, flags=ANDROID) for n in range(2))), "not in the frame NED; say"),
         (lambda folder: stream(folder, packet(4), packet(2)), "clock goes back in it, or stands; cut the reco"),
         (lambda folder: (folder / "field.csv").write_bytes(bytes(100)), "neither a text table nor packets"),
-        (lambda folder: table(folder, HEADER, "0,20,1,40,0,0,9.8", "1,20,1,40,0,0,9.8"),
-         "its accelerometer reads 9.8 g in the median, and 0.3 to 3 is what one can: say the right unit with wo"),
+        (
+            lambda folder: table(folder, HEADER, "0,20,1,40,0,0,9.8", "1,20,1,40,0,0,9.8"),
+            "its accelerometer reads 9.8 g in the median, and 0.3 to 3 is what one can: say the right unit with wo",
+        ),
         (lambda folder: table(folder, HEADER, "0,20000,1,40000,0,0,1"), "its magnetometer reads 4.472e+04 uT"),
         (lambda folder: (folder / "field.csv").mkdir(), "a folder; give a recording"),
         (lambda folder: os.mkfifo(folder / "field.csv"), "not a regular file; give a recording"),
         (lambda folder: (folder / "field.csv").symlink_to("/dev/zero"), "not a regular file; give a recording"),
         (lambda folder: None, "No such file"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_recording_is_refused_with_the_rigs_line(
     tmp_path: Path, make: Callable[[Path], object], complaint: str
 ) -> None:

@@ -47,7 +47,7 @@ def read_numbers(folder: Path, content: str) -> None:
         ("Device,Nano\nRate,100\nmx,my,mz\n", ("mx", "my", "mz")),
         ("Sensor,LIS3MDL,I2C\nmx,my,mz\n", ("mx", "my", "mz")),
         ("Device,Nano,33,IoT\nRate,100,Hz,\na,b,c\n", ("a", "b", "c")),
-        ("[Data]\nDon't \"move it\n\"x\",\"y\",\"z\"\n", ("x", "y", "z")),
+        ('[Data]\nDon\'t "move it\n"x","y","z"\n', ("x", "y", "z")),
         (",,,\nx,y,z\n", ("x", "y", "z")),
         ('{"rate": 100}\nx,y,z\n', ("x", "y", "z")),
         ("calibrating, turn slowly\nOffsets: 12 34 56\n# x,y,z\n", ("x", "y", "z")),
@@ -93,9 +93,7 @@ def test_what_may_be_a_header_or_a_reading_is_not_taken_for_text(tmp_path: Path,
         ("boot\n0,1,2\n" + BODY, None, "Line 2, '0,1,2', was taken as pandas' numbers"),
     ],
 )
-def test_pandas_numbers_of_columns_are_no_reading(
-    tmp_path: Path, content: str, index: int | None, said: str
-) -> None:
+def test_pandas_numbers_of_columns_are_no_reading(tmp_path: Path, content: str, index: int | None, said: str) -> None:
     table, rows = read(tmp_path, content)
     assert (table.headers, table.index) == ((), index)
     assert [row[-3:] for row in rows] == list(ROWS)
@@ -122,9 +120,16 @@ RAW = "Raw:-8192,4096,8192,16,-8,0,480,-125,3"
 def test_raw_lines_of_motion_cal_are_read_in_units_and_other_lines_are_skipped_and_counted(tmp_path: Path) -> None:
     table, rows = read(tmp_path, f"Boot\n{RAW}\nUni:-9.8,4.9,9.8,1,-.5,0,48,-12.5,.3\n{RAW}\r\nRa\n")
     assert dict(zip(table.headers, map(float, rows[0]), strict=True)) == {
-        "ax_g": -1.0, "ay_g": 0.5, "az_g": 1.0, "gx_dps": 1.0, "gy_dps": -0.5, "gz_dps": 0.0,
-        "mx_uT": 48.0, "my_uT": -12.5, "mz_uT": 0.3,
-    }  # fmt: skip
+        "ax_g": -1.0,
+        "ay_g": 0.5,
+        "az_g": 1.0,
+        "gx_dps": 1.0,
+        "gy_dps": -0.5,
+        "gz_dps": 0.0,
+        "mx_uT": 48.0,
+        "my_uT": -12.5,
+        "mz_uT": 0.3,
+    }
     assert rows == rows[:1] * 2
     assert "8192 counts for 1 g" in table.notes[0]
     assert table.notes[1] == "3 lines that do not begin with Raw: were skipped."
@@ -136,8 +141,12 @@ def test_a_raw_line_that_is_wrong_is_refused_with_its_line(tmp_path: Path) -> No
 
 
 def test_times_of_serial_monitors_are_taken_off_and_kept(tmp_path: Path) -> None:
-    lines = ["23:59:58.500 -> boot", "23:59:58.501 -> ", "23:59:58.502 -> x,y,z", *(
-        f"23:59:59.{n}00 -> {line}" for n, line in enumerate(LINES))]  # fmt: skip
+    lines = [
+        "23:59:58.500 -> boot",
+        "23:59:58.501 -> ",
+        "23:59:58.502 -> x,y,z",
+        *(f"23:59:59.{n}00 -> {line}" for n, line in enumerate(LINES)),
+    ]
     table = opened(tmp_path, "\r\n".join(lines))
     rows = list(table.rows())
     assert (table.headers, [row.cells for row in rows]) == (("x", "y", "z"), list(ROWS))
@@ -218,9 +227,7 @@ def test_utf_16_with_its_mark_is_read(tmp_path: Path, encoding: str) -> None:
     assert [row.cells for row in open_table(path).rows()] == list(ROWS)
 
 
-@pytest.mark.parametrize(
-    ("header", "separators"), [("x,y,z,\n", ","), ("x,y,z\n", ","), ("x,y,z,\n", ""), ("", ",")]
-)
+@pytest.mark.parametrize(("header", "separators"), [("x,y,z,\n", ","), ("x,y,z\n", ","), ("x,y,z,\n", ""), ("", ",")])
 def test_a_separator_at_the_end_makes_no_column(tmp_path: Path, header: str, separators: str) -> None:
     table, rows = read(tmp_path, header + "".join(f"{line}{separators}\n" for line in LINES))
     assert [row[:3] for row in rows] == list(ROWS)
@@ -249,7 +256,7 @@ def test_a_last_line_that_is_whole_is_read_without_its_end(tmp_path: Path) -> No
         st.text(st.sampled_from('0123456789.-+eE,;\t" #%/naifxRaw:>{}[]\r\ufffd'), max_size=30), min_size=1, max_size=8
     ),
     st.sampled_from(["\n", "\r\n", "\n12:00:00.1 -> ", "\nRaw:", '\n{"a": ']),
-)  # fmt: skip
+)
 def test_every_row_of_any_text_has_a_cell_for_each_column(
     tmp_path_factory: pytest.TempPathFactory, lines: list[str], between: str
 ) -> None:
@@ -271,8 +278,11 @@ def test_most_rows_of_a_plain_table_come_many_at_once(tmp_path: Path, how: str, 
         lines[row] = "# a remark\n"
     path = tmp_path / f"log.txt{'.gz' * packed}"
     path.write_bytes(gzip.compress("".join(lines).encode()) if packed else "".join(lines).encode())
-    at_once = [(rows.line, rows.numbers) for rows in open_table(path).rows_of_numbers([2, 0], [1e9, 1e9])
-               if isinstance(rows, TableRows)]
+    at_once = [
+        (rows.line, rows.numbers)
+        for rows in open_table(path).rows_of_numbers([2, 0], [1e9, 1e9])
+        if isinstance(rows, TableRows)
+    ]
     assert sum(len(numbers) for _, numbers in at_once) > 0.95 * len(lines)
     for line, numbers in at_once:
         assert numbers.tolist() == [[1e-3, row] for row in range(line - 1, line - 1 + len(numbers))]

@@ -31,11 +31,15 @@ def given(**keys: Any) -> PlaybackFile:
     ("header", "factors"),
     [
         ("t_s,mx_uT,my_uT,mz_uT,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps", (1.0, 1.0, 1.0)),
-        ("time_ms,mag_x_nT,mag_y_nT,mag_z_nT,acc_x_mg,acc_y_mg,acc_z_mg,gyro_x_mdps,gyro_y_mdps,gyro_z_mdps",
-         (1e-3, 1e-3, 1e-3)),
-        ("timestamp [us],Magnetometer X (gauss),Magnetometer Y (gauss),Magnetometer Z (gauss),Accel X (m/s^2),"
-         "Accel Y (m/s^2),Accel Z (m/s^2),Gyro X (rad/s),Gyro Y (rad/s),Gyro Z (rad/s)",
-         (100.0, 1 / 9.80665, math.degrees(1.0))),
+        (
+            "time_ms,mag_x_nT,mag_y_nT,mag_z_nT,acc_x_mg,acc_y_mg,acc_z_mg,gyro_x_mdps,gyro_y_mdps,gyro_z_mdps",
+            (1e-3, 1e-3, 1e-3),
+        ),
+        (
+            "timestamp [us],Magnetometer X (gauss),Magnetometer Y (gauss),Magnetometer Z (gauss),Accel X (m/s^2),"
+            "Accel Y (m/s^2),Accel Z (m/s^2),Gyro X (rad/s),Gyro Y (rad/s),Gyro Z (rad/s)",
+            (100.0, 1 / 9.80665, math.degrees(1.0)),
+        ),
     ],
 )
 def test_headers_say_which_columns_are_what_and_in_what_unit(
@@ -59,8 +63,9 @@ def test_the_rig_names_columns_units_axes_and_rate_of_a_table_without_a_header(t
 
 
 def test_rows_of_single_sensors_leave_the_cells_of_others_empty(tmp_path: Path) -> None:
-    path = table(tmp_path / "field.csv", "t_s,mx_uT,my_uT,mz_uT,ax_g,ay_g,az_g", "0,1,2,3,,,", "0,,,,0,0,1",
-                 "0.5,4,5,6,,,")  # fmt: skip
+    path = table(
+        tmp_path / "field.csv", "t_s,mx_uT,my_uT,mz_uT,ax_g,ay_g,az_g", "0,1,2,3,,,", "0,,,,0,0,1", "0.5,4,5,6,,,"
+    )
     tracks = read_table(path, given()).tracks
     assert (tracks[MAGNETOMETER].times_s.tolist(), tracks[ACCELEROMETER].times_s.tolist()) == ([0.0, 0.5], [0.0])
 
@@ -84,12 +89,14 @@ HEADER = "t_s,mx_uT,my_uT,mz_uT"
         ([HEADER, "0,1,2,3", "1,1,2"], ":3: 3 cells where the table has 4 columns"),
         (["t_s,temperature", "0,1"], "no columns of a magnetometer, an accelerometer or a gyroscope among t_s, temp"),
         (["t_s,mx_uT,my_uT,ax_g,ay_g,az_g", "0,1,2,0,0,1"], "columns mx_uT, my_uT are not x, y and z of one magneto"),
-        (["t_s,mx,my,mz", "0,1,2,3"], 'do not say their unit; say it with world.playback.magnetometer.unit, a factor'),
+        (["t_s,mx,my,mz", "0,1,2,3"], "do not say their unit; say it with world.playback.magnetometer.unit, a factor"),
         (["t_s,mx_g,my_g,mz_g", "0,1,2,3"], "are in g, which is no unit of a magnetometer that is known"),
         (["mx_uT,my_uT,mz_uT", "1,2,3"], "no columns of time; name one with world.playback.time, or give world.playba"),
         (["t_s,time_ms,mx_uT,my_uT,mz_uT", "0,0,1,2,3"], "2 columns of time; name one with world.playback.time"),
-        (["t_s,mag1_x_uT,mag1_y_uT,mag1_z_uT,mag2_x_uT,mag2_y_uT,mag2_z_uT", "0,1,2,3,4,5,6"],
-         "more than one magnetometer: choose with world.playback.magnetometer.columns = ['mag1_x_uT'"),
+        (
+            ["t_s,mag1_x_uT,mag1_y_uT,mag1_z_uT,mag2_x_uT,mag2_y_uT,mag2_z_uT", "0,1,2,3,4,5,6"],
+            "more than one magnetometer: choose with world.playback.magnetometer.columns = ['mag1_x_uT'",
+        ),
         (["time_s,type,number,field_x_uT", "0,1,2,3"], "a table by hiltest decode, whose field is the firmware's cali"),
     ],
 )

@@ -9,10 +9,17 @@ from hiltest.record.comparison import Change, Comparison, Difference, Side
 
 MODEL = "cortex-m4-trm/2@sram"
 BASE = Side(
-    file="hil/baselines/virtual-k64f.json", sha256="ef" * 32, firmware="hiltest-frdm-k64f", version="0.1.0",
-    build_id="0123456789abcdef", compiler="GCC 12.2.1", cycle_model=MODEL, rig="virtual-k64f", seeds=(1,),
+    file="hil/baselines/virtual-k64f.json",
+    sha256="ef" * 32,
+    firmware="hiltest-frdm-k64f",
+    version="0.1.0",
+    build_id="0123456789abcdef",
+    compiler="GCC 12.2.1",
+    cycle_model=MODEL,
+    rig="virtual-k64f",
+    seeds=(1,),
     saved_utc="2026-01-01T00:00:00Z",
-)  # fmt: skip
+)
 NEW = replace(BASE, file="", sha256="", build_id="fedcba9876543210", saved_utc="2026-01-02T03:05:00Z")
 
 
@@ -20,9 +27,20 @@ def difference(name: str, change: Change, base: float | None, new: float | None,
     """Return a difference with its delta worked out."""
     delta = None if base is None or new is None else new - base
     made = Difference(
-        name=name, unit="deg", change=change, sense=Better.LOWER, base=base, new=new, delta=delta, interval=None,
-        seeds=1, tolerance=Tolerance(0.05, 0.02), limit=Limit(max=1.8), outcome="pass", cycle_model="",
-    )  # fmt: skip
+        name=name,
+        unit="deg",
+        change=change,
+        sense=Better.LOWER,
+        base=base,
+        new=new,
+        delta=delta,
+        interval=None,
+        seeds=1,
+        tolerance=Tolerance(0.05, 0.02),
+        limit=Limit(max=1.8),
+        outcome="pass",
+        cycle_model="",
+    )
     return replace(made, **more)  # type: ignore[arg-type]
 
 
@@ -37,5 +55,10 @@ def comparison(*differences: Difference, obstacles: tuple[str, ...] = ()) -> Com
         difference("heading.direct.worst_sector", Change.CHANGED, 200, 230, sense=Better.NEITHER),
         difference("link.errors", Change.NEW, None, 0, unit=""),
     )
-    return Comparison(BASE, NEW, tuple(sorted(made, key=lambda each: each.name)), obstacles,
-                      "1 of 6 measurements got worse: cycles.direct.total 11 061 -> 11 161 cycles.")
+    return Comparison(
+        BASE,
+        NEW,
+        tuple(sorted(made, key=lambda each: each.name)),
+        obstacles,
+        "1 of 6 measurements got worse: cycles.direct.total 11 061 -> 11 161 cycles.",
+    )

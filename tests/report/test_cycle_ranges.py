@@ -47,16 +47,16 @@ def test_the_record_keeps_it_and_gives_it_back(findings: Make, good: list[Measur
         each for each in json.loads((tmp_path / "run.json").read_text())["measurements"] if each["band"] is not None
     )
     assert written["band"] == {
-        "low": 11_900, "high": 13_050,
+        "low": 11_900,
+        "high": 13_050,
         "rows": [
-            {"row": "fp_accumulate", "low": 11_950, "high": 12_400}, {"row": "it", "low": 12_390, "high": 12_400},
+            {"row": "fp_accumulate", "low": 11_950, "high": 12_400},
+            {"row": "it", "low": 12_390, "high": 12_400},
         ],
-    }  # fmt: skip
+    }
 
 
-def test_a_record_from_before_there_were_bands_is_read(
-    findings: Make, good: list[Measurement], tmp_path: Path
-) -> None:
+def test_a_record_from_before_there_were_bands_is_read(findings: Make, good: list[Measurement], tmp_path: Path) -> None:
     content = json.loads(write_run(run_of(findings, good), tmp_path).read_text())
     for each in content["measurements"]:
         del each["band"]
@@ -149,13 +149,22 @@ EFFECT = st.tuples(st.integers(-40, 40), st.integers(-40, 40))
 def test_no_choice_of_ends_of_the_rows_makes_a_ratio_outside_and_two_make_its_ends(
     value: int, other: int, effects: list[tuple[tuple[int, int], tuple[int, int]]]
 ) -> None:
-    found = ratio_range(*(
-        counted(count, CycleRange(
-            count + sum(min(0, *each[side]) for each in effects), count + sum(max(0, *each[side]) for each in effects),
-            tuple(RowEffect(f"row{index}", *(count + by for by in each[side])) for index, each in enumerate(effects)),
-        ))
-        for side, count in enumerate((value, other))
-    ))  # fmt: skip
+    found = ratio_range(
+        *(
+            counted(
+                count,
+                CycleRange(
+                    count + sum(min(0, *each[side]) for each in effects),
+                    count + sum(max(0, *each[side]) for each in effects),
+                    tuple(
+                        RowEffect(f"row{index}", *(count + by for by in each[side]))
+                        for index, each in enumerate(effects)
+                    ),
+                ),
+            )
+            for side, count in enumerate((value, other))
+        )
+    )
     ratios = []
     for chosen in product((None, 0, 1), repeat=len(effects)):  # where it is, and at either end
         ends = [(over[at], under[at]) for (over, under), at in zip(effects, chosen, strict=True) if at is not None]

@@ -25,7 +25,13 @@ COVERAGE = check("tumble.coverage", 97.5, unit="%")
 SECTOR = check("heading.direct.worst_sector", 200, unit="deg")
 MINE = check("mine.left", 5, unit="", limit=Limit(min=3))
 ALL = one(
-    TOTAL, BIAS, COVERAGE, SECTOR, MINE, check("a.fact", 7, unit="mT"), check("no.number", None, unit="deg"),
+    TOTAL,
+    BIAS,
+    COVERAGE,
+    SECTOR,
+    MINE,
+    check("a.fact", 7, unit="mT"),
+    check("no.number", None, unit="deg"),
     check("board.wall_seconds", 8.1, unit="s", limit=Limit(max=60), volatile=True),
     check("not.finite", math.nan, unit="deg", limit=Limit(max=1)),
 )
@@ -88,16 +94,16 @@ def test_the_action_gets_one_sense_a_file() -> None:
 
 def test_over_seeds_it_is_the_mean_with_the_smallest_and_the_largest() -> None:
     values = {1: -0.1, 2: 0.4, 3: 0.1, 4: None}
-    by_seed = {
-        seed: {BIAS.name: check(BIAS.name, value, unit="deg")} for seed, value in values.items()
-    }
+    by_seed = {seed: {BIAS.name: check(BIAS.name, value, unit="deg")} for seed, value in values.items()}
     numbers = exported(by_seed)
     bmf = json.loads(bencher_json(numbers))
     check_bmf(bmf)
     # Of magnitudes: the mean of the values themselves, 0.13, would hide that two seeds are off.
-    assert bmf == {"heading.direct.bias, magnitude": {
-        "deg, smaller is better": {"value": 0.2, "lower_value": 0.1, "upper_value": 0.4},
-    }}
+    assert bmf == {
+        "heading.direct.bias, magnitude": {
+            "deg, smaller is better": {"value": 0.2, "lower_value": 0.1, "upper_value": 0.4},
+        }
+    }
     (entry,) = json.loads(github_action_benchmark_json(numbers))
     check_action([entry])
     assert (entry["value"], entry["range"]) == (0.2, "± 0.2")

@@ -56,9 +56,12 @@ def test_a_summary_that_cannot_be_written_is_said_and_nothing_more(tmp_path: Pat
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)
     reasons = {
-        str(tmp_path): "Is a directory", str(tmp_path / "gone" / "summary.md"): "No such file or directory",
-        "/dev/full": "No space left on device", str(fifo): "No such device or address", "a\0b": "embedded null byte",
-    }  # fmt: skip
+        str(tmp_path): "Is a directory",
+        str(tmp_path / "gone" / "summary.md"): "No such file or directory",
+        "/dev/full": "No space left on device",
+        str(fifo): "No such device or address",
+        "a\0b": "embedded null byte",
+    }
     for name, reason in reasons.items():
         remark = append_to_job_summary("# PASS\n", WHOLE, {VARIABLE: name})
         assert remark == f"no job summary: cannot write {name}: {reason}"

@@ -42,11 +42,9 @@ def test_what_changed_is_shown_worst_first_with_limit_and_tolerance(run: Run) ->
     assert rows == [
         "| worse | cycles.direct.total | 11 061 cycle | 11 161 cycle | +100, +0.9 % | exact | at most 12 500 | pass |",
         "| gone | fusion.kalman.max | 1.2 deg | - |  |  |  |  |",
-        "| better | heading.direct.max | 0.97 deg | 0.75 deg | -0.22, -23 % | 0.05 deg and 2 % |"
-        " at most 1.8 | pass |",
+        "| better | heading.direct.max | 0.97 deg | 0.75 deg | -0.22, -23 % | 0.05 deg and 2 % | at most 1.8 | pass |",
         "| new | link.errors | - | 0 |  |  | at most 1.8 | pass |",
-        "| changed | heading.direct.worst\\_sector | 200 deg | 230 deg | +30 | 0.05 deg and 2 % |"
-        " at most 1.8 | pass |",
+        "| changed | heading.direct.worst\\_sector | 200 deg | 230 deg | +30 | 0.05 deg and 2 % | at most 1.8 | pass |",
     ]
 
 
@@ -82,9 +80,7 @@ def test_a_comparison_of_nothing_says_so(run: Run) -> None:
 
 
 def test_hostile_texts_of_a_comparison_stay_text(run: Run) -> None:
-    hostile = comparison(
-        difference(HOSTILE, Change.WORSE, 1, 2, unit=HOSTILE, note=HOSTILE), obstacles=(HOSTILE,)
-    )
+    hostile = comparison(difference(HOSTILE, Change.WORSE, 1, 2, unit=HOSTILE, note=HOSTILE), obstacles=(HOSTILE,))
     made = replace(hostile, sentence=HOSTILE, base=replace(hostile.base, firmware=HOSTILE, file=HOSTILE))
     page = markdown_report(replace(run, comparison=made))
     assert "<script" not in page.replace("\\<script", "")
@@ -93,12 +89,20 @@ def test_hostile_texts_of_a_comparison_stay_text(run: Run) -> None:
 
 
 def test_a_renderer_makes_text_of_hostile_texts_and_as_many_cells_in_every_row(run: Run) -> None:
-    texts = (HOSTILE, "**b** _i_ `c` ~~s~~", "[x](https://e) <https://e>", "\\| \\\\| |",
-             "# h\n> q\n- l\n1. l", "&lt;&amp;")
+    texts = (
+        HOSTILE,
+        "**b** _i_ `c` ~~s~~",
+        "[x](https://e) <https://e>",
+        "\\| \\\\| |",
+        "# h\n> q\n- l\n1. l",
+        "&lt;&amp;",
+    )
     rows = [difference(text, Change.WORSE, 1, 2, unit=text, note=text) for text in texts]
     made = replace(comparison(*rows), sentence=" ".join(texts), obstacles=texts)
-    page = MarkdownIt("commonmark", {"html": True}).enable(["table", "strikethrough"]).render(
-        markdown_report(replace(run, comparison=made))
+    page = (
+        MarkdownIt("commonmark", {"html": True})
+        .enable(["table", "strikethrough"])
+        .render(markdown_report(replace(run, comparison=made)))
     )
     tags = set(re.findall(r"<([a-z][a-z0-9]*)", page))
     assert tags <= {"h1", "h2", "p", "ul", "li", "details", "summary", "table", "thead", "tbody", "tr", "th", "td"}

@@ -37,14 +37,23 @@ def finished(made: Findings) -> Run:
 
 def text_of(page: str) -> str:
     """Return what is read on a page, without its style sheet and without what only drawings have."""
-    body = page[page.index("<body>"):]
+    body = page[page.index("<body>") :]
     return " ".join(re.sub(r"<[^>]*>", " ", re.sub(r"<svg.*?</svg>", " ", body, flags=re.S)).split())
 
 
 def difference(name: str, change: Change, base: float | None, new: float | None, **more: object) -> Difference:
     delta = None if base is None or new is None else new - base
-    given = {"unit": "cycle", "sense": Better.LOWER, "interval": None, "seeds": 1, "tolerance": EXACT, "limit": None,
-             "outcome": "information", "cycle_model": "m", "note": ""} | more
+    given = {
+        "unit": "cycle",
+        "sense": Better.LOWER,
+        "interval": None,
+        "seeds": 1,
+        "tolerance": EXACT,
+        "limit": None,
+        "outcome": "information",
+        "cycle_model": "m",
+        "note": "",
+    } | more
     return Difference(name=name, change=change, base=base, new=new, delta=delta, **given)  # type: ignore[arg-type]
 
 
@@ -53,9 +62,16 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
 ) -> None:
     cycles = {"cycles_mean": 246.03, "cycles_max": 255.0, "fit_cycles": 3503}
     stream = [each for each in heading("direct-stream", 0.9, limit=1.8, cycles=1) if each.name.startswith("heading")]
-    run = finished(findings(*good, *stream, *(
-        check(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
-    )))
+    run = finished(
+        findings(
+            *good,
+            *stream,
+            *(
+                check(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m")
+                for name, value in cycles.items()
+            ),
+        )
+    )
     table = accuracy_and_cost(run)
     assert [row.name for row in table.rows] == ["direct", "iterative", "direct-stream"]
     row = dict(zip(table.headings, table.rows[-1].cells, strict=True))
@@ -64,9 +80,7 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
     assert (row["per point"].text, row["per point"].note) == ("246", "max 255")
     assert row["fixed"].text == "3 503"
     assert "direct-stream: 0.90 degrees for 77 312 cycles" in html_report(run)
-    total = check(
-        "stream.direct-stream.total", 77_312, unit="cycle", cycle_model="m", band=CycleRange(76_000, 80_500)
-    )
+    total = check("stream.direct-stream.total", 77_312, unit="cycle", cycle_model="m", band=CycleRange(76_000, 80_500))
     banded = accuracy_and_cost(replace(run, measurements=(*run.measurements, total))).rows[-1]
     assert "300 points, 76 000 to 80 500" in [cell.note for cell in banded.cells]
 
@@ -80,7 +94,8 @@ def test_cycles_with_and_without_the_waits_of_memories_are_two_columns_that_say_
     run = finished(findings(*good, waited))
     table = accuracy_and_cost(run)
     assert [heading for heading in table.headings if "cycles" in heading] == [
-        "cycles without memory waits (ranked)", "cycles as it runs from flash"
+        "cycles without memory waits (ranked)",
+        "cycles as it runs from flash",
     ]
     direct, iterative = ([cell.text for cell in row.cells] for row in table.rows[:2])
     place = table.headings.index("cycles as it runs from flash")
@@ -110,8 +125,8 @@ def test_a_verdict_is_told_by_a_sign_and_a_word_and_not_by_its_colour(findings: 
     bad = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
     page = html_report(finished(findings(*good, bad)))
     assert '<span aria-hidden="true">✗</span> fail</strong></h1>' in page
-    failures = text_of(page)[text_of(page).index("Measurements beyond their limit"):]
-    assert "gyroscope.bias_error 0.4 dps at most 0.1 fail" in failures[:failures.index("Accuracy and cost")]
+    failures = text_of(page)[text_of(page).index("Measurements beyond their limit") :]
+    assert "gyroscope.bias_error 0.4 dps at most 0.1 fail" in failures[: failures.index("Accuracy and cost")]
 
 
 def test_tab_and_heading_say_what_the_page_is(run: Run) -> None:
@@ -168,14 +183,19 @@ def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
 
 @pytest.mark.parametrize(
     ("measured", "said"),
-    [(["heading.direct.max", "cycles.direct.float64_distance"], "; worst heading 0.89 deg"),
-     (["cycles.direct.float64_distance"], "; 0.89 deg from float64 on even samples"), ([], "")],
-)  # fmt: skip
+    [
+        (["heading.direct.max", "cycles.direct.float64_distance"], "; worst heading 0.89 deg"),
+        (["cycles.direct.float64_distance"], "; 0.89 deg from float64 on even samples"),
+        ([], ""),
+    ],
+)
 def test_cycles_against_points_stand_with_the_accuracy_that_they_buy(
     findings: Make, measured: list[str], said: str
 ) -> None:
-    line = [check(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m@sram")
-            for what, value in (("per_point", 105.0), ("fixed", 1900.0))]
+    line = [
+        check(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m@sram")
+        for what, value in (("per_point", 105.0), ("fixed", 1900.0))
+    ]
     accuracy = [check(name, 0.894, unit="deg") for name in measured]
     page = html_report(finished(findings(*line, *accuracy)))
     keys = [text_of(f"<body>{each}") for each in re.findall("<li>(.*?)</li>", page)]
@@ -207,12 +227,18 @@ def test_every_table_has_a_caption_and_every_heading_a_scope(run: Run) -> None:
 
 @pytest.mark.parametrize(
     ("name", "shown"),
-    [("a\u202egpj.elf", "a⟨U+202E⟩gpj.elf"), ("zero\x00byte", "zero⟨U+0000⟩byte"), ("Kompaß 12 µT", "Kompaß 12 µT"),
-     ("hid\u200bden", "hid⟨U+200B⟩den"), ("lone \ud800", "lone ⟨U+D800⟩"), ("עברית", "עברית")],
+    [
+        ("a\u202egpj.elf", "a⟨U+202E⟩gpj.elf"),
+        ("zero\x00byte", "zero⟨U+0000⟩byte"),
+        ("Kompaß 12 µT", "Kompaß 12 µT"),
+        ("hid\u200bden", "hid⟨U+200B⟩den"),
+        ("lone \ud800", "lone ⟨U+D800⟩"),
+        ("עברית", "עברית"),
+    ],
 )
 def test_a_name_can_neither_hide_nor_turn_the_words_around_it(findings: Make, name: str, shown: str) -> None:
     assert legible(name) == shown
-    failed = TestResult(f'{name}["\'x\']', TestOutcome.FAILED, 1, reason=name)
+    failed = TestResult(f"{name}[\"'x']", TestOutcome.FAILED, 1, reason=name)
     made = findings(check(name, 1.0, unit="uT"), tests=(failed,))
     made.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(name, "cycle")), ((1, 2), (3, 4)))
     page = html_report(finished(made))
@@ -229,18 +255,30 @@ def test_a_trace_is_a_path_beside_the_page_whatever_it_is_called(findings: Make,
 
 def test_a_comparison_shows_what_changed_in_order_of_concern(run: Run) -> None:
     differences = (
-        difference("a.better", Change.BETTER, 200.0, 150.0), difference("b.same", Change.UNCHANGED, 1.0, 1.0),
-        difference("c.new", Change.NEW, None, 3.0), difference("d.gone", Change.GONE, 3.0, None),
+        difference("a.better", Change.BETTER, 200.0, 150.0),
+        difference("b.same", Change.UNCHANGED, 1.0, 1.0),
+        difference("c.new", Change.NEW, None, 3.0),
+        difference("d.gone", Change.GONE, 3.0, None),
         difference("cycles.direct.total", Change.WORSE, 11_061.0, 11_161.0, limit=Limit(max=12_500)),
-        difference("heading.direct.bias", Change.WORSE, 0.1, 0.4, unit="deg", tolerance=Tolerance(0.05, 0.02),
-                   interval=(0.28, 0.32), seeds=8),
+        difference(
+            "heading.direct.bias",
+            Change.WORSE,
+            0.1,
+            0.4,
+            unit="deg",
+            tolerance=Tolerance(0.05, 0.02),
+            interval=(0.28, 0.32),
+            seeds=8,
+        ),
     )
     page = html_report(replace(run, comparison=Comparison(SIDE, SIDE, differences, (), "2 worse: not to be merged.")))
     text = text_of(page)
     table = text.index("Changes, worst first")
     names = ("cycles.direct.total", "heading.direct.bias", "d.gone", "a.better", "c.new")
     places = [
-        text.index("2 worse: not to be merged."), text.index("2 worse, 1 gone, 1 better, 1 new, 1 unchanged"), table,
+        text.index("2 worse: not to be merged."),
+        text.index("2 worse, 1 gone, 1 better, 1 new, 1 unchanged"),
+        table,
         *(text.index(name, table) for name in names),
     ]
     assert places == sorted(places)

@@ -70,7 +70,8 @@ def run(findings: Make, good: list[Measurement]) -> Run:
 @pytest.fixture
 def hostile(findings: Make) -> Run:
     made = findings(
-        check("heading.<b>.max", 1.0, unit="<i>", limit=Limit(max=2)), check(HOSTILE, 1.0, unit=HOSTILE),
+        check("heading.<b>.max", 1.0, unit="<i>", limit=Limit(max=2)),
+        check(HOSTILE, 1.0, unit=HOSTILE),
         tests=(TestResult(HOSTILE, TestOutcome.FAILED, 1, reason=HOSTILE),),
     )
     assert made.board is not None
@@ -265,9 +266,13 @@ def test_a_logarithmic_axis_has_no_zero() -> None:
 
 def test_what_streams_know_on_the_way_is_in_both_reports(findings: Make, good: list[Measurement]) -> None:
     cycles = {"cycles_mean": 246.03, "cycles_median": 246.0, "cycles_max": 255.0, "fit_cycles": 3503}
-    made = findings(*good, *(
-        check(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
-    ))
+    made = findings(
+        *good,
+        *(
+            check(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m")
+            for name, value in cycles.items()
+        ),
+    )
     run = made.finish(decide(made, pytest_exit=0), "")
     page = Page(html_report(run)).text
     assert "Streaming calibrators" in page
@@ -295,7 +300,8 @@ def test_curves_and_stages_of_a_suite_that_says_nothing_of_spheres_are_shown(run
 def without_column(table: Table, name: str) -> Table:
     keep = [index for index, column in enumerate(table.columns) if column.name != name]
     return Table(
-        table.name, tuple(table.columns[index] for index in keep),
+        table.name,
+        tuple(table.columns[index] for index in keep),
         tuple(tuple(row[index] for index in keep) for row in table.rows),
     )
 

@@ -48,9 +48,7 @@ def names(folder: Path) -> list[str]:
     return sorted(each.name for each in folder.iterdir())
 
 
-def test_the_reports_of_a_folder_are_those_that_the_run_wrote(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_reports_of_a_folder_are_those_that_the_run_wrote(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from hiltest.report.markdown import markdown_report
     from hiltest.report.render import html_report
 
@@ -182,13 +180,22 @@ class TestNewerMinor:
         lines = [json.loads(line) for line in path.read_text().splitlines()]
         lines[0] |= {"moon": "full"}
         measurement = {"name": "m", "value": 1, "unit": "", "moon": "new"}
-        lines += [{"kind": "test", "utc": "2026-01-02T03:05:00Z", "measurements": [measurement], "tables": [],
-                   "test": {"id": "t", "outcome": "passed", "duration_s": 1, "moon": "half"}}]
+        lines += [
+            {
+                "kind": "test",
+                "utc": "2026-01-02T03:05:00Z",
+                "measurements": [measurement],
+                "tables": [],
+                "test": {"id": "t", "outcome": "passed", "duration_s": 1, "moon": "half"},
+            }
+        ]
         path.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
         assert report(tmp_path / "cut", "--out", tmp_path / "copy") == 0
         content = json.loads((tmp_path / "copy" / RUN_FILE).read_text(encoding="utf-8"))
         assert (content["moon"], content["tests"][0]["moon"], content["measurements"][0]["moon"]) == (
-            "full", "half", "new",
+            "full",
+            "half",
+            "new",
         )
 
 
@@ -218,9 +225,13 @@ def changed(content: Any, place: list[str | int], value: object) -> Any:
         (["seed"], 10**18, "too large for a whole number"),
         (["seed"], True, "seed"),
     ],
-)  # fmt: skip
+)
 def test_a_field_that_is_wrong_is_refused_by_its_place(
-    folder: Path, tmp_path: Path, place: list[str | int], value: object, complaint: str,
+    folder: Path,
+    tmp_path: Path,
+    place: list[str | int],
+    value: object,
+    complaint: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     content = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
@@ -249,9 +260,28 @@ def test_no_value_anywhere_makes_more_than_a_sentence(
 ) -> None:
     content = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
     place = data.draw(st.sampled_from(sorted(places(content), key=str)))
-    value = data.draw(st.sampled_from([
-        None, True, 0, -1, 10**17, 1e308, -1e-308, "", "<script>", "\ud800", "\u202e\0", [], {}, [[]], [None], {"": []},
-    ]))
+    value = data.draw(
+        st.sampled_from(
+            [
+                None,
+                True,
+                0,
+                -1,
+                10**17,
+                1e308,
+                -1e-308,
+                "",
+                "<script>",
+                "\ud800",
+                "\u202e\0",
+                [],
+                {},
+                [[]],
+                [None],
+                {"": []},
+            ]
+        )
+    )
     path = tmp_path / "hostile.json"
     path.write_text(json.dumps(changed(content, list(place), value)))
     code = report(path)

@@ -37,8 +37,11 @@ def luminance(colour: str) -> float:
 @pytest.mark.parametrize(
     ("front", "behind", "least"),
     [
-        *((front, behind, LETTERS) for front in ("ink", "soft", "accent", "good", "bad", "warn")
-          for behind in ("page", "card")),
+        *(
+            (front, behind, LETTERS)
+            for front in ("ink", "soft", "accent", "good", "bad", "warn")
+            for behind in ("page", "card")
+        ),
         *((tone, f"{tone}-page", LETTERS) for tone in ("good", "bad", "warn")),
         *(("ink", f"{tone}-page", LETTERS) for tone in ("good", "bad", "warn")),
         *((front, "card", MARKS) for front in ("accent", "other", "good", "bad", "fifth", "sixth", "soft")),

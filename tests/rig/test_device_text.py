@@ -26,14 +26,25 @@ def opened(folder: Path, old: str = "", new: str = "") -> StreamInterface:
 
 def test_it_offers_what_the_sample_compass_prints(tmp_path: Path) -> None:
     assert {offer.key for offer in opened(tmp_path).offers} == {
-        "heading", "pitch", "roll", "calibrated", "magnetometer", "magnetometer_calibrated", "accelerometer",
-        "hard_iron", "inverse_soft_iron", "field_strength", "fit_error",
-    }  # fmt: skip
+        "heading",
+        "pitch",
+        "roll",
+        "calibrated",
+        "magnetometer",
+        "magnetometer_calibrated",
+        "accelerometer",
+        "hard_iron",
+        "inverse_soft_iron",
+        "field_strength",
+        "fit_error",
+    }
 
 
 def test_values_and_commands_stand_in_tables_of_their_own(tmp_path: Path) -> None:
-    more = ('\n[device.text.values]\nroll = { unit = "rad" }\n'
-            '[device.text.commands]\npose = "p\\r\\n"\nafter_tumble = "\\u0003"\n\n[field]')  # fmt: skip
+    more = (
+        '\n[device.text.values]\nroll = { unit = "rad" }\n'
+        '[device.text.commands]\npose = "p\\r\\n"\nafter_tumble = "\\u0003"\n\n[field]'
+    )
     interface = opened(tmp_path, "\n[field]", more)
     interface.feed(b"\n.\n", 0.0)
     (observed,) = interface.feed(b"HDG=1 PIT=0 ROL=1\n", 0.0)

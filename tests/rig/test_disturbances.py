@@ -127,7 +127,9 @@ def test_no_field_is_ever_stronger_than_what_the_range_is_checked_with():
     cable = CableTable(10.0, (1.0, 2.0, 0.0), ((0.0, 0.0, 0.3, 0.1), (2.0, 0.0, -0.3, 0.02)))
     # Between two of these 1000 instants the cable moves by 1.2 mm, and the magnet by 4.
     for table, times in (
-        (current, np.linspace(0, 1, 1000)), (passing, np.linspace(50, 54, 2000)), (cable, np.linspace(0, 2, 1000))
+        (current, np.linspace(0, 1, 1000)),
+        (passing, np.linspace(50, 54, 2000)),
+        (cable, np.linspace(0, 2, 1000)),
     ):
         world = table.in_world()
         field = world.field_ned_ut if table is passing else world.field_ut

@@ -43,9 +43,20 @@ def with_faults(folder: Path, table: str) -> Rig:
 def test_every_fault_is_read_and_said_in_words(tmp_path: Path) -> None:
     faults = with_faults(tmp_path, ALL).faults
     assert faults == Faults(
-        seed=7, direction="to-board", after_s=0.5, lose=1e-3, double=2e-3, flip=3e-3, split=4e-3, late=Late(5e-3, 0.3),
-        stall=Span(1.0, 2.0), disappear=Absence(3.0, 4.0), baud=OtherBaud(5.0, 57_600), full_output=Span(6.0, 0.5),
-        sensor=SensorFault("mag3110", "frozen", 7.0), held_line=HeldLine(1, "sda", 8.0, 0.25),
+        seed=7,
+        direction="to-board",
+        after_s=0.5,
+        lose=1e-3,
+        double=2e-3,
+        flip=3e-3,
+        split=4e-3,
+        late=Late(5e-3, 0.3),
+        stall=Span(1.0, 2.0),
+        disappear=Absence(3.0, 4.0),
+        baud=OtherBaud(5.0, 57_600),
+        full_output=Span(6.0, 0.5),
+        sensor=SensorFault("mag3110", "frozen", 7.0),
+        held_line=HeldLine(1, "sda", 8.0, 0.25),
         reset=BoardReset("brown-out", 9.0),
     )
     assert str(faults) == (

@@ -119,7 +119,11 @@ def test_poses_are_twelve_headings_at_five_tilts_level_first():
 def test_the_rotated_rig_is_the_default_one_with_its_soft_iron_turned_by_three_degrees():
     default, rotated = load_rig(DEFAULT), load_rig(RIGS / "virtual-k64f-rotated.toml")
     same = replace(
-        rotated, name=default.name, path=default.path, information=default.information, units=default.units,
+        rotated,
+        name=default.name,
+        path=default.path,
+        information=default.information,
+        units=default.units,
         world=replace(rotated.world, soft_iron=default.world.soft_iron),
     )
     assert same == default
@@ -213,18 +217,25 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         (
             WARMING_UP,
             "temperature_end_degc = 40.0\ntemperature_ramp_s = 9.0\ntemperature_time_constant_s = 3.0",
-            "world.temperature_ramp_s", "excludes temperature_time_constant_s",
+            "world.temperature_ramp_s",
+            "excludes temperature_time_constant_s",
         ),
         (
-            WARMING_UP, "temperature_end_degc = 40.0\ntemperature_time_constant_s = 0.0",
-            "world.temperature_time_constant_s", "must be above 0",
+            WARMING_UP,
+            "temperature_end_degc = 40.0\ntemperature_time_constant_s = 0.0",
+            "world.temperature_time_constant_s",
+            "must be above 0",
         ),
         ("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 0", "faces.uncertainty_deg", "must be above 0"),
         ('"six-position"', '"twelve-position"', "procedure.accelerometer_calibration", "'none' or 'six-position'"),
         ("[ 0.00,  0.08, -0.05]", "[ 0.01,  0.08, -0.05]", "world.accelerometer_cross_axis_percent", "diagonal"),
         ("  [ 0.05,  0.00,  0.06],\n", "", "world.face_errors_deg", "each of the six faces"),
-        ('accelerometer_calibration = "six-position"', 'untrimmed_calibrations = ["direct"]',
-         "procedure.untrimmed_calibrations", "nothing to leave out"),
+        (
+            'accelerometer_calibration = "six-position"',
+            'untrimmed_calibrations = ["direct"]',
+            "procedure.untrimmed_calibrations",
+            "nothing to leave out",
+        ),
         (WARMING_UP, 'fitted = ["mpu6050"]', "world.fitted", "known parts: mag3110"),
         ("[ 1.022,  0.010, -0.006]", "[-1.022, -0.010, 0.006]", "world.soft_iron", "write mirrored = true"),
         ("[ 1.022,  0.010, -0.006]", "[ 0.010,  0.982,  0.009]", "world.soft_iron", "is singular"),
@@ -233,19 +244,39 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ("[[0, 0], [20, 0],", "[[0, 0], [0, 0],", "procedure.tilts_deg", "the same one twice"),
         ("magnetometer_noise_ut = 0.4", "magnetometer_noise_ut = 0.1", "sensors", "and the world has 0.4"),
         ("magnetometer_noise_ut = 0.4", "magnetometer_noise_ut = 0.9", "sensors", "differ by a factor of 2"),
-        ('"heading.direct.max" = { max = 1.8', '"heading.direct.max" = { max = 180', "limits.heading.direct.max",
-         "off by more than 180 degrees"),
-        ("[limits]", '[tolerances]\n"heading.direct.max" = { absolute = 1.8, unit = "deg" }\n\n[limits]',
-         "tolerances.heading.direct.max", "wider than what its limit leaves"),
-        ("[limits]", '[tolerances]\n"heading.direct.bias" = { absolute = 1.4, unit = "deg" }\n\n[limits]',
-         "tolerances.heading.direct.bias", "within ±0.7"),
-        ("[limits]", '[tolerances]\n"cycles.direct.total" = { absolute = 0, relative = 1.0, unit = "cycle" }\n[limits]',
-         "tolerances.cycles.direct.total", "at most 12 000"),
+        (
+            '"heading.direct.max" = { max = 1.8',
+            '"heading.direct.max" = { max = 180',
+            "limits.heading.direct.max",
+            "off by more than 180 degrees",
+        ),
+        (
+            "[limits]",
+            '[tolerances]\n"heading.direct.max" = { absolute = 1.8, unit = "deg" }\n\n[limits]',
+            "tolerances.heading.direct.max",
+            "wider than what its limit leaves",
+        ),
+        (
+            "[limits]",
+            '[tolerances]\n"heading.direct.bias" = { absolute = 1.4, unit = "deg" }\n\n[limits]',
+            "tolerances.heading.direct.bias",
+            "within ±0.7",
+        ),
+        (
+            "[limits]",
+            '[tolerances]\n"cycles.direct.total" = { absolute = 0, relative = 1.0, unit = "cycle" }\n[limits]',
+            "tolerances.cycles.direct.total",
+            "at most 12 000",
+        ),
         ("[limits]", "[cycles]\nfit = 3\n[limits]", "cycles.fit", "not 3"),
         ("[limits]", "[cycles]\nfit = { functions = [] }\n[limits]", "cycles.fit.functions", "name one at least"),
         ("[limits]", '[cycles]\nfit = { functions = ["a", "b"] }\n[limits]', "cycles.fit.ends", "word in memory"),
-        ("[limits]", '[cycles]\nfit = { functions = ["a"], ends = "n", ends_when = "done" }\n[limits]',
-         "cycles.fit.ends_when", "'zero' or 'changed'"),
+        (
+            "[limits]",
+            '[cycles]\nfit = { functions = ["a"], ends = "n", ends_when = "done" }\n[limits]',
+            "cycles.fit.ends_when",
+            "'zero' or 'changed'",
+        ),
     ],
 )
 def test_a_wrong_value_is_named_with_key_file_and_line(edited, old, new, key, words):
@@ -385,7 +416,8 @@ def test_the_shield_is_on_bus_1_and_parts_can_be_left_off():
     rig = load_rig(DEFAULT)
     buses = build_sensors(rig, build_world(rig), 1)
     assert {bus: [part.address for part in parts] for bus, parts in buses.items()} == {
-        "i2c0": [0x1D], "i2c1": [0x0E, 0x1E, 0x20],
+        "i2c0": [0x1D],
+        "i2c1": [0x0E, 0x1E, 0x20],
     }
     bare = replace(rig, world=replace(rig.world, fitted=("onboard-fxos8700cq",)))
     buses = build_sensors(bare, build_world(bare), 1)
@@ -399,7 +431,7 @@ def test_importing_the_rig_imports_neither_numpy_nor_pydantic():
 
 def test_a_bench_may_leave_its_mounting_undeclared(edited):
     text = DEFAULT.read_text(encoding="utf-8")
-    table = text[text.index("[mounting]"):text.index("[turntable]")]
+    table = text[text.index("[mounting]") : text.index("[turntable]")]
     rig = edited(table, "")
     assert rig.mounting is None
     assert build_world(rig).at(0.0).pose.heading_deg == 1.7  # the board stays as it sits
@@ -444,18 +476,27 @@ def test_the_variants_of_the_harsh_rig_differ_in_what_is_covered_and_what_is_jud
     covered = {"outside": CoveredPart((0.0, 0.0, -1.0), 0.5), "cap": CoveredPart((0.0, 0.0, 1.0), 0.2)}
 
     def like(variant, part):
-        return replace(
-            variant, name=harsh.name, path=harsh.path,
-            turntable=replace(variant.turntable, covered=harsh.turntable.covered),
-        ) if variant.turntable.covered == part else None
+        return (
+            replace(
+                variant,
+                name=harsh.name,
+                path=harsh.path,
+                turntable=replace(variant.turntable, covered=harsh.turntable.covered),
+            )
+            if variant.turntable.covered == part
+            else None
+        )
 
     assert like(cap, covered["cap"]) == harsh
     unjudged = like(outside, covered["outside"])
     assert replace(unjudged, limits=harsh.limits, information=harsh.information) == harsh
     assert outside.limits | outside.information == harsh.limits | harsh.information
     assert {name for name in outside.limits if name.startswith("heading.")} == {
-        "heading.direct.float32_error", "heading.direct@100.float32_error", "heading.corrected.float32_error",
-        "heading.uncalibrated.max", "heading.uncalibrated.max_level",
+        "heading.direct.float32_error",
+        "heading.direct@100.float32_error",
+        "heading.corrected.float32_error",
+        "heading.uncalibrated.max",
+        "heading.uncalibrated.max_level",
     }
 
 

@@ -39,10 +39,13 @@ def digest(path: Path) -> str:
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("dip_deg = 62.0 ", "dip_deg = 62.1 "), ("strength_ut = 48.5", "strength_ut = 48.6"),
+        ("dip_deg = 62.0 ", "dip_deg = 62.1 "),
+        ("strength_ut = 48.5", "strength_ut = 48.6"),
         ("yaw_deg = 1.7                             # board", "yaw_deg = 1.8 # board"),
-        ("calibration_points = 100 ", "calibration_points = 99 "), ("hard_iron_ut = [2.4,", "hard_iron_ut = [2.5,"),
-        ('gyroscope = "FXAS21002C"', ""), ("readings_per_pose = 16", "readings_per_pose = 17"),
+        ("calibration_points = 100 ", "calibration_points = 99 "),
+        ("hard_iron_ut = [2.4,", "hard_iron_ut = [2.5,"),
+        ('gyroscope = "FXAS21002C"', ""),
+        ("readings_per_pose = 16", "readings_per_pose = 17"),
         ("temperature_degc = 33.0", "temperature_degc = 30.0"),
     ],
 )
@@ -55,8 +58,11 @@ def test_what_numbers_rest_on_changes_the_digest(edited: Edit, old: str, new: st
     [
         ('"heading.direct.max" = { max = 1.8,', '"heading.direct.max" = { max = 1.5,'),
         ('name = "virtual-k64f"', 'name = "b"'),
-        ("seed = 1 ", "seed = 2 "), ('poses = "all"', 'poses = "level"'), ("# The default bench", "# My bench"),
-        ('"cycles.direct.fixed" = { max = 2_600, unit = "cycle" }', ""), ("strength_ut = 48.5", "strength_ut = 48.50"),
+        ("seed = 1 ", "seed = 2 "),
+        ('poses = "all"', 'poses = "level"'),
+        ("# The default bench", "# My bench"),
+        ('"cycles.direct.fixed" = { max = 2_600, unit = "cycle" }', ""),
+        ("strength_ut = 48.5", "strength_ut = 48.50"),
     ],
 )
 def test_limits_names_comments_seed_and_poses_do_not(edited: Edit, old: str, new: str) -> None:
@@ -81,7 +87,8 @@ def test_a_place_changes_no_digest_and_is_whole(edited: Edit) -> None:
 def test_tolerances_are_read_and_change_no_digest(edited: Edit) -> None:
     path = edited(more=TOLERANCES)
     assert load_rig(path).tolerances == {
-        "heading.direct.max": Tolerance(0.05, 0.02), "heading.direct.tilt_sensitivity": Tolerance(0.2, 0.0),
+        "heading.direct.max": Tolerance(0.05, 0.02),
+        "heading.direct.tilt_sensitivity": Tolerance(0.2, 0.0),
         "compass.lag": Tolerance(3.0, 0.0),
     }
     assert digest(path) == digest(RIG)

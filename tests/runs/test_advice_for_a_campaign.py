@@ -47,9 +47,14 @@ def hiltest(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
     """Run a command as it would be typed."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     return subprocess.run(
-        [sys.executable, "-m", "hiltest", *shlex.split(command)], cwd=folder, capture_output=True, text=True,
-        check=False, timeout=120, env={**environment, "COLUMNS": "200"},
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", *shlex.split(command)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**environment, "COLUMNS": "200"},
+    )
 
 
 @pytest.mark.parametrize("seeds", ["", " --seeds 1..1"], ids=["run", "campaign"])

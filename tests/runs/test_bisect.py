@@ -90,9 +90,14 @@ class Repository:
         command = [sys.executable, "-m", "hiltest", "bisect", good, bad, "--firmware", "build/app.elf", *options]
         given = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
         return subprocess.Popen(
-            [*command, "--", self.build], cwd=self.folder, env=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            text=True, start_new_session=True,
-        )  # fmt: skip
+            [*command, "--", self.build],
+            cwd=self.folder,
+            env=given,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
 
     def bisect(self, good: str, bad: str, *options: str) -> Done:
         with self.begin(good, bad, *options) as running:
@@ -233,8 +238,12 @@ def test_the_same_command_again_builds_and_runs_nothing_that_was_built(
     ids=["not worse", "exchanged", "the same", "broken", "no such measurement", "another measurement"],
 )
 def test_what_cannot_be_bisected_is_said_at_once(
-    forty: tuple[Repository, Sequence[str]], found: Done, good: int, bad: int,
-    options: tuple[str, ...], complaint: str,
+    forty: tuple[Repository, Sequence[str]],
+    found: Done,
+    good: int,
+    bad: int,
+    options: tuple[str, ...],
+    complaint: str,
 ) -> None:
     repository, commits = forty
     assert found.code == 0
@@ -245,12 +254,14 @@ def test_what_cannot_be_bisected_is_said_at_once(
 
 
 def test_where_the_commits_before_a_worse_one_cannot_be_judged_it_says_one_of_these(
-    made: Callable[[], Repository]
+    made: Callable[[], Repository],
 ) -> None:
     repository = made()
     good = repository.commit("good", PROGRAM.format(version=1, heading=90.4))
-    between = [repository.commit("does not build", "int main(void"),
-               repository.commit("does not point", PROGRAM.format(version=1, heading=90.4).replace("heading_deg", "h"))]
+    between = [
+        repository.commit("does not build", "int main(void"),
+        repository.commit("does not point", PROGRAM.format(version=1, heading=90.4).replace("heading_deg", "h")),
+    ]
     worse = repository.commit("worse", PROGRAM.format(version=1, heading=90.9))
     repository.commit("later", PROGRAM.format(version=2, heading=90.9))
     done = repository.bisect(good, "main", *MEASURE, "--json")

@@ -109,7 +109,19 @@ def test_a_comparison_decides_where_the_seeds_have_not(
     results = [SeedResult(seed, each, "", excusable=each == 1) for seed, each in enumerate(codes, 1)]
     side = Side("base.json", "", "", "", "", "", "", "", (1, 2), "")
     difference = Difference(
-        "heading.direct.max", "deg", change, Better.LOWER, 1.0, 1.2, 0.2, None, 2, Tolerance(0.01, 0.01), None, "", "",
+        "heading.direct.max",
+        "deg",
+        change,
+        Better.LOWER,
+        1.0,
+        1.2,
+        0.2,
+        None,
+        2,
+        Tolerance(0.01, 0.01),
+        None,
+        "",
+        "",
     )
     comparison = Comparison(side, side, (difference,), obstacles, "")
     comparison = replace(comparison, sentence=comparison_sentence(comparison))
@@ -152,7 +164,12 @@ class TestFolder:
             remove_run(tmp_path / each)
         busy.release()
         assert sorted(str(each.relative_to(tmp_path)) for each in tmp_path.rglob("*")) == [
-            "mine", f"mine/{JOURNAL_FILE}", "mine/report.md", "seed-0002", "seed-0002/report.md", "seed-0003",
+            "mine",
+            f"mine/{JOURNAL_FILE}",
+            "mine/report.md",
+            "seed-0002",
+            "seed-0002/report.md",
+            "seed-0003",
             "seed-0003/notes.txt",
         ]
 
@@ -189,9 +206,12 @@ class TestFolder:
         )
         command = [sys.executable, "-m", "hiltest"]
         running = subprocess.Popen(
-            [*command, "run", "--seeds", "1..4", "--out", "out"], cwd=tmp_path, stdout=subprocess.PIPE, text=True,
+            [*command, "run", "--seeds", "1..4", "--out", "out"],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            text=True,
             start_new_session=True,
-        )  # fmt: skip
+        )
         try:
             waited_until = time.monotonic() + 60
             while not ((tmp_path / "slow").exists() and (tmp_path / "out" / "seed-0001" / "report.md").exists()):

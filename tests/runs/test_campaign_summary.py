@@ -36,10 +36,17 @@ def bench(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(("options", "ending"), [
-    ((), "0 of 1 seeds pass (not: 1): FAIL."),
-    (("--baseline", "base"), "0 of 1 seeds pass (not: 1): FAIL. * (against base/run.json): *: no record on seed 1: *"),
-], ids=["no gate", "a gate"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "ending"),
+    [
+        ((), "0 of 1 seeds pass (not: 1): FAIL."),
+        (
+            ("--baseline", "base"),
+            "0 of 1 seeds pass (not: 1): FAIL. * (against base/run.json): *: no record on seed 1: *",
+        ),
+    ],
+    ids=["no gate", "a gate"],
+)
 def test_seeds_without_a_record_are_no_pass(bench: Path, options: tuple[str, ...], ending: str) -> None:
     assert run(bench, "--out", "base")[0] == 0
     code, said, _ = run(bench, "--seeds", "1..1", *options, "--", "--collect-only")
@@ -51,8 +58,10 @@ def test_seeds_without_a_record_are_no_pass(bench: Path, options: tuple[str, ...
 def test_of_a_run_and_a_campaign_in_one_folder_the_newer_counts(bench: Path) -> None:
     folder = bench / "hil-out"
     for arguments, there, gone in [
-        ((), "run.json", "seeds.json"), (("--seeds", "2..2"), "seeds.json", "run.json"), ((), "run.json", "seeds.json"),
-    ]:  # fmt: skip
+        ((), "run.json", "seeds.json"),
+        (("--seeds", "2..2"), "seeds.json", "run.json"),
+        ((), "run.json", "seeds.json"),
+    ]:
         code, said, _ = run(bench, *arguments)
         assert code == 0, said
         assert (folder / there).exists()
@@ -65,9 +74,14 @@ def run(folder: Path, *arguments: str) -> tuple[int, str, str]:
     summary = folder / "summary.md"
     kept = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "run", *arguments], cwd=folder, capture_output=True, text=True, check=False,
-        timeout=300, env={**kept, "GITHUB_STEP_SUMMARY": str(summary), "GITHUB_ACTIONS": "true"},
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "run", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        env={**kept, "GITHUB_STEP_SUMMARY": str(summary), "GITHUB_ACTIONS": "true"},
+    )
     return done.returncode, done.stdout + done.stderr, summary.read_text(encoding="utf-8")
 
 

@@ -32,8 +32,11 @@ def test_a_board_that_is_lost_leaves_the_others_their_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    rigs = [a_rig(tmp_path, "left", VIRTUAL), a_rig(tmp_path, "right", VIRTUAL),
-            a_rig(tmp_path, "gone", LOST, "socket://127.0.0.1:9")]  # fmt: skip
+    rigs = [
+        a_rig(tmp_path, "left", VIRTUAL),
+        a_rig(tmp_path, "right", VIRTUAL),
+        a_rig(tmp_path, "gone", LOST, "socket://127.0.0.1:9"),
+    ]
     chosen = ("--", "-k", "test_the_worst_cases_that_were_found or test_the_firmware_says_who_it_is or identity")
     assert run("run", *(word for rig in rigs for word in ("--rig", rig)), "--json", *chosen) == 20
     record = checked(capsys.readouterr().out, "hiltest.boards/1")
@@ -59,7 +62,10 @@ def test_a_board_that_is_lost_leaves_the_others_their_verdict(
     ],
 )
 def test_what_is_of_one_board_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], options: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
     said: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -20,9 +20,7 @@ FIELD = EarthField(strength_ut=math.sqrt(2000.0), dip_deg=math.degrees(math.atan
 
 PARTS = {
     "mag3110": lambda world: Mag3110(world, MagneticDistortion(), seed=1, noise_ut=(0.0,) * 4),
-    "fxos8700cq": lambda world: Fxos8700cq(
-        world, MagneticDistortion(), seed=1, noise=Fxos8700cqNoise(0.0, (0.0, 0.0))
-    ),
+    "fxos8700cq": lambda world: Fxos8700cq(world, MagneticDistortion(), seed=1, noise=Fxos8700cqNoise(0.0, (0.0, 0.0))),
     "fxas21002c": lambda world: Fxas21002c(world, seed=1, bias_dps=(1.5, -2.0, 3.0), noise_density=0.0),
 }
 

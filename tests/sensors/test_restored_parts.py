@@ -49,8 +49,11 @@ def replaced_gyroscope(world: World) -> FaultyPart:
 
 
 # Registers that set a part up and those that show its samples, and values that make it active or stop it.
-MAG, FXOS, FXAS = (0x00, 0x01, 0x09, 0x10, 0x11), (0x00, 0x01, 0x09, 0x2A, 0x2B, 0x2D, 0x33, 0x39, 0x5B, 0x5C), (
-    0x00, 0x01, 0x08, 0x09, 0x0A, 0x0D, 0x13, 0x14, 0x15)  # fmt: skip
+MAG, FXOS, FXAS = (
+    (0x00, 0x01, 0x09, 0x10, 0x11),
+    (0x00, 0x01, 0x09, 0x2A, 0x2B, 0x2D, 0x33, 0x39, 0x5B, 0x5C),
+    (0x00, 0x01, 0x08, 0x09, 0x0A, 0x0D, 0x13, 0x14, 0x15),
+)
 VALUES = (0x00, 0x01, 0x02, 0x0D, 0x19, 0x1F, 0x40, 0x42, 0x60, 0x85, 0xC0, 0xFF)
 Make = Callable[[World], RegisterDevice | FaultyPart]
 
@@ -58,9 +61,11 @@ Make = Callable[[World], RegisterDevice | FaultyPart]
 def transactions(registers: tuple[int, ...]) -> st.SearchStrategy[list[tuple[str, int, int, float]]]:
     """Lists of accesses: kind, register, value or number of bytes, and the time since the one before."""
     one = st.tuples(
-        st.sampled_from(("read", "read", "write", "set up", "levels")), st.sampled_from(registers),
-        st.sampled_from(VALUES), st.sampled_from((0.0001, 0.004, 0.03, 0.2)),
-    )  # fmt: skip
+        st.sampled_from(("read", "read", "write", "set up", "levels")),
+        st.sampled_from(registers),
+        st.sampled_from(VALUES),
+        st.sampled_from((0.0001, 0.004, 0.03, 0.2)),
+    )
     return st.lists(one, max_size=20)
 
 

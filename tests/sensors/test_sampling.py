@@ -86,18 +86,18 @@ def test_noise_at_a_judged_pose_is_the_same_whenever_one_gets_there():
         world = World(FIELD)
         parts = [active_mag3110(world), active_fxos8700cq(world), active_fxas21002c(world)]
         arrival = world.turn_to(Pose(120, 0, 20), time_s=command_s, known_angle=31)
-        answers.append(
-            [read(part, arrival + 0.002 + k / 20.0, 0x01, 6) for k in range(20) for part in parts]
-        )
+        answers.append([read(part, arrival + 0.002 + k / 20.0, 0x01, 6) for k in range(20) for part in parts])
     assert answers[0] == answers[1] == answers[2]
 
 
 def test_another_seed_gives_other_noise_and_the_same_mean():
     world = World(FIELD)
-    values = np.array([
-        [words(read(part, k / 80.0 + 0.001, 0x01, 6)) for k in range(10, 1010)]
-        for part in (active_mag3110(world, seed=1), active_mag3110(world, seed=2))
-    ])
+    values = np.array(
+        [
+            [words(read(part, k / 80.0 + 0.001, 0x01, 6)) for k in range(10, 1010)]
+            for part in (active_mag3110(world, seed=1), active_mag3110(world, seed=2))
+        ]
+    )
     assert (values[0] != values[1]).mean() > 0.8
     # 4 counts rms over sqrt(1000), times sqrt(2) for the difference, times 5.
     assert np.abs(values.mean(axis=1)[0] - values.mean(axis=1)[1]).max() < 5 * 4.0 * math.sqrt(2.0 / 1000)
@@ -241,5 +241,7 @@ def test_the_words_of_a_noisy_world_are_pinned():
     parts = [active_mag3110(world), active_fxos8700cq(world), active_fxas21002c(world)]
     end = world.tumble(time_s=0.1, duration_s=4.0)
     assert [words(read(part, end - 2.0001, 0x01, 6)) for part in parts] == [
-        [40, -471, -104], [-576, 7856, 2224], [637, -9342, 42],
+        [40, -471, -104],
+        [-576, 7856, 2224],
+        [637, -9342, 42],
     ]

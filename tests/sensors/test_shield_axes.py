@@ -34,9 +34,7 @@ def words(part, setup, register):
 def test_registers_are_those_of_the_hand_computed_pose(case):
     heading, pitch, roll = case["pose"]
     world = World(FIELD, pose=Pose(heading - NORTH_DEG, pitch, roll))
-    fxos8700cq = Fxos8700cq(
-        world, MagneticDistortion(), seed=1, noise=Fxos8700cqNoise(0.0, (0.0, 0.0))
-    )
+    fxos8700cq = Fxos8700cq(world, MagneticDistortion(), seed=1, noise=Fxos8700cqNoise(0.0, (0.0, 0.0)))
     # The fixture's board turns; a bias of the same size says the same to a board that stands.
     gyroscope = Fxas21002c(world, seed=1, bias_dps=(1.0, -2.0, 3.0), noise_density=0.0)
     hybrid_4g = ((0x5B, 0x03), (0x0E, 0x01), (0x2A, 0x0D))

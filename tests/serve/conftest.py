@@ -19,9 +19,15 @@ from hiltest.link.session import Session
 HERE = Path(__file__).parent
 START = HERE.parent / "virtual" / "programs"
 FLAGS = [
-    "-mcpu=cortex-m4", "-mthumb", "-O1", "-g", "-nostdlib", "-ffreestanding", "-Wl,--build-id=none",
+    "-mcpu=cortex-m4",
+    "-mthumb",
+    "-O1",
+    "-g",
+    "-nostdlib",
+    "-ffreestanding",
+    "-Wl,--build-id=none",
     f"-Wl,-T,{START / 'flash.ld'}",
-]  # fmt: skip
+]
 WALL_LIMIT_S = 60.0  # for what takes a second
 
 
@@ -39,9 +45,13 @@ class Served:
     def __init__(self, *arguments: str, folder: Path) -> None:
         environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "hiltest", "serve", *arguments], cwd=folder, env=environment,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            [sys.executable, "-m", "hiltest", "serve", *arguments],
+            cwd=folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         assert self.process.stdout is not None
         further = {"turntable": "--replay" not in arguments, "gdb": "--gdb" in arguments}
         names = ["board", *(name for name, is_there in further.items() if is_there)]

@@ -196,10 +196,14 @@ def test_sessions_go_through_ser2net_by_rfc2217_and_raw(
 ) -> None:
     served = serve()
     rfc2217, raw = free_port(), free_port()
-    with ser2net(require_tool("ser2net"), tmp_path, {
-        f"telnet(rfc2217),tcp,127.0.0.1,{rfc2217}": f"serialdev,{served.board},115200n81,local",
-        f"tcp,127.0.0.1,{raw}": f"serialdev,{served.turntable},115200n81,local",
-    }):  # fmt: skip
+    with ser2net(
+        require_tool("ser2net"),
+        tmp_path,
+        {
+            f"telnet(rfc2217),tcp,127.0.0.1,{rfc2217}": f"serialdev,{served.board},115200n81,local",
+            f"tcp,127.0.0.1,{raw}": f"serialdev,{served.turntable},115200n81,local",
+        },
+    ):
         # A pseudo-terminal has no modem lines, so nobody acknowledges that they were set.
         converse(f"rfc2217://127.0.0.1:{rfc2217}?ign_set_control")
         with serial.serial_for_url(f"socket://127.0.0.1:{raw}", timeout=WALL_LIMIT_S) as table:

@@ -120,9 +120,13 @@ def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Pa
 )
 def test_what_cannot_be_served_is_a_usage_error(tmp_path: Path, arguments: list[str], complaint: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "serve", *arguments], cwd=tmp_path, capture_output=True, text=True,
-        timeout=WALL_LIMIT_S, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "serve", *arguments],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=WALL_LIMIT_S,
+        check=False,
+    )
     assert (done.returncode, done.stdout) == (4, "")
     assert complaint in done.stderr
     assert list(tmp_path.iterdir()) == []
@@ -147,5 +151,8 @@ def test_a_board_that_falls_behind_is_told_of_when_it_begins_doubles_and_is_over
         look(behind_s)
     told = capsys.readouterr().err.splitlines()
     assert [line.partition(" behind")[0] for line in told] == [
-        "board: 3 s", "board: 6 s", "board: in time again", "board: 3 s",
-    ]  # fmt: skip
+        "board: 3 s",
+        "board: 6 s",
+        "board: in time again",
+        "board: 3 s",
+    ]

@@ -50,9 +50,13 @@ class Lab:
     def client(self, *command: str, user: str = "") -> str:
         environment = {**os.environ, **({"LG_USERNAME": user} if user else {})}
         done = subprocess.run(
-            [self.programs / "labgrid-client", "-p", "bench", *command], env=environment, capture_output=True,
-            text=True, timeout=WALL_LIMIT_S, check=True,
-        )  # fmt: skip
+            [self.programs / "labgrid-client", "-p", "bench", *command],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=WALL_LIMIT_S,
+            check=True,
+        )
         return done.stdout
 
 
@@ -88,7 +92,11 @@ def switched() -> Iterator[tuple[str, list[str]]]:
 
 @pytest.fixture
 def lab(
-    serve: Serve, programs: Path, switched: tuple[str, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    serve: Serve,
+    programs: Path,
+    switched: tuple[str, list[str]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     require_tool: Callable[[str], str],
 ) -> Iterator[Lab]:
     require_tool("ser2net")  # the exporter starts it

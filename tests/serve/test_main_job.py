@@ -38,9 +38,14 @@ def test_a_served_board_passes_the_whole_main_job_on_a_busy_machine(serve: Serve
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     with busy(os.cpu_count() or 1):
         done = subprocess.run(
-            [sys.executable, "-m", "hiltest", "run", "--rig", "mine.toml"], cwd=tmp_path, env=environment,
-            capture_output=True, text=True, timeout=RUN_LIMIT_S, check=False,
-        )  # fmt: skip
+            [sys.executable, "-m", "hiltest", "run", "--rig", "mine.toml"],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=RUN_LIMIT_S,
+            check=False,
+        )
     assert done.returncode == 0, done.stdout
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     measured = {each["name"]: each["value"] for each in record["measurements"]}

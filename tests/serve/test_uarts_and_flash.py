@@ -27,8 +27,7 @@ def two_ports(tmp_path: Path, require_tool: Callable[[str], str]) -> Path:
 def test_a_uart_is_served_where_it_is_asked_for(serve: Serve, two_ports: Path, where: str) -> None:
     kept = two_ports.parent / "flash.bin"
     for boot in (b"1", b"2"):
-        served = serve("--firmware", str(two_ports), "--baud", "9600", "--uart", f"3{where}",
-                       "--flash-file", str(kept))  # fmt: skip
+        served = serve("--firmware", str(two_ports), "--baud", "9600", "--uart", f"3{where}", "--flash-file", str(kept))
         assert served.process.stdout is not None
         name, _, url = served.process.stdout.readline().strip().partition(": ")
         assert name == "uart3"
@@ -46,8 +45,12 @@ def test_a_uart_is_served_where_it_is_asked_for(serve: Serve, two_ports: Path, w
 @pytest.mark.parametrize("wrong", ["0", "3=tcp:70000", "3="])
 def test_a_wrong_port_is_a_wrong_option(wrong: str, tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "serve", "--uart", wrong], cwd=tmp_path, capture_output=True, text=True,
-        timeout=WALL_LIMIT_S, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "serve", "--uart", wrong],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=WALL_LIMIT_S,
+        check=False,
+    )
     assert done.returncode == 4
     assert f"--uart {wrong}" in done.stderr

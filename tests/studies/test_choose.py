@@ -86,14 +86,17 @@ def test_the_budget_holds_for_every_instance(affordable: int | None) -> None:
 
 def test_field_noise_and_points_are_the_rig_s_unless_they_are_given(tmp_path: Path) -> None:
     rig = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
-    rig = rig.replace("strength_ut = 48.5", "strength_ut = 33.5").replace("calibration_points = 100",
-                                                                         "calibration_points = 60")  # fmt: skip
+    rig = rig.replace("strength_ut = 48.5", "strength_ut = 33.5").replace(
+        "calibration_points = 100", "calibration_points = 60"
+    )
     (tmp_path / "own.toml").write_text(rig, encoding="utf-8")
     for options, said in (
         ([], "0.4 uT of noise in 33.5 uT, 60 points over at least 50 % of the sphere and any number of cycles"),
-        (["--noise", "2", "--points", "40", "--coverage", "90", "--cycles", "9000"],
-         "2 uT of noise in 33.5 uT, 40 points over at least 90 % of the sphere and at most 9 000 cycles"),
-    ):  # fmt: skip
+        (
+            ["--noise", "2", "--points", "40", "--coverage", "90", "--cycles", "9000"],
+            "2 uT of noise in 33.5 uT, 40 points over at least 90 % of the sphere and at most 9 000 cycles",
+        ),
+    ):
         out = tmp_path / said[:3]
         words = ["--rig", str(tmp_path / "own.toml"), "--instances", "1", "--jobs", "1", "--out", str(out)]
         assert run("study", "choose", *words, *options) == 0

@@ -69,5 +69,7 @@ def test_a_figure_is_reproduced_within_two_points(off: list[float], parts: int) 
     assert [each.reproduced for each in found.printed] == [abs(by) <= 2.0 for by in off] + [True] * 6
     measured = {measurement.name: measurement.value for measurement in found.measurements}
     assert measured["study.compensation.offset_reproduced"] == sum(abs(by) <= 2.0 for by in off)
-    assert all(math.isclose(float(came or 0), said) for came, said in
-               zip(found.table.column("sensitivity"), SENSITIVITY_PRINTED, strict=True))  # fmt: skip
+    assert all(
+        math.isclose(float(came or 0), said)
+        for came, said in zip(found.table.column("sensitivity"), SENSITIVITY_PRINTED, strict=True)
+    )

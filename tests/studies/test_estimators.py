@@ -70,7 +70,5 @@ def test_measurements_are_those_of_the_condition_that_is_judged() -> None:
     ("errors_deg", "reproduced"),
     [({"geometric": 0.4}, [False, True]), ({"direct": 1.0}, [True, False]), ({"li": 2.0}, [False, False])],
 )
-def test_what_the_thesis_claims_is_judged_by_the_medians(
-    errors_deg: dict[str, float], reproduced: list[bool]
-) -> None:
+def test_what_the_thesis_claims_is_judged_by_the_medians(errors_deg: dict[str, float], reproduced: list[bool]) -> None:
     assert [each.reproduced for each in concluded(**errors_deg).printed] == reproduced

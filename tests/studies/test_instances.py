@@ -28,10 +28,15 @@ def in_c(require_tool: Callable[[str], object]) -> Kernel:
 
 
 MODELS = st.builds(
-    Model, seed=st.integers(0, 2**64 - 1), points=st.integers(9, 40), noise_ut=st.sampled_from([0.0, 0.3, 25.0]),
-    stream=st.integers(0, 30), stretch=st.floats(0.0, 0.9), occluded=st.floats(0.0, 0.9),
+    Model,
+    seed=st.integers(0, 2**64 - 1),
+    points=st.integers(9, 40),
+    noise_ut=st.sampled_from([0.0, 0.3, 25.0]),
+    stream=st.integers(0, 30),
+    stretch=st.floats(0.0, 0.9),
+    occluded=st.floats(0.0, 0.9),
     hard_iron_ut=st.floats(0.0, 500.0),
-)  # fmt: skip
+)
 
 
 @settings(deadline=None)

@@ -121,11 +121,17 @@ def test_the_command_goes_on_after_ctrl_c_and_after_being_killed(tmp_path: Path,
 @pytest.mark.parametrize(
     "line",
     [
-        b"{", b"[]", b'{"kind": "block"}', b'{"kind": "block", "number": 20, "numbers": [1]}',
-        b'{"kind": "block", "number": true, "numbers": [1]}', b'{"kind": "block", "number": 1, "numbers": ["1"]}',
-        b'{"kind": "block", "number": 1, "numbers": 1}', b'{"kind": "start"}', b"\xff",
+        b"{",
+        b"[]",
+        b'{"kind": "block"}',
+        b'{"kind": "block", "number": 20, "numbers": [1]}',
+        b'{"kind": "block", "number": true, "numbers": [1]}',
+        b'{"kind": "block", "number": 1, "numbers": ["1"]}',
+        b'{"kind": "block", "number": 1, "numbers": 1}',
+        b'{"kind": "start"}',
+        b"\xff",
     ],
-)  # fmt: skip
+)
 def test_kept_blocks_that_are_damaged_are_refused(tmp_path: Path, line: bytes) -> None:
     (tmp_path / BLOCKS_FILE).write_bytes(line + b"\n")
     with pytest.raises(ConfigError, match=r"line 1 is damaged.*remove it"):
@@ -134,9 +140,14 @@ def test_kept_blocks_that_are_damaged_are_refused(tmp_path: Path, line: bytes) -
 
 
 @pytest.mark.parametrize(
-    "other", [Plan("ellipsoids", 4, 60, 20), Plan("ellipsoids", 3, 61, 20), Plan("ellipsoids", 3, 60, 21),
-              Plan("ellipsoids", 3, 60, 20, Conditions())],
-)  # fmt: skip
+    "other",
+    [
+        Plan("ellipsoids", 4, 60, 20),
+        Plan("ellipsoids", 3, 61, 20),
+        Plan("ellipsoids", 3, 60, 21),
+        Plan("ellipsoids", 3, 60, 20, Conditions()),
+    ],
+)
 def test_blocks_of_another_plan_are_neither_mixed_in_nor_thrown_away(tmp_path: Path, other: Plan) -> None:
     ending = Progress(1)
     with pytest.raises(KeyboardInterrupt):
@@ -201,10 +212,20 @@ class TestEveryStudy:
         assert run("report", str(tmp_path)) == 0
 
 
-@pytest.mark.parametrize("words", [["orbits"], ["ellipsoids", "--points", "9"], ["ellipsoids", "--jobs", "0"],
-                                   ["ellipsoids", "--seed", "x"], ["ellipsoids", "--instances", "0"],
-                                   ["ellipsoids", "--noise", "1"], ["choose", "--coverage", "0"],
-                                   ["choose", "--points", "10001"], ["dpi", "--points", "50"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["orbits"],
+        ["ellipsoids", "--points", "9"],
+        ["ellipsoids", "--jobs", "0"],
+        ["ellipsoids", "--seed", "x"],
+        ["ellipsoids", "--instances", "0"],
+        ["ellipsoids", "--noise", "1"],
+        ["choose", "--coverage", "0"],
+        ["choose", "--points", "10001"],
+        ["dpi", "--points", "50"],
+    ],
+)
 def test_a_wrong_word_is_4(words: list[str], tmp_path: Path) -> None:
     assert run("study", *words, "--out", str(tmp_path)) == 4
     assert not list(tmp_path.iterdir())

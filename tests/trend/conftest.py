@@ -17,6 +17,7 @@ from .runs import finished_run
 @pytest.fixture
 def write(tmp_path: Path) -> Callable[..., Path]:
     """Return a function that writes a finished run of a day in January into a folder of ``tmp_path``."""
+
     def write(folder: str, day: int, *measurements: Measurement, **more: Any) -> Path:
         (tmp_path / folder).mkdir(parents=True, exist_ok=True)
         return write_run(finished_run(day, *measurements, **more), tmp_path / folder)

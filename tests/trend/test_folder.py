@@ -52,8 +52,9 @@ def test_a_baseline_is_an_entry_of_the_time_it_was_saved(tmp_path: Path, write: 
     entries, skipped = read_folder(tmp_path)
     assert skipped == []
     assert [(entry.file, entry.when_utc) for entry in entries] == [
-        ("base.json", "2026-01-05T00:00:00Z"), ("a/run.json", "2026-01-01T00:00:00Z"),
-    ]  # fmt: skip
+        ("base.json", "2026-01-05T00:00:00Z"),
+        ("a/run.json", "2026-01-01T00:00:00Z"),
+    ]
     assert entries[0].evidence.measurements[1]["cycles.direct.total"].value == 11_061
 
 
@@ -67,8 +68,11 @@ def test_what_a_baseline_has_accepted_is_of_the_build_that_it_is_of(tmp_path: Pa
     trend = trend_of(read_folder(tmp_path)[0])
     assert [entry.file for entry in trend.entries] == ["a/run.json", "b/run.json", "base.json", "c/run.json"]
     at_the_baseline, after_it = (
-        {point.difference.name: between(trend, point) for point in trend.change_points
-         if number in (point.before, point.after)}
+        {
+            point.difference.name: between(trend, point)
+            for point in trend.change_points
+            if number in (point.before, point.after)
+        }
         for number in (2, 3)
     )
     assert at_the_baseline == {"heading.direct.max": "build b -> a", "cycles.direct.total": "build b -> c"}
@@ -88,9 +92,7 @@ def test_the_seeds_of_a_campaign_are_one_entry(tmp_path: Path, write: WriteRun) 
 
 
 @pytest.mark.parametrize("other", [{"build": "another"}, {"seed": 1}])
-def test_seeds_that_are_no_campaign_are_entries_each(
-    tmp_path: Path, write: WriteRun, other: dict[str, object]
-) -> None:
+def test_seeds_that_are_no_campaign_are_entries_each(tmp_path: Path, write: WriteRun, other: dict[str, object]) -> None:
     write("night/seed-0001", 4, cycles(1), seed=1)
     write("night/seed-0002", 4, cycles(1), **({"seed": 2} | other))
     assert read(tmp_path)[0] == ["night/seed-0001/run.json", "night/seed-0002/run.json"]
@@ -115,12 +117,17 @@ def test_foreign_and_corrupt_files_are_named_with_the_reason_and_the_rest_is_rea
     entries, skipped = read(tmp_path)
     assert entries == ["good/run.json"]
     begins = {
-        "half.json": "not JSON: ", "newer.json": 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"',
-        "package.json": "no record of hiltest's: schema is null", "list.json": "no record of hiltest's",
-        "deep.json": "not JSON: nested", "when.json": 'began at "<b>yesterday", which is no time',
-        "huge.json": '"cycles.direct.total" is 1e+308, which nothing measures', "binary.json": "not JSON: ",
-        "pipe.json": "not a regular file", "gone.json": "No such file",
-    }  # fmt: skip
+        "half.json": "not JSON: ",
+        "newer.json": 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"',
+        "package.json": "no record of hiltest's: schema is null",
+        "list.json": "no record of hiltest's",
+        "deep.json": "not JSON: nested",
+        "when.json": 'began at "<b>yesterday", which is no time',
+        "huge.json": '"cycles.direct.total" is 1e+308, which nothing measures',
+        "binary.json": "not JSON: ",
+        "pipe.json": "not a regular file",
+        "gone.json": "No such file",
+    }
     assert skipped.keys() == begins.keys()
     for file, reason in begins.items():
         assert skipped[file].startswith(reason), (file, skipped[file])

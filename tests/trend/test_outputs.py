@@ -19,10 +19,12 @@ HOSTILE = "<script>alert('x')</script>|`\"&"
 
 
 def step_at_run_4() -> Trend:
-    return trend_of([
-        entry(day, cycles(11_061 if day < 4 else 11_161), degrees(1.0), build="old" if day < 4 else "new")
-        for day in range(1, 8)
-    ])  # fmt: skip
+    return trend_of(
+        [
+            entry(day, cycles(11_061 if day < 4 else 11_161), degrees(1.0), build="old" if day < 4 else "new")
+            for day in range(1, 8)
+        ]
+    )
 
 
 def headings(page: str) -> list[str]:
@@ -30,18 +32,29 @@ def headings(page: str) -> list[str]:
 
 
 def test_the_plots_come_first_then_what_changed_in_each_run() -> None:
-    trend = trend_of([
-        entry(day, cycles(11_061 + 100 * (day > 3)), degrees(1.0 + (day > 3) - 1.5 * (day > 5)),
-              degrees(2.0, "fit.direct.dip"), build=f"b{(day > 3) + (day > 5)}") for day in range(1, 8)
-    ])  # fmt: skip
+    trend = trend_of(
+        [
+            entry(
+                day,
+                cycles(11_061 + 100 * (day > 3)),
+                degrees(1.0 + (day > 3) - 1.5 * (day > 5)),
+                degrees(2.0, "fit.direct.dip"),
+                build=f"b{(day > 3) + (day > 5)}",
+            )
+            for day in range(1, 8)
+        ]
+    )
     page = trend_page(trend, [])
     assert headings(page) == [
-        "With a change point: 2 of 3 measurements", "Change points by run, newest first",
-        "run 6, 2026-01-06T00:00:00Z: 1 better", "run 4, 2026-01-04T00:00:00Z: 2 worse",
-        "Without a change point", "Runs",
+        "With a change point: 2 of 3 measurements",
+        "Change points by run, newest first",
+        "run 6, 2026-01-06T00:00:00Z: 1 better",
+        "run 4, 2026-01-04T00:00:00Z: 2 worse",
+        "Without a change point",
+        "Runs",
     ]
     assert page.index("<svg viewBox") < page.index("<table>")
-    of_run_4 = page[page.index('id="change-2"'): page.index("Without a change point")].replace("\xa0", " ")
+    of_run_4 = page[page.index('id="change-2"') : page.index("Without a change point")].replace("\xa0", " ")
     assert of_run_4.count("build b0 -&gt; b1") == 1, "said once for all that changed in a run"
     names = re.findall(r'<th scope="row" class="name">([^<]*)<', of_run_4)
     assert names == ["cycles.direct.total", "heading.direct.max"], "what has a limit first"
@@ -58,15 +71,14 @@ def test_a_trend_without_a_change_point_shows_its_plots_all_the_same() -> None:
 def test_every_measurement_is_drawn_and_told_in_words() -> None:
     page = trend_page(step_at_run_4(), [])
     assert page.count('role="img"') == 2
-    assert (
-        "From 11 061 in run 1 to 11 161 cycle in run 7, limit at most 12 500. Change points: run 4 worse." in page
-    )
+    assert "From 11 061 in run 1 to 11 161 cycle in run 7, limit at most 12 500. Change points: run 4 worse." in page
     assert "No change point." in page
     page = page.replace("\xa0", " ")
-    assert "<p class=\"soft\">Cycles counted by cortex-m4-trm/2@sram.</p>" in page
+    assert '<p class="soft">Cycles counted by cortex-m4-trm/2@sram.</p>' in page
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
     assert captions == [
-        "cycles.direct.total [cycle], limit at most 12 500", "heading.direct.max [deg]",
+        "cycles.direct.total [cycle], limit at most 12 500",
+        "heading.direct.max [deg]",
     ]
 
 
@@ -136,13 +148,15 @@ def test_every_run_is_called_by_what_it_was_made_for() -> None:
     page = trend_page(trend, []).replace("\xa0", " ")
     numbers = re.findall(r'<th scope="row">([^<]*)</th><td class="number">([^<]*)</td>', page)
     assert numbers == [
-        ("run 1", "11 100"), ("run 2 (v1.1)", "11 200"), ("run 3 (commit 0123456789ab, branch main)", "11 300"),
+        ("run 1", "11 100"),
+        ("run 2 (v1.1)", "11 200"),
+        ("run 3 (commit 0123456789ab, branch main)", "11 300"),
     ]
-    table = page[page.index('id="runs"'):]
+    table = page[page.index('id="runs"') :]
     assert '<th scope="col">made for</th>' in table
     of_a_commit = "commit 0123456789ab, branch main"
     assert re.findall(r"Z</td><td class=\"moved\">([^<]*)</td>", table) == ["", "v1.1", of_a_commit]
-    assert "made for v1.1 -&gt; commit 0123456789ab, branch main" in page[page.index('id="changes"'):]
+    assert "made for v1.1 -&gt; commit 0123456789ab, branch main" in page[page.index('id="changes"') :]
     assert "the last in run 3 (commit 0123456789ab, branch main): cycles.direct.total" in page
     assert "made for" not in trend_page(made_for(None, None), [])
 

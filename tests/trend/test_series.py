@@ -55,10 +55,14 @@ def test_a_fact_that_changed_is_neither_better_nor_worse() -> None:
 def test_other_conditions_are_a_line_of_their_own_and_never_compared(other: Mapping[str, object]) -> None:
     model = str(other.get("model", "cortex-m4-trm/2@sram"))
     there = {"seeds": other["seeds"]} if "seeds" in other else {}
-    trend = trend_of([
-        entry(1, cycles(11_061)), entry(2, cycles(11_961, model=model), **(dict(other) | there)),  # type: ignore[arg-type]
-        entry(3, cycles(11_061)), entry(4, cycles(11_061)),
-    ])  # fmt: skip
+    trend = trend_of(
+        [
+            entry(1, cycles(11_061)),
+            entry(2, cycles(11_961, model=model), **(dict(other) | there)),  # type: ignore[arg-type]
+            entry(3, cycles(11_061)),
+            entry(4, cycles(11_061)),
+        ]
+    )
     assert steps_of(trend) == []
     (measured,) = trend.measured
     assert [[point.entry for point in series.points] for series in measured.series] == [[0, 2, 3], [1]]
@@ -92,8 +96,10 @@ def test_a_limit_that_was_moved_is_no_step_of_what_it_limits() -> None:
     assert steps_of(trend) == []
     points = trend.measured[0].series[0].points
     assert [(str(point.limit), point.outcome) for point in points] == [
-        ("at most 12 500", "pass"), ("at most 11 000", "fail"), ("at most 12 500", "pass"),
-    ]  # fmt: skip
+        ("at most 12 500", "pass"),
+        ("at most 11 000", "fail"),
+        ("at most 12 500", "pass"),
+    ]
 
 
 def test_who_does_not_know_the_limit_does_not_say_that_there_is_none() -> None:
@@ -120,10 +126,16 @@ def test_a_step_out_of_the_limit_says_that_it_fails() -> None:
 
 
 def test_what_is_volatile_or_no_number_has_no_trend() -> None:
-    trend = trend_of([
-        entry(1, check("board.wall_seconds", 8.1, unit="s", volatile=True), check("a", None, unit="deg"),
-              check("b", float("nan"), unit="deg")),
-    ])  # fmt: skip
+    trend = trend_of(
+        [
+            entry(
+                1,
+                check("board.wall_seconds", 8.1, unit="s", volatile=True),
+                check("a", None, unit="deg"),
+                check("b", float("nan"), unit="deg"),
+            ),
+        ]
+    )
     assert trend.measured == ()
 
 
@@ -155,6 +167,10 @@ def test_of_one_run_what_got_worse_stands_first_and_the_farthest_before_all() ->
     after = [cycles(10_000), *(degrees(value, name) for name, value in names.items())]
     trend = trend_of([entry(1, *before), entry(2, *after)])
     assert [step.difference.name for step in trend.change_points] == [
-        "heading.b.max", "heading.a.max", "cycles.direct.total", "fit.a.residual", "heading.a.worst_sector",
+        "heading.b.max",
+        "heading.a.max",
+        "cycles.direct.total",
+        "fit.a.residual",
+        "heading.a.worst_sector",
     ]  # the cycles have a limit
     assert "the last in run 2: heading.b.max 0.9 -> 1.5 deg" in sentence(trend)

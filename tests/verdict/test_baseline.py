@@ -52,9 +52,9 @@ def test_a_baseline_compared_with_its_own_run_has_only_unchanged(baseline: Basel
     assert read_baseline(file) == baseline
     comparison = compare(read_evidence(file), run())
     assert comparison.evaluated
-    assert {
-        each.name for each in comparison.differences_with(Change.UNCHANGED)
-    } == {each.name for each in comparison.differences}
+    assert {each.name for each in comparison.differences_with(Change.UNCHANGED)} == {
+        each.name for each in comparison.differences
+    }
     assert (comparison.base.file, comparison.base.saved_utc) == (str(file), THEN)
     assert len(comparison.base.sha256) == 64
 
@@ -67,7 +67,7 @@ def test_another_program_may_have_written_it_in_its_own_order(baseline: Baseline
 
 
 def test_there_is_a_line_for_each_measurement_and_none_for_what_is_volatile_or_has_no_number(
-    baseline: Baseline
+    baseline: Baseline,
 ) -> None:
     lines = [line for line in to_json(baseline).splitlines() if line.startswith(' {"name"')]
     rows = [json.loads(line.strip().removesuffix(",").removesuffix("]")) for line in lines]
@@ -93,7 +93,9 @@ def test_a_pattern_moves_all_that_it_matches_and_history_goes_on(baseline: Basel
     once = accept(baseline, run(heading=1.0), ["heading.*"], because="first", when_utc=THEN)
     twice = accept(once, run(11_161, 1.0, 9.0), ["*"], because="second", when_utc=NOW)
     assert [(each.name, each.because) for each in twice.history] == [
-        ("heading.direct.max", "first"), ("compass.lag", "second"), ("cycles.direct.total", "second"),
+        ("heading.direct.max", "first"),
+        ("compass.lag", "second"),
+        ("cycles.direct.total", "second"),
     ]
     assert compare(evidence_from(twice, "", ""), run(11_161, 1.0, 9.0)).differences_with(Change.UNCHANGED)
 
@@ -119,10 +121,13 @@ def test_every_measurement_keeps_the_build_that_it_is_of(tmp_path: Path) -> None
     of_b = accept(of_a, run(11_161, 1.5, build="b"), ["cycles.*"], because="checks more", when_utc=NOW)
     of_c = accept(of_b, run(11_161, 1.5, 9.0, build="c"), ["compass.lag"], because="waits", when_utc=NOW)
     assert [(row.name, row.build_id) for row in of_c.measurements] == [
-        ("compass.lag", "c"), ("cycles.direct.total", "b"), ("heading.direct.max", None),
+        ("compass.lag", "c"),
+        ("cycles.direct.total", "b"),
+        ("heading.direct.max", None),
     ]
     assert [(each.name, each.was_build_id, each.build_id) for each in of_c.history] == [
-        ("cycles.direct.total", "a", "b"), ("compass.lag", "a", "c"),
+        ("cycles.direct.total", "a", "b"),
+        ("compass.lag", "a", "c"),
     ]
     assert (of_c.side.build_id, of_c.saved_utc, of_c.side.saved_utc) == ("a", NOW, NOW)
     said = "build a, with 1 measurement accepted from build b and 1 measurement accepted from build c"
@@ -150,7 +155,10 @@ def test_a_baseline_whose_numbers_are_all_of_one_run_is_of_its_build(tmp_path: P
     # A number that goes back to what the side's build has is that build's again.
     back = accept(
         accept(baseline_of(run(build="a"), THEN), run(1, 2, build="b"), ["cycles.*"], because="x", when_utc=NOW),
-        run(2, 2, build="a"), ["cycles.*"], because="undone", when_utc=NOW,
+        run(2, 2, build="a"),
+        ["cycles.*"],
+        because="undone",
+        when_utc=NOW,
     )
     assert build(back.side) == "build a"
 

@@ -12,10 +12,16 @@ from hiltest.procedures import predicted_residual_percent
 from hiltest.verdict.causes import Cause, HeadingSymptoms, name_cause
 
 GOOD = {
-    "max_deg": 1.0, "max_limit_deg": 1.8, "bias_deg": 0.1, "bias_limit_deg": 1.0, "max_centred_deg": 0.95,
-    "residual_percent": 0.8, "residual_predicted_percent": 0.8,
-    "accelerometer_norm_rms_mg": 2.0, "accelerometer_limit_mg": 5.0,
-}  # fmt: skip
+    "max_deg": 1.0,
+    "max_limit_deg": 1.8,
+    "bias_deg": 0.1,
+    "bias_limit_deg": 1.0,
+    "max_centred_deg": 0.95,
+    "residual_percent": 0.8,
+    "residual_predicted_percent": 0.8,
+    "accelerometer_norm_rms_mg": 2.0,
+    "accelerometer_limit_mg": 5.0,
+}
 
 
 def cause(**changes: float | None) -> Cause:

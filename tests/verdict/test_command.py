@@ -35,8 +35,9 @@ def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
     assert re.search(
         r"^better \(1\)\n  cycles\.direct\.total [\d ]+ -> 10 000 cycles \(-[\d ]+, -\S+ %; limit at most 12 000;"
         r"\s+heading\.direct\.max\s+(\S+) -> \1 deg\)$",
-        done.stdout, re.M,
-    )  # fmt: skip
+        done.stdout,
+        re.M,
+    )
     assert "cycles counted by cortex-m4-trm/2@sram" in done.stdout.splitlines()
     done = hiltest("compare", changed("base"), changed("new", values={"heading.direct.max": 1.0}))
     assert "counted by" not in done.stdout, "no cycles are shown"
@@ -143,7 +144,9 @@ def test_of_several_new_runs_the_worst_decides(changed: Changed) -> None:
     done = hiltest("compare", base, same, worse, unlike)
     assert done.returncode == 22
     assert re.findall(r"^(May be merged|Not to be merged|Cannot say whether it may be merged) ", done.stdout, re.M) == [
-        "May be merged", "Not to be merged", "Cannot say whether it may be merged",
+        "May be merged",
+        "Not to be merged",
+        "Cannot say whether it may be merged",
     ]
 
 
@@ -314,7 +317,8 @@ def test_a_baseline_that_is_saved_again_keeps_its_history(changed: Changed, tmp_
     assert hiltest("baseline", "save", run, file).returncode == 0
     saved = json.loads(file.read_text(encoding="utf-8"))
     assert [(each["name"], each["because"]) for each in saved["history"]] == [
-        ("cycles.direct.total", "it checks less"), ("*", "renewed"),
+        ("cycles.direct.total", "it checks less"),
+        ("*", "renewed"),
     ]
     assert saved["history"][1]["build_id"] == saved["side"]["build_id"]
 
@@ -365,8 +369,10 @@ def test_detect_says_how_many_runs_a_side_see_a_change(changed: Changed, tmp_pat
     baseline = Path(__file__).parents[2] / "hil" / "baselines" / "virtual-k64f.json"
     done = hiltest("compare", "--detect", "0.05 deg", baseline)
     assert done.returncode == 0, done.stderr
-    needed = {name: int(runs.replace(" ", "")) for name, runs in re.findall(
-        r"^(heading\.\S+) +\S+ +([\d ]+?) {2,}", done.stdout, re.M)}  # fmt: skip
+    needed = {
+        name: int(runs.replace(" ", ""))
+        for name, runs in re.findall(r"^(heading\.\S+) +\S+ +([\d ]+?) {2,}", done.stdout, re.M)
+    }
     assert 17 < needed["heading.direct.rms"] < 60, "17 at 5 % for this measurement alone"
     assert 163 < needed["heading.direct.max"] < 600
     assert 628 < needed["heading.dpi.max"] < 2500
@@ -381,8 +387,25 @@ def test_detect_says_how_many_runs_a_side_see_a_change(changed: Changed, tmp_pat
 
 
 @pytest.mark.parametrize(
-    "size", ["", "deg", "0.05", "0deg", "-1deg", "nandeg", "infdeg", "1e999deg", "0.05furlong", "\u0660.5deg", "0x1deg",
-             "0.05deg\n", "1_0deg", "0.05deg; rm", "9" * 5000 + "deg", "\x1b[31mdeg"],
+    "size",
+    [
+        "",
+        "deg",
+        "0.05",
+        "0deg",
+        "-1deg",
+        "nandeg",
+        "infdeg",
+        "1e999deg",
+        "0.05furlong",
+        "\u0660.5deg",
+        "0x1deg",
+        "0.05deg\n",
+        "1_0deg",
+        "0.05deg; rm",
+        "9" * 5000 + "deg",
+        "\x1b[31mdeg",
+    ],
 )
 def test_a_size_that_is_none_is_a_usage_error_that_names_what_is_expected(size: str) -> None:
     baseline = Path(__file__).parents[2] / "hil" / "baselines" / "virtual-k64f.json"

@@ -27,12 +27,22 @@ from hiltest.verdict.evidence import Evidence
 from .evidence import evidence, measurement, over_seeds
 
 NAMES = (
-    "cycles.direct.total", "cycles.direct.per_point", "heading.direct.max", "heading.direct.bias",
-    "heading.direct.worst_sector", "tumble.coverage", "fit.direct.status", "compass.declination",
+    "cycles.direct.total",
+    "cycles.direct.per_point",
+    "heading.direct.max",
+    "heading.direct.bias",
+    "heading.direct.worst_sector",
+    "tumble.coverage",
+    "fit.direct.status",
+    "compass.declination",
 )
 OPPOSITE = {
-    Change.BETTER: Change.WORSE, Change.WORSE: Change.BETTER, Change.NEW: Change.GONE, Change.GONE: Change.NEW,
-    Change.UNCHANGED: Change.UNCHANGED, Change.CHANGED: Change.CHANGED,
+    Change.BETTER: Change.WORSE,
+    Change.WORSE: Change.BETTER,
+    Change.NEW: Change.GONE,
+    Change.GONE: Change.NEW,
+    Change.UNCHANGED: Change.UNCHANGED,
+    Change.CHANGED: Change.CHANGED,
 }
 
 ABSENT = "absent"
@@ -71,8 +81,7 @@ def newly_out(base: Evidence, new: Evidence, name: str) -> bool:
     """Say whether a seed fails now that did not before: one that was made, or has no number now."""
     pairs = [(base.measurements[seed].get(name), new.measurements[seed].get(name)) for seed in base.measurements]
     return any(
-        now is not None and fails(now) and (now.value is None if was is None else not fails(was))
-        for was, now in pairs
+        now is not None and fails(now) and (now.value is None if was is None else not fails(was)) for was, now in pairs
     )
 
 
@@ -146,12 +155,16 @@ def test_one_cycle_more_in_a_total_is_worse() -> None:
 @pytest.mark.parametrize(
     ("base", "new", "change"),
     [
-        (1.0, 1.1, Change.UNCHANGED), (1.0, 1.1000001, Change.WORSE),  # at the absolute tolerance, and beyond
-        (1.0, 0.9, Change.UNCHANGED), (1.1, 0.9999999, Change.BETTER),
-        (10.0, 10.5, Change.UNCHANGED), (10.0, 10.501, Change.WORSE),  # at the relative one, and beyond
+        (1.0, 1.1, Change.UNCHANGED),
+        (1.0, 1.1000001, Change.WORSE),  # at the absolute tolerance, and beyond
+        (1.0, 0.9, Change.UNCHANGED),
+        (1.1, 0.9999999, Change.BETTER),
+        (10.0, 10.5, Change.UNCHANGED),
+        (10.0, 10.501, Change.WORSE),  # at the relative one, and beyond
         (10.0, 10.2, Change.UNCHANGED),  # beyond the absolute one alone
         (0.1, 0.15, Change.UNCHANGED),  # beyond the relative one alone
-        (0.0, 0.1, Change.UNCHANGED), (0.0, 0.11, Change.WORSE),
+        (0.0, 0.1, Change.UNCHANGED),
+        (0.0, 0.11, Change.WORSE),
     ],
 )
 def test_worse_is_what_is_beyond_both_tolerances(base: float, new: float, change: Change) -> None:
@@ -167,8 +180,12 @@ def test_worse_is_what_is_beyond_both_tolerances(base: float, new: float, change
 @pytest.mark.parametrize(
     ("base", "new", "change"),
     [
-        (0.5, 0.509, Change.UNCHANGED), (0.5, 0.511, Change.WORSE), (0.511, 0.5, Change.BETTER),
-        (3.0, 3.029, Change.UNCHANGED), (3.0, 3.031, Change.WORSE), (3.031, 3.0, Change.BETTER),
+        (0.5, 0.509, Change.UNCHANGED),
+        (0.5, 0.511, Change.WORSE),
+        (0.511, 0.5, Change.BETTER),
+        (3.0, 3.029, Change.UNCHANGED),
+        (3.0, 3.031, Change.WORSE),
+        (3.031, 3.0, Change.BETTER),
     ],
 )
 def test_a_heading_may_move_by_a_hundredth_of_a_degree_or_of_itself(
@@ -194,8 +211,10 @@ def test_the_last_written_digit_is_no_difference() -> None:
 @pytest.mark.parametrize(
     ("limit", "sense", "change"),
     [
-        (Limit(max=9), Better.LOWER, Change.WORSE), (Limit(min=1), Better.HIGHER, Change.BETTER),
-        (Limit.within(9), Better.NEARER_ZERO, Change.WORSE), (Limit(1, 9), Better.NEITHER, Change.CHANGED),
+        (Limit(max=9), Better.LOWER, Change.WORSE),
+        (Limit(min=1), Better.HIGHER, Change.BETTER),
+        (Limit.within(9), Better.NEARER_ZERO, Change.WORSE),
+        (Limit(1, 9), Better.NEITHER, Change.CHANGED),
         (None, Better.NEITHER, Change.CHANGED),
     ],
 )
@@ -242,14 +261,14 @@ def test_from_eight_pairs_on_a_degree_is_worse_only_if_its_interval_excludes_zer
 @pytest.mark.parametrize(
     ("name", "way", "back"),
     [
-        ("heading.direct.rms", Change.WORSE, Change.BETTER), ("heading.direct.bias", Change.WORSE, Change.BETTER),
-        ("tumble.coverage", Change.BETTER, Change.WORSE), ("fit.direct.strength", Change.CHANGED, Change.CHANGED),
+        ("heading.direct.rms", Change.WORSE, Change.BETTER),
+        ("heading.direct.bias", Change.WORSE, Change.BETTER),
+        ("tumble.coverage", Change.BETTER, Change.WORSE),
+        ("fit.direct.strength", Change.CHANGED, Change.CHANGED),
     ],
 )
 @pytest.mark.parametrize("seeds", [7, 8, 100])
-def test_a_seed_that_moves_alone_is_never_lost_in_the_mean(
-    name: str, way: Change, back: Change, seeds: int
-) -> None:
+def test_a_seed_that_moves_alone_is_never_lost_in_the_mean(name: str, way: Change, back: Change, seeds: int) -> None:
     base, new = over_seeds(name, *[0.5] * seeds), over_seeds(name, 0.5, 0.5, 90.0, *[0.5] * (seeds - 3))
     assert (only(base, new).change, only(new, base).change) == (way, back)
     assert "alone on seed 3" in only(base, new).note
@@ -378,9 +397,7 @@ def test_one_seed_that_comes_within_its_limit_hides_nothing() -> None:
 def test_a_limit_that_was_raised_makes_nothing_better() -> None:
     name = "heading.direct.max"
     found = only(judged(name, 2.0, limit=Limit(max=1.8)), judged(name, 20.0, limit=Limit(max=30)))
-    assert (found.change, found.note) == (
-        Change.WORSE, "within its limit again; its limit was at most 1.8 in the base"
-    )
+    assert (found.change, found.note) == (Change.WORSE, "within its limit again; its limit was at most 1.8 in the base")
 
 
 def test_each_seed_that_goes_out_of_its_limit_counts_though_another_was_out_before() -> None:
@@ -515,7 +532,8 @@ def test_a_limit_that_was_not_judged_leaves_the_answer_open_and_a_regression_is_
         (Limit(max=2), Limit(max=1), 1.5, 1.5, Change.UNCHANGED),  # the limit did it
         (Limit(max=2), Limit(max=1), 0.9995, 1.0005, Change.WORSE),  # it went through the new one
         (Limit(max=2), Limit(max=1), 1.995, 2.004, Change.WORSE),  # it went through the old one
-        (None, Limit(max=1), 1.5, 1.5, Change.UNCHANGED), (None, Limit(max=1), 0.9995, 1.0005, Change.WORSE),
+        (None, Limit(max=1), 1.5, 1.5, Change.UNCHANGED),
+        (None, Limit(max=1), 0.9995, 1.0005, Change.WORSE),
     ],
 )
 def test_an_edited_limit_is_not_the_firmware_s_doing(
@@ -535,10 +553,14 @@ def test_an_edited_limit_is_not_the_firmware_s_doing(
 @pytest.mark.parametrize(
     ("before", "after", "change"),
     [
-        (Limit(max=2), None, Change.CHANGED), (Limit(max=2), Limit(max=3), Change.CHANGED),
-        (Limit(max=2), Limit(min=-2), Change.CHANGED), (Limit.within(2), Limit(-3, 2), Change.CHANGED),
-        (Limit(max=2), Limit(max=1.5), Change.UNCHANGED), (Limit(max=2), Limit.within(2), Change.UNCHANGED),
-        (Limit(max=2), Limit(max=2), Change.UNCHANGED), (None, Limit(max=2), Change.UNCHANGED),
+        (Limit(max=2), None, Change.CHANGED),
+        (Limit(max=2), Limit(max=3), Change.CHANGED),
+        (Limit(max=2), Limit(min=-2), Change.CHANGED),
+        (Limit.within(2), Limit(-3, 2), Change.CHANGED),
+        (Limit(max=2), Limit(max=1.5), Change.UNCHANGED),
+        (Limit(max=2), Limit.within(2), Change.UNCHANGED),
+        (Limit(max=2), Limit(max=2), Change.UNCHANGED),
+        (None, Limit(max=2), Change.UNCHANGED),
     ],
 )
 def test_a_limit_that_the_change_under_test_loosens_is_shown_although_the_number_is_what_it_was(
@@ -560,7 +582,8 @@ def test_a_limit_that_the_change_under_test_loosens_is_shown_although_the_number
         (EXACT, Tolerance(0.5, 0.0), 0.0, Change.CHANGED, "its tolerance was exact in the base"),
         (Tolerance(0.2, 0.0), Tolerance(0.2, 0.5), 0.3, Change.WORSE, "its tolerance was 0.2 deg in the base"),
         (Tolerance(0.2, 0.1), EXACT, 0.1, Change.UNCHANGED, "its tolerance was 0.2 deg and 10 % in the base"),
-        (EXACT, EXACT, 0.1, Change.WORSE, ""), (None, Tolerance(0.5, 0.0), 0.1, Change.UNCHANGED, ""),
+        (EXACT, EXACT, 0.1, Change.WORSE, ""),
+        (None, Tolerance(0.5, 0.0), 0.1, Change.UNCHANGED, ""),
     ],
 )
 def test_a_tolerance_that_the_base_states_is_not_taken_away_by_the_change_under_test(
@@ -577,9 +600,14 @@ def test_a_tolerance_that_the_base_states_is_not_taken_away_by_the_change_under_
 
 def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_the_farthest() -> None:
     moved = {  # by how many tolerances: an exact one counts in percent
-        "cycles.direct.total": (10_000, 10_100), "cycles.corrected.total": (10_000, 10_300),
-        "fit.direct.residual": (1.0, 1.1), "heading.direct.rms": (1.0, 1.05), "heading.direct.max": (1.0, 1.02),
-        "heading.iterative.max": (1.79, 1.9), "tumble.coverage": (90.0, 80.0), "link.retried": (0, 1),
+        "cycles.direct.total": (10_000, 10_100),
+        "cycles.corrected.total": (10_000, 10_300),
+        "fit.direct.residual": (1.0, 1.1),
+        "heading.direct.rms": (1.0, 1.05),
+        "heading.direct.max": (1.0, 1.02),
+        "heading.iterative.max": (1.79, 1.9),
+        "tumble.coverage": (90.0, 80.0),
+        "link.retried": (0, 1),
     }
     limits = {"heading.direct.max": Limit(max=1.8), "heading.iterative.max": Limit(max=1.8)}
     base, new = (
@@ -589,8 +617,14 @@ def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_th
     comparison = compare(base, new)
     worse = [each.name for each in comparison.differences_with(Change.WORSE)]
     assert worse == [
-        "heading.iterative.max", "heading.direct.max", "link.retried", "fit.direct.residual", "tumble.coverage",
-        "heading.direct.rms", "cycles.corrected.total", "cycles.direct.total",
+        "heading.iterative.max",
+        "heading.direct.max",
+        "link.retried",
+        "fit.direct.residual",
+        "tumble.coverage",
+        "heading.direct.rms",
+        "cycles.corrected.total",
+        "cycles.direct.total",
     ]
     assert re.search(r"8 worse: heading\.iterative\.max .*, heading\.direct\.max .* and 6 more", comparison.sentence)
     assert [difference.name for difference in comparison.differences] == sorted(moved)
@@ -600,15 +634,18 @@ def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_th
 def test_what_a_run_did_not_come_to_is_not_taken_and_no_wall_of_what_is_gone(chosen: bool) -> None:
     base = evidence([measurement(f"lamp.{index}", 1.0) for index in range(9)])
     new = replace(
-        evidence([measurement("lamp.0", 1.0), measurement("lamp.1", None)]), chosen=chosen,
+        evidence([measurement("lamp.0", 1.0), measurement("lamp.1", None)]),
+        chosen=chosen,
         faults=() if chosen else ("this run: the run is not complete (interrupted); run all of it again",),
     )
     comparison = compare(base, new)
     assert [each.name for each in comparison.differences_with(Change.GONE)] == ["lamp.1"]  # it came to that one
     assert len(comparison.differences_with(Change.NOT_TAKEN)) == 7
     assert (len(comparison.obstacles), comparison_code(comparison)) == (2, 22)
-    assert any(("only chosen tests ran, and 7 measurements of" if chosen else "interrupted") in obstacle
-               for obstacle in comparison.obstacles)
+    assert any(
+        ("only chosen tests ran, and 7 measurements of" if chosen else "interrupted") in obstacle
+        for obstacle in comparison.obstacles
+    )
     both = compare(replace(base, chosen=True), replace(new, chosen=True, faults=()))
     assert len(both.differences_with(Change.GONE)) == 8  # of the same choice all of it is missed
 

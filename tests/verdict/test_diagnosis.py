@@ -64,11 +64,14 @@ class Bench:
         return [
             table("heading.known", vectors, np.hstack([TURNS @ FIELD_NED, TURNS @ np.array([0, 0, 1])]).tolist()),
             table("heading.means", readings, np.hstack([self.magnetometer, self.accelerometer]).tolist()),
-            table("heading.calibrations", ["calibration", *held, *gravity],
-                  [[self.name, *soft_iron.ravel(), *hard_iron, *nominal]]),
+            table(
+                "heading.calibrations",
+                ["calibration", *held, *gravity],
+                [[self.name, *soft_iron.ravel(), *hard_iron, *nominal]],
+            ),
             table("calibration.results", ["calibrator", "points"], [["direct", 100]]),
             table("tumble.points", list("xyz"), self.points.tolist()),
-        ]  # fmt: skip
+        ]
 
     @property
     def points(self) -> np.ndarray:
@@ -128,6 +131,7 @@ def table(name: str, columns: list[str], rows: list[list[object]]) -> Table:
 @pytest.fixture
 def sentence(findings: Make) -> Callable[..., str]:
     """Return a function that gives the verdict's sentence of a bench."""
+
     def say(bench: Bench, *more: Measurement, broken: str = "") -> str:
         failed = TestResult("test_dpi.py::test", TestOutcome.FAILED, 1.0, broken)
         tests = (TestResult(HEADING_TEST, TestOutcome.PASSED, 1.0), *([failed] if broken else []))
@@ -154,18 +158,35 @@ def test_a_bench_with_nothing_wrong_has_no_cause(sentence: Callable[..., str]) -
         (Bench(held_scale=np.eye(3)[[1, 0, 2]]), "after calibration, magnetometer: x and y are exchanged"),
         (Bench(iron=turned(Pose(0, 3)) @ SOFT_IRON), "good fit, bad heading (rotated by 3."),
         (Bench(iron=turned(Pose(0, 12)) @ SOFT_IRON), "good fit, bad heading (rotated by 12"),
-        (Bench(real_turns=np.array([turned(Pose(p.heading_deg + 3, p.pitch_deg, p.roll_deg)) for p in POSES])),
-         "constant offset (+3."),
-        (Bench(real_turns=np.array([turned(Pose(p.heading_deg - 90, p.pitch_deg, p.roll_deg)) for p in POSES])),
-         "constant offset (-89.9"),
+        (
+            Bench(real_turns=np.array([turned(Pose(p.heading_deg + 3, p.pitch_deg, p.roll_deg)) for p in POSES])),
+            "constant offset (+3.",
+        ),
+        (
+            Bench(real_turns=np.array([turned(Pose(p.heading_deg - 90, p.pitch_deg, p.roll_deg)) for p in POSES])),
+            "constant offset (-89.9",
+        ),
         (Bench(accelerometer_offset=[0.06, 0, 0]), "accelerometer (offset: 59.9"),
         (Bench(moved=[50, -30, 0]), "stale calibration (hard-iron error of 5."),
         (Bench(name="calibration", held_offset=[40, 0, 0]), "stale calibration (hard-iron error of 3.96 uT: x +3.96"),
     ],
-    ids=["axes", "a negated axis", "hard iron", "a little hard iron", "scale", "rotation", "axes of the calibration",
-         "rotated iron", "much rotated iron", "declination", "mounting", "accelerometer", "iron that moved",
-         "an old file"],
-)  # fmt: skip
+    ids=[
+        "axes",
+        "a negated axis",
+        "hard iron",
+        "a little hard iron",
+        "scale",
+        "rotation",
+        "axes of the calibration",
+        "rotated iron",
+        "much rotated iron",
+        "declination",
+        "mounting",
+        "accelerometer",
+        "iron that moved",
+        "an old file",
+    ],
+)
 def test_what_is_wrong_is_named_with_its_size(sentence: Callable[..., str], bench: Bench, cause: str) -> None:
     assert f"Likely cause: {cause}" in sentence(bench)
 

@@ -45,7 +45,8 @@ def test_a_run_is_replaced_and_not_updated() -> None:
 @pytest.mark.parametrize(
     ("base", "new"),
     [
-        (BASELINE, BASE), (BETTER, BASE),  # nothing better, and something worse
+        (BASELINE, BASE),
+        (BETTER, BASE),  # nothing better, and something worse
         (BASELINE, replace(BETTER, failed=("test_lamp.py::test_life (it broke)",))),
         (BASELINE, replace(BETTER, faults=("cut short",))),
         (replace(BASE, chosen=True), replace(BETTER, chosen=True)),  # a run of chosen tests is no base

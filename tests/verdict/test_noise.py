@@ -130,7 +130,8 @@ def test_so_many_runs_see_the_change_and_one_fewer_does_not() -> None:
     [
         (0.0, 0.01, 0.05, 1),  # every seed moves alike
         (0.002, 0.01, 0.05, 1),  # noise stays within the tolerance
-        (0.0, 0.05, 0.05, None), (0.02, 0.05, 0.04, None),  # within the tolerance: no number of seeds sees it
+        (0.0, 0.05, 0.05, None),
+        (0.02, 0.05, 0.04, None),  # within the tolerance: no number of seeds sees it
         (1.0, 0.01, 1e-6 + 0.01, None),
     ],
 )
@@ -221,9 +222,11 @@ def test_on_a_bench_the_rms_decides_and_the_largest_error_informs() -> None:
 def test_a_largest_error_decides_where_the_rig_states_its_tolerance() -> None:
     names = ("heading.direct.rms", "heading.direct.max")
     base, new = (
-        replace(evidence([measurement(name, value) for name in names], conditions=ON_A_BENCH), tolerances={
-            names[1]: Tolerance(0.1, 0.0)
-        }) for value in (0.4, 0.52)
+        replace(
+            evidence([measurement(name, value) for name in names], conditions=ON_A_BENCH),
+            tolerances={names[1]: Tolerance(0.1, 0.0)},
+        )
+        for value in (0.4, 0.52)
     )
     assert [each.name for each in compare(base, new).differences_with(Change.WORSE)] == [names[1]]
     within = evidence([measurement(name, 0.49) for name in names], conditions=ON_A_BENCH)
@@ -233,9 +236,13 @@ def test_a_largest_error_decides_where_the_rig_states_its_tolerance() -> None:
 def test_a_largest_error_that_leaves_its_limit_is_worse_on_a_bench_too() -> None:
     names, limit = ("heading.direct.rms", "heading.direct.max"), Limit(max=2.0)
     good = evidence([measurement(name, 0.5, limit=limit) for name in names], conditions=ON_A_BENCH)
-    bad = evidence([
-        measurement(names[0], 0.5, limit=limit), measurement(names[1], 2.1, limit=limit, outcome=Outcome.FAIL),
-    ], conditions=ON_A_BENCH)  # fmt: skip
+    bad = evidence(
+        [
+            measurement(names[0], 0.5, limit=limit),
+            measurement(names[1], 2.1, limit=limit, outcome=Outcome.FAIL),
+        ],
+        conditions=ON_A_BENCH,
+    )
     assert [each.name for each in compare(good, bad).differences_with(Change.WORSE)] == [names[1]]
 
 
@@ -270,8 +277,11 @@ def test_a_test_that_one_of_several_runs_lacks_is_missed() -> None:
 
 def test_what_would_be_worse_alone_is_shown_among_many() -> None:
     """0.30 deg between two single runs are three standard deviations: nothing to pass over, and no proof."""
-    names = [f"heading.{calibrator}.{what}" for calibrator in ("direct", "corrected", "dpi", "iterative")
-             for what in ("rms", "bias", "tilt_sensitivity")]  # fmt: skip
+    names = [
+        f"heading.{calibrator}.{what}"
+        for calibrator in ("direct", "corrected", "dpi", "iterative")
+        for what in ("rms", "bias", "tilt_sensitivity")
+    ]
     base = evidence([measurement(name, 0.4) for name in names], conditions=ON_A_BENCH)
     new = evidence([measurement(name, 0.4 + 0.3 * (name == names[0])) for name in names], conditions=ON_A_BENCH)
     (found,) = compare(base, new).differences_with(Change.CHANGED)

@@ -166,9 +166,7 @@ def test_cycles_that_another_model_counted_are_no_further_reason_and_others_that
 
 def test_of_two_firmwares_in_one_session_no_baseline_is_to_be_renewed() -> None:
     base = evidence([measurement("link.retried", 0)])
-    unlike = replace(
-        CONDITIONS, rig_sha256="00" * 32, calibrators=(), sensors=(), protocol_version=5, poses="level"
-    )
+    unlike = replace(CONDITIONS, rig_sha256="00" * 32, calibrators=(), sensors=(), protocol_version=5, poses="level")
     new = replace(base, conditions=unlike, side=replace(base.side, cycle_model="dwt"), measurements={1: {}})
     assert "renew the baseline" in " ".join(compare(base, new).obstacles)
     reasons = compare(base, new, together=True).obstacles
@@ -260,10 +258,20 @@ def test_a_seed_that_left_no_record_is_a_fault_of_the_campaign(changed: Changed,
 @pytest.mark.parametrize(
     "text",
     [
-        "", "{", "[]", "null", "12", '{"schema": "hiltest.run/2"}', '{"schema": "hiltest.run/1"}', "\x00\xff",
-        "[" * 9999, '{"schema": "hiltest.baseline/2"}',
-        '{"schema": "hiltest.baseline/1"}', '{"schema": ["hiltest.baseline/1"]}',
-        '{"schema": "other"}', '{"schema": "hiltest.baseline/1", "seeds": NaN}',
+        "",
+        "{",
+        "[]",
+        "null",
+        "12",
+        '{"schema": "hiltest.run/2"}',
+        '{"schema": "hiltest.run/1"}',
+        "\x00\xff",
+        "[" * 9999,
+        '{"schema": "hiltest.baseline/2"}',
+        '{"schema": "hiltest.baseline/1"}',
+        '{"schema": ["hiltest.baseline/1"]}',
+        '{"schema": "other"}',
+        '{"schema": "hiltest.baseline/1", "seeds": NaN}',
     ],
 )
 def test_a_file_that_is_no_evidence_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
@@ -290,7 +298,8 @@ def test_where_no_board_answered_that_alone_is_the_reason(changed: Changed) -> N
     lost = changed("new", {"board": None, "seed": None, "verdict.complete": False, "measurements": []})
     reasons = compared(changed("base"), lost).obstacles
     assert [reason.partition(": ")[2].partition(" (")[0] for reason in reasons] == [
-        "the run is not complete", "no board answered; run it again",
+        "the run is not complete",
+        "no board answered; run it again",
     ]
     without = compared(changed("base"), changed("without", {"board": None, "measurements": []})).obstacles
     assert [each.partition(": ")[0] for each in without if "gone" not in each] == ["another kind of board"]
@@ -315,11 +324,13 @@ def on_seed_1(**outcomes: str) -> dict[int | None, dict[str, TestOutcome]]:
     [
         ({"test_a": "passed"}, {"test_a": "passed", "test_b": "skipped"}, ""),
         ({"test_a": "skipped", "test_b": "failed", "test_c": "xfailed"}, {}, ""),
-        ({"test_a": "passed"}, {"test_a": "failed"}, ""), ({"test_a": "passed"}, {"test_a": "xpassed"}, ""),
+        ({"test_a": "passed"}, {"test_a": "failed"}, ""),
+        ({"test_a": "passed"}, {"test_a": "xpassed"}, ""),
         ({"test_a": "passed"}, {"test_a": "skipped"}, "test_a passed before and is skipped now; let it run"),
         ({"test_a[1]": "passed"}, {"test_a[2]": "passed"}, "test_a[1] passed before and did not run now; let it run"),
         (
-            {"test_a": "passed", "test_b": "passed", "test_c": "passed"}, {"test_b": "passed", "test_c": "skipped"},
+            {"test_a": "passed", "test_b": "passed", "test_c": "passed"},
+            {"test_b": "passed", "test_c": "skipped"},
             "test_a passed before and did not run now, and so 1 more; let them run",
         ),
     ],
@@ -354,7 +365,9 @@ def test_what_is_new_because_its_test_failed_in_the_base_was_not_compared(outcom
             [
                 "nothing to compare with: lamp.colour is new, for test_lamp.py::test_a failed in run.json, and so 1 "
                 "more; name a base in which it passes"
-            ] if outcome in ("failed", "connection lost") else []
+            ]
+            if outcome in ("failed", "connection lost")
+            else []
         )
 
 

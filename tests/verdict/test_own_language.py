@@ -21,10 +21,14 @@ def measured(**values: float) -> list[Measurement]:
     units = {"bias_error": "dps", "offset_error": "uT", "unsettled": ""}
     limited = {name.replace("__", "."): value for name, value in values.items()}
     return [
-        check(name, value, unit=units.get(name.rpartition(".")[2], "deg"),
-              limit=Limit(max=LIMITS[name]) if name in LIMITS else None)
+        check(
+            name,
+            value,
+            unit=units.get(name.rpartition(".")[2], "deg"),
+            limit=Limit(max=LIMITS[name]) if name in LIMITS else None,
+        )
         for name, value in limited.items()
-    ]  # fmt: skip
+    ]
 
 
 def contradictions(**said: str) -> dict[str, Table]:
@@ -41,8 +45,12 @@ def cause(of: str = "firmware", said: dict[str, str] | None = None, **values: fl
 
 def test_a_filter_that_lags_behind_a_right_calibration() -> None:
     found, words = cause(
-        heading__firmware__max=4.0, heading__firmware__max_centred=0.3, heading__calibrated__max=0.8,
-        heading__ecompass__max=0.9, device__unsettled=0.0, gyroscope__firmware__bias_error=1.36,
+        heading__firmware__max=4.0,
+        heading__firmware__max_centred=0.3,
+        heading__calibrated__max=0.8,
+        heading__ecompass__max=0.9,
+        device__unsettled=0.0,
+        gyroscope__firmware__bias_error=1.36,
     )
     assert found is Cause.FILTER
     assert words == "its filter (calibration right (0.80 deg), gyroscope offset wrong by 1.36 dps)"
@@ -50,8 +58,11 @@ def test_a_filter_that_lags_behind_a_right_calibration() -> None:
 
 def test_headings_that_still_move_are_not_settled_and_not_wrong() -> None:
     found, words = cause(
-        heading__firmware__max=4.0, heading__firmware__max_centred=0.3, heading__ecompass__max=4.1,
-        heading__calibrated__max=0.8, device__unsettled=7.0,
+        heading__firmware__max=4.0,
+        heading__firmware__max_centred=0.3,
+        heading__ecompass__max=4.1,
+        heading__calibrated__max=0.8,
+        device__unsettled=7.0,
     )
     assert found is Cause.NOT_SETTLED
     assert words == "filter not settled (calibration right (0.80 deg), not settled at 7 known angles)"
@@ -59,8 +70,12 @@ def test_headings_that_still_move_are_not_settled_and_not_wrong() -> None:
 
 def test_a_calibration_that_is_wrong_itself() -> None:
     found, words = cause(
-        heading__firmware__max=4.0, heading__firmware__max_centred=3.9, heading__calibrated__max=3.9,
-        heading__ecompass__max=4.1, fit__firmware__offset_error=2.5, fit__firmware__rotation_left=0.2,
+        heading__firmware__max=4.0,
+        heading__firmware__max_centred=3.9,
+        heading__calibrated__max=3.9,
+        heading__ecompass__max=4.1,
+        fit__firmware__offset_error=2.5,
+        fit__firmware__rotation_left=0.2,
     )
     assert found is Cause.OWN_CALIBRATION
     assert "alone errs by 3.90 deg" in words
@@ -74,9 +89,7 @@ def test_a_calibration_that_is_wrong_itself() -> None:
         ({"heading__calibrated__max": 0.4}, "constant offset (-8.30 deg, calibration right (0.40 deg))"),
     ],
 )
-def test_an_error_that_is_the_same_everywhere_is_no_matter_of_calibration(
-    others: dict[str, float], words: str
-) -> None:
+def test_an_error_that_is_the_same_everywhere_is_no_matter_of_calibration(others: dict[str, float], words: str) -> None:
     found, said = cause(
         heading__firmware__max=8.7, heading__firmware__bias=-8.3, heading__firmware__max_centred=0.4, **others
     )
@@ -126,8 +139,9 @@ def test_angles_that_are_exchanged_are_no_matter_of_the_accelerometer(findings: 
 
 
 def costs(*counted: Measurement) -> str:
-    headings = measured(heading__firmware__max=0.8, heading__calibrated__max=0.7, heading__direct__max=0.4,
-                        heading__iterative__max=0.4)  # fmt: skip
+    headings = measured(
+        heading__firmware__max=0.8, heading__calibrated__max=0.7, heading__direct__max=0.4, heading__iterative__max=0.4
+    )
     return costs_in_words(calibrator_results((*headings, *counted)))
 
 

@@ -26,13 +26,16 @@ ROWS = st.lists(KNOWN, max_size=6)
         ([{"name": "x", "a": 2}], [{"name": "x", "a": 1, "new": 3}], [{"name": "x", "a": 2}]),
         ([{"name": "x", "a": (1,)}], [{"name": "x", "a": [1], "new": 3}], [{"name": "x", "a": [1], "new": 3}]),
         # An entry of a history is told from another of the same name by all that it says.
-        ([{"name": "x", "a": 1}, {"name": "x", "a": 2}], [{"name": "x", "a": 1, "new": 3}],
-         [{"name": "x", "a": 1, "new": 3}, {"name": "x", "a": 2}]),
+        (
+            [{"name": "x", "a": 1}, {"name": "x", "a": 2}],
+            [{"name": "x", "a": 1, "new": 3}],
+            [{"name": "x", "a": 1, "new": 3}, {"name": "x", "a": 2}],
+        ),
         ({"a": 1}, None, {"a": 1}),
         ([1, 2], [3], [1, 2]),
         ([{"a": {"b": 1}}], [{"a": {"b": 1, "new": 2}}], [{"a": {"b": 1, "new": 2}}]),
     ],
-)  # fmt: skip
+)
 def test_examples(written: object, read: object, result: object) -> None:
     assert json.loads(json.dumps(add_unknown_fields(written, read))) == result
 

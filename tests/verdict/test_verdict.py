@@ -67,16 +67,21 @@ def test_the_rig_says_which_calibrator_costs_are_multiples_of(findings: Make, go
 def test_a_calibrator_that_is_given_other_points_has_no_ratio(
     findings: Make, good: list[Measurement], heading: Heading
 ) -> None:
-    (dpi,) = (each for each in summarise(findings(*good, *heading("dpi", 1.0, limit=2, cycles=100_000))).calibrators
-              if each.name == "dpi")
+    (dpi,) = (
+        each
+        for each in summarise(findings(*good, *heading("dpi", 1.0, limit=2, cycles=100_000))).calibrators
+        if each.name == "dpi"
+    )
     assert dpi.ratio == ""
 
 
 @pytest.mark.parametrize(
     ("cycles", "said"),
-    [(12_500, "within 10 % of the cycles of direct: code in flash ranks neither."),
-     (14_000, "equal accuracy (within 0.1 deg), 1.17 x the cycles of direct.")],
-)  # fmt: skip
+    [
+        (12_500, "within 10 % of the cycles of direct: code in flash ranks neither."),
+        (14_000, "equal accuracy (within 0.1 deg), 1.17 x the cycles of direct."),
+    ],
+)
 def test_costs_of_code_in_flash_are_not_ranked_when_they_are_close(
     findings: Make, heading: Heading, cycles: int, said: str
 ) -> None:
@@ -88,9 +93,12 @@ def test_costs_of_code_in_flash_are_not_ranked_when_they_are_close(
 
 @pytest.mark.parametrize(
     ("placement", "cycles", "order", "ranked"),
-    [("sram", 10_910, ["iterative", "direct"], True), ("flash", 10_910, ["direct", "iterative"], False),
-     ("flash", 10_909, ["iterative", "direct"], True)],
-)  # fmt: skip
+    [
+        ("sram", 10_910, ["iterative", "direct"], True),
+        ("flash", 10_910, ["direct", "iterative"], False),
+        ("flash", 10_909, ["iterative", "direct"], True),
+    ],
+)
 def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
     findings: Make, heading: Heading, placement: str, cycles: int, order: list[str], ranked: bool
 ) -> None:
@@ -139,7 +147,10 @@ def test_one_failure_of_each_calibrator_stands_before_the_rest_of_any(findings: 
     bad = [*heading("corrected", 6.1, limit=1.8, cycles=14_000), *heading("direct", 6.1, limit=1.8, cycles=12_400)]
     found = summarise(findings(*bad, norm, tests=(_test("failed"),)))
     assert [failure.measurement.name for failure in found.failures] == [
-        "heading.direct.max", "accelerometer.norm_rms", "heading.corrected.max", "heading.corrected.max_centred",
+        "heading.direct.max",
+        "accelerometer.norm_rms",
+        "heading.corrected.max",
+        "heading.corrected.max_centred",
         "heading.direct.max_centred",
     ]
 
@@ -154,9 +165,17 @@ def test_a_bad_accelerometer_is_named_before_the_fit(findings: Make, heading: He
 
 
 def test_without_a_declared_mounting_only_centred_values_count(findings: Make, heading: Heading) -> None:
-    made = findings(*heading(
-        "direct", 2.7, limit=1.8, cycles=12_400, bias=1.71, centred=0.95, not_checked="the rig declares no mounting yaw"
-    ))
+    made = findings(
+        *heading(
+            "direct",
+            2.7,
+            limit=1.8,
+            cycles=12_400,
+            bias=1.71,
+            centred=0.95,
+            not_checked="the rig declares no mounting yaw",
+        )
+    )
     verdict = decide(made, pytest_exit=0)
     assert verdict.sentence == (
         "NOT EVALUATED. Only centred values were checked: the rig declares no mounting yaw; mean error 1.71 deg. "
@@ -205,9 +224,7 @@ def test_a_centred_error_out_of_limit_fails_even_without_a_mounting(findings: Ma
 
 
 @pytest.mark.parametrize("outcome", ["passed", "skipped", "xfailed"])
-def test_out_of_limit_is_red_whatever_became_of_the_test(
-    findings: Make, good: list[Measurement], outcome: str
-) -> None:
+def test_out_of_limit_is_red_whatever_became_of_the_test(findings: Make, good: list[Measurement], outcome: str) -> None:
     bad = check("cycles.direct.fixed", 11_061.0, unit="cycle", limit=Limit(max=2_600), cycle_model="m", test="t::t")
     verdict = decide(findings(*good, bad, tests=(TestResult("t::t", TestOutcome(outcome), 1),)), pytest_exit=0)
     assert (verdict.exit_code, verdict.outcome) == (1, "fail")
@@ -310,12 +327,10 @@ def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: li
         (["passed"], 6, 6, "exit code 6"),
     ],
 )
-def test_exit_codes_in_their_order(
-    findings: Make, outcomes: list[str], pytest_exit: int, code: int, word: str
-) -> None:
-    made = findings(tests=tuple(
-        TestResult(str(k), TestOutcome(outcome), 0, reason="why") for k, outcome in enumerate(outcomes)
-    ))
+def test_exit_codes_in_their_order(findings: Make, outcomes: list[str], pytest_exit: int, code: int, word: str) -> None:
+    made = findings(
+        tests=tuple(TestResult(str(k), TestOutcome(outcome), 0, reason="why") for k, outcome in enumerate(outcomes))
+    )
     if not outcomes:
         made.tests.clear()
     verdict = decide(made, pytest_exit=pytest_exit)
@@ -353,7 +368,11 @@ def _compared(now: Measurement, *faults: str, failed: tuple[str, ...] = ()) -> C
     ],
 )
 def test_a_comparison_decides_where_nothing_else_has(
-    findings: Make, current_ma: float, faults: tuple[str, ...], more: tuple[Measurement, ...], pytest_exit: int,
+    findings: Make,
+    current_ma: float,
+    faults: tuple[str, ...],
+    more: tuple[Measurement, ...],
+    pytest_exit: int,
     code: int,
 ) -> None:
     now = check("lamp.current", current_ma, unit="mA", limit=Limit(max=9))
@@ -400,8 +419,10 @@ def test_close_is_what_has_5_percent_left_or_a_range_beyond_the_limit_and_no_cou
     within = passed("cycles.dpi.total", 9_000, Limit(max=10_000), CycleRange(8_900, 9_999))
     others = [
         passed("heading.direct.rms", 0.70, Limit(max=0.75)),
-        passed("tumble.points", 300, Limit(min=300)), passed("link.echoed", 26, Limit(min=26)),
-        passed("lamp.current", 0.0, Limit(max=0.0)), passed("fit.dpi.dip", 61.93, Limit(min=60, max=64)),
+        passed("tumble.points", 300, Limit(min=300)),
+        passed("link.echoed", 26, Limit(min=26)),
+        passed("lamp.current", 0.0, Limit(max=0.0)),
+        passed("fit.dpi.dip", 61.93, Limit(min=60, max=64)),
     ]
     assert close_to_limit([*others, within, near, beyond]) == (beyond, near)
     assert len(close_to_limit([near] * 9)) == 5

@@ -24,10 +24,12 @@ def test_all_of_it_stands_in_one_line() -> None:
 @pytest.mark.parametrize(
     ("was", "now", "words"),
     [
-        (300, 60, "300 -> 60 deg (+120)"), (30, 330, "30 -> 330 deg (-60)"), (0, 180, "0 -> 180 deg (+180)"),
+        (300, 60, "300 -> 60 deg (+120)"),
+        (30, 330, "30 -> 330 deg (-60)"),
+        (0, 180, "0 -> 180 deg (+180)"),
         (200, 230, "200 -> 230 deg (+30)"),
     ],
-)  # fmt: skip
+)
 def test_a_direction_moves_the_short_way_round_and_by_no_percentage(was: float, now: float, words: str) -> None:
     base, new = (over_seeds("heading.direct.worst_sector", each, unit="deg") for each in (was, now))
     found = compare(base, new)
@@ -91,9 +93,16 @@ def test_without_a_worst_heading_on_both_sides_the_cost_stands_alone(
 @pytest.mark.parametrize(
     ("base", "new", "words"),
     [
-        (81.35, 238.9, "+157.6, +194 %"), (2.0, 2.0, "+0, +0 %"), (0.0, 0.3, "+0.3"), (-0.1, 0.2, "+0.3"),
-        (-0.1, -0.2, "-0.1, -100 %"), (1.0, 1001.0, "+1 000"), (10.0, 9.95, "-0.05, -0.5 %"),
-        (1e-300, 1e10, "+10 000 000 000"), (1.0, 11.0, "+10, +1 000 %"), (0.0004, 1.6496, "+1.649"),
+        (81.35, 238.9, "+157.6, +194 %"),
+        (2.0, 2.0, "+0, +0 %"),
+        (0.0, 0.3, "+0.3"),
+        (-0.1, 0.2, "+0.3"),
+        (-0.1, -0.2, "-0.1, -100 %"),
+        (1.0, 1001.0, "+1 000"),
+        (10.0, 9.95, "-0.05, -0.5 %"),
+        (1e-300, 1e10, "+10 000 000 000"),
+        (1.0, 11.0, "+10, +1 000 %"),
+        (0.0004, 1.6496, "+1.649"),
     ],
 )
 def test_percent_are_given_where_they_mean_something(base: float, new: float, words: str) -> None:
@@ -103,8 +112,14 @@ def test_percent_are_given_where_they_mean_something(base: float, new: float, wo
 
 @pytest.mark.parametrize(
     ("share", "words"),
-    [(412_300.0, "beyond +1 000 %"), (-1_001.0, "beyond -1 000 %"), (1_000.0, "+1 000 %"), (0.94, "+0.94 %"),
-     (-100.0, "-100 %"), (float("inf"), "beyond +1 000 %")],
+    [
+        (412_300.0, "beyond +1 000 %"),
+        (-1_001.0, "beyond -1 000 %"),
+        (1_000.0, "+1 000 %"),
+        (0.94, "+0.94 %"),
+        (-100.0, "-100 %"),
+        (float("inf"), "beyond +1 000 %"),
+    ],
 )
 def test_a_share_of_next_to_nothing_is_cut(share: float, words: str) -> None:
     assert percent(share) == words

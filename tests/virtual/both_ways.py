@@ -85,12 +85,22 @@ def outcome(
     code = watch.code()
     answers = processor.machine.answers(max(core.device_loads - 1000, 0))
     return Outcome(
-        (board.cycles, processor.idle_cycles, core.memory_cycles), board.instructions, core.device_loads,
-        None if answers is None else list(answers), sent, [str(event) for event in board.events], part.seen,
-        code.executed, code.jumped, processor.registers.snapshot(),
-        hashlib.sha256(processor.memory.sram.view).hexdigest(), board.position(),
-        [f"{access}, {access.accesses} times" for access in board.unmodelled], told, ended,
-    )  # fmt: skip
+        (board.cycles, processor.idle_cycles, core.memory_cycles),
+        board.instructions,
+        core.device_loads,
+        None if answers is None else list(answers),
+        sent,
+        [str(event) for event in board.events],
+        part.seen,
+        code.executed,
+        code.jumped,
+        processor.registers.snapshot(),
+        hashlib.sha256(processor.memory.sram.view).hexdigest(),
+        board.position(),
+        [f"{access}, {access.accesses} times" for access in board.unmodelled],
+        told,
+        ended,
+    )
 
 
 def assert_same_both_ways(

@@ -14,14 +14,23 @@ _PC, _LR = 15, 14
 _NAMES = {"sb": 9, "sl": 10, "fp": 11, "ip": 12, "sp": 13, "lr": _LR, "pc": _PC}
 # Rows of the timing profile by mnemonic without suffix; the first that fits counts.
 _ROWS = (
-    ("load", r"ldr(s?[bh])?t?"), ("store", r"str[bh]?t?"), ("exclusive", r"(ld|st)rex[bh]?"),
-    ("multiple_base", r"v?(push|pop)|[vf]?(ld|st)m(ia|ea|fd|db)?x?|(ld|st)rd"), ("table_branch", r"tb[bh]"),
+    ("load", r"ldr(s?[bh])?t?"),
+    ("store", r"str[bh]?t?"),
+    ("exclusive", r"(ld|st)rex[bh]?"),
+    ("multiple_base", r"v?(push|pop)|[vf]?(ld|st)m(ia|ea|fd|db)?x?|(ld|st)rd"),
+    ("table_branch", r"tb[bh]"),
     ("branch", r"cbn?z|b(l|lx|x|xj)?|b(eq|ne|hs|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)"),
-    ("barrier", r"dmb|dsb|isb|dfb"), ("divide", r"[su]div"), ("it", r"it[te]*"),
+    ("barrier", r"dmb|dsb|isb|dfb"),
+    ("divide", r"[su]div"),
+    ("it", r"it[te]*"),
     ("system", r"(mrs|msr)\w*|cps\w*|svc|wfi|wfe|sev|nop|hint|bkpt|clrex|yield|csdb|esb"),
-    ("fp_load", r"vldr"), ("fp_store", r"vstr"), ("fp_divide", r"vdiv|vsqrt"),
-    ("fp_accumulate", r"v(n?ml|fn?m)[as]"), ("fp", r"v.*"), ("data", r".*"),
-)  # fmt: skip
+    ("fp_load", r"vldr"),
+    ("fp_store", r"vstr"),
+    ("fp_divide", r"vdiv|vsqrt"),
+    ("fp_accumulate", r"v(n?ml|fn?m)[as]"),
+    ("fp", r"v.*"),
+    ("data", r".*"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +66,17 @@ class Instruction:
     def skipped(self) -> Instruction:
         """Return it as the pipeline sees it where its condition does not hold: it does nothing and passes."""
         return replace(
-            self, row="it_skipped", words=0, address_registers=0, loaded_registers=0, fp_reads=0, fp_writes=0,
-            fp_addend=0, uses_fpu=False, core_writes=0,
-        )  # fmt: skip
+            self,
+            row="it_skipped",
+            words=0,
+            address_registers=0,
+            loaded_registers=0,
+            fp_reads=0,
+            fp_writes=0,
+            fp_addend=0,
+            uses_fpu=False,
+            core_writes=0,
+        )
 
     @property
     def misplaced(self) -> bool:
@@ -142,9 +159,19 @@ def _described(raw: Any, *, predicated: bool) -> Instruction:
     transfers = is_branch or writes_pc
     has_condition = name.startswith("cb") or (raw.id == arm.ARM_INS_B and raw.cc not in (arm.ARM_CC_AL, 0))
     return Instruction(
-        raw.address, raw.size, f"{raw.mnemonic} {raw.op_str}".strip(), row, words,
-        _masks(base)[0] & ~(1 << _PC), _masks(registers[:1])[0] if row == "load" else 0,
-        fp_reads, fp_writes, addend, name.startswith(("v", "fldm", "fstm")),
-        ("direct" if is_direct else "indirect") if transfers else "", transfers and (predicated or has_condition),
-        predicated, core_writes,
-    )  # fmt: skip
+        raw.address,
+        raw.size,
+        f"{raw.mnemonic} {raw.op_str}".strip(),
+        row,
+        words,
+        _masks(base)[0] & ~(1 << _PC),
+        _masks(registers[:1])[0] if row == "load" else 0,
+        fp_reads,
+        fp_writes,
+        addend,
+        name.startswith(("v", "fldm", "fstm")),
+        ("direct" if is_direct else "indirect") if transfers else "",
+        transfers and (predicated or has_condition),
+        predicated,
+        core_writes,
+    )

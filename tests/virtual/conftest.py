@@ -14,9 +14,19 @@ HERE = Path(__file__).parent
 PROGRAMS = HERE / "programs"
 SHIPPED = Path(__file__).parents[2] / "src/hiltest/firmware/hiltest-frdm-k64f.elf"
 FLAGS = [
-    "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-O1", "-g", "-nostdlib",
-    "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{PROGRAMS / 'flash.ld'}", "-include", str(PROGRAMS / "prelude.h"),
-]  # fmt: skip
+    "-mcpu=cortex-m4",
+    "-mthumb",
+    "-mfpu=fpv4-sp-d16",
+    "-mfloat-abi=hard",
+    "-O1",
+    "-g",
+    "-nostdlib",
+    "-ffreestanding",
+    "-Wl,--build-id=none",
+    f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
+    "-include",
+    str(PROGRAMS / "prelude.h"),
+]
 
 Build = Callable[..., Path]
 

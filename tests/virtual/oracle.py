@@ -70,9 +70,15 @@ def holds(condition: int, flags: int) -> bool:
     """Whether a condition holds; N, Z, C and V are bits 31 to 28 of `flags` (DDI 0403E, A7.3)."""
     negative, zero, carry, overflow = (bool(flags >> bit & 1) for bit in (31, 30, 29, 28))
     result = (
-        zero, carry, negative, overflow, carry and not zero, negative == overflow,
-        negative == overflow and not zero, True,
-    )[condition >> 1]  # fmt: skip
+        zero,
+        carry,
+        negative,
+        overflow,
+        carry and not zero,
+        negative == overflow,
+        negative == overflow and not zero,
+        True,
+    )[condition >> 1]
     return result if condition >= _ALWAYS else result != bool(condition & 1)
 
 
@@ -286,20 +292,28 @@ def state(board: VirtualK64F) -> dict[str, object]:
     """Return all that a mistake in executing or counting can show in."""
     processor = board.processor
     return {
-        "cycles": board.cycles, "instructions": board.instructions, "asleep": processor.idle_cycles,
-        "registers": processor.registers.snapshot(), "RAM": [bytes(memory.view) for memory in processor.memory._ram],
+        "cycles": board.cycles,
+        "instructions": board.instructions,
+        "asleep": processor.idle_cycles,
+        "registers": processor.registers.snapshot(),
+        "RAM": [bytes(memory.view) for memory in processor.memory._ram],
         "readings": [
             (reading.core_cycles, reading.instructions) for reading in board.cycle_counter.readings if reading
         ],
-        "events": [str(event) for event in board.events], "position": board.position(),
+        "events": [str(event) for event in board.events],
+        "position": board.position(),
         "faults": [(entry.exception, str(entry.fault), entry.cycle) for entry in board.faults],
-    }  # fmt: skip
+    }
 
 
 def acted(
-    firmware: Path | bytes, act: Callable[[VirtualK64F], Any], profile: str | TimingProfile = DEFAULT_PROFILE,
-    *, tell: Callable[[Step], None] | None = None, **options: Any,
-) -> tuple[VirtualK64F, Any]:  # fmt: skip
+    firmware: Path | bytes,
+    act: Callable[[VirtualK64F], Any],
+    profile: str | TimingProfile = DEFAULT_PROFILE,
+    *,
+    tell: Callable[[Step], None] | None = None,
+    **options: Any,
+) -> tuple[VirtualK64F, Any]:
     """Do the same with two boards, of which one steps, and compare; return the other board and what came of it.
 
     A BoardFault is what came of it, too. `tell` is told each step.

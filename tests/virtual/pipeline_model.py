@@ -74,9 +74,11 @@ class PipelineState(NamedTuple):
 NEUTRAL = PipelineState()
 #: Left by what no code before decides, by `Reached`.
 REACHED = (
-    NEUTRAL, PipelineState(reached=Reached.BY_BRANCH), PipelineState(reached=Reached.BY_REGISTER),
+    NEUTRAL,
+    PipelineState(reached=Reached.BY_BRANCH),
+    PipelineState(reached=Reached.BY_REGISTER),
     PipelineState(narrow=True),
-)  # fmt: skip
+)
 
 
 class Rules:
@@ -108,9 +110,7 @@ class Rules:
         """Whether an instruction is an IT that is folded onto the one before it: it takes no time by itself."""
         return self._folds and state.narrow and instruction.row == "it"
 
-    def leave(
-        self, instruction: Instruction, state: PipelineState, cycles: int, left: PipelineState
-    ) -> PipelineState:
+    def leave(self, instruction: Instruction, state: PipelineState, cycles: int, left: PipelineState) -> PipelineState:
         """Return what an instruction leaves, where execution goes on behind it.
 
         Parameters

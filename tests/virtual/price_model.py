@@ -26,14 +26,21 @@ from .pipeline_model import NEUTRAL, Late, PipelineState, Reached, Rules
 
 # Neither leaves a pipeline state nor, behind none, waits: most of all instructions, priced at once.
 _LEAVES_NOTHING = frozenset(
-    {"data", "divide", "it", "barrier", "system", "exclusive", "fp_load", "fp_store", "fp_move_pair",
-     "it_skipped"}
+    {"data", "divide", "it", "barrier", "system", "exclusive", "fp_load", "fp_store", "fp_move_pair", "it_skipped"}
 )
 # Rows of the rules that a profile may have, see `pipeline_model`.
-RULE_ROWS = frozenset({
-    "address_use", "it_folded", "it_skipped", "target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp",
-    "fetch_late_integer",
-})  # fmt: skip
+RULE_ROWS = frozenset(
+    {
+        "address_use",
+        "it_folded",
+        "it_skipped",
+        "target_misplaced",
+        "return_misplaced",
+        "fetch_late",
+        "fetch_late_fp",
+        "fetch_late_integer",
+    }
+)
 _OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load"}
 _SINGLE_TRANSFERS = {"load": "load", "store": "store", "store_register_offset": "store"}
 

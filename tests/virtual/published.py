@@ -118,19 +118,28 @@ FIGURES = (
     Published("aes", "AES_128_encrypt", _encrypt, 634.7, _AES, tables_in_flash=True),
     *(
         Published(
-            f"aes_{bits}_ctr", f"AES_{bits}_encrypt_ctr", _counter_mode(lambda keys=keys: bytes(16 * keys)), cycles,
-            _AES, times=256, tables_in_flash=True,
+            f"aes_{bits}_ctr",
+            f"AES_{bits}_encrypt_ctr",
+            _counter_mode(lambda keys=keys: bytes(16 * keys)),
+            cycles,
+            _AES,
+            times=256,
+            tables_in_flash=True,
         )
         for bits, keys, cycles in ((128, 11, 527.9), (192, 13, 644.0), (256, 15, 760.7))
     ),
     Published("aes_128_ctr_bs", "AES_128_keyschedule", _schedule_of(16, 352), 1021.9, _AES, tables_in_flash=True),
     Published(
-        "aes_128_ctr_bs", "AES_128_encrypt_ctr",
-        _counter_mode(lambda: _key_schedule("aes_128_ctr_bs", "AES_128_keyschedule", 352)), 1616.6, _AES, times=256,
+        "aes_128_ctr_bs",
+        "AES_128_encrypt_ctr",
+        _counter_mode(lambda: _key_schedule("aes_128_ctr_bs", "AES_128_keyschedule", 352)),
+        1616.6,
+        _AES,
+        times=256,
     ),
     Published("x25519_m4f", "curve25519_scalarmult", _x25519, 476_275, _X25519),
     Published("x25519_m4f_na", "curve25519_scalarmult", _x25519, 476_275 + 30_000, _X25519, rounded=True),
-)  # fmt: skip
+)
 
 
 def count(published: Published, profile: str) -> Count:
@@ -159,12 +168,17 @@ def rows(figures: Sequence[Published] = FIGURES) -> Iterator[str]:
         by_version[ONE].append((figure, first))
         by_version[TWO].append((figure, second))
         cells = (
-            f"{figure.elf}: `{figure.function}`", _number(figure.cycles) + (" (rounded)" if figure.rounded else ""),
-            *(cell for counted in (first, second)
-              for cell in (_number(counted.cycles), f"{100 * counted.error(figure):+.2f} %")),
-            f"{_number(second.low)} to {_number(second.high)}", "inside" if second.holds(figure) else "outside",
+            f"{figure.elf}: `{figure.function}`",
+            _number(figure.cycles) + (" (rounded)" if figure.rounded else ""),
+            *(
+                cell
+                for counted in (first, second)
+                for cell in (_number(counted.cycles), f"{100 * counted.error(figure):+.2f} %")
+            ),
+            f"{_number(second.low)} to {_number(second.high)}",
+            "inside" if second.holds(figure) else "outside",
             _SHORT[figure.source] + ("; tables in flash" if figure.tables_in_flash else ""),
-        )  # fmt: skip
+        )
         yield f"| {' | '.join(cells)} |"
     yield ""
     yield "| functions | version 1, mean | worst | version 2, mean | worst |"

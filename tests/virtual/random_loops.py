@@ -60,10 +60,18 @@ def random_program(seed: int) -> str:
 
 
 def _loop(chance: random.Random, number: int) -> list[str]:
-    read = chance.choice([
-        "ldr r0, [r8, #8]", "ldr r0, [r9, #4]", "ldr r0, [r11, #0x104]", "ldr r0, [r11, #0x10C]", "ldr r0, [r8]",
-        "ldr r0, [r10]", "adds r0, #1", "subs r0, #7",
-    ])  # fmt: skip
+    read = chance.choice(
+        [
+            "ldr r0, [r8, #8]",
+            "ldr r0, [r9, #4]",
+            "ldr r0, [r11, #0x104]",
+            "ldr r0, [r11, #0x10C]",
+            "ldr r0, [r8]",
+            "ldr r0, [r10]",
+            "adds r0, #1",
+            "subs r0, #7",
+        ]
+    )
     body = [read, *(_step(chance) for _ in range(chance.randint(0, 5)))]
     chance.shuffle(body)
     limit = chance.choice([3, 50, 1000, 4097, 30_000, 1 << 24])
@@ -81,16 +89,37 @@ def _step(chance: random.Random) -> str:
     small = chance.randrange(32)
     condition = chance.choice(CONDITIONS)
     plain = [
-        f"adds {one}, {other}, {third}", f"subs {one}, {other}, {third}", f"adds {one}, #{small}",
-        f"mov {one}, {other}", f"subs {one}, #{small}", f"bic {one}, {other}, #0xFF000000",
-        f"ands {one}, {other}", f"lsrs {one}, {other}, #3",
-        f"uxth {one}, {other}", f"uxtb {one}, {other}", f"ubfx {one}, {other}, #4, #12", f"lsls {one}, {other}, #2",
-        f"rsb {one}, {other}, #{small}", f"orr {one}, {other}, #{small}", f"eor {one}, {other}, {third}",
-        f"cmp {one}, #{small}", f"asrs {one}, {other}, #2", f"mul {one}, {other}, {third}", f"mvn {one}, {other}",
-        f"udiv {one}, {other}, r7", f"add {one}, {other}, {third}, lsl #1", "nop", f"sxtb {one}, {other}",
-        f"str {one}, [r10, #8]", f"ldr {one}, [r10, #8]", f"strh {one}, [r10, #12]", f"ldrh {one}, [r10, #12]",
-        f"push {{{one}, lr}}\n    pop {{{other}, lr}}", f"ldrd {one}, r12, [r10]", "cpsid i\n    cpsie i",
-    ]  # fmt: skip
+        f"adds {one}, {other}, {third}",
+        f"subs {one}, {other}, {third}",
+        f"adds {one}, #{small}",
+        f"mov {one}, {other}",
+        f"subs {one}, #{small}",
+        f"bic {one}, {other}, #0xFF000000",
+        f"ands {one}, {other}",
+        f"lsrs {one}, {other}, #3",
+        f"uxth {one}, {other}",
+        f"uxtb {one}, {other}",
+        f"ubfx {one}, {other}, #4, #12",
+        f"lsls {one}, {other}, #2",
+        f"rsb {one}, {other}, #{small}",
+        f"orr {one}, {other}, #{small}",
+        f"eor {one}, {other}, {third}",
+        f"cmp {one}, #{small}",
+        f"asrs {one}, {other}, #2",
+        f"mul {one}, {other}, {third}",
+        f"mvn {one}, {other}",
+        f"udiv {one}, {other}, r7",
+        f"add {one}, {other}, {third}, lsl #1",
+        "nop",
+        f"sxtb {one}, {other}",
+        f"str {one}, [r10, #8]",
+        f"ldr {one}, [r10, #8]",
+        f"strh {one}, [r10, #12]",
+        f"ldrh {one}, [r10, #12]",
+        f"push {{{one}, lr}}\n    pop {{{other}, lr}}",
+        f"ldrd {one}, r12, [r10]",
+        "cpsid i\n    cpsie i",
+    ]
     skipped = f"it {condition}\n    mov{condition} {one}, {other}"
     both = f"cmp {one}, {other}\n    ite hs\n    subhs {third}, {one}, {other}\n    addlo {third}, {one}, r7"
     accesses = f"itt {condition}\n    ldr{condition} {one}, [r10, #8]\n    str{condition} {other}, [r10, #8]"

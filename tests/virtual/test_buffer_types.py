@@ -54,7 +54,7 @@ def board(build_c) -> VirtualK64F:
         ("paint", (np.array([1], np.int32),), 1),
         ("wide", (np.array([0.5]),), 0.5),
     ],
-)  # fmt: skip
+)
 def test_numbers_that_lie_as_the_function_has_them_are_passed(board, function, arguments, answer):
     assert board.call(function, *arguments).value == answer
 
@@ -72,7 +72,7 @@ def test_numbers_that_lie_as_the_function_has_them_are_passed(board, function, a
         ("paint", np.zeros(2, np.float32), r"enum colour \*, not an array of float32"),
         ("wide", np.zeros(2, np.float32), r"const double \*, not an array of float32: give float64"),
     ],
-)  # fmt: skip
+)
 def test_other_numbers_are_refused_with_both_types(board, function, given, said):
     with pytest.raises(ConfigError, match=said):
         board.call(function, *(given, 2)[: len(board.image.signature(function).parameters)])

@@ -20,21 +20,42 @@ from .conftest import Build, word
 C1, C2, C5, C6, S = 0, 1, 4, 5, 6
 # C1 (CLKS, IREFS), C2 (LP) and C6 (PLLS) of each mode.
 REGISTERS = {
-    "FEI": (0x04, 0, 0), "FEE": (0x00, 0, 0), "FBI": (0x44, 0, 0), "FBE": (0x80, 0, 0), "PBE": (0x80, 0, 0x40),
-    "PEE": (0x00, 0, 0x40), "BLPI": (0x44, 2, 0), "BLPE": (0x80, 2, 0),
-}  # fmt: skip
+    "FEI": (0x04, 0, 0),
+    "FEE": (0x00, 0, 0),
+    "FBI": (0x44, 0, 0),
+    "FBE": (0x80, 0, 0),
+    "PBE": (0x80, 0, 0x40),
+    "PEE": (0x00, 0, 0x40),
+    "BLPI": (0x44, 2, 0),
+    "BLPE": (0x80, 2, 0),
+}
 # The manual's diagram of modes: both ways each.
 DIAGRAM = {
     frozenset(pair.split())
     for pair in (
-        "FEI FEE", "FEI FBI", "FEI FBE", "FEE FBI", "FEE FBE", "FBI FBE", "FBI BLPI", "FBE BLPE", "FBE PBE",
-        "PBE BLPE", "PBE PEE",
+        "FEI FEE",
+        "FEI FBI",
+        "FEI FBE",
+        "FEE FBI",
+        "FEE FBE",
+        "FBI FBE",
+        "FBI BLPI",
+        "FBE BLPE",
+        "FBE PBE",
+        "PBE BLPE",
+        "PBE PEE",
     )
-}  # fmt: skip
+}
 THERE = {
-    "FEI": [], "FEE": ["FEE"], "FBI": ["FBI"], "FBE": ["FBE"], "PBE": ["FBE", "PBE"], "PEE": ["FBE", "PBE", "PEE"],
-    "BLPI": ["FBI", "BLPI"], "BLPE": ["FBE", "BLPE"],
-}  # fmt: skip
+    "FEI": [],
+    "FEE": ["FEE"],
+    "FBI": ["FBI"],
+    "FBE": ["FBE"],
+    "PBE": ["FBE", "PBE"],
+    "PEE": ["FBE", "PBE", "PEE"],
+    "BLPI": ["FBI", "BLPI"],
+    "BLPE": ["FBE", "BLPE"],
+}
 
 
 def ask_for(generator: ClockGenerator, mode: str) -> None:

@@ -41,10 +41,17 @@ def board_of(build_c: Build, body: str) -> VirtualK64F:
 @pytest.mark.parametrize(
     ("config", "volts", "expected"),
     [
-        (0x00, 1.2, 93), (0x08, 1.2, 372), (0x04, 1.2, 1489), (0x0C, 1.2, 23_831), (0x04, 3.3, 4095), (0x04, 9.0, 4095),
-        (0x04, -1.0, 0), (0x04, 0.0004, 0), (0x04, 0.00041, 1),
+        (0x00, 1.2, 93),
+        (0x08, 1.2, 372),
+        (0x04, 1.2, 1489),
+        (0x0C, 1.2, 23_831),
+        (0x04, 3.3, 4095),
+        (0x04, 9.0, 4095),
+        (0x04, -1.0, 0),
+        (0x04, 0.0004, 0),
+        (0x04, 0.00041, 1),
     ],
-)  # fmt: skip
+)
 def test_a_voltage_becomes_a_number_of_so_many_bits(build_c: Build, config: int, volts: float, expected: int) -> None:
     board = board_of(build_c, f"ADC(CFG1) = {config}; value = convert(12);")
     board.adc_volts[0, 12] = volts
@@ -59,9 +66,10 @@ def test_a_differential_number_has_a_sign(build_c: Build) -> None:
 
 
 @pytest.mark.parametrize(
-    ("channel", "expected"), [(26, 0.716 / 3.3 * 65536), (27, 65536 / 3.3), (29, 65535), (30, 0)],
+    ("channel", "expected"),
+    [(26, 0.716 / 3.3 * 65536), (27, 65536 / 3.3), (29, 65535), (30, 0)],
     ids=["temperature", "bandgap", "VREFH", "VREFL"],
-)  # fmt: skip
+)
 def test_the_chip_has_voltages_of_its_own(build_c: Build, channel: int, expected: float) -> None:
     board = board_of(build_c, f"ADC(CFG1) = 0xC; value = convert({channel});")
     board.run_until(0.001)

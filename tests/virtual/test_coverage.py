@@ -78,8 +78,14 @@ def test_lines_and_branches_are_counted_as_gcov_counts_them(
     theirs = {line: sorted(counts) for line, counts in ways.items() if counts and line != switch}
     assert {line: sorted(counts) for line, counts in mine.items() if line != switch} == theirs
     assert {name: count for name, (_, count) in file.functions.items()} == {
-        "never_called": 0, "clamped": 3, "choose": 7, "factorial": 5, "sum": 3, "loops": 1, "main": 1,
-    }  # fmt: skip
+        "never_called": 0,
+        "clamped": 3,
+        "choose": 7,
+        "factorial": 5,
+        "sum": 3,
+        "loops": 1,
+        "main": 1,
+    }
 
 
 # Lines by what follows the second @: how often they are executed, of `main` and of three turns of its loop; in brackets
@@ -238,14 +244,30 @@ def test_counts_of_two_runs_add_up() -> None:
     first = Coverage({"a.c": FileCoverage({1: 2, 2: 0}, {"f": (1, 2)}, {(1, 0): (2, 0)})})
     second = FileCoverage({1: 1, 2: 3}, {"f": (1, 1)}, {(1, 0): (0, 1)})
     first.add(Coverage({"a.c": second, "b.c": FileCoverage({9: 0})}))
-    assert first == Coverage({
-        "a.c": FileCoverage({1: 3, 2: 3}, {"f": (1, 3)}, {(1, 0): (2, 1)}), "b.c": FileCoverage({9: 0}),
-    })  # fmt: skip
+    assert first == Coverage(
+        {
+            "a.c": FileCoverage({1: 3, 2: 3}, {"f": (1, 3)}, {(1, 0): (2, 1)}),
+            "b.c": FileCoverage({9: 0}),
+        }
+    )
     assert (first.lines, first.functions, first.branches) == ((2, 3), (1, 1), (1, 1))
     assert to_lcov(first).splitlines()[:15] == [
-        "TN:", "SF:a.c", "FN:1,f", "FNDA:3,f", "FNF:1", "FNH:1", "BRDA:1,0,0,2", "BRDA:1,0,1,1", "BRF:2", "BRH:2",
-        "DA:1,3", "DA:2,3", "LF:2", "LH:2", "end_of_record",
-    ]  # fmt: skip
+        "TN:",
+        "SF:a.c",
+        "FN:1,f",
+        "FNDA:3,f",
+        "FNF:1",
+        "FNH:1",
+        "BRDA:1,0,0,2",
+        "BRDA:1,0,1,1",
+        "BRF:2",
+        "BRH:2",
+        "DA:1,3",
+        "DA:2,3",
+        "LF:2",
+        "LH:2",
+        "end_of_record",
+    ]
 
 
 @pytest.mark.parametrize("record", ["DA:1", "FN:main", "FNDA:1,f", "BRDA:1,0,2,-", "DA:1,x"])

@@ -34,9 +34,14 @@ def reference(data: bytes, *, bits: int, polynomial: int, seed: int, reflects: b
 
 
 @given(
-    st.binary(max_size=40), st.sampled_from([16, 32]), st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1),
-    st.booleans(), st.booleans(), st.lists(st.sampled_from([1, 2, 4]), min_size=1),
-)  # fmt: skip
+    st.binary(max_size=40),
+    st.sampled_from([16, 32]),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**32 - 1),
+    st.booleans(),
+    st.booleans(),
+    st.lists(st.sampled_from([1, 2, 4]), min_size=1),
+)
 def test_the_check_value_is_the_reference_whatever_the_width_of_the_writes(
     data: bytes, bits: int, polynomial: int, seed: int, reflects: bool, inverts: bool, widths: list[int]
 ) -> None:

@@ -137,9 +137,10 @@ def test_what_the_firmware_timed_is_priced_again_with_the_empty_call_subtracted(
 
 def test_rows_whose_sum_was_measured_move_together() -> None:
     assert MOVES["load_behind_store"] == Move(
-        "load_behind_store", {"load_behind_store": 0, "store_behind_load": 1},
+        "load_behind_store",
+        {"load_behind_store": 0, "store_behind_load": 1},
         {"load_behind_store": 1, "store_behind_load": 0},
-    )  # fmt: skip
+    )
     assert "store_behind_load" not in MOVES
     assert all(PROFILE.rows[row].band[0] < PROFILE.rows[row].band[1] for row in MOVES)
 

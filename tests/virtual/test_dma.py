@@ -66,9 +66,19 @@ class Loop:
         attr = self.smod << 11 | code[self.source_size] << 8 | self.dmod << 3 | code[self.destination_size]
         citer = self.count if self.citer is None else self.citer
         return struct.pack(
-            "<IhHIiIhHiHH", self.saddr, self.soff, attr, self.nbytes, self.slast, self.daddr, self.doff, citer,
-            self.dlast, self.csr, self.count,
-        )  # fmt: skip
+            "<IhHIiIhHiHH",
+            self.saddr,
+            self.soff,
+            attr,
+            self.nbytes,
+            self.slast,
+            self.daddr,
+            self.doff,
+            citer,
+            self.dlast,
+            self.csr,
+            self.count,
+        )
 
 
 class Bench:
@@ -144,12 +154,19 @@ def loops(draw: st.DrawFn) -> tuple[Loop, tuple[bool, bool, int]]:
     source, destination = draw(SIZES), draw(SIZES)
     largest = max(source, destination)
     loop = Loop(
-        saddr=RAM + 0x4000 + draw(st.integers(-8, 8)) * source, soff=draw(st.integers(-3, 3)) * source,
-        source_size=source, smod=draw(st.sampled_from([0, 0, 6, 7])), nbytes=largest * draw(st.integers(1, 6)),
-        slast=draw(st.integers(-64, 64)), daddr=RAM + 0x4000 + draw(st.integers(-40, 40)) * destination,
-        doff=draw(st.integers(-3, 3)) * destination, destination_size=destination,
-        dmod=draw(st.sampled_from([0, 0, 6, 7])), count=draw(st.integers(1, 6)), dlast=draw(st.integers(-64, 64)),
-    )  # fmt: skip
+        saddr=RAM + 0x4000 + draw(st.integers(-8, 8)) * source,
+        soff=draw(st.integers(-3, 3)) * source,
+        source_size=source,
+        smod=draw(st.sampled_from([0, 0, 6, 7])),
+        nbytes=largest * draw(st.integers(1, 6)),
+        slast=draw(st.integers(-64, 64)),
+        daddr=RAM + 0x4000 + draw(st.integers(-40, 40)) * destination,
+        doff=draw(st.integers(-3, 3)) * destination,
+        destination_size=destination,
+        dmod=draw(st.sampled_from([0, 0, 6, 7])),
+        count=draw(st.integers(1, 6)),
+        dlast=draw(st.integers(-64, 64)),
+    )
     return loop, (draw(st.booleans()), draw(st.booleans()), largest * draw(st.integers(-4, 4)))
 
 
@@ -183,10 +200,12 @@ def test_a_minor_loop_takes_the_time_that_the_manual_counts(bench: Bench) -> Non
     processor = bench.board.processor
     gpio = 0x400FF000
     for loop, cycles in (
-        (Loop(nbytes=16), 4 + 4 * (1 + 1) + 3), (Loop(nbytes=4, source_size=1, soff=1), 4 + 4 + 1 + 3),
-        (Loop(nbytes=32, source_size=32, soff=32), 4 + 8 + 8 + 3), (Loop(nbytes=4, daddr=gpio), 4 + 1 + 4 + 3),
+        (Loop(nbytes=16), 4 + 4 * (1 + 1) + 3),
+        (Loop(nbytes=4, source_size=1, soff=1), 4 + 4 + 1 + 3),
+        (Loop(nbytes=32, source_size=32, soff=32), 4 + 8 + 8 + 3),
+        (Loop(nbytes=4, daddr=gpio), 4 + 1 + 4 + 3),
         (Loop(nbytes=8, saddr=gpio, soff=0), 4 + 2 * 3 + 2 + 3),
-    ):  # fmt: skip
+    ):
         bench.load(0, loop)
         bench.write(SSRT, 0, 1)
         assert bench.control(0) == ACTIVE
@@ -278,18 +297,40 @@ DBE, SBE, SGE, NCE, DOE, DAE, SOE, SAE, CPE = (1 << bit for bit in (0, 1, 2, 3, 
 @pytest.mark.parametrize(
     ("loop", "error"),
     [
-        (Loop(saddr=RAM + 2), SAE), (Loop(soff=2), SOE), (Loop(daddr=RAM + 0x1002), DAE), (Loop(doff=1), DOE),
-        (Loop(nbytes=6), NCE), (Loop(count=0), NCE), (Loop(count=1, citer=0x8001), NCE),
-        (Loop(csr=ESG, dlast=RAM + 16), SGE), (Loop(saddr=0x30000000), SBE), (Loop(daddr=0x30000000), DBE),
-        (Loop(daddr=0x1000), DBE), (Loop(saddr=0x4003D000), SBE), (Loop(daddr=0x4003D000), DBE),
-        (Loop(saddr=RAM + 2, doff=1), SAE | DOE), (Loop(csr=ESG, dlast=0x30000000), SBE),
+        (Loop(saddr=RAM + 2), SAE),
+        (Loop(soff=2), SOE),
+        (Loop(daddr=RAM + 0x1002), DAE),
+        (Loop(doff=1), DOE),
+        (Loop(nbytes=6), NCE),
+        (Loop(count=0), NCE),
+        (Loop(count=1, citer=0x8001), NCE),
+        (Loop(csr=ESG, dlast=RAM + 16), SGE),
+        (Loop(saddr=0x30000000), SBE),
+        (Loop(daddr=0x30000000), DBE),
+        (Loop(daddr=0x1000), DBE),
+        (Loop(saddr=0x4003D000), SBE),
+        (Loop(daddr=0x4003D000), DBE),
+        (Loop(saddr=RAM + 2, doff=1), SAE | DOE),
+        (Loop(csr=ESG, dlast=0x30000000), SBE),
     ],
     ids=[
-        "source", "source offset", "destination", "destination offset", "bytes", "no count", "count linked, not both",
-        "scatter address", "source nowhere", "destination nowhere", "destination in flash", "source has no clock",
-        "destination has no clock", "two at once", "next descriptor nowhere",
+        "source",
+        "source offset",
+        "destination",
+        "destination offset",
+        "bytes",
+        "no count",
+        "count linked, not both",
+        "scatter address",
+        "source nowhere",
+        "destination nowhere",
+        "destination in flash",
+        "source has no clock",
+        "destination has no clock",
+        "two at once",
+        "next descriptor nowhere",
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_moved_is_an_error_of_its_name(bench: Bench, loop: Loop, error: int) -> None:
     bench.write(EEI, 1 << 7)
     bench.load(7, loop)
@@ -333,10 +374,13 @@ def test_an_error_halts_where_that_is_wanted_and_two_equal_priorities_are_one(be
 @pytest.mark.parametrize(
     ("control", "priorities", "order"),
     [
-        (0, {}, "ddcba"), (0, {0: 3, 3: 0}, "acbd"), (1 << 2, {}, "dcbad"), (1 << 2, {0: 3, 3: 0}, "dcbad"),
+        (0, {}, "ddcba"),
+        (0, {0: 3, 3: 0}, "acbd"),
+        (1 << 2, {}, "dcbad"),
+        (1 << 2, {0: 3, 3: 0}, "dcbad"),
     ],
     ids=["fixed", "fixed, exchanged", "round robin", "round robin heeds no priority"],
-)  # fmt: skip
+)
 def test_the_channel_that_is_next_is_chosen_by_priority_or_in_turn(
     bench: Bench, control: int, priorities: dict[int, int], order: str
 ) -> None:
@@ -349,9 +393,19 @@ def test_the_channel_that_is_next_is_chosen_by_priority_or_in_turn(
     bench.write(CR, control | 1 << 5)  # halted, until all want
     for channel in range(4):
         bench.write(0x100 + (channel ^ 3), priorities.get(channel, channel), 1)
-        bench.load(channel, Loop(
-            saddr=RAM + channel, soff=0, source_size=1, daddr=0x4006B007, doff=0, destination_size=1, nbytes=1, count=2,
-        ))  # fmt: skip
+        bench.load(
+            channel,
+            Loop(
+                saddr=RAM + channel,
+                soff=0,
+                source_size=1,
+                daddr=0x4006B007,
+                doff=0,
+                destination_size=1,
+                nbytes=1,
+                count=2,
+            ),
+        )
         bench.write(SSRT, channel, 1)
     bench.run()
     assert uart.host_waiting == 0

@@ -98,10 +98,14 @@ TRAP_DIVISION = f"ldr r0, ={CCR}\n    ldr r1, [r0]\n    orr r1, r1, #0x10\n    s
 
 CASES = {
     "a read where nothing is": (
-        "ldr r0, =0x30000000\nculprit: ldr r1, [r0]", DATA_BUS, "read of unmapped address 0x30000000",
+        "ldr r0, =0x30000000\nculprit: ldr r1, [r0]",
+        DATA_BUS,
+        "read of unmapped address 0x30000000",
     ),
     "a write where nothing is": (
-        "ldr r0, =0x30000000\nculprit: str r1, [r0]", DATA_BUS, "write to unmapped address 0x30000000",
+        "ldr r0, =0x30000000\nculprit: str r1, [r0]",
+        DATA_BUS,
+        "write to unmapped address 0x30000000",
     ),
     "a write to flash": ("movs r0, #64\nculprit: str r0, [r0]", DATA_BUS, "write to flash at address 0x00000040"),
     "a gated peripheral": ("ldr r0, =0x4006A000\nculprit: ldrb r1, [r0]", DATA_BUS, "UART0 while its clock gate"),
@@ -109,16 +113,22 @@ CASES = {
     "an undefined instruction": ("movs r0, #64\nculprit: udf #1", UNDEFINED, "undefined"),
     "the FPU switched off": ("movs r0, #64\nculprit: vadd.f32 s0, s0, s0", NOCP, "CPACR"),
     "an unaligned LDRD": (
-        "ldr r0, =0x20000002\nculprit: ldrd r2, r3, [r0]", UNALIGNED, "unaligned access: r0 = 0x20000002",
+        "ldr r0, =0x20000002\nculprit: ldrd r2, r3, [r0]",
+        UNALIGNED,
+        "unaligned access: r0 = 0x20000002",
     ),
     "an unaligned LDM": ("ldr r0, =0x20000006\nculprit: ldm r0, {r2, r3}", UNALIGNED, "r0 = 0x20000006"),
     "a division by zero": (
-        f"{TRAP_DIVISION}\nb 1f\n1: movs r0, #0\nculprit: udiv r1, r1, r0", DIVBYZERO, "division by zero",
+        f"{TRAP_DIVISION}\nb 1f\n1: movs r0, #0\nculprit: udiv r1, r1, r0",
+        DIVBYZERO,
+        "division by zero",
     ),
     "a signed division by zero": (
-        f"{TRAP_DIVISION}\nb 1f\n1: movs r3, #0\nculprit: sdiv r1, r1, r3", DIVBYZERO, "division by zero",
+        f"{TRAP_DIVISION}\nb 1f\n1: movs r3, #0\nculprit: sdiv r1, r1, r3",
+        DIVBYZERO,
+        "division by zero",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", CASES)

@@ -76,7 +76,8 @@ GATES_OPEN = """
 HOSTILE = {
     "a stack nowhere": ("ldr r0, =0x10000000\n mov sp, r0\n udf #1", "lockup.*after: undefined instruction"),
     "a stack that leaves SRAM": (
-        "1: push {r0-r7}\n b 1b", "lockup.*after: stack overflow: write to unmapped address 0x1ffeff"
+        "1: push {r0-r7}\n b 1b",
+        "lockup.*after: stack overflow: write to unmapped address 0x1ffeff",
     ),
     "a jump to the last halfword of SRAM": (
         "ldr r1, =0x2002FFFE\n ldr r2, =0xBF00\n strh r2, [r1]\n adds r1, #1\n bx r1",

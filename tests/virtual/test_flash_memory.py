@@ -62,37 +62,54 @@ def stated(code: int, address: int) -> int:
 
 def test_a_phrase_is_programmed_read_back_and_erased(build_c: Build) -> None:
     here = 0x90008
-    board, results = carried_out(build_c, [
-        (stated(0x09, here & ~0xF), 0, 0),
-        (stated(0x07, here), 0x11223344, 0x55667788),
-        (stated(0x02, here), 0x01000000, 0x11223344),
-        (stated(0x02, here + 4), 0x02000000, 0x55667788),
-        (stated(0x02, here), 0x01000000, 0x11223345),
-        (stated(0x01, here & ~0xF), 0x00010000, 0),
-        (stated(0x01, here + 8), 0x00010000, 0),
-    ])  # fmt: skip
+    board, results = carried_out(
+        build_c,
+        [
+            (stated(0x09, here & ~0xF), 0, 0),
+            (stated(0x07, here), 0x11223344, 0x55667788),
+            (stated(0x02, here), 0x01000000, 0x11223344),
+            (stated(0x02, here + 4), 0x02000000, 0x55667788),
+            (stated(0x02, here), 0x01000000, 0x11223345),
+            (stated(0x01, here & ~0xF), 0x00010000, 0),
+            (stated(0x01, here + 8), 0x00010000, 0),
+        ],
+    )
     assert [result[0] for result in results] == [DONE] * 4 + [DONE | FAILED] * 2 + [DONE]
     assert board.processor.memory.read_words(here, 2) == (0x11223344, 0x55667788)
     assert board.unmodelled == ()
 
 
 def test_programming_clears_bits_and_says_so_where_ones_were_wanted(build_c: Build) -> None:
-    board, results = carried_out(build_c, [
-        (stated(0x07, 0x90000), 0x0000FFFF, 0xFFFFFFFF), (stated(0x07, 0x90000), 0x12345678, 0xFFFFFFFF),
-    ])  # fmt: skip
+    board, results = carried_out(
+        build_c,
+        [
+            (stated(0x07, 0x90000), 0x0000FFFF, 0xFFFFFFFF),
+            (stated(0x07, 0x90000), 0x12345678, 0xFFFFFFFF),
+        ],
+    )
     assert [result[0] for result in results] == [DONE, DONE | FAILED]
     assert board.processor.memory.read_words(0x90000, 2) == (0x00005678, 0xFFFFFFFF)
 
 
 def test_blocks_are_erased_and_verified_one_by_one(build_c: Build) -> None:
-    board, results = carried_out(build_c, [
-        (stated(0x07, 0xFFFF8), 0, 0), (stated(0x00, 0x80000), 0, 0), (stated(0x40, 0), 0, 0),
-        (stated(0x08, 0x80010), 0, 0), (stated(0x00, 0x80000), 0, 0),
-    ])  # fmt: skip
+    board, results = carried_out(
+        build_c,
+        [
+            (stated(0x07, 0xFFFF8), 0, 0),
+            (stated(0x00, 0x80000), 0, 0),
+            (stated(0x40, 0), 0, 0),
+            (stated(0x08, 0x80010), 0, 0),
+            (stated(0x00, 0x80000), 0, 0),
+        ],
+    )
     # Read 1s of all blocks looks at the first one too, which holds the program that asks for it.
     assert [result[0] for result in results] == [
-        DONE, DONE | FAILED, DONE | FAILED | COLLISION, DONE, DONE,
-    ]  # fmt: skip
+        DONE,
+        DONE | FAILED,
+        DONE | FAILED | COLLISION,
+        DONE,
+        DONE,
+    ]
     assert board.processor.memory.read(0xFFFF8, 8) == b"\xff" * 8
     assert board.processor.memory.read(0, 4) != b"\xff" * 4
 
@@ -100,17 +117,34 @@ def test_blocks_are_erased_and_verified_one_by_one(build_c: Build) -> None:
 @pytest.mark.parametrize(
     "command",
     [
-        (stated(0x07, 0x90004), 0, 0), (stated(0x07, 0x100000), 0, 0), (stated(0x09, 0x90008), 0, 0),
-        (stated(0x01, 0x90000), 0, 0), (stated(0x01, 0xFFFF0), 0x00020000, 0), (stated(0x01, 0x90000), 0x00010300, 0),
-        (stated(0x02, 0x90000), 0, 0), (0x41080000, 0, 0), (0x43080000, 0, 0), (stated(0x03, 0x400), 0, 0),
-        (stated(0x06, 0x90000), 0, 0), (stated(0x80, 0), 0, 0),
+        (stated(0x07, 0x90004), 0, 0),
+        (stated(0x07, 0x100000), 0, 0),
+        (stated(0x09, 0x90008), 0, 0),
+        (stated(0x01, 0x90000), 0, 0),
+        (stated(0x01, 0xFFFF0), 0x00020000, 0),
+        (stated(0x01, 0x90000), 0x00010300, 0),
+        (stated(0x02, 0x90000), 0, 0),
+        (0x41080000, 0, 0),
+        (0x43080000, 0, 0),
+        (stated(0x03, 0x400), 0, 0),
+        (stated(0x06, 0x90000), 0, 0),
+        (stated(0x80, 0), 0, 0),
     ],
     ids=[
-        "phrase not aligned", "beyond the flash", "sector not aligned", "section of nothing", "section over the end",
-        "no such margin", "no such margin of program check", "no such record", "no such record to program",
-        "no such resource", "longword", "partition",
+        "phrase not aligned",
+        "beyond the flash",
+        "sector not aligned",
+        "section of nothing",
+        "section over the end",
+        "no such margin",
+        "no such margin of program check",
+        "no such record",
+        "no such record to program",
+        "no such resource",
+        "longword",
+        "partition",
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_done_is_an_access_error(build_c: Build, command: Command) -> None:
     board, results = carried_out(build_c, [command])
     assert results[0][0] == DONE | ACCESS
@@ -138,10 +172,17 @@ def test_after_an_error_nothing_is_launched_until_it_is_cleared(build_c: Build) 
 def test_a_protected_region_is_neither_programmed_nor_erased(build_c: Build) -> None:
     # FPROT's byte at the highest address has the highest regions, of 32 KiB each: 0xF8000 on; it cannot be taken back.
     protect = "BYTE(0x40020013) = 0x7F; BYTE(0x40020013) = 0xFF; first = BYTE(0x40020013);"
-    board, results = carried_out(build_c, [
-        (stated(0x07, 0xF8000), 0, 0), (stated(0x09, 0xFF000), 0, 0), (stated(0x08, 0x80000), 0, 0),
-        (stated(0x44, 0), 0, 0), (stated(0x07, 0xF7FF8), 0, 0),
-    ], protect)  # fmt: skip
+    board, results = carried_out(
+        build_c,
+        [
+            (stated(0x07, 0xF8000), 0, 0),
+            (stated(0x09, 0xFF000), 0, 0),
+            (stated(0x08, 0x80000), 0, 0),
+            (stated(0x44, 0), 0, 0),
+            (stated(0x07, 0xF7FF8), 0, 0),
+        ],
+        protect,
+    )
     assert [result[0] for result in results] == [DONE | PROTECTION] * 4 + [DONE]
     assert word(board, "first") == 0x7F
 
@@ -152,10 +193,18 @@ def test_a_command_from_the_block_that_it_works_on_collides(build_c: Build) -> N
 
 
 def test_records_are_programmed_once(build_c: Build) -> None:
-    _, results = carried_out(build_c, [
-        (0x41020000, 0, 0), (0x43020000, 0xCAFEF00D, 0x12345678), (0x43020000, 0, 0), (0x41020000, 0, 0),
-        (stated(0x03, 0x3D0), 0, 0), (stated(0x03, 0x3C0), 0, 0), (stated(0x03, 0x40008), 0, 0),
-    ])  # fmt: skip
+    _, results = carried_out(
+        build_c,
+        [
+            (0x41020000, 0, 0),
+            (0x43020000, 0xCAFEF00D, 0x12345678),
+            (0x43020000, 0, 0),
+            (0x41020000, 0, 0),
+            (stated(0x03, 0x3D0), 0, 0),
+            (stated(0x03, 0x3C0), 0, 0),
+            (stated(0x03, 0x40008), 0, 0),
+        ],
+    )
     blank, kept = (0xFFFFFFFF, 0xFFFFFFFF), (0xCAFEF00D, 0x12345678)
     assert [result[0] & ~COLLISION for result in results] == [DONE, DONE, DONE | ACCESS] + [DONE] * 4
     assert [results[index][1:] for index in (0, 3, 4, 5, 6)] == [blank, kept, kept, blank, blank]

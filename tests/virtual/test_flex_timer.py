@@ -128,8 +128,9 @@ def test_a_pulse_width_is_on_its_pin(build_c: Build, set_up: str, share: float) 
 
 
 def test_a_pulse_of_a_centre_aligned_width_grows_to_both_sides(build_c: Build) -> None:
-    board = board_of(build_c, "FTM(MOD) = 5000; FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 1000; FTM(C1V) = 2500;"
-                              "FTM(SC) = 0x28;")  # fmt: skip
+    board = board_of(
+        build_c, "FTM(MOD) = 5000; FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 1000; FTM(C1V) = 2500;FTM(SC) = 0x28;"
+    )
     board.run_until(0.002)
     assert shares(board, "PTC1") == pytest.approx((10_000 / BUS_HZ, 0.2), abs=0.003)
     narrow = edges(board, "PTC1", 0.0011)
@@ -144,8 +145,9 @@ def test_a_pulse_of_a_centre_aligned_width_grows_to_both_sides(build_c: Build) -
 
 
 def test_the_other_of_a_complementary_pair_is_its_opposite(build_c: Build) -> None:
-    board = board_of(build_c, "FTM(MOD) = 9999; FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 2500; FTM(COMBINE) = 2;"
-                              "FTM(SC) = 8;")  # fmt: skip
+    board = board_of(
+        build_c, "FTM(MOD) = 9999; FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 2500; FTM(COMBINE) = 2;FTM(SC) = 8;"
+    )
     board.run_until(0.002)
     for _ in range(50):
         board.run_until(board.time_s + 1.7e-5)
@@ -155,8 +157,11 @@ def test_the_other_of_a_complementary_pair_is_its_opposite(build_c: Build) -> No
 @pytest.mark.parametrize(("edge", "levels"), [(4, [False, True, False, True]), (8, [False] * 4), (12, [True] * 4)])
 def test_a_compare_acts_on_its_pin(build_c: Build, edge: int, levels: list[bool]) -> None:
     initial = int(not levels[0])
-    board = board_of(build_c, f"FTM(OUTINIT) = {initial}; FTM(MODE) = 6; FTM(MOD) = 9999; FTM(C0SC) = {0x10 | edge};"
-                              "FTM(C0V) = 5000; FTM(SC) = 8;")  # fmt: skip
+    board = board_of(
+        build_c,
+        f"FTM(OUTINIT) = {initial}; FTM(MODE) = 6; FTM(MOD) = 9999; FTM(C0SC) = {0x10 | edge};"
+        "FTM(C0V) = 5000; FTM(SC) = 8;",
+    )
     board.run_until(4000 / BUS_HZ)
     assert board.level("PTC1") == bool(initial)
     seen = []
@@ -212,9 +217,12 @@ def test_a_captured_count_is_the_time_of_its_edge(build_c: Build) -> None:
 def test_values_are_taken_over_at_the_end_of_a_round(build_c: Build, mode: int, release: str, changes: bool) -> None:
     wait = "while (FTM(CNT) < 2000) {}"
     write = "FTM(MOD) = 4999; FTM(C0V) = 2500;"
-    board = board_of(build_c, f"FTM(MODE) = {mode}; FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 8000;"
-                              f"FTM(COMBINE) = 0x20; FTM(SC) = 8; {wait} {write} first = FTM(MOD); second = FTM(C0V);"
-                              f"{release} third = FTM(MOD);")  # fmt: skip
+    board = board_of(
+        build_c,
+        f"FTM(MODE) = {mode}; FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 8000;"
+        f"FTM(COMBINE) = 0x20; FTM(SC) = 8; {wait} {write} first = FTM(MOD); second = FTM(C0V);"
+        f"{release} third = FTM(MOD);",
+    )
     follow(board, {3000 / BUS_HZ: {"first": 9999, "second": 8000, "third": 9999}})
     period_s, share = shares(board, "PTC1")
     expected = (5000 / BUS_HZ, 0.5) if changes else (10_000 / BUS_HZ, 0.8)
@@ -222,33 +230,45 @@ def test_values_are_taken_over_at_the_end_of_a_round(build_c: Build, mode: int, 
 
 
 def test_a_trigger_leaves_the_channels_of_a_pair_that_is_not_synchronised(build_c: Build) -> None:
-    board = board_of(build_c, "FTM(MODE) = 5; FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 2000; FTM(SC) = 8;"
-                              "FTM(MOD) = 4999; FTM(C0V) = 3000; FTM(SYNCONF) = 0x280; FTM(SYNC) = 0x81;")  # fmt: skip
+    board = board_of(
+        build_c,
+        "FTM(MODE) = 5; FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 2000; FTM(SC) = 8;"
+        "FTM(MOD) = 4999; FTM(C0V) = 3000; FTM(SYNCONF) = 0x280; FTM(SYNC) = 0x81;",
+    )
     board.run_until(0.002)
     period_s, share = shares(board, "PTC1")
     assert (period_s * BUS_HZ, share) == pytest.approx((5000, 0.4), rel=0.01)
 
 
 def test_a_trigger_that_restarts_the_counter_takes_over_at_once(build_c: Build) -> None:
-    board = board_of(build_c, "FTM(MODE) = 5; FTM(MOD) = 9999; FTM(SC) = 8; while (FTM(CNT) < 2000) {}"
-                              "FTM(MOD) = 77; FTM(SYNCONF) = 0x380; FTM(SYNC) = 0x80; first = FTM(CNT);"
-                              "second = FTM(MOD); third = FTM(SYNC);")  # fmt: skip
+    board = board_of(
+        build_c,
+        "FTM(MODE) = 5; FTM(MOD) = 9999; FTM(SC) = 8; while (FTM(CNT) < 2000) {}"
+        "FTM(MOD) = 77; FTM(SYNCONF) = 0x380; FTM(SYNC) = 0x80; first = FTM(CNT);"
+        "second = FTM(MOD); third = FTM(SYNC);",
+    )
     board.run_until(0.001)
     assert word(board, "first") < 78
     assert (word(board, "second"), word(board, "third")) == (77, 0)
 
 
 def test_a_flag_is_cleared_by_a_zero_after_it_was_read(build_c: Build) -> None:
-    board = board_of(build_c, "FTM(MOD) = 999; FTM(SC) = 8; for (volatile int i = 0; i < 1000; i++) {}"
-                              "FTM(SC) = 0; first = FTM(SC); FTM(SC) = 0x80; second = FTM(SC); FTM(SC) = 0;"
-                              "third = FTM(SC);")  # fmt: skip
+    board = board_of(
+        build_c,
+        "FTM(MOD) = 999; FTM(SC) = 8; for (volatile int i = 0; i < 1000; i++) {}"
+        "FTM(SC) = 0; first = FTM(SC); FTM(SC) = 0x80; second = FTM(SC); FTM(SC) = 0;"
+        "third = FTM(SC);",
+    )
     follow(board, {0.005: {"first": 0x80, "second": 0x80, "third": 0}})
 
 
 def test_a_counter_that_is_stopped_keeps_its_count_and_a_write_restarts_it(build_c: Build) -> None:
-    board = board_of(build_c, "FTM(SC) = 8; for (volatile int i = 0; i < 100; i++) {} FTM(SC) = 0;"
-                              "first = FTM(CNT); for (volatile int i = 0; i < 100; i++) {} second = FTM(CNT);"
-                              "FTM(CNTIN) = 7; FTM(CNT) = 55; third = FTM(CNT);")  # fmt: skip
+    board = board_of(
+        build_c,
+        "FTM(SC) = 8; for (volatile int i = 0; i < 100; i++) {} FTM(SC) = 0;"
+        "first = FTM(CNT); for (volatile int i = 0; i < 100; i++) {} second = FTM(CNT);"
+        "FTM(CNTIN) = 7; FTM(CNT) = 55; third = FTM(CNT);",
+    )
     board.run_until(0.005)
     assert word(board, "first") == word(board, "second") > 100
     assert word(board, "third") == 7

@@ -88,7 +88,7 @@ END = record(1, 0)
         (record(4, 0, b"\0") + END, 1, "Invalid Extended Linear Address Record"),
         ("hello\n" + END, 1, "invalid record"),
     ],
-)  # fmt: skip
+)
 def test_a_damaged_hex_file_is_refused_with_its_line(tmp_path, text, line, said):
     path = tmp_path / "damaged.hex"
     path.write_text(text)
@@ -99,9 +99,15 @@ def test_a_damaged_hex_file_is_refused_with_its_line(tmp_path, text, line, said)
 def test_hex_of_both_kinds_of_address_is_placed_and_joined(tmp_path):
     path = tmp_path / "parts.txt"  # known by its colon
     path.write_text(
-        record(4, 0, b"\x1f\xff") + record(0, 0x10, b"cd") + record(2, 0, b"\x10\0") + record(0, 2, b"g")
-        + record(4, 0, b"\x1f\xff") + record(0, 0xE, b"ab") + record(5, 0, b"\0\0\4\1") + END
-    )  # fmt: skip
+        record(4, 0, b"\x1f\xff")
+        + record(0, 0x10, b"cd")
+        + record(2, 0, b"\x10\0")
+        + record(0, 2, b"g")
+        + record(4, 0, b"\x1f\xff")
+        + record(0, 0xE, b"ab")
+        + record(5, 0, b"\0\0\4\1")
+        + END
+    )
     segments = [(segment.address, segment.data) for segment in load_image(path).segments]
     assert segments == [(0x10002, b"g"), (0x1FFF000E, b"abcd")]
 

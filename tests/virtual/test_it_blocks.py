@@ -13,7 +13,8 @@ TWO = "cortex-m4-trm/2"
 # Of `work` with r0 = 0 and with another r0: the cycles of each instruction by the manual's table, added up by hand.
 COUNTED = {
     # sub 1, cmp 1, it 0; LDR 2, MOV 1, skipped 1, skipped 1; bx 3; the other way skipped 1, skipped 1, LDM 3, VLDR 2
-    "loads": ("""
+    "loads": (
+        """
         sub r3, sp, #16
         cmp r0, #0
         ittee eq
@@ -22,35 +23,51 @@ COUNTED = {
         ldmne.w r3, {r1, r2}
         vldrne s0, [r3]
         bx lr
-    """, 10, 12),
+    """,
+        10,
+        12,
+    ),
     # push 2, cmp 1, it 0; pop to the PC 4; the other way skipped 1, then pop to the PC 4
-    "return": ("""
+    "return": (
+        """
         push {lr}
         cmp r0, #0
         it eq
         popeq {pc}
         pop {pc}
-    """, 7, 8),
+    """,
+        7,
+        8,
+    ),
     # cmp 1, it 0; branch 1, refill 1; the other way skipped 1, add 1; bx 3
-    "branch": ("""
+    "branch": (
+        """
         cmp r0, #0
         it eq
         beq.n 1f
         adds r0, #1
     1:  bx lr
-    """, 6, 6),
+    """,
+        6,
+        6,
+    ),
     # vmov 1, cmp 1, it 0; VDIV 1, and 15 later VADD 1 can use it: 14 wait; the other way skipped 1, VADD 1; bx 3
-    "division": ("""
+    "division": (
+        """
         vmov.f32 s1, #1.0
         cmp r0, #0
         it eq
         vdiveq.f32 s0, s1, s1
         vadd.f32 s2, s0, s1
         bx lr
-    """, 21, 7),
+    """,
+        21,
+        7,
+    ),
     # vmov 1, then 1 for its result and VDIV 1, of 14 the FPU is busy 13 more, cmp 1, it 0; VMOV waits 12 and takes 1,
     # VADD 1; the other way skipped 1, VADD waits 11 and takes 1; bx 3
-    "under a division": ("""
+    "under a division": (
+        """
         vmov.f32 s1, #1.0
         vdiv.f32 s0, s1, s1
         cmp r0, #0
@@ -58,26 +75,37 @@ COUNTED = {
         vmoveq.f32 s2, s1
         vadd.f32 s3, s1, s1
         bx lr
-    """, 21, 20),
+    """,
+        21,
+        20,
+    ),
     # sub 1, cmp 1, it 0; SUB 1, then 1 for the address and LDR 2; the other way skipped 1, LDR 2; bx 3
-    "address": ("""
+    "address": (
+        """
         sub r3, sp, #16
         cmp r0, #0
         it eq
         subeq r3, #4
         ldr r1, [r3]
         bx lr
-    """, 9, 8),
+    """,
+        9,
+        8,
+    ),
     # cmp 1, it 0; STR 1, CMP 1 with another answer, so that 1 is skipped; the other way skipped 3; bx 3
-    "a comparison inside": ("""
+    "a comparison inside": (
+        """
         cmp r0, #0
         ittt eq
         streq r0, [sp, #-4]
         cmpeq sp, #1
         ldreq r1, [sp]
         bx lr
-    """, 7, 7),
-}  # fmt: skip
+    """,
+        7,
+        7,
+    ),
+}
 
 
 def program(work: str) -> str:

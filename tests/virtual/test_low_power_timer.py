@@ -72,16 +72,20 @@ def test_a_free_running_timer_goes_on_past_its_compare_value(build_c: Build) -> 
     wait = "while (!(CSR & 0x80)) {} CSR = 0x85; CNR = 0; count = CNR; while (!(CSR & 0x80)) {} flag = 1;"
     board = board_of(build_c, f"PSR = 3 | 5u << 3; CMR = 20; CSR = 5; {wait}")
     count_s = 64 / 50e6
-    follow(board, {
-        30 * count_s: {"count": 21, "flag": 0},
-        (65536 + 20) * count_s: {"flag": 0},
-        (65536 + 21) * count_s + 2e-5: {"flag": 1},
-    })
+    follow(
+        board,
+        {
+            30 * count_s: {"count": 21, "flag": 0},
+            (65536 + 20) * count_s: {"flag": 0},
+            (65536 + 21) * count_s + 2e-5: {"flag": 1},
+        },
+    )
 
 
 def test_a_timer_that_is_switched_off_forgets(build_c: Build) -> None:
-    board = board_of(build_c, "PSR = 5; CMR = 0; CSR = 1; while (!(CSR & 0x80)) {} CSR = 0; flag = CSR; CNR = 0;"
-                              "count = CNR + 1;")  # fmt: skip
+    board = board_of(
+        build_c, "PSR = 5; CMR = 0; CSR = 1; while (!(CSR & 0x80)) {} CSR = 0; flag = CSR; CNR = 0;count = CNR + 1;"
+    )
     follow(board, {0.01: {"flag": 0, "count": 1}})
 
 
@@ -120,8 +124,11 @@ def test_a_compare_value_that_is_behind_the_count_is_met_in_the_next_round_of_al
     wait = "do { CNR = 0; } while (CNR < 1000);"
     board = board_of(build_c, f"PSR = 3 | 5u << 3; CMR = 60000; CSR = 0x41; {wait} CMR = 99;")
     count_s = 64 / 50e6
-    follow(board, {
-        65_500 * count_s: {"fired": 0},
-        (65_536 + 100 + 50) * count_s: {"fired": 1},
-        (65_536 + 980) * count_s: {"fired": 9},
-    })
+    follow(
+        board,
+        {
+            65_500 * count_s: {"fired": 0},
+            (65_536 + 100 + 50) * count_s: {"fired": 1},
+            (65_536 + 980) * count_s: {"fired": 9},
+        },
+    )

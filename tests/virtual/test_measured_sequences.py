@@ -55,11 +55,12 @@ ON_STM32F429 = {
     "200 loads, none waits for another": (".rept 100\n ldr r0, [r1]\n ldr r3, [r1, #4]\n .endr", 201),
     "200 loads, each from the address before": (".rept 200\n ldr r1, [r1]\n .endr", 400),
     "200 additions, none waits for another": (
-        ".rept 100\n vadd.f32 s0, s1, s2\n vadd.f32 s3, s4, s5\n .endr\n vmov r0, s8", 201,
+        ".rept 100\n vadd.f32 s0, s1, s2\n vadd.f32 s3, s4, s5\n .endr\n vmov r0, s8",
+        201,
     ),
     "200 additions, each of the one before": (".rept 200\n vadd.f32 s0, s0, s1\n .endr\n vmov r0, s0", 401),
     "a division, a NOP, its result": ("vdiv.f32 s0, s1, s2\n nop\n vmov r0, s0", 16),
-}  # fmt: skip
+}
 
 
 def clocks(build: Build, sequence: str) -> int:

@@ -24,9 +24,13 @@ DATA = {"lower": 0x1FFF8000, "upper": 0x20010000}
 LDR_STR = "ldr r0, [r1]\n str r0, [r2]"
 # Clocks of 100 pairs, as they were measured on an FRDM-K64F at 120 MHz with prefetch on.
 MEASURED = {
-    ("flash", "lower"): (410, 1815), ("flash", "upper"): (310, 1810), ("lower", "lower"): (402, 1904),
-    ("lower", "upper"): (302, 1804), ("upper", "lower"): (304, 1806), ("upper", "upper"): (405, 2106),
-}  # fmt: skip
+    ("flash", "lower"): (410, 1815),
+    ("flash", "upper"): (310, 1810),
+    ("lower", "lower"): (402, 1904),
+    ("lower", "upper"): (302, 1804),
+    ("upper", "lower"): (304, 1806),
+    ("upper", "upper"): (405, 2106),
+}
 # Reading the timer is in what was measured, and not in what is counted: 3 and 4 clocks at L/U, where nothing waits. The
 # timer counts every other clock. In flash a read at either end may have to wait for up to two flash clocks, 9 of the
 # core's, by where the code happens to lie. Fetches over the system bus, in U, are a clock or two later at either end.
@@ -72,11 +76,18 @@ def test_a_kernel_in_lower_sram_with_data_in_upper_sram_waits_only_for_its_const
 @pytest.mark.parametrize(
     ("access", "parts"),
     [
-        ("ldr r0, [r1]", 1), ("ldr r0, [r1, #1]", 3), ("ldr r0, [r1, #2]", 2), ("ldr r0, [r1, #3]", 3),
-        ("str r0, [r1, #2]", 2), ("ldrh r0, [r1, #2]", 1), ("ldrsh r0, [r1, #1]", 2), ("strh r0, [r1, #3]", 2),
-        ("ldrb r0, [r1, #3]", 1), ("vldm r1, {s0-s3}", 1),
+        ("ldr r0, [r1]", 1),
+        ("ldr r0, [r1, #1]", 3),
+        ("ldr r0, [r1, #2]", 2),
+        ("ldr r0, [r1, #3]", 3),
+        ("str r0, [r1, #2]", 2),
+        ("ldrh r0, [r1, #2]", 1),
+        ("ldrsh r0, [r1, #1]", 2),
+        ("strh r0, [r1, #3]", 2),
+        ("ldrb r0, [r1, #3]", 1),
+        ("vldm r1, {s0-s3}", 1),
     ],
-)  # fmt: skip
+)
 def test_an_access_at_no_multiple_of_its_size_takes_a_clock_for_each_part(
     build: Build, access: str, parts: int
 ) -> None:
@@ -91,8 +102,10 @@ def test_a_call_is_counted_alike_with_and_without_its_profile_and_the_memories_o
     counted = board.call("crc32", *argument)
     profiled = ProfiledImage(SHIPPED, timing=MEMORIES).call("crc32", *argument)
     assert (counted.value, counted.cycles, counted.instructions) == (
-        profiled.value, profiled.cycles, profiled.instructions
-    )  # fmt: skip
+        profiled.value,
+        profiled.cycles,
+        profiled.instructions,
+    )
     plain = VirtualK64F(SHIPPED).call("crc32", *argument)
     assert (plain.value, plain.instructions) == (counted.value, counted.instructions)
     assert plain.cycles == counted.cycles - board.processor.core.memory_cycles
@@ -143,10 +156,14 @@ def memory(row: str, value: int, most: int | None = None) -> str:
     [
         ('name = "a"\nbase = "gone/1"', 'base: must be a profile that ships: .*; not "gone/1"'),
         ('name = "a"\nbase = 3', "base: must be a profile that ships"),
-        (f'name = "a"\nbase = "{DEFAULT_PROFILE}"\n[memory.flash_clocks]\nvalue = 4\nband = [4, 4]\nsource = "x"',
-         "memory.flash_line_bytes is missing, 12 rows in all"),
-        (f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash_clocks]\nvalue = 0\nband = [0, 4]\nsource = "x"',
-         "flash_clocks.value: must be a whole number from 1"),
+        (
+            f'name = "a"\nbase = "{DEFAULT_PROFILE}"\n[memory.flash_clocks]\nvalue = 4\nband = [4, 4]\nsource = "x"',
+            "memory.flash_line_bytes is missing, 12 rows in all",
+        ),
+        (
+            f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash_clocks]\nvalue = 0\nband = [0, 4]\nsource = "x"',
+            "flash_clocks.value: must be a whole number from 1",
+        ),
         (memory("cache_sets", 3), "cache_sets.value: must be a power of two, not 3"),
         (memory("cache_sets", 4, 6), "cache_sets.band: must be a power of two, not 6"),
         (memory("flash_line_bytes", 7), "flash_line_bytes.value: must be a power of two, not 7"),
@@ -157,7 +174,7 @@ def memory(row: str, value: int, most: int | None = None) -> str:
         (f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash]\nvalue = 0', "memory: unknown key 'flash'"),
         (f'name = "a"\nbase = "{MEMORIES}"\nmemory = 3', r"no table \[memory.ROW\]"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_memory_table_is_refused(tmp_path: Path, text: str, complaint: str) -> None:
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=complaint):

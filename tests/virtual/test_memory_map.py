@@ -49,9 +49,13 @@ SECTIONS {{
 """
 #: First addresses of flash and RAM.
 PARTS = {
-    "K64F": (0x0, 0x20000000), "STM32F4": (0x08000000, 0x20000000), "CCM": (0x08000000, 0x10000000),
-    "SAM4": (0x400000, 0x20000000), "LPC4088": (0x0, 0x10000000), "QSPI": (0x90000000, 0x20000000),
-}  # fmt: skip
+    "K64F": (0x0, 0x20000000),
+    "STM32F4": (0x08000000, 0x20000000),
+    "CCM": (0x08000000, 0x10000000),
+    "SAM4": (0x400000, 0x20000000),
+    "LPC4088": (0x0, 0x10000000),
+    "QSPI": (0x90000000, 0x20000000),
+}
 
 
 @pytest.fixture
@@ -165,7 +169,7 @@ def test_the_guess_covers_what_is_loaded_and_leaves_room_for_arguments(linked):
         ("ram=0x1ffe0000:128K", "0x1ffef000, where called functions return to"),
         ("flash=0x08000000:64K,ram=0x20000000:64K", "does not fit the memories flash=0x08000000"),
     ],
-)  # fmt: skip
+)
 def test_memories_that_cannot_be_are_refused(linked, text, said):
     elf = linked(*PARTS["K64F"])
     with pytest.raises(ConfigError, match=said):

@@ -63,8 +63,11 @@ def test_a_button_lights_an_led_and_both_are_events(build: Build) -> None:
     board.release("SW2")
     board.run_until(0.003)
     assert [(event.what, event.on) for event in board.events] == [
-        ("SW2", True), ("LED red", True), ("SW2", False), ("LED red", False),
-    ]  # fmt: skip
+        ("SW2", True),
+        ("LED red", True),
+        ("SW2", False),
+        ("LED red", False),
+    ]
     assert board.events[0].time_s == pressed_s
     # A round of the loop that polls is some twenty cycles.
     assert 0 < board.events[1].time_s - pressed_s < 1e-6
@@ -186,7 +189,8 @@ def test_a_pin_that_is_none_is_refused_wherever_it_is_named(build: Build, name: 
     part = Fxos8700cq(World(EarthField(48.5, 62.0)), MagneticDistortion(), seed=1)
     board = VirtualK64F(build(PROGRAMS / "pins.c"), i2c0=[part])
     for ask in (
-        lambda: board.level(name), lambda: board.drive(name, True),
+        lambda: board.level(name),
+        lambda: board.drive(name, True),
         lambda: board.lead_interrupts(0, part, int1=None, int2=name),
     ):
         with pytest.raises(ConfigError, match=r"the MK64FN1M0 has no pin .*; write PTA0 to PTE31"):

@@ -56,8 +56,11 @@ def board_of(build_c: Build, body: str, *, pllsten: int = 0) -> VirtualK64F:
 def test_the_low_power_timer_ends_a_stop_in_which_core_and_bus_stand_still(build_c: Build, mode: str) -> None:
     systick = "WORD(0xE000E014) = 20971; WORD(0xE000E018) = 0; WORD(0xE000E010) = 7;"
     pit = "WORD(0x4004803C) |= 1u << 23; WORD(0x40037000) = 0; WORD(0x40037100) = ~0u; WORD(0x40037108) = 1;"
-    board = board_of(build_c, f"{systick} {pit} before = WORD(0x40037104); alarm(50); sleep({mode});"
-                              f"after = WORD(0x40037104); WORD(0xE000E010) = 0; sleep({mode});")  # fmt: skip
+    board = board_of(
+        build_c,
+        f"{systick} {pit} before = WORD(0x40037104); alarm(50); sleep({mode});"
+        f"after = WORD(0x40037104); WORD(0xE000E010) = 0; sleep({mode});",
+    )
     follow(board, {0.0495: {"woken": 0}})
     assert board.position().startswith(f"asleep ({mode}) in sleep (program.c:")
     follow(board, {0.06: {"woken": 1, "timer": 1, "ticks": 0}})
@@ -67,8 +70,9 @@ def test_the_low_power_timer_ends_a_stop_in_which_core_and_bus_stand_still(build
 
 
 def test_in_wait_the_timers_go_on(build_c: Build) -> None:
-    board = board_of(build_c, "WORD(0xE000E014) = 20971; WORD(0xE000E018) = 0; WORD(0xE000E010) = 7;"
-                              "for (;;) { __asm__(\"wfi\"); }")  # fmt: skip
+    board = board_of(
+        build_c, 'WORD(0xE000E014) = 20971; WORD(0xE000E018) = 0; WORD(0xE000E010) = 7;for (;;) { __asm__("wfi"); }'
+    )
     follow(board, {0.0505: {"ticks": 50}})
     assert board.position().startswith("asleep in main")
 
@@ -118,7 +122,7 @@ def test_the_oscillator_goes_on_in_a_stop_where_it_is_told_to(build_c: Build, ke
 
 def test_vlls_ends_in_a_handler_too(build_c: Build) -> None:
     handler = "void SVC_Handler(void) { BYTE(0x4007C004) = 1; alarm(20); sleep(VLLS); }"
-    start = "begin(); status = BYTE(0x4007F000); if (status & 0x80) { __asm__(\"svc 0\"); }"
+    start = 'begin(); status = BYTE(0x4007F000); if (status & 0x80) { __asm__("svc 0"); }'
     program = f"#define PLLSTEN 0\n{HEAD}{handler} int main(void) {{ (void)to_pee; {start} return 0; }}"
     board = VirtualK64F(build_c(program))
     follow(board, {0.021: {"status": 1, "woken": 0}})
@@ -133,8 +137,11 @@ def test_the_low_power_timer_ends_lls_where_its_unit_watches_it(build_c: Build) 
 def test_vlls_ends_in_a_reset_that_names_itself(build_c: Build, vlls: int, survives: bool) -> None:
     first = f"*(volatile unsigned *)0x20001000 = 77; BYTE(0x4007E002) = {vlls}; BYTE(0x4007C004) = 1; alarm(20);"
     later = "kept = *(volatile unsigned *)0x20001000; isolated = BYTE(0x4007D002);"
-    board = board_of(build_c, f"status = BYTE(0x4007F000); if (status & 0x80) {{ {first} sleep(VLLS); }} {later}"
-                              "BYTE(0x4007D002) = 8; after = BYTE(0x4007D002);")  # fmt: skip
+    board = board_of(
+        build_c,
+        f"status = BYTE(0x4007F000); if (status & 0x80) {{ {first} sleep(VLLS); }} {later}"
+        "BYTE(0x4007D002) = 8; after = BYTE(0x4007D002);",
+    )
     follow(board, {0.019: {"status": 0x82}, 0.021: {"status": 1, "woken": 0, "source": 0x10000}})
     assert word(board, "kept") == (77 if survives else 0)
     assert (word(board, "isolated") & 8, word(board, "after") & 8) == (8, 0)
@@ -154,12 +161,19 @@ def test_a_board_that_nothing_can_wake_says_so(build_c: Build, set_up: str, mode
 
 
 def test_a_mode_is_entered_only_where_it_was_permitted(build_c: Build) -> None:
-    board = board_of(build_c, "BYTE(0x4007E001) = 2 << 5; status = BYTE(0x4007E003); BYTE(0x4007E001) = 0;"
-                              "after = BYTE(0x4007E003); BYTE(0x4007E000) = 0; before = BYTE(0x4007E000);")  # fmt: skip
+    board = board_of(
+        build_c,
+        "BYTE(0x4007E001) = 2 << 5; status = BYTE(0x4007E003); BYTE(0x4007E001) = 0;"
+        "after = BYTE(0x4007E003); BYTE(0x4007E000) = 0; before = BYTE(0x4007E000);",
+    )
     follow(board, {0.001: {"status": 4, "after": 1, "before": 0x2A}})
-    refused = VirtualK64F(build_c(f"#define PLLSTEN 0\n{HEAD}int main(void) {{ (void)alarm; (void)sleep; (void)to_pee;"
-                                  "BYTE(0x4007E001) = 2 << 5 | VLLS; status = BYTE(0x4007E003);"
-                                  "after = BYTE(0x4007E001); return 0; }"))  # fmt: skip
+    refused = VirtualK64F(
+        build_c(
+            f"#define PLLSTEN 0\n{HEAD}int main(void) {{ (void)alarm; (void)sleep; (void)to_pee;"
+            "BYTE(0x4007E001) = 2 << 5 | VLLS; status = BYTE(0x4007E003);"
+            "after = BYTE(0x4007E001); return 0; }"
+        )
+    )
     refused.run_until(0.001)
     assert (word(refused, "status"), word(refused, "after"), word(refused, "woken")) == (1, 0, 0)
 

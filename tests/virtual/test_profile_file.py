@@ -37,9 +37,11 @@ def test_every_shipped_profile_has_every_row_that_is_known() -> None:
 
 @pytest.mark.parametrize(
     ("name", "digest"),
-    [("cortex-m4-trm/1", "d18e92c2bf956d09b26e346d3e99f00a08a756378a73045aefdcd5d3a019fab1"),
-     ("cortex-m4-trm/2", "948bec611d8492ff4802aafb4584de486342b19705e2ddf1bdd7c6f36dd09249")],
-)  # fmt: skip
+    [
+        ("cortex-m4-trm/1", "d18e92c2bf956d09b26e346d3e99f00a08a756378a73045aefdcd5d3a019fab1"),
+        ("cortex-m4-trm/2", "948bec611d8492ff4802aafb4584de486342b19705e2ddf1bdd7c6f36dd09249"),
+    ],
+)
 def test_a_published_version_never_changes_its_numbers(name: str, digest: str) -> None:
     # A correction is a new profile. Only a row that prices nothing may be added.
     profile = load_profile(name)
@@ -134,10 +136,17 @@ def test_only_a_virtual_board_has_a_timing_profile_to_choose(tmp_path: Path) -> 
         (TEXT.replace(MAC, MAC.replace("source = ", "source = 3 #")), "fp_accumulate.source: must say"),
         (TEXT.replace(MAC, "[cost]\nfp_accumulate = 3\n"), "must be a table of value, band and source, not 3"),
         (TEXT.replace("value = 15\nband = [15, 15]", "value = 17\nband = [15, 17]"), "must be fp_divide or one"),
-        (TEXT.replace("[cost.branch]        # the branch itself, taken or not\nvalue = 1\nband = [1, 1]",
-                      "[cost.branch]\nvalue = 0\nband = [0, 1]"), "cost.branch.value: must be whole cycles from 1"),
-        (TEXT.replace(MAC, MAC.replace("value = 3\nband = [2, 3]", "value = 0\nband = [0, 3]")),
-         "fp_accumulate.value: must be whole cycles from 1"),
+        (
+            TEXT.replace(
+                "[cost.branch]        # the branch itself, taken or not\nvalue = 1\nband = [1, 1]",
+                "[cost.branch]\nvalue = 0\nband = [0, 1]",
+            ),
+            "cost.branch.value: must be whole cycles from 1",
+        ),
+        (
+            TEXT.replace(MAC, MAC.replace("value = 3\nband = [2, 3]", "value = 0\nband = [0, 3]")),
+            "fp_accumulate.value: must be whole cycles from 1",
+        ),
         (TEXT.replace(MAC, MAC.replace("[2, 3]", "[0, 3]")), "fp_accumulate.band: must be whole cycles from 1"),
         (TEXT.replace("value = 0\nband = [0, 2]", "value = 3\nband = [0, 3]"), "its band must be less than 3"),
         (TEXT.replace("value = 0\nband = [0, 2]", "value = 0\nband = [0, 900]"), "its band must be less than 3"),
@@ -147,7 +156,7 @@ def test_only_a_virtual_board_has_a_timing_profile_to_choose(tmp_path: Path) -> 
         ("x = " + "[" * 5000, r'not TOML: .*; write base = "cortex-m4-trm/2" below'),
         ("#" * 70_000, "larger than 65536 bytes; name a timing profile"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_profile_is_refused_with_the_place_and_what_to_do(tmp_path: Path, text: str, complaint: str) -> None:
     with pytest.raises(ConfigError, match=complaint):
         load_profile(written(tmp_path, text))

@@ -53,10 +53,13 @@ def assert_adds_up(profile: CallProfile, elf: Path, name: str, *arguments: objec
 def kernels() -> list[str]:
     image = FirmwareImage(SHIPPED)
     return sorted(
-        name for name, symbol in image.symbols.items()
-        if symbol.is_function and name.startswith("magnetometer_")
-        and (signature := image.signature(name)) and signature.parameters == ("pointer", "pointer")
-    )  # fmt: skip
+        name
+        for name, symbol in image.symbols.items()
+        if symbol.is_function
+        and name.startswith("magnetometer_")
+        and (signature := image.signature(name))
+        and signature.parameters == ("pointer", "pointer")
+    )
 
 
 @pytest.mark.parametrize("n", [3, 100])
@@ -78,7 +81,11 @@ def test_the_tables_of_random_code_add_up(build: Build, seed: int) -> None:
 
 
 def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build: Build) -> None:
-    elf = build(function("main", "bx lr") + function("work", """
+    elf = build(
+        function("main", "bx lr")
+        + function(
+            "work",
+            """
         ldr r1, =scratch    @ work 2
         ldr r2, [r1]        @ work 1, and 1 because r1 is just being loaded
         ldr r3, [r1, #4]    @ work 1: behind a load that it does not depend on
@@ -94,14 +101,26 @@ def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build
         beq 1f              @ work 1, not taken
         b 1f                @ work 1, and 1 refill
     1:  bx lr               @ work 1, and 2 refill
-    """) + ".ltorg\n.data\n.balign 4\nscratch: .word 1, 2, 3\n")
+    """,
+        )
+        + ".ltorg\n.data\n.balign 4\nscratch: .word 1, 2, 3\n"
+    )
     profile = profiled(elf, "work")
     assert profile.work == {
-        Work.LOAD_STORE: 6, Work.INTEGER: 2, Work.FLOATING_POINT: 4, Work.BRANCH: 3, Work.SYSTEM: 1,
+        Work.LOAD_STORE: 6,
+        Work.INTEGER: 2,
+        Work.FLOATING_POINT: 4,
+        Work.BRANCH: 3,
+        Work.SYSTEM: 1,
     }
     assert profile.stalls == {
-        Stall.LOAD_USE: 1, Stall.STORE_BUFFER: 1, Stall.FP_RESULT: 2, Stall.DIVISION: 13, Stall.TAKEN_BRANCH: 3,
-        Stall.ADDRESS: 0, Stall.FETCH: 0,
+        Stall.LOAD_USE: 1,
+        Stall.STORE_BUFFER: 1,
+        Stall.FP_RESULT: 2,
+        Stall.DIVISION: 13,
+        Stall.TAKEN_BRANCH: 3,
+        Stall.ADDRESS: 0,
+        Stall.FETCH: 0,
     }
     assert profile.cycles == 36
     assert profile.cycle_model == "cortex-m4-trm/2@flash"
@@ -113,14 +132,21 @@ def test_calls_and_tail_calls_are_told_apart_and_counted(build: Build) -> None:
         function("main", "bx lr")
         + function("outer", "push {r4, lr}\n bl f\n bl f\n pop {r4, pc}")  # 3 + 2 + 2 + 3 + 2 refill
         + function("f", "push {r3, lr}\n bl g\n pop.w {r3, lr}\n b h")  # 3 + 2 + 3 + 2, twice
-        + function("g", "bx lr") + function("h", "bx lr")  # 3 each, twice
-    )  # fmt: skip
+        + function("g", "bx lr")
+        + function("h", "bx lr")  # 3 each, twice
+    )
     profile = profiled(elf, "outer")
     assert {stack.functions: stack.cycles for stack in profile.stacks} == {
-        ("outer",): 12, ("outer", "f"): 20, ("outer", "f", "g"): 6, ("outer", "f", "h"): 6,
+        ("outer",): 12,
+        ("outer", "f"): 20,
+        ("outer", "f", "g"): 6,
+        ("outer", "f", "h"): 6,
     }
     assert {each.name: (each.calls, each.self_cycles, each.cycles) for each in profile.functions} == {
-        "outer": (1, 12, 44), "f": (2, 20, 32), "g": (2, 6, 6), "h": (2, 6, 6),
+        "outer": (1, 12, 44),
+        "f": (2, 20, 32),
+        "g": (2, 6, 6),
+        "h": (2, 6, 6),
     }
     assert_adds_up(profile, elf, "outer")
 
@@ -183,8 +209,10 @@ def test_static_functions_of_one_name_are_told_apart(in_c: Callable[..., Path]) 
         "int {name}(int x) {{ return step(x) + 1; }}\n"
     )
     elf = in_c(
-        "int one(int x);\nint two(int x);\nint main(void) { return one(1) + two(1); }\n", "-fno-ipa-ra",
-        one_c=one.format(op="* 3", name="one"), two_c=one.format(op="* x + 5", name="two"),
+        "int one(int x);\nint two(int x);\nint main(void) { return one(1) + two(1); }\n",
+        "-fno-ipa-ra",
+        one_c=one.format(op="* 3", name="one"),
+        two_c=one.format(op="* x + 5", name="two"),
     )
     profile = profiled(elf, "main")
     steps = [each for each in profile.functions if each.name.startswith("step@0x")]
@@ -202,7 +230,11 @@ def test_without_debug_information_functions_are_still_told_apart(in_c: Callable
 
 def test_sleep_is_shown_beside_the_work(build: Build) -> None:
     # SysTick is pending, so that WFI ends, and masked, so that it is not taken.
-    elf = build(function("main", "bx lr") + function("nap", """
+    elf = build(
+        function("main", "bx lr")
+        + function(
+            "nap",
+            """
         ldr r0, =0xE000E010
         movw r1, #9999
         str r1, [r0, #4]
@@ -213,7 +245,10 @@ def test_sleep_is_shown_beside_the_work(build: Build) -> None:
         movs r1, #0
         str r1, [r0]
         bx lr
-    """) + ".ltorg\n")
+    """,
+        )
+        + ".ltorg\n"
+    )
     profile = profiled(elf, "nap")
     assert 9900 < profile.asleep_cycles <= 10_000
     assert_adds_up(profile, elf, "nap")
@@ -237,8 +272,18 @@ def test_pointers_in_a_structure_lead_to_what_they_point_to(in_c: Callable[..., 
 
 
 def test_every_row_that_prices_instructions_has_a_class() -> None:
-    added = {"load_behind_load", "store_behind_load", "load_behind_store", "refill_direct", "refill_indirect",
-             "fp_use", "fp_accumulate_hidden", "fp_divide_use", "exception_entry", "exception_return"}
+    added = {
+        "load_behind_load",
+        "store_behind_load",
+        "load_behind_store",
+        "refill_direct",
+        "refill_indirect",
+        "fp_use",
+        "fp_accumulate_hidden",
+        "fp_divide_use",
+        "exception_entry",
+        "exception_return",
+    }
     assert set(WORK_OF_ROW) == set(load_profile("cortex-m4-trm/1").rows) - added | {"it_skipped"}
 
 

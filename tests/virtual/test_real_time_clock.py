@@ -51,9 +51,12 @@ def test_the_length_of_a_second_is_corrected(build_c: Build, correction: int, se
 
 def test_time_reads_as_zero_until_it_is_set_and_again_when_it_overflows(build_c: Build) -> None:
     valid = "RTC(SR) = 0; RTC(TSR) = 0xFFFFFFFF; first = RTC(TSR); RTC(TPR) = 32700; RTC(SR) = 0x10;"
-    board = board_of(build_c, "WORD(0x4004803C) |= 1u << 29; RTC(CR) = 0x100; RTC(SR) = 0x10; at = RTC(SR);"
-                              f"{valid} while (!(RTC(SR) & 2)) {{}} second = RTC(TSR) + 1; RTC(TSR) = 5;"
-                              "status = RTC(SR);")  # fmt: skip
+    board = board_of(
+        build_c,
+        "WORD(0x4004803C) |= 1u << 29; RTC(CR) = 0x100; RTC(SR) = 0x10; at = RTC(SR);"
+        f"{valid} while (!(RTC(SR) & 2)) {{}} second = RTC(TSR) + 1; RTC(TSR) = 5;"
+        "status = RTC(SR);",
+    )
     board.run_until(0.1)
     assert word(board, "at") == 0x11
     assert (word(board, "first"), word(board, "second")) == (0xFFFFFFFF, 1)
@@ -73,7 +76,10 @@ def test_it_goes_on_through_a_reset_and_stops_at_power_on(build_c: Build) -> Non
 
 
 def test_a_lock_refuses_until_a_software_reset(build_c: Build) -> None:
-    board = board_of(build_c, "WORD(0x4004803C) |= 1u << 29; RTC(LR) = 0xF7; RTC(TCR) = 5; first = RTC(TCR) + 1;"
-                              "RTC(LR) = 0xFF; at = RTC(LR); RTC(CR) = 1; RTC(CR) = 0; RTC(TCR) = 5;"
-                              "second = RTC(TCR);")  # fmt: skip
+    board = board_of(
+        build_c,
+        "WORD(0x4004803C) |= 1u << 29; RTC(LR) = 0xF7; RTC(TCR) = 5; first = RTC(TCR) + 1;"
+        "RTC(LR) = 0xFF; at = RTC(LR); RTC(CR) = 1; RTC(CR) = 0; RTC(TCR) = 5;"
+        "second = RTC(TCR);",
+    )
     follow(board, {0.01: {"first": 1, "at": 0xF7, "second": 5}})

@@ -24,14 +24,41 @@ from ..sensors.bus_master import write
 GATES = range(0x40048028, 0x40048044, 4)  # SCGC1 to 7
 # Modules that are modelled, but for those that reset the chip or let it sleep.
 MODELLED = {
-    "ADC0", "ADC1", "CRC", "DMA", "DMAMUX", "FMC", "FTFE", "FTM0", "FTM3", "GPIOC", "I2C0", "I2C1", "LPTMR0", "MCG",
-    "OSC", "PIT", "PMC", "PORTA", "PORTC", "RFSYS", "RFVBAT", "RNG", "RTC", "SIM", "SYSMPU", "UART0", "UART1", "UART5",
+    "ADC0",
+    "ADC1",
+    "CRC",
+    "DMA",
+    "DMAMUX",
+    "FMC",
+    "FTFE",
+    "FTM0",
+    "FTM3",
+    "GPIOC",
+    "I2C0",
+    "I2C1",
+    "LPTMR0",
+    "MCG",
+    "OSC",
+    "PIT",
+    "PMC",
+    "PORTA",
+    "PORTC",
+    "RFSYS",
+    "RFVBAT",
+    "RNG",
+    "RTC",
+    "SIM",
+    "SYSMPU",
+    "UART0",
+    "UART1",
+    "UART5",
     "WDOG",
-}  # fmt: skip
+}
 MODULES = {
     module.name: [(register.address, register.size) for register in module.registers]
-    for module in mk64f12().peripherals if module.name in MODELLED
-}  # fmt: skip
+    for module in mk64f12().peripherals
+    if module.name in MODELLED
+}
 MODULES["SysTick"] = [(0xE000E010 + offset, 4) for offset in range(0, 12, 4)]
 MODULES["NVIC"] = [(0xE000E000 + offset, 4) for offset in (*range(0x100, 0x120, 4), 0xD14, 0xDFC)]
 MODULES["DWT"] = [(0xE0001000, 4), (0xE0001004, 4)]

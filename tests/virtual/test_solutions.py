@@ -38,9 +38,11 @@ int main(void)
 }
 """
 # A loop of 200 bytes: more than the cache of the flash holds; and each solution takes longer than the one before.
-LONG_LOOP = SLICES.replace("sum += i;", f'{{ sum += i; __asm volatile("{100 * "nop;"}"); }}').replace(
-    "(fit.progress == 0u) begin_slice();", "(fit.progress == 0u) { fit.kind++; begin_slice(); }"
-).replace("work(10u)", "work(9u + fit.kind)")
+LONG_LOOP = (
+    SLICES.replace("sum += i;", f'{{ sum += i; __asm volatile("{100 * "nop;"}"); }}')
+    .replace("(fit.progress == 0u) begin_slice();", "(fit.progress == 0u) { fit.kind++; begin_slice(); }")
+    .replace("work(10u)", "work(9u + fit.kind)")
+)
 ZERO = SolutionEnd("fit+4", size=1)
 CHANGED = SolutionEnd("fit + 0x6", EndsWhen.CHANGED, size=2)
 
@@ -76,9 +78,11 @@ def test_a_solution_that_had_begun_before_is_left_out(build_c: Build, end: Solut
 def test_a_word_that_is_none_is_refused(build_c: Build) -> None:
     board = VirtualK64F(build_c(SLICES, "-O2"))
     for word, said in (
-        ("fitt", "'fitt' is no variable"), ("main", "'main' is no variable"), ("fit-1", "is no variable"),
+        ("fitt", "'fitt' is no variable"),
+        ("main", "'main' is no variable"),
+        ("fit-1", "is no variable"),
         ("fit+6", "4 bytes at fit"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(ConfigError, match=said):
             board.watch_solutions(["fit_slice"], SolutionEnd(word))
     board.watch_solutions(["fit_slice"], ZERO)
@@ -118,9 +122,10 @@ def test_something_else_may_change_the_data_between_the_slices_of_a_solution(bui
 def test_a_slice_that_depends_on_a_device_is_not_counted_again(build_c: Build) -> None:
     # It works as long as SysTick's counter says.
     source = SLICES.replace("20u *", "(*(volatile uint32_t *)0xE000E018 & 0xFFu) +").replace(
-        "int main(void)\n{", "int main(void)\n{\n    ((volatile uint32_t *)0xE000E010)[1] = 9999u;\n"
-        "    ((volatile uint32_t *)0xE000E010)[0] = 5u;"
-    )  # fmt: skip
+        "int main(void)\n{",
+        "int main(void)\n{\n    ((volatile uint32_t *)0xE000E010)[1] = 9999u;\n"
+        "    ((volatile uint32_t *)0xE000E010)[0] = 5u;",
+    )
     board = VirtualK64F(build_c(source, "-O2"))
     watch = board.watch_solutions(["begin_slice", "fit_slice"], ZERO)
     board.run_until(0.002)
@@ -170,8 +175,12 @@ def test_a_slice_within_another_counts_with_that_one() -> None:
 
 
 def test_a_summary_counts_what_is_apart_and_nothing_of_no_calls() -> None:
-    calls = [call(0, 40), call(100, 10, interrupts=25)._replace(interrupted=2), call(200, 30, elsewhere=500),
-             call(210, 5)._replace(outermost=False)]  # fmt: skip
+    calls = [
+        call(0, 40),
+        call(100, 10, interrupts=25)._replace(interrupted=2),
+        call(200, 30, elsewhere=500),
+        call(210, 5)._replace(outermost=False),
+    ]
     summary = summarise_calls("fit", calls, 1000, abandoned=3, open_calls=1, ended_in=("g",))
     assert (summary.calls, summary.least, summary.median, summary.most) == (4, 5, 10, 40)
     assert summary.share == pytest.approx(0.08)

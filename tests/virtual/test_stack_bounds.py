@@ -107,7 +107,8 @@ def test_a_way_that_nothing_takes_counts_too(build_c: Build) -> None:
 @pytest.mark.parametrize(
     ("function", "why"),
     [
-        ("again", "it calls itself: again -> again"), ("through", "through calls through a pointer at 0x"),
+        ("again", "it calls itself: again -> again"),
+        ("through", "through calls through a pointer at 0x"),
         ("grows", "grows moves the stack pointer"),
     ],
 )

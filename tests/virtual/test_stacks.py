@@ -83,9 +83,7 @@ def stacks_of(board: VirtualK64F) -> list[Stack]:
     [("plain", 8 + 32 + 200), ("beyond", 8 + 8 + 1000 + 32 + 200), ("calls", 8 + 32 + FRAME + 8)],
     ids=["frames that stand in the code", "an amount that does not", "an exception on top"],
 )
-def test_a_stack_is_as_deep_as_its_frames(
-    build: Build, tmp_path: Path, function: str, used: int
-) -> None:
+def test_a_stack_is_as_deep_as_its_frames(build: Build, tmp_path: Path, function: str, used: int) -> None:
     (tmp_path / "deep.S").write_text(DEEP.replace("{function}", function), encoding="utf-8")
     board = VirtualK64F(build(tmp_path / "deep.S"))
     board.run_until(0.001)
@@ -106,11 +104,19 @@ def test_a_stack_elsewhere_is_one_of_its_own(build: Build, tmp_path: Path) -> No
 
 @pytest.mark.parametrize(
     ("function", "used"),
-    [("plain", {"plain": 232}), ("beyond", {"beyond": 8 + 1000 + 232, "plain": 232}), ("calls", {"calls": 32}),
-     ("alone", {"alone": None})],
-    ids=["frames that stand in the code", "an amount that does not", "an exception on top is not its own",
-         "on another stack in between"],
-)  # fmt: skip
+    [
+        ("plain", {"plain": 232}),
+        ("beyond", {"beyond": 8 + 1000 + 232, "plain": 232}),
+        ("calls", {"calls": 32}),
+        ("alone", {"alone": None}),
+    ],
+    ids=[
+        "frames that stand in the code",
+        "an amount that does not",
+        "an exception on top is not its own",
+        "on another stack in between",
+    ],
+)
 def test_a_call_takes_what_it_and_what_it_calls_put_on_the_stack(
     build: Build, tmp_path: Path, function: str, used: dict[str, int | None]
 ) -> None:
@@ -169,8 +175,10 @@ def test_flash_and_ram_are_what_the_compilers_own_tool_says(
 ) -> None:
     said = subprocess.run(
         [require_tool("arm-none-eabi-size"), "-A", "-d", os.fspath(shipped_board.image.name)],
-        capture_output=True, text=True, check=True,
-    ).stdout  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
     rows = [each for line in said.splitlines() if len(each := line.split()) == 3 and each[1].isdigit()]
     sizes = {name: (int(size), int(address)) for name, size, address in rows}
     in_ram = {name: size for name, (size, address) in sizes.items() if 0x1FFF0000 <= address < 0x20030000}

@@ -44,8 +44,12 @@ def test_a_call_that_ends_in_a_tail_call_contains_it_and_says_so(build_c: Build)
     assert tails.entered < worked.entered
     assert tails.returned == worked.returned
     for function, ended_in in (
-        ("tails", ("worked",)), ("by_pointer", ("worked",)), ("worked", ()), ("loops", ()), ("falls", ("into",)),
-    ):  # fmt: skip
+        ("tails", ("worked",)),
+        ("by_pointer", ("worked",)),
+        ("worked", ()),
+        ("loops", ()),
+        ("falls", ("into",)),
+    ):
         summary = watch.summary(function)
         assert (summary.ended_in, summary.abandoned) == (ended_in, 0), function
     # A loop that begins at the first instruction is one call.
@@ -82,8 +86,16 @@ def test_calls_that_longjmp_leaves_are_abandoned_and_do_not_count(
     source, elf = tmp_path / "program.c", tmp_path / "program.elf"
     source.write_text(JUMPS)
     flags = [flag for flag in FLAGS if flag not in ("-O1", "-nostdlib")]
-    command = [require_tool("arm-none-eabi-gcc"), *flags, level, "-nostartfiles", str(PROGRAMS / "start.S"),
-               str(source), "-o", str(elf)]  # fmt: skip
+    command = [
+        require_tool("arm-none-eabi-gcc"),
+        *flags,
+        level,
+        "-nostartfiles",
+        str(PROGRAMS / "start.S"),
+        str(source),
+        "-o",
+        str(elf),
+    ]
     subprocess.run(command, check=True, timeout=60)
     board = VirtualK64F(elf)
     watch = board.watch_calls(["leaves", "passes", "simple"])
@@ -139,7 +151,8 @@ def test_stacks_that_are_switched_without_an_exception_are_refused_by_name(build
 
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 def test_a_call_in_a_task_does_not_count_what_other_tasks_do(
-    build_tasks: BuildTasks, level: str  # noqa: F811 (the fixture)
+    build_tasks: BuildTasks,  # noqa: F811 (the fixture)
+    level: str,
 ) -> None:
     elf = build_tasks(level, "-fno-inline")
     board = VirtualK64F(elf)

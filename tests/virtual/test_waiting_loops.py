@@ -82,10 +82,19 @@ def test_the_shipped_firmware_runs_the_same() -> None:
     assert assert_same_both_ways(SHIPPED, 0.3, [(0.2, b"\x7e\x11\x07\x00\x00\x7e")]).cycles[0] > 35e6
 
 
-@pytest.mark.parametrize("loop", [
-    "poll_status", "two_registers", "wait_count_flag", "wait_unmodelled", "wait_in_calls", "wait_dma_sending",
-    "poll_crc", "wait_for_interrupt",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "loop",
+    [
+        "poll_status",
+        "two_registers",
+        "wait_count_flag",
+        "wait_unmodelled",
+        "wait_in_calls",
+        "wait_dma_sending",
+        "poll_crc",
+        "wait_for_interrupt",
+    ],
+)
 @pytest.mark.parametrize("profile", ["cortex-m4-trm/2", "cortex-m4-k64f/2"])
 def test_most_of_a_wait_is_not_executed(build: Build, loop: str, profile: str) -> None:
     board = VirtualK64F(build(WAITS, "-O2", f"-DLOOP={loop}"), profile=profile)

@@ -58,7 +58,7 @@ SHORT, SHORT_CYCLES = "unlock(); TOVALH = 1; TOVALL = 0; PRESC = 0; STCTRLH = 0x
         ("UNLOCK = 0xD928u; UNLOCK = 0xC520u; STCTRLH = 0x01D2u;", FORGOTTEN_CYCLES + 1000, 2),
     ],
     ids=["switched off", "served", "served the wrong way round", "never unlocked", "unlocked the wrong way round"],
-)  # fmt: skip
+)
 def test_it_resets_the_part_unless_it_is_unlocked_and_switched_off_or_served(
     build_c: Build, body: str, cycles: int, starts: int
 ) -> None:

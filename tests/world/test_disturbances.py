@@ -32,8 +32,16 @@ def test_a_waveform_is_straight_between_its_rows_and_steps_where_two_are_at_one_
 def test_a_waveform_that_repeats_begins_again_from_its_first_row():
     pulses = Current((1.0, 0.0, 0.0), ((5.0, 0.0), (5.0, 2.0), (6.0, 2.0), (6.0, 0.0)), repeat_s=4.0)
     assert [pulses.current_a(time_s) for time_s in (0.0, 4.9, 5.0, 5.5, 6.0, 8.9, 9.0, 9.5, 10.0)] == [
-        0.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0, 2.0, 0.0
-    ]  # fmt: skip
+        0.0,
+        0.0,
+        2.0,
+        2.0,
+        0.0,
+        0.0,
+        2.0,
+        2.0,
+        0.0,
+    ]
 
 
 def test_the_field_of_a_current_is_proportional_to_it():
@@ -109,8 +117,11 @@ def test_a_cable_is_the_integral_of_biot_and_savart_along_it(direction, place):
         # tan substitutes the whole line by a finite stretch.
         found, _ = quad_vec(
             lambda u: biot_savart_ut(np.array(through) + math.tan(u) * along, along / math.cos(u) ** 2, np.zeros(3)),
-            -0.5 * math.pi, 0.5 * math.pi, epsrel=1e-9, epsabs=1e-9,
-        )  # fmt: skip
+            -0.5 * math.pi,
+            0.5 * math.pi,
+            epsrel=1e-9,
+            epsabs=1e-9,
+        )
         return found
 
     cable = Cable(12.0, direction, ((0.0, *first), (1.0, *place)))

@@ -58,7 +58,8 @@ def test_the_first_samples_are_pinned():
     source = NoiseSource(1, "mag3110@0e")
     drawn = [source.sample(0, 0), source.sample(2 << 32, 700)]
     assert [tuple(value * 2**20 for value in triple) for triple in drawn] == [
-        (-2330292, 35962, -56798), (-2482724, -87231, -136363),
+        (-2330292, 35962, -56798),
+        (-2482724, -87231, -136363),
     ]
 
 

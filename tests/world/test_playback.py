@@ -18,7 +18,7 @@ def playback(resampling: Resampling = Resampling.NEAREST, length: int = 3) -> Pl
 
 @pytest.mark.parametrize("resampling", Resampling)
 def test_at_its_own_times_a_sample_is_the_reading_to_the_last_bit_and_outside_the_first_or_last(
-    resampling: Resampling
+    resampling: Resampling,
 ) -> None:
     played = playback(resampling)
     at = [played.reading(Sensed.MAGNETOMETER, time_s) for time_s in (0.0, *TIMES_S, 99.0)]
@@ -28,10 +28,12 @@ def test_at_its_own_times_a_sample_is_the_reading_to_the_last_bit_and_outside_th
 @pytest.mark.parametrize(
     ("time_s", "nearest", "linear"),
     [
-        (2.2, READINGS[0], (14.0, 0.4, -1.0)), (2.25, READINGS[0], (15.0, 0.5, -1.0)),  # halfway: the earlier one
-        (2.26, READINGS[1], (15.2, 0.52, -1.0)), (3.0, READINGS[1], (10.0, 2.0, -1.0 + 1.1 / 3.0)),
+        (2.2, READINGS[0], (14.0, 0.4, -1.0)),
+        (2.25, READINGS[0], (15.0, 0.5, -1.0)),  # halfway: the earlier one
+        (2.26, READINGS[1], (15.2, 0.52, -1.0)),
+        (3.0, READINGS[1], (10.0, 2.0, -1.0 + 1.1 / 3.0)),
     ],
-)  # fmt: skip
+)
 def test_between_readings_it_is_the_nearest_or_on_the_line(
     time_s: float, nearest: tuple[float, ...], linear: tuple[float, ...]
 ) -> None:

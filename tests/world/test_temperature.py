@@ -30,9 +30,12 @@ def test_a_warm_up_goes_63_percent_of_what_is_left_in_a_time_constant():
 @pytest.mark.parametrize(
     "parts",
     [
-        {"end_degc": 40.0}, {"ramp_s": 10.0}, {"time_constant_s": 10.0},
+        {"end_degc": 40.0},
+        {"ramp_s": 10.0},
+        {"time_constant_s": 10.0},
         {"end_degc": 40.0, "ramp_s": 10.0, "time_constant_s": 10.0},
-        {"end_degc": 40.0, "ramp_s": 0.0}, {"end_degc": 40.0, "time_constant_s": -1.0},
+        {"end_degc": 40.0, "ramp_s": 0.0},
+        {"end_degc": 40.0, "time_constant_s": -1.0},
     ],
 )
 def test_a_course_that_is_not_one_is_refused(parts):

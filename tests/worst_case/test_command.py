@@ -217,9 +217,18 @@ def test_what_cannot_be_searched_is_refused(
 
 
 GOOD = {
-    "schema": "hiltest.worst-case/1", "function": "set_bits", "cycles": 5, "cycle_model": "m", "elf": "a.elf",
-    "elf_sha256": "0", "hiltest": "0.1.0", "seed": 1, "calls": 1, "points": [], "arguments": ["1"],
-}  # fmt: skip
+    "schema": "hiltest.worst-case/1",
+    "function": "set_bits",
+    "cycles": 5,
+    "cycle_model": "m",
+    "elf": "a.elf",
+    "elf_sha256": "0",
+    "hiltest": "0.1.0",
+    "seed": 1,
+    "calls": 1,
+    "points": [],
+    "arguments": ["1"],
+}
 
 
 @pytest.mark.parametrize(

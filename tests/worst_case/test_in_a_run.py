@@ -31,9 +31,14 @@ def run(bench: Path, limit: int) -> tuple[int, Run]:
     (bench / "limited.toml").write_text(limited, encoding="utf-8")
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "run", "--rig", "limited.toml", "--", "-k", "worst_case"], cwd=bench,
-        env=environment, capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-m", "hiltest", "run", "--rig", "limited.toml", "--", "-k", "worst_case"],
+        cwd=bench,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     return done.returncode, read_record(bench / "hil-out" / "run.json").run
 
 

@@ -35,7 +35,11 @@ def self_calibration(
 
 @pytest.fixture(scope="session")
 def after(
-    self_calibration: SelfCalibration, compass: CompassBoard, turntable: Turntable, rig: Rig, hil_settings: Settings,
+    self_calibration: SelfCalibration,
+    compass: CompassBoard,
+    turntable: Turntable,
+    rig: Rig,
+    hil_settings: Settings,
     hil_progress: Progress,
 ) -> CompassHeadings:
     """Headings of the known angles afterwards."""

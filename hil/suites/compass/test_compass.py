@@ -35,8 +35,13 @@ FEWEST_SAMPLES = 50
 def test_heading_before_calibration(before: CompassHeadings, measure: Measure) -> None:
     missing = before.not_measured
     level_deg = before.max_level_deg(FIRMWARE)
-    measure("heading.uncalibrated.max_level", level_deg, "deg", not_checked=missing,
-            not_offered="" if level_deg is not None else missing or "the rig has no level known angle")
+    measure(
+        "heading.uncalibrated.max_level",
+        level_deg,
+        "deg",
+        not_checked=missing,
+        not_offered="" if level_deg is not None else missing or "the rig has no level known angle",
+    )
     measure("heading.uncalibrated.max", before.summary(FIRMWARE).max_deg, "deg", not_checked=missing)
 
 
@@ -48,8 +53,13 @@ def test_the_firmware_calibrates_itself(
     believed, truth = after.belief, compass.truth
     same_unit = Limit(min=rig.field.strength_ut / SAME_UNIT, max=rig.field.strength_ut * SAME_UNIT)
     measure("fit.firmware.residual", believed.fit_error_percent, "%", not_offered=not_said(believed.fit_error_percent))
-    measure("fit.firmware.strength", believed.field_strength_ut, "uT", not_offered=not_said(believed.field_strength_ut),
-            limit=None if believed.field_strength_ut is None else same_unit)
+    measure(
+        "fit.firmware.strength",
+        believed.field_strength_ut,
+        "uT",
+        not_offered=not_said(believed.field_strength_ut),
+        limit=None if believed.field_strength_ut is None else same_unit,
+    )
     measure("fit.firmware.dip", believed.dip_deg, "deg", not_offered=not_said(believed.dip_deg))
     offset_ut = rotation_deg = None
     if believed.fit is not None and truth is not None:
@@ -65,8 +75,13 @@ def test_the_firmware_calibrates_itself(
 
 def test_pitch_and_roll_at_known_angles(after: CompassHeadings, compass: CompassBoard, measure: Measure) -> None:
     why = not_said(after.tilt_error_deg) if compass.device.frame == "ned" else "they are other angles in other frames"
-    measure("accelerometer.tilt_error", after.tilt_error_deg, "deg", not_offered=why,
-            note=after.contradictions.get("tilt", ""))
+    measure(
+        "accelerometer.tilt_error",
+        after.tilt_error_deg,
+        "deg",
+        not_offered=why,
+        note=after.contradictions.get("tilt", ""),
+    )
 
 
 def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Measure) -> None:
@@ -75,8 +90,13 @@ def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Meas
     for source in after.error_deg:
         errors = after.summary(source)
         limit = GOAL if source == FIRMWARE else TOGETHER
-        measure(f"heading.{source}.max", errors.max_deg, "deg", not_checked=not_checked,
-                limit=None if f"heading.{source}.max" in rig.information else limit)
+        measure(
+            f"heading.{source}.max",
+            errors.max_deg,
+            "deg",
+            not_checked=not_checked,
+            limit=None if f"heading.{source}.max" in rig.information else limit,
+        )
         measure(f"heading.{source}.rms", errors.rms_deg, "deg", not_checked=not_checked)
         measure(f"heading.{source}.bias", or_nan(errors.bias_deg), "deg", not_checked=not_checked)
         measure(f"heading.{source}.max_centred", or_nan(errors.max_centred_deg), "deg", not_checked=missing)
@@ -88,16 +108,25 @@ def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Meas
         | {f"answered.{source}": "deg" for source in after.heading_deg}
         | {f"error.{source}": "deg" for source in after.error_deg},
         [
-            [each.pose.heading_deg, each.pose.pitch_deg, each.pose.roll_deg, bool(level), *numbers,
-             each.settled.is_settled, *answers]
+            [
+                each.pose.heading_deg,
+                each.pose.pitch_deg,
+                each.pose.roll_deg,
+                bool(level),
+                *numbers,
+                each.settled.is_settled,
+                *answers,
+            ]
             for each, level, numbers, *answers in zip(
-                after.held, after.level, ([float(each)] for each in after.reference_deg),
+                after.held,
+                after.level,
+                ([float(each)] for each in after.reference_deg),
                 *(headings.tolist() for headings in after.heading_deg.values()),
-                *(errors.tolist() for errors in after.error_deg.values()), strict=True,
+                *(errors.tolist() for errors in after.error_deg.values()),
+                strict=True,
             )
         ],
     )
-
 
     measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, after.contradictions.items()))
 
@@ -140,16 +169,30 @@ def test_cycles_of_the_functions_that_the_rig_names(
         why = "" if solved.solutions else "no solution was begun and completed"
         measure(f"cycles.{name}.solutions", solved.solutions, "")
         for what, cycles in (
-            ("solution_median", solved.median), ("solution_most", solved.most), ("slice_most", solved.longest_slice),
+            ("solution_median", solved.median),
+            ("solution_most", solved.most),
+            ("slice_most", solved.longest_slice),
         ):
             measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
         measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=why)
     if (latest := compass.costs.latest_solution()) is not None:
-        measure("cycles.calibrated.total", latest.cycles, "cycle", cycle_model=model,
-                note=f"{latest.name} in {latest.slices} slices")
+        measure(
+            "cycles.calibrated.total",
+            latest.cycles,
+            "cycle",
+            cycle_model=model,
+            note=f"{latest.name} in {latest.slices} slices",
+        )
         flash = compass.costs.from_flash()
-        measure("cycles.calibrated.from_flash", flash.cycles, "cycle", cycle_model=flash.cycle_model, band=flash.band,
-                note="the same slices", not_offered=flash.refusal)
+        measure(
+            "cycles.calibrated.from_flash",
+            flash.cycles,
+            "cycle",
+            cycle_model=flash.cycle_model,
+            band=flash.band,
+            note="the same slices",
+            not_offered=flash.refusal,
+        )
 
 
 def test_our_calibrators_on_the_same_samples(
@@ -166,8 +209,14 @@ def test_our_calibrators_on_the_same_samples(
             continue
         measure(f"heading.{name}.max", errors.max_deg, "deg")
         measure(f"heading.{name}.rms", errors.rms_deg, "deg")
-        measure(f"cycles.{name}.total", cost.cycles, "cycle", cycle_model=ours.cycle_model,
-                band=ours.cycle_range(cost, name), note=f"the same {len(points)} samples")
+        measure(
+            f"cycles.{name}.total",
+            cost.cycles,
+            "cycle",
+            cycle_model=ours.cycle_model,
+            band=ours.cycle_range(cost, name),
+            note=f"the same {len(points)} samples",
+        )
 
 
 def not_said(believed: object) -> str:

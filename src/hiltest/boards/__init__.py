@@ -23,9 +23,22 @@ from hiltest.rig import Rig
 from hiltest.rig.rig import refuse_unknown_sensors
 
 __all__ = [
-    "Board", "BoardKind", "CompassBoard", "Declared", "OnChip", "RealBoard", "ReplayBoard", "ReplayCompass", "Stage",
-    "Truth", "VirtualBench", "VirtualBoard", "default_firmware", "open_board", "open_compass",
-]  # fmt: skip
+    "Board",
+    "BoardKind",
+    "CompassBoard",
+    "Declared",
+    "OnChip",
+    "RealBoard",
+    "ReplayBoard",
+    "ReplayCompass",
+    "Stage",
+    "Truth",
+    "VirtualBench",
+    "VirtualBoard",
+    "default_firmware",
+    "open_board",
+    "open_compass",
+]
 
 # Makes hil:// and usb:// URLs that any program using pyserial in this process can open.
 _HANDLERS = "hiltest.boards.urlhandler"
@@ -34,10 +47,17 @@ if _HANDLERS not in serial.protocol_handler_packages:
 
 
 def open_board(
-    rig: Rig, *, firmware: Path | None = None, port: str | None = None, seed: int | None = None,
-    transcript: Transcript | None = None, base: int | None = None, watches_execution: bool = False, tape: Tape = LIVE,
+    rig: Rig,
+    *,
+    firmware: Path | None = None,
+    port: str | None = None,
+    seed: int | None = None,
+    transcript: Transcript | None = None,
+    base: int | None = None,
+    watches_execution: bool = False,
+    tape: Tape = LIVE,
     on_chip: OnChip | None = None,
-) -> Board:  # fmt: skip
+) -> Board:
     """Open the board of a rig: synchronised, identified, its sensors selected.
 
     Parameters
@@ -74,9 +94,16 @@ def open_board(
     if isinstance(tape, Player):
         return ReplayBoard(tape, declared=declared, transcript=transcript)
     board = _opened_board(
-        rig, declared, firmware=firmware, port=port, seed=seed, transcript=transcript, base=base,
-        watches_execution=watches_execution, tape=tape,
-    )  # fmt: skip
+        rig,
+        declared,
+        firmware=firmware,
+        port=port,
+        seed=seed,
+        transcript=transcript,
+        base=base,
+        watches_execution=watches_execution,
+        tape=tape,
+    )
     if on_chip is not None:
         on_chip.note(board)
     if tape is not LIVE:
@@ -85,10 +112,17 @@ def open_board(
 
 
 def open_compass(
-    rig: Rig, *, firmware: Path | None = None, port: str | None = None, seed: int | None = None,
-    transcript: Transcript | None = None, base: int | None = None, watches_execution: bool = False, tape: Tape = LIVE,
+    rig: Rig,
+    *,
+    firmware: Path | None = None,
+    port: str | None = None,
+    seed: int | None = None,
+    transcript: Transcript | None = None,
+    base: int | None = None,
+    watches_execution: bool = False,
+    tape: Tape = LIVE,
     on_chip: OnChip | None = None,
-) -> CompassBoard:  # fmt: skip
+) -> CompassBoard:
     """Open the board of a rig whose firmware has its own protocol, and wait for its first output; see `open_board`.
 
     Raises
@@ -101,10 +135,20 @@ def open_compass(
         When the output cannot be interpreted.
     """
     is_replay = isinstance(tape, Player)
-    board = ReplayCompass(tape, rig, transcript=transcript) if is_replay else opened_compass(
-        rig, firmware=firmware, port=port, seed=seed, transcript=transcript, base=base,
-        watches_execution=watches_execution, tape=tape,
-    )  # fmt: skip
+    board = (
+        ReplayCompass(tape, rig, transcript=transcript)
+        if is_replay
+        else opened_compass(
+            rig,
+            firmware=firmware,
+            port=port,
+            seed=seed,
+            transcript=transcript,
+            base=base,
+            watches_execution=watches_execution,
+            tape=tape,
+        )
+    )
     if on_chip is not None:
         on_chip.note(board)
     board.may_be_overheard = tape is LIVE
@@ -122,9 +166,17 @@ def open_compass(
 
 
 def _opened_board(
-    rig: Rig, declared: Declared, *, firmware: Path | None, port: str | None, seed: int | None,
-    transcript: Transcript | None, base: int | None, watches_execution: bool, tape: Tape,
-) -> Board:  # fmt: skip
+    rig: Rig,
+    declared: Declared,
+    *,
+    firmware: Path | None,
+    port: str | None,
+    seed: int | None,
+    transcript: Transcript | None,
+    base: int | None,
+    watches_execution: bool,
+    tape: Tape,
+) -> Board:
     url = port or rig.board.port or (port_of() if rig.board.kind == "real" else None)
     if url is not None and not url.startswith("hil:"):
         if firmware is not None:

@@ -122,9 +122,15 @@ class VirtualBench:
     """
 
     def __init__(
-        self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None, base: int | None = None,
-        flash_file: Path | None = None, watches_execution: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        rig: Rig,
+        *,
+        firmware: Path | None = None,
+        seed: int | None = None,
+        base: int | None = None,
+        flash_file: Path | None = None,
+        watches_execution: bool = False,
+    ) -> None:
         if rig.world is None:
             raise ConfigError(
                 f"rig {rig.name} ({rig.path}) is of a {rig.board.kind} board: it has no world to simulate. "
@@ -138,10 +144,13 @@ class VirtualBench:
         sensors = build_sensors(rig, self._world, self.seed, faults_from_s=START_UP_S)
         # All registers that the packaged firmware uses are modelled, so an access to any other is a bug.
         self.machine = VirtualK64F(
-            load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"],
+            load_image(self.firmware, base=base),
+            i2c0=sensors["i2c0"],
+            i2c1=sensors["i2c1"],
             profile=_timing_profile(rig),
-            strict=self.firmware == default_firmware(), flash_file=flash_file,
-        )  # fmt: skip
+            strict=self.firmware == default_firmware(),
+            flash_file=flash_file,
+        )
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed

@@ -126,7 +126,10 @@ class Declared:
         }
         sensor_names = {kind: name for kind, name in named.items() if name is not None}
         return cls(
-            rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, sensor_names, rig.board.cycle_model,
+            rig.field.strength_ut,
+            rig.sensors.magnetometer_noise_ut,
+            sensor_names,
+            rig.board.cycle_model,
             1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz,
             {name: entry.functions[0] for name, entry in rig.cycles.items() if entry.ends is None},
             rig.name,
@@ -201,7 +204,11 @@ class LinkTerms:
     """Maximum number of attempts per request."""
 
     def session(
-        self, opened: Callable[[], SerialPort], transcript: Transcript | None, tape: Tape, *,
+        self,
+        opened: Callable[[], SerialPort],
+        transcript: Transcript | None,
+        tape: Tape,
+        *,
         session_type: Callable[..., Session] = Session,
     ) -> Session:
         """Open the session with a present board, or the replayed session."""
@@ -455,7 +462,8 @@ class Board(ABC):
             if sensor.kind is kind and sensor.selected and sensor.present and sensor_name in (None, sensor.name):
                 return sensor
         raise SensorAbsentError(
-            sensor_name if sensor_name and kind.name.lower() in sensor_name
+            sensor_name
+            if sensor_name and kind.name.lower() in sensor_name
             else f"{kind.name.lower()} {sensor_name or ''}".strip(),
             [sensor.name for sensor in self.sensors if sensor.present],
             _SHIELD_HINT,

@@ -111,9 +111,15 @@ class CompassBoard:
     elf_build_id: str = ""
 
     def __init__(
-        self, port: Any, rig: Rig, interfaces: Mapping[str, Interface], *, kind: BoardKind, description: str,
+        self,
+        port: Any,
+        rig: Rig,
+        interfaces: Mapping[str, Interface],
+        *,
+        kind: BoardKind,
+        description: str,
         transcript: Transcript | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         assert rig.device is not None
         self.rig = rig
         self.device: Device = rig.device
@@ -167,18 +173,26 @@ class CompassBoard:
         if self.now_s() - self._heard_at_s > seconds - _SLICE_S:
             return DeviceTimeoutError("a heading", seconds, self.clock, self.position())
         others = sorted({quantity.key for observation in window for quantity in observation.values})
-        return VersionMismatchError(self._not_understood(
-            f"the firmware speaks, and no heading was understood in {seconds:g} s"
-            + (f", only {join_words(others, 3)}" if others else "")
-        ))
+        return VersionMismatchError(
+            self._not_understood(
+                f"the firmware speaks, and no heading was understood in {seconds:g} s"
+                + (f", only {join_words(others, 3)}" if others else "")
+            )
+        )
 
     def _not_understood(self, summary: str) -> str:
         """Return a message with all that helps to find the reason."""
         reasons = [f"it reports {text!r}" for text in self.errors] + list(self.remarks())
-        return "; ".join([
-            f"{summary} by [device] kind {', '.join(self.interfaces)}", *reasons,
-            f"it began with {self._first_words()}",
-        ]) + f". Is it that firmware, and its baud rate {self.rig.link.baud}? hiltest device try shows what it says"
+        return (
+            "; ".join(
+                [
+                    f"{summary} by [device] kind {', '.join(self.interfaces)}",
+                    *reasons,
+                    f"it began with {self._first_words()}",
+                ]
+            )
+            + f". Is it that firmware, and its baud rate {self.rig.link.baud}? hiltest device try shows what it says"
+        )
 
     def observe(self, seconds: float) -> list[Observation]:
         """Listen for a time of the board's clock [s]; return the observations.
@@ -231,9 +245,11 @@ class CompassBoard:
     def remarks(self) -> tuple[str, ...]:
         """Return remarks on the interpretation of the firmware's output; empty without any."""
         return tuple(
-            remark for interface in self.interfaces.values() if isinstance(interface, _Remarking)
+            remark
+            for interface in self.interfaces.values()
+            if isinstance(interface, _Remarking)
             for remark in interface.remarks()
-        )  # fmt: skip
+        )
 
     def position(self) -> str:
         """Return a description of the firmware's present activity; empty if unknown."""
@@ -334,19 +350,26 @@ class VirtualCompass(CompassBoard):
     """
 
     def __init__(
-        self, bench: VirtualBench, interfaces: Mapping[str, Interface], *, transcript: Transcript | None = None,
+        self,
+        bench: VirtualBench,
+        interfaces: Mapping[str, Interface],
+        *,
+        transcript: Transcript | None = None,
         tape: Tape = LIVE,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._machine = bench.machine
         port = VirtualPort()
         port.port = "hil://"
         port.attach(bench.machine)
         port.open()
         super().__init__(
-            tape.port(lambda: with_faults(port, bench.rig.faults, baud=bench.rig.link.baud)), bench.rig,
-            on_tape(interfaces, tape), kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}",
+            tape.port(lambda: with_faults(port, bench.rig.faults, baud=bench.rig.link.baud)),
+            bench.rig,
+            on_tape(interfaces, tape),
+            kind=BoardKind.VIRTUAL,
+            description=f"virtual FRDM-K64F, seed {bench.seed}",
             transcript=transcript,
-        )  # fmt: skip
+        )
         self.costs = self._costs = FunctionCosts(bench.machine, bench.rig)
         self.execution = bench.execution
         self.stage, self.seed, self.truth = bench, bench.seed, truth_of(bench.rig)
@@ -371,8 +394,15 @@ class VirtualCompass(CompassBoard):
 
 
 def opened_compass(
-    rig: Rig, *, firmware: Path | None, port: str | None, seed: int | None, transcript: Transcript | None,
-    base: int | None, watches_execution: bool, tape: Tape,
+    rig: Rig,
+    *,
+    firmware: Path | None,
+    port: str | None,
+    seed: int | None,
+    transcript: Transcript | None,
+    base: int | None,
+    watches_execution: bool,
+    tape: Tape,
 ) -> CompassBoard:
     """Open the board of a rig whose firmware has its own protocol, without waiting for output.
 
@@ -387,8 +417,9 @@ def opened_compass(
         raise ConfigError(NO_COVERAGE.format(f"on {url}" if url else f"of rig {rig.name}"))
     bench = (
         VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
-        if virtual else None
-    )  # fmt: skip
+        if virtual
+        else None
+    )
     image = bench.machine.image if bench else load_image(firmware, base=base) if firmware else None
     interfaces = open_interfaces(rig, {"memory": memory_kind(image, bench.machine if bench else None)})
     try:
@@ -405,9 +436,13 @@ def opened_compass(
             return with_faults(open_port(url, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
 
         return CompassBoard(
-            tape.port(line), rig, on_tape(interfaces, tape), kind=BoardKind.REAL, description=f"board on {url}",
+            tape.port(line),
+            rig,
+            on_tape(interfaces, tape),
+            kind=BoardKind.REAL,
+            description=f"board on {url}",
             transcript=transcript,
-        )  # fmt: skip
+        )
     except BaseException:
         hang_up(interfaces)
         raise
@@ -444,7 +479,9 @@ class TapedReadings:
     def __init__(self, tape: Tape, kind: str, target: Any) -> None:
         self._tape, self._kind, self._target = tape, kind, target
         units: Mapping[Quantity, str] = tape.ask(
-            f"{kind}.offers", {}, Mapping[Quantity, str],
+            f"{kind}.offers",
+            {},
+            Mapping[Quantity, str],
             lambda: {quantity: quantity.unit for quantity in sorted(target.offers, key=lambda offer: offer.key)},
         )
         self.offers = frozenset(units)
@@ -467,7 +504,9 @@ class TapedReadings:
     def remarks(self) -> tuple[str, ...]:
         """Return remarks on how the values were read."""
         remarks: tuple[str, ...] = self._tape.ask(
-            f"{self._kind}.remarks", {}, tuple[str, ...],
+            f"{self._kind}.remarks",
+            {},
+            tuple[str, ...],
             lambda: self._target.remarks() if isinstance(self._target, _Remarking) else (),
         )
         return remarks

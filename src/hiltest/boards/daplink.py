@@ -208,10 +208,14 @@ def _usb_devices(root: Path, mounts: dict[str, tuple[Path, bool]]) -> Iterator[U
         mounted = (mounts.get(_attribute(part / "dev")) for disk in disks for part in (disk, *_partitions(disk)))
         place = next((mount for mount in mounted if mount), None)
         yield UsbBoard(
-            vendor, product, serial_number=_attribute(folder / "serial"), product=_attribute(folder / "product"),
+            vendor,
+            product,
+            serial_number=_attribute(folder / "serial"),
+            product=_attribute(folder / "product"),
             ports=tuple(root / "dev" / tty.name for tty in sorted(ttys, key=lambda tty: tty.name)),
-            disks=tuple(disk.name for disk in disks), volume=_volume(*place) if place else None,
-        )  # fmt: skip
+            disks=tuple(disk.name for disk in disks),
+            volume=_volume(*place) if place else None,
+        )
 
 
 def _ports(root: Path) -> Iterator[Path]:

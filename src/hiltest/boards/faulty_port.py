@@ -22,7 +22,6 @@ from hiltest.rig.faults import Faults
 _BITS = 10  # bits per byte on the line: start, eight of data, stop
 
 
-
 def with_faults(port: SerialPort, faults: Faults | None, *, baud: int) -> SerialPort:
     """Return a port with the faults of a rig's line, itself if the rig has none."""
     return port if faults is None or not faults.of_line else FaultyPort(port, faults, baud=baud)

@@ -97,9 +97,10 @@ class FunctionCosts:
     def calls(self) -> Mapping[str, CallSummary]:
         """See `Costs.calls`."""
         return {
-            name: watch.summary(function) for name, (function, watch) in self._watches.items()
+            name: watch.summary(function)
+            for name, (function, watch) in self._watches.items()
             if isinstance(watch, CallWatch)
-        }  # fmt: skip
+        }
 
     def solutions(self) -> Mapping[str, SolutionSummary]:
         """See `Costs.solutions`."""
@@ -119,9 +120,10 @@ class FunctionCosts:
 
     def _latest(self) -> tuple[str, RecordedSolution | None]:
         solutions = [
-            (name, solution) for name, (_, watch) in self._watches.items()
+            (name, solution)
+            for name, (_, watch) in self._watches.items()
             if isinstance(watch, SolutionWatch) and (solution := watch.latest())
-        ]  # fmt: skip
+        ]
         return max(solutions, key=lambda entry: entry[1].ended, default=("", None))
 
     def samples(self) -> NDArray[np.float64] | None:
@@ -155,9 +157,7 @@ def _sample_buffer(variables: Variables, rig: Rig) -> SampleBuffer | None:
         raise ConfigError(f"{rig.where('device', 'memory', 'samples')}: device.memory.samples: {error}") from error
 
 
-def _watch(
-    machine: VirtualK64F, variables: Variables, counted: CountedFunctions
-) -> CallWatch | SolutionWatch:  # fmt: skip
+def _watch(machine: VirtualK64F, variables: Variables, counted: CountedFunctions) -> CallWatch | SolutionWatch:
     if counted.ends is None:
         return machine.watch_calls(counted.functions)
     end = SolutionEnd(_word(machine, variables, counted.ends), EndsWhen(counted.ends_when), counted.ends_bytes)

@@ -21,9 +21,20 @@ _HIGHEST_LINE_NUMBER = 9_999_999
 _VALUES_OF_OTHERS = frozenset("IJKLRST")
 # Modal groups of the G commands that are accepted; each may appear once in a line.
 _GROUPS = {
-    0: "motion", 1: "motion", 80: "motion", 4: "dwell", 17: "plane", 21: "units", 40: "compensation", 49: "length",
-    54: "coordinates", 61: "path", 90: "distance", 91: "distance", 94: "feed",
-}  # fmt: skip
+    0: "motion",
+    1: "motion",
+    80: "motion",
+    4: "dwell",
+    17: "plane",
+    21: "units",
+    40: "compensation",
+    49: "length",
+    54: "coordinates",
+    61: "path",
+    90: "distance",
+    91: "distance",
+    94: "feed",
+}
 
 
 class Refusal(IntEnum):

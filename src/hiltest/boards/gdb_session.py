@@ -42,25 +42,47 @@ class GdbSession:
         self._last_reply = b""  # last reply, in case GDB asks for it again
         self._points: set[tuple[bytes, int, int]] = set()
         self._handlers: list[tuple[bytes, Callable[[bytes], bytes]]] = [
-            (b"qSupported", lambda _: b"PacketSize=%x;qXfer:features:read+;qXfer:memory-map:read+;swbreak+;hwbreak+;"
-                                      b"vContSupported+;QStartNoAckMode+" % LONGEST),
+            (
+                b"qSupported",
+                lambda _: (
+                    b"PacketSize=%x;qXfer:features:read+;qXfer:memory-map:read+;swbreak+;hwbreak+;"
+                    b"vContSupported+;QStartNoAckMode+" % LONGEST
+                ),
+            ),
             (b"qXfer:features:read:target.xml:", lambda rest: _part(target_description(), rest)),
             (b"qXfer:memory-map:read::", lambda rest: _part(memory_description(machine.memory), rest)),
             (b"QStartNoAckMode", self._without_acknowledgement),
-            (b"qRcmd,", self._monitor), (b"qAttached", lambda _: b"1"),
-            (b"qC", lambda rest: _UNKNOWN if rest else b"QC1"), (b"qfThreadInfo", lambda _: b"m1"),
-            (b"qsThreadInfo", lambda _: b"l"), (b"qThreadExtraInfo", lambda _: b"Cortex-M4F".hex().encode()),
+            (b"qRcmd,", self._monitor),
+            (b"qAttached", lambda _: b"1"),
+            (b"qC", lambda rest: _UNKNOWN if rest else b"QC1"),
+            (b"qfThreadInfo", lambda _: b"m1"),
+            (b"qsThreadInfo", lambda _: b"l"),
+            (b"qThreadExtraInfo", lambda _: b"Cortex-M4F".hex().encode()),
             (b"qSymbol", lambda _: _OK),
-            (b"vCont?", lambda _: b"vCont;c;C;s;S;r"), (b"vCont;", self._continue_as), (b"vKill", self._kill),
-            (b"?", lambda _: self._stop_reply()), (b"!", lambda _: _OK), (b"H", lambda _: _OK), (b"T", lambda _: _OK),
-            (b"g", lambda _: self._access.registers().hex().encode()), (b"G", self._write_registers),
+            (b"vCont?", lambda _: b"vCont;c;C;s;S;r"),
+            (b"vCont;", self._continue_as),
+            (b"vKill", self._kill),
+            (b"?", lambda _: self._stop_reply()),
+            (b"!", lambda _: _OK),
+            (b"H", lambda _: _OK),
+            (b"T", lambda _: _OK),
+            (b"g", lambda _: self._access.registers().hex().encode()),
+            (b"G", self._write_registers),
             (b"p", lambda rest: self._access.register(_register_number(self._access, rest)).hex().encode()),
-            (b"P", self._write_register), (b"m", self._read), (b"M", self._write), (b"X", self._write_binary),
-            (b"Z", self._set_point), (b"z", self._clear_point), (b"c", self._continue),
+            (b"P", self._write_register),
+            (b"m", self._read),
+            (b"M", self._write),
+            (b"X", self._write_binary),
+            (b"Z", self._set_point),
+            (b"z", self._clear_point),
+            (b"c", self._continue),
             (b"C", self._continue_after_signal),
-            (b"s", self._step), (b"S", self._step_after_signal), (b"D", self._detach), (b"k", self._kill),
+            (b"s", self._step),
+            (b"S", self._step_after_signal),
+            (b"D", self._detach),
+            (b"k", self._kill),
             (b"R", lambda _: self._reset()),
-        ]  # fmt: skip
+        ]
         machine.debugged = True
         with debugger.halted():
             pass

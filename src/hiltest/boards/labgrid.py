@@ -96,9 +96,14 @@ class Place:
         program = _program()
         try:
             return subprocess.run(
-                [program, "-p", self.name, *command], stdin=subprocess.DEVNULL, capture_output=True, text=True,
-                errors="replace", timeout=_ANSWER_S, check=False,
-            )  # fmt: skip
+                [program, "-p", self.name, *command],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=_ANSWER_S,
+                check=False,
+            )
         except subprocess.TimeoutExpired as error:
             raise BenchError(f"labgrid does not answer within {_ANSWER_S:.0f} s: is LG_COORDINATOR right?") from error
 

@@ -116,9 +116,7 @@ def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: V
         When another build runs on a real board.
     """
     keys = ("device", "memory")
-    readings = read_descriptions(
-        device.values, Variables(image), lambda name: _place(rig, *keys, "values", name)
-    )  # fmt: skip
+    readings = read_descriptions(device.values, Variables(image), lambda name: _place(rig, *keys, "values", name))
     try:
         entry = None if device.at_return_of is None else function_address(image, device.at_return_of)
     except ConfigError as error:

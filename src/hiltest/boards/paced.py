@@ -157,9 +157,13 @@ class PacedBench:
     """
 
     def __init__(
-        self, bench: VirtualBench, line: PortLine, *others: tuple[PortLine, Device],
-        held: Callable[[], bool] | None = None, until_s: float = math.inf,
-    ) -> None:  # fmt: skip
+        self,
+        bench: VirtualBench,
+        line: PortLine,
+        *others: tuple[PortLine, Device],
+        held: Callable[[], bool] | None = None,
+        until_s: float = math.inf,
+    ) -> None:
         self.fault: BoardFault | None = None
         self.behind_s = self.busy_s = 0.0
         self._held, self._until_s = held, until_s

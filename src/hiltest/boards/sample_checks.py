@@ -26,7 +26,9 @@ _SPREADS = 3.0  # standard deviations between a mean and the end of the range at
 _SHOCKS = 0.02  # share of a tumble's samples of gravity that a knock, which says nothing of the field, may take
 _WORDS_END = 32_764  # of accelerometer and gyroscope: 4 g left-justified to 16 bits, 2048 deg/s
 _RANGES_UT = {
-    name: part.magnetometer_range_ut for part in PARTS.values() for kind, name in part.sensors.items()
+    name: part.magnetometer_range_ut
+    for part in PARTS.values()
+    for kind, name in part.sensors.items()
     if kind == "magnetometer" and part.magnetometer_range_ut is not None
 }
 
@@ -42,9 +44,7 @@ class SampleChecks:
         Returns whether a sensor of a kind is simulated without noise, so that equal samples are normal.
     """
 
-    def __init__(
-        self, sensor_name: Callable[[SensorKind], str], is_noise_free: Callable[[SensorKind], bool]
-    ) -> None:
+    def __init__(self, sensor_name: Callable[[SensorKind], str], is_noise_free: Callable[[SensorKind], bool]) -> None:
         self._name, self._is_noise_free = sensor_name, is_noise_free
 
     def reply(self, reply: object) -> None:

@@ -46,8 +46,10 @@ class ServedRecording:
         calls = (json.loads(entry.data)["call"] for entry in transcript.entries if entry.direction is Direction.CALL)
         self._has_frames = POLLED not in calls  # otherwise lines or packets of another protocol
         self._entries = [
-            (line, test, entry) for line, test, entry in transcript.placed()
-            if entry.data and entry.direction is not Direction.MARK
+            (line, test, entry)
+            for line, test, entry in transcript.placed()
+            if entry.data
+            and entry.direction is not Direction.MARK
             and (entry.direction is not Direction.CALL or _is_break(entry))
         ]
         self.begin(0.0)

@@ -28,10 +28,14 @@ _RESET_IN_MOTION = 3  # alarm number
 _COOLANT = {"M8": True, "M08": True, "M9": False, "M09": False}  # on, off
 _COMMENT = re.compile(r"\([^)]*\)?|;.*")
 _SETTINGS = [
-    "$10=1", "$13=0", "$20=0", "$21=0", "$22=1",
+    "$10=1",
+    "$13=0",
+    "$20=0",
+    "$21=0",
+    "$22=1",
     *(f"$11{axis}={60.0 * TURN_SPEED_DPS:.3f}" for axis in range(3)),
     *(f"$13{axis}={FURTHEST_DEG:.3f}" for axis in range(3)),
-]  # fmt: skip
+]
 
 
 class GrblTable:

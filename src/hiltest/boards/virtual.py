@@ -119,9 +119,11 @@ class VirtualBoard(Board):
         # A simulated line loses nothing, so a repeated request would not be answered either.
         terms = LinkTerms(nonce_seed=bench.seed, attempts=1 if declared.faults is None else ATTEMPTS)
         session = terms.session(
-            lambda: with_faults(port, declared.faults, baud=bench.rig.link.baud), transcript, tape,
+            lambda: with_faults(port, declared.faults, baud=bench.rig.link.baud),
+            transcript,
+            tape,
             session_type=partial(_Session, bench.machine.cycle_counter),
-        )  # fmt: skip
+        )
         self._counters: dict[str, _CallCounter] = {}
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
         try:

@@ -26,27 +26,46 @@ from hiltest.calibration.taubin import fit_taubin
 from hiltest.errors import ConfigError
 
 __all__ = [
-    "BATCHES", "FASTER", "FIRMWARE", "FOR_COMPARISON", "REFERENCES", "FitStatus", "MagnetometerFit", "fit_corrected",
-    "fit_direct", "fit_iterative", "fit_sphere", "is_unbiased", "reference",
-]  # fmt: skip
+    "BATCHES",
+    "FASTER",
+    "FIRMWARE",
+    "FOR_COMPARISON",
+    "REFERENCES",
+    "FitStatus",
+    "MagnetometerFit",
+    "fit_corrected",
+    "fit_direct",
+    "fit_iterative",
+    "fit_sphere",
+    "is_unbiased",
+    "reference",
+]
 
 # References by the firmware's names, or for calibrators that it lacks by those of the literature.
 REFERENCES: dict[str, Calibrator] = {
-    "direct": fit_direct, "direct-fast": fit_direct, "corrected": fit_corrected, "iterative": fit_iterative,
-    "li": fit_li, "fitzgibbon-ying": fit_fitzgibbon_ying, "merayo": fit_merayo, "taubin": fit_taubin,
-    "hyper": fit_hyper, "gradient-descent": fit_gradient_descent, "frosio": fit_frosio,
-    "frosio-centred": fit_frosio_centred, "gauss-newton": fit_gauss_newton,
-    "gauss-newton-geometric": fit_gauss_newton_geometric, "levenberg-marquardt": fit_levenberg_marquardt,
+    "direct": fit_direct,
+    "direct-fast": fit_direct,
+    "corrected": fit_corrected,
+    "iterative": fit_iterative,
+    "li": fit_li,
+    "fitzgibbon-ying": fit_fitzgibbon_ying,
+    "merayo": fit_merayo,
+    "taubin": fit_taubin,
+    "hyper": fit_hyper,
+    "gradient-descent": fit_gradient_descent,
+    "frosio": fit_frosio,
+    "frosio-centred": fit_frosio_centred,
+    "gauss-newton": fit_gauss_newton,
+    "gauss-newton-geometric": fit_gauss_newton_geometric,
+    "levenberg-marquardt": fit_levenberg_marquardt,
     "geometric": fit_geometric,
-}  # fmt: skip
+}
 # References that fit many instances at once, along leading axes, in space or in a plane.
 BATCHES: dict[str, Callable[[ArrayLike], BatchFit]] = {
     name: entry.batch for name, entry in REFERENCES.items() if isinstance(entry, Reference)
 }
 # Calibrators of the packaged firmware.
-FIRMWARE = frozenset(
-    {"direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent"}
-)
+FIRMWARE = frozenset({"direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent"})
 # Calibrators of the firmware for comparison only: in the full set of tests, and in fits on request.
 FOR_COMPARISON = frozenset({"li", "gauss-newton", "gradient-descent"})
 # Calibrators that only differ in the computation of sums: in float64 they equal another one.

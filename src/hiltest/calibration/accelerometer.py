@@ -254,17 +254,17 @@ def _misalignment_rad(middle_g: Reals) -> float:
     return math.sqrt(2.0) * _rms(middle_g[~np.eye(3, dtype=bool)])
 
 
-def _faults(
-    poses: Sequence[StillPose], indices: Sequence[int]
-) -> list[tuple[AccelerometerStatus, set[Face]]]:
+def _faults(poses: Sequence[StillPose], indices: Sequence[int]) -> list[tuple[AccelerometerStatus, set[Face]]]:
     faces: list[Face] = [poses[index].face for index in indices]
     return [
         (AccelerometerStatus.MISSING_FACE, set[Face](FACES) - set(faces)),
         (AccelerometerStatus.REPEATED_FACE, {face for face in faces if faces.count(face) > 1}),
-        (AccelerometerStatus.MISPLACED_FACE,
-         {poses[index].face for index in indices if not is_on_face(poses[index].accelerometer, poses[index].face)}),
+        (
+            AccelerometerStatus.MISPLACED_FACE,
+            {poses[index].face for index in indices if not is_on_face(poses[index].accelerometer, poses[index].face)},
+        ),
         (AccelerometerStatus.MOVED, {poses[index].face for index in indices if _moved(poses[index])}),
-    ]  # fmt: skip
+    ]
 
 
 def _moved(pose: StillPose) -> bool:

@@ -93,59 +93,136 @@ LARGEST_AXIS_RATIO = 2.0
 #: The order is that of the reasons: for each figure the severest first, and only the first violated one is reported.
 BOUNDS = (
     # Nine points always lie on a quadric, so there is no residual to judge it by.
-    Bound("n", "points", 10.0, Acceptance.REFUSED,
-           "every quadric through so few points is exact, and shows nothing of its error; take more", below=True),
+    Bound(
+        "n",
+        "points",
+        10.0,
+        Acceptance.REFUSED,
+        "every quadric through so few points is exact, and shows nothing of its error; take more",
+        below=True,
+    ),
     # Two for each unknown: with nine degrees of freedom the residual, and so the prediction, is known to 24 %.
-    Bound("n", "points", 18.0, Acceptance.POOR,
-           "too few are left over to know the residual well; take more", below=True),
+    Bound(
+        "n", "points", 18.0, Acceptance.POOR, "too few are left over to know the residual well; take more", below=True
+    ),
     # Simulated over 100 points: 300 is where a third of the sphere is covered (see `ellipsoid_condition`). Any
     # calibrator also returns an ellipsoid for less, of a wrong radius.
-    Bound("condition", "", LARGEST_CONDITION, Acceptance.REFUSED,
-           "the points cover too little of the sphere to determine an ellipsoid, or nearly all lie in one place, or "
-           "one far from all others; turn the sensor all round"),
+    Bound(
+        "condition",
+        "",
+        LARGEST_CONDITION,
+        Acceptance.REFUSED,
+        "the points cover too little of the sphere to determine an ellipsoid, or nearly all lie in one place, or "
+        "one far from all others; turn the sensor all round",
+    ),
     # 60 % of the sphere has 57 in the median: at 0.4 uT and 100 points `direct` is off by 0.32 deg there, by 0.21 on
     # three quarters, 0.53 on a half and 1.05 on 30 %.
-    Bound("condition", "", WELL_CONDITIONED, Acceptance.FAIR,
-           "a large part of the sphere is missing, and directions in it are extrapolated; turn the sensor all round"),
+    Bound(
+        "condition",
+        "",
+        WELL_CONDITIONED,
+        Acceptance.FAIR,
+        "a large part of the sphere is missing, and directions in it are extrapolated; turn the sensor all round",
+    ),
     # A sensor at rest is a ball of noise: about 40 %. At 20 % a reading's own direction is off by some 11 deg.
-    Bound("residual_percent", "%", 20.0, Acceptance.REFUSED,
-           "the points do not lie on an ellipsoid: sensor at rest, wrong columns, or the field changed"),
+    Bound(
+        "residual_percent",
+        "%",
+        20.0,
+        Acceptance.REFUSED,
+        "the points do not lie on an ellipsoid: sensor at rest, wrong columns, or the field changed",
+    ),
     # A reading that is off in length is as far off across: 3.5 % are the 2 deg that the thesis allows.
-    Bound("residual_percent", "%", 3.5, Acceptance.POOR,
-           "a single reading's direction is off by 2 deg or more: iron that moved, a current, or turning too fast for "
-           "the sensor"),
+    Bound(
+        "residual_percent",
+        "%",
+        3.5,
+        Acceptance.POOR,
+        "a single reading's direction is off by 2 deg or more: iron that moved, a current, or turning too fast for "
+        "the sensor",
+    ),
     # Noise of 0.4 uT in 48 uT leaves 0.8 %, of 1 uT 2 %. An intact part does not have more.
-    Bound("residual_percent", "%", 2.0, Acceptance.FAIR,
-           "the points scatter about the ellipsoid by more than a sensor's noise: iron that moved, a current, or "
-           "turning too fast for the sensor"),
-    Bound("axis_ratio", "", LARGEST_AXIS_RATIO, Acceptance.REFUSED,
-           "the ellipsoid is longer than any board's iron makes it, and the points show only part of it; are these the "
-           "columns of one magnetometer?"),
+    Bound(
+        "residual_percent",
+        "%",
+        2.0,
+        Acceptance.FAIR,
+        "the points scatter about the ellipsoid by more than a sensor's noise: iron that moved, a current, or "
+        "turning too fast for the sensor",
+    ),
+    Bound(
+        "axis_ratio",
+        "",
+        LARGEST_AXIS_RATIO,
+        Acceptance.REFUSED,
+        "the ellipsoid is longer than any board's iron makes it, and the points show only part of it; are these the "
+        "columns of one magnetometer?",
+    ),
     # The earth's field is 22 to 67 uT at the surface (World Magnetic Model).
-    Bound("radius_ut", "uT", 20.0, Acceptance.REFUSED,
-           "the field is weaker than the earth's anywhere; wrong unit, shielding, or a fit that went astray",
-           below=True),
-    Bound("radius_ut", "uT", 70.0, Acceptance.REFUSED,
-           "the field is stronger than the earth's anywhere; wrong unit, or a fit that went astray"),
+    Bound(
+        "radius_ut",
+        "uT",
+        20.0,
+        Acceptance.REFUSED,
+        "the field is weaker than the earth's anywhere; wrong unit, shielding, or a fit that went astray",
+        below=True,
+    ),
+    Bound(
+        "radius_ut",
+        "uT",
+        70.0,
+        Acceptance.REFUSED,
+        "the field is stronger than the earth's anywhere; wrong unit, or a fit that went astray",
+    ),
     # The packaged rig's heading without any calibration is off by up to 10 deg.
-    Bound("direction_error_deg", "deg", 10.0, Acceptance.REFUSED,
-           "the points determine directions no better than no calibration at all does; take more points, all round"),
-    Bound("direction_error_deg", "deg", 2.0, Acceptance.POOR,
-           "more than the thesis allows any calibrator; take more points, all round"),
+    Bound(
+        "direction_error_deg",
+        "deg",
+        10.0,
+        Acceptance.REFUSED,
+        "the points determine directions no better than no calibration at all does; take more points, all round",
+    ),
+    Bound(
+        "direction_error_deg",
+        "deg",
+        2.0,
+        Acceptance.POOR,
+        "more than the thesis allows any calibrator; take more points, all round",
+    ),
     # Half of the 2 deg that the thesis allows a calibrator, to leave the other half for soft iron and tilt.
-    Bound("direction_error_deg", "deg", 1.0, Acceptance.FAIR,
-           "corrected directions are off by so much, rms; take more points, all round"),
+    Bound(
+        "direction_error_deg",
+        "deg",
+        1.0,
+        Acceptance.FAIR,
+        "corrected directions are off by so much, rms; take more points, all round",
+    ),
     # Like no calibration at all. With so much iron a tenth of the sphere, or a flat ring, determines nothing else.
-    Bound("strong_iron_deg", "deg", 10.0, Acceptance.REFUSED,
-           "where iron stretches the field by a fifth, directions are off by so much; turn the sensor further round"),
+    Bound(
+        "strong_iron_deg",
+        "deg",
+        10.0,
+        Acceptance.REFUSED,
+        "where iron stretches the field by a fifth, directions are off by so much; turn the sensor further round",
+    ),
     # A whole ellipsoid identifies outliers; in a patch with so many of them the rest may not be a sphere either.
-    Bound("left_out_percent", "%", 100.0 * MANY_LEFT_OUT, Acceptance.REFUSED,
-           "so many samples are elsewhere that the others may be no part of a sphere either; keep those of a steady "
-           "field, and turn the sensor all round"),
+    Bound(
+        "left_out_percent",
+        "%",
+        100.0 * MANY_LEFT_OUT,
+        Acceptance.REFUSED,
+        "so many samples are elsewhere that the others may be no part of a sphere either; keep those of a steady "
+        "field, and turn the sensor all round",
+    ),
     # Any detectable step is as large: 1.7 deg across, on one side of the step or the other.
-    Bound("change_percent", "%", 0.0, Acceptance.POOR,
-           "the hard iron is another one before and after; fit one part, or move the sensor away from what moved"),
-)  # fmt: skip
+    Bound(
+        "change_percent",
+        "%",
+        0.0,
+        Acceptance.POOR,
+        "the hard iron is another one before and after; fit one part, or move the sensor away from what moved",
+    ),
+)
 
 _NO_ELLIPSOID = {
     FitStatus.NOT_AN_ELLIPSOID: "the surface that fits best is no ellipsoid",
@@ -180,16 +257,31 @@ def worst(verdicts: Sequence[Acceptance]) -> Acceptance:
 
 def _reasons(figures: FitFigures) -> Iterator[Reason]:
     if figures.status is not FitStatus.ELLIPSOID:
-        yield Reason("status", status_words(figures.status), status_words(FitStatus.ELLIPSOID), "", Acceptance.REFUSED,
-                     _NO_ELLIPSOID[figures.status])
+        yield Reason(
+            "status",
+            status_words(figures.status),
+            status_words(FitStatus.ELLIPSOID),
+            "",
+            Acceptance.REFUSED,
+            _NO_ELLIPSOID[figures.status],
+        )
     if figures.shape is not None:
-        yield Reason("shape", figures.shape, status_words(FitStatus.ELLIPSOID), "", Acceptance.FAIR,
-                     _IN_PLANE if figures.shape.axes == 2 else _IN_SPACE)
+        yield Reason(
+            "shape",
+            figures.shape,
+            status_words(FitStatus.ELLIPSOID),
+            "",
+            Acceptance.FAIR,
+            _IN_PLANE if figures.shape.axes == 2 else _IN_SPACE,
+        )
     whole = figures.condition is not None and figures.condition <= WELL_CONDITIONED
-    yield from _broken(BOUNDS, {
-        bound.figure: None if whole and bound.figure == "axis_ratio" else getattr(figures, bound.figure)
-        for bound in BOUNDS
-    })
+    yield from _broken(
+        BOUNDS,
+        {
+            bound.figure: None if whole and bound.figure == "axis_ratio" else getattr(figures, bound.figure)
+            for bound in BOUNDS
+        },
+    )
 
 
 def _broken(bounds: Sequence[Bound], figures: Mapping[str, float | None]) -> Iterator[Reason]:

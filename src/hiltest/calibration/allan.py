@@ -135,9 +135,9 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
     if not variance.all():
         raise CalibrationError("the log repeats itself: its averages are all alike, as no sensor's noise is")
     kinds = [noise_exponents(angle, sizes.tolist()) for angle in theta]
-    freedom = np.array([
-        [degrees_of_freedom(n, m, alpha) for m, alpha in zip(sizes.tolist(), kind, strict=True)] for kind in kinds
-    ]).T
+    freedom = np.array(
+        [[degrees_of_freedom(n, m, alpha) for m, alpha in zip(sizes.tolist(), kind, strict=True)] for kind in kinds]
+    ).T
     tau_s = sizes / rate_hz
     fitted = sizes >= FILTERED_SAMPLES
     readings = tuple(_read_off(tau_s, *axis, fitted) for axis in zip(variance.T, freedom.T, strict=True))
@@ -173,9 +173,12 @@ def _read_off(tau_s: Reals, variance: Reals, freedom: Reals, fitted: NDArray[np.
     if instability is not None and FLICKER * instability.value**2 < 0.5 * variance[lowest]:
         instability = None
     return AllanReading(
-        walk, instability, rate_walk, _estimate(math.sqrt(variance[lowest]), float(freedom[lowest])),
+        walk,
+        instability,
+        rate_walk,
+        _estimate(math.sqrt(variance[lowest]), float(freedom[lowest])),
         float(tau_s[lowest]),
-    )  # fmt: skip
+    )
 
 
 def _fit(tau_s: Reals, variance: Reals, relative: Reals) -> tuple[Reals, Reals]:

@@ -92,7 +92,8 @@ class Axes:
 RIGHT = Axes((0, 1, 2), (1, 1, 1))
 ALL_AXES = tuple(
     Axes((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
-    for order in permutations(range(3)) for signs in product((1, -1), repeat=3)
+    for order in permutations(range(3))
+    for signs in product((1, -1), repeat=3)
 )
 """All 48 signed permutations of three axes."""
 

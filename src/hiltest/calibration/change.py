@@ -138,9 +138,7 @@ def _step(sums: Array, place: int) -> _Step | None:
     normal, along, squares = whole[:unknowns, :unknowns], whole[:unknowns, unknowns], float(whole[unknowns, unknowns])
     try:
         inverse = np.linalg.inv(normal)
-        without = np.linalg.solve(
-            normal[:ELLIPSOID_UNKNOWNS, :ELLIPSOID_UNKNOWNS], along[:ELLIPSOID_UNKNOWNS]
-        )
+        without = np.linalg.solve(normal[:ELLIPSOID_UNKNOWNS, :ELLIPSOID_UNKNOWNS], along[:ELLIPSOID_UNKNOWNS])
     except np.linalg.LinAlgError:
         return None
     solved = inverse @ along

@@ -166,11 +166,13 @@ def _leading_minors(shape: Array) -> tuple[Array, Array, Array]:
 def _inverse(shape: Array) -> Array:
     """Return the inverses of symmetric matrices, shape (3, 3, m), by their cofactors."""
     (a, d, e), (_, b, f), (_, _, c) = shape
-    cofactors = np.array([
-        [b * c - f * f, e * f - c * d, d * f - b * e],
-        [e * f - c * d, a * c - e * e, d * e - a * f],
-        [d * f - b * e, d * e - a * f, a * b - d * d],
-    ])  # fmt: skip
+    cofactors = np.array(
+        [
+            [b * c - f * f, e * f - c * d, d * f - b * e],
+            [e * f - c * d, a * c - e * e, d * e - a * f],
+            [d * f - b * e, d * e - a * f, a * b - d * d],
+        ]
+    )
     determinant = a * cofactors[0, 0] + d * cofactors[0, 1] + e * cofactors[0, 2]
     inverse: Array = cofactors / determinant
     return inverse

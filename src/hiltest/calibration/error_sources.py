@@ -139,7 +139,13 @@ def _factor(reference: Array, measured: Array) -> float:
 
 
 def _linear(
-    source: Source, size: Array, gain: Array, reference: Array, measured: Array, *, parameters: int,
+    source: Source,
+    size: Array,
+    gain: Array,
+    reference: Array,
+    measured: Array,
+    *,
+    parameters: int,
     shift: Array | None = None,
 ) -> ErrorSource:
     off: Array = np.zeros(3) if shift is None else shift

@@ -36,10 +36,14 @@ def _search(points: Array, _: Array) -> Array | FitStatus:
     lower = -upper
     lower[axes:][_diagonal_mask(axes)] = _SMALLEST
     result = least_squares(
-        lambda parameters: geometric_distances(parameters, points)[0], np.clip(start, 0.99 * lower, 0.99 * upper),
+        lambda parameters: geometric_distances(parameters, points)[0],
+        np.clip(start, 0.99 * lower, 0.99 * upper),
         lambda parameters: geometric_distances(parameters, points)[1],
-        bounds=(lower, upper), xtol=_TOLERANCE, ftol=_TOLERANCE, gtol=_TOLERANCE,
-    )  # fmt: skip
+        bounds=(lower, upper),
+        xtol=_TOLERANCE,
+        ftol=_TOLERANCE,
+        gtol=_TOLERANCE,
+    )
     if result.active_mask.any():
         return FitStatus.NOT_AN_ELLIPSOID
     return np.asarray(result.x) if result.success else FitStatus.NOT_CONVERGED

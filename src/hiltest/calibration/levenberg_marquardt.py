@@ -26,10 +26,15 @@ def _search(points: Array, _: Array) -> Array | FitStatus:
     if start is None:
         return FitStatus.NOT_CONVERGED
     result = least_squares(
-        lambda parameters: calibrated_norms(parameters, points)[0], start,
+        lambda parameters: calibrated_norms(parameters, points)[0],
+        start,
         lambda parameters: calibrated_norms(parameters, points)[1],
-        method="lm", xtol=_TOLERANCE, ftol=_TOLERANCE, gtol=_TOLERANCE, max_nfev=_MOST_EVALUATIONS,
-    )  # fmt: skip
+        method="lm",
+        xtol=_TOLERANCE,
+        ftol=_TOLERANCE,
+        gtol=_TOLERANCE,
+        max_nfev=_MOST_EVALUATIONS,
+    )
     settled = result.success and np.isfinite(result.x).all()
     return np.asarray(result.x) if settled else FitStatus.NOT_CONVERGED
 

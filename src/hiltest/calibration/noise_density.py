@@ -68,6 +68,4 @@ def noise_density(samples: ArrayLike, *, rate_hz: float) -> NoiseDensity:
     level -= np.outer(times, times @ level / (times @ times))
     spectrum = 2.0 * np.abs(np.fft.rfft(level, axis=0)[band]) ** 2 / (n * rate_hz)
     power = spectrum.mean(axis=0)
-    return NoiseDensity(
-        np.sqrt(power), float(np.sqrt(power.mean())), float(0.5 / np.sqrt(bins * values.shape[1]))
-    )
+    return NoiseDensity(np.sqrt(power), float(np.sqrt(power.mean())), float(0.5 / np.sqrt(bins * values.shape[1])))

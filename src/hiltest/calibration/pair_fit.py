@@ -197,9 +197,10 @@ def _perturb(start: PairFit, unknowns: Array) -> PairFit:
     stretch[np.triu_indices(3)] = unknowns[12:18]
     stretch += np.triu(stretch, 1).T
     magnetometer = replace(
-        start.magnetometer, soft_iron=soft_iron @ (np.eye(3) + unknowns[:9].reshape(3, 3)),
+        start.magnetometer,
+        soft_iron=soft_iron @ (np.eye(3) + unknowns[:9].reshape(3, 3)),
         hard_iron=start.magnetometer.hard_iron + unknowns[9:12] * field,
-    )  # fmt: skip
+    )
     return PairFit(
         magnetometer, AccelerometerFit(gain + stretch / gravity, start.accelerometer.offset + unknowns[18:21] * gravity)
     )

@@ -51,16 +51,25 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
     """
     windows = sorted({max(1, round(seconds * rate_hz)) for seconds in _WINDOWS_S})
     moved = {size: _changes(rates, size) for size in windows if len(rates) >= 3 * size}
-    starts = [(int(np.argmax(times.max(axis=1) > _MOVED)), size) for size, (_, times) in moved.items()
-              if (times > _MOVED).any()]  # fmt: skip
+    starts = [
+        (int(np.argmax(times.max(axis=1) > _MOVED)), size)
+        for size, (_, times) in moved.items()
+        if (times > _MOVED).any()
+    ]
     if not starts:
         return None
     # If two window lengths show the same motion, the shorter one determines its start.
     before, size = min(starts, key=lambda start: (start[0] + 2) * start[1])
     changes, times = moved[size]
     axis = int(np.argmax(times[before]))
-    return Motion((before + 1) * size, axis, float(changes[before, axis]), size, float(times[before, axis]),
-                  _longest_rest(len(rates), moved))  # fmt: skip
+    return Motion(
+        (before + 1) * size,
+        axis,
+        float(changes[before, axis]),
+        size,
+        float(times[before, axis]),
+        _longest_rest(len(rates), moved),
+    )
 
 
 def _changes(rates: Reals, size: int) -> tuple[Reals, Reals]:

@@ -40,7 +40,8 @@ class SensorAxes:
     def __str__(self) -> str:
         """Describe the wrong axes; empty without any, or if unknown."""
         wrong = {
-            name: axes for name, axes in (("magnetometer", self.magnetometer), ("accelerometer", self.accelerometer))
+            name: axes
+            for name, axes in (("magnetometer", self.magnetometer), ("accelerometer", self.accelerometer))
             if axes is not None and not axes.are_right
         }
         if len(wrong) > 1 and self.magnetometer == self.accelerometer:
@@ -72,10 +73,11 @@ def sensor_axes(
     On a level board, a field of the opposite dip gives the same readings as a negated z axis. Tilted, the two differ,
     and the residual decides.
     """
+
     def of(reference: Array) -> LinearMap | None:
         linear = linear_map(reference, magnetometer)
-        return linear if linear is not None or hard_iron is None else linear_map(
-            reference, magnetometer, offset=hard_iron
+        return (
+            linear if linear is not None or hard_iron is None else linear_map(reference, magnetometer, offset=hard_iron)
         )
 
     # Its offset is small compared with 1 g, and tilts of 20 degrees hardly separate it from a gain.
@@ -89,6 +91,9 @@ def sensor_axes(
         return SensorAxes(axes, by_gravity, is_level=is_level)
     is_opposite = opposite.residual < _CLEARLY_LESS * declared.residual
     return SensorAxes(
-        None if is_opposite else axes, by_gravity, dip_may_be_opposite=axes is not None and not is_opposite,
-        dip_is_opposite=is_opposite, is_level=is_level,
+        None if is_opposite else axes,
+        by_gravity,
+        dip_may_be_opposite=axes is not None and not is_opposite,
+        dip_is_opposite=is_opposite,
+        is_level=is_level,
     )

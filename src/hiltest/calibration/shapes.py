@@ -260,9 +260,12 @@ class _Model:
         units = corrected / lengths[:, None]
         # Derivatives of the corrected points by c and s, shape (n, axes, parameters without R).
         moved = np.concatenate(
-            [np.broadcast_to(-matrix, (len(units), *matrix.shape)),
-             np.einsum("kij,nj->nik", self._basis, self._points - centre)], axis=2,
-        )  # fmt: skip
+            [
+                np.broadcast_to(-matrix, (len(units), *matrix.shape)),
+                np.einsum("kij,nj->nik", self._basis, self._points - centre),
+            ],
+            axis=2,
+        )
         grown = np.einsum("ni,nik->nk", units, moved)
         # slope = |M q| / |q|, so its logarithm's derivative is that of |M q| minus that of |q|.
         across = units @ matrix / slopes[:, None]
@@ -297,9 +300,13 @@ class _Model:
         _, matrix, radius = self.parts(parameters)
         away = radius * np.linalg.solve(matrix, units.T).T
         moved = np.concatenate(
-            [np.broadcast_to(-matrix, (len(units), *matrix.shape)), np.zeros((len(units), self._axes, 1)),
-             np.einsum("kij,nj->nik", self._basis, away)], axis=2,
-        )  # fmt: skip
+            [
+                np.broadcast_to(-matrix, (len(units), *matrix.shape)),
+                np.zeros((len(units), self._axes, 1)),
+                np.einsum("kij,nj->nik", self._basis, away),
+            ],
+            axis=2,
+        )
         across = np.eye(self._axes) - units[:, :, None] * units[:, None, :]
         jacobian: Array = across @ moved / radius
         return jacobian

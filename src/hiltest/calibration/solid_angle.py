@@ -42,8 +42,9 @@ class Hole:
         largest = max(map(abs, self.direction))
         return " ".join(
             f"{'-' if value < 0.0 else '+'}{axis}"
-            for axis, value in zip("xyz", self.direction, strict=True) if abs(value) >= _NAMED_FROM * largest
-        )  # fmt: skip
+            for axis, value in zip("xyz", self.direction, strict=True)
+            if abs(value) >= _NAMED_FROM * largest
+        )
 
 
 def largest_hole(corrected: ArrayLike) -> Hole:

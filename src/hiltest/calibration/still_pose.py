@@ -51,10 +51,13 @@ class Face(IntEnum):
 
 # A nose that points up has pitch +90, and reads gravity along -x; the right side is down with roll +90.
 _POSES = {
-    Face.PLUS_X: Pose(0.0, -90.0, 0.0), Face.MINUS_X: Pose(0.0, 90.0, 0.0),
-    Face.PLUS_Y: Pose(0.0, 0.0, 90.0), Face.MINUS_Y: Pose(0.0, 0.0, -90.0),
-    Face.PLUS_Z: Pose(0.0, 0.0, 0.0), Face.MINUS_Z: Pose(0.0, 0.0, 180.0),
-}  # fmt: skip
+    Face.PLUS_X: Pose(0.0, -90.0, 0.0),
+    Face.MINUS_X: Pose(0.0, 90.0, 0.0),
+    Face.PLUS_Y: Pose(0.0, 0.0, 90.0),
+    Face.MINUS_Y: Pose(0.0, 0.0, -90.0),
+    Face.PLUS_Z: Pose(0.0, 0.0, 0.0),
+    Face.MINUS_Z: Pose(0.0, 0.0, 180.0),
+}
 
 #: The six faces, in the order of their numbers.
 FACES = tuple(face for face in Face if face is not Face.NONE)

@@ -22,23 +22,44 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 @click.command(epilog=_EXIT_CODES)
 @click.argument("log", metavar="FILE.csv", type=_FILE)
-@click.option("--columns", metavar="A,B,C",
-              help="Columns of the rates, one to three: names or numbers from 1.  [default: the gyroscope's]")
+@click.option(
+    "--columns",
+    metavar="A,B,C",
+    help="Columns of the rates, one to three: names or numbers from 1.  [default: the gyroscope's]",
+)
 @click.option("--unit", type=click.Choice(RATE_UNITS), help="Unit of the rates.  [default: the header's]")
-@click.option("--time", metavar="COLUMN",
-              help="Column of the time, in the unit its name ends with, else s.  [default: the one called time]")
-@click.option("--rate", "rate_hz", metavar="HZ", type=NumberRange(1e-3, 1e6),
-              help="Rate of sampling, for a file without time.")
-@click.option("--from", "first", metavar="S", type=NumberRange(0.0), default=0.0,
-              help="First instant to take, in seconds after the first row.")
-@click.option("--to", "last", metavar="S", type=NumberRange(0.0), default=math.inf,
-              help="First instant not to take, likewise.")
+@click.option(
+    "--time",
+    metavar="COLUMN",
+    help="Column of the time, in the unit its name ends with, else s.  [default: the one called time]",
+)
+@click.option(
+    "--rate", "rate_hz", metavar="HZ", type=NumberRange(1e-3, 1e6), help="Rate of sampling, for a file without time."
+)
+@click.option(
+    "--from",
+    "first",
+    metavar="S",
+    type=NumberRange(0.0),
+    default=0.0,
+    help="First instant to take, in seconds after the first row.",
+)
+@click.option(
+    "--to", "last", metavar="S", type=NumberRange(0.0), default=math.inf, help="First instant not to take, likewise."
+)
 @json_option("hiltest.allan/1")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the curve.")
 def allan(
-    log: Path, columns: str | None, unit: str | None, time: str | None, rate_hz: float | None, first: float,
-    last: float, as_json: bool, html: Path | None,
-) -> None:  # fmt: skip
+    log: Path,
+    columns: str | None,
+    unit: str | None,
+    time: str | None,
+    rate_hz: float | None,
+    first: float,
+    last: float,
+    as_json: bool,
+    html: Path | None,
+) -> None:
     """Print random walk and bias instability of a gyroscope at rest.
 
     FILE.csv is what `hiltest log` writes, or any text table with a row a sample. Of a log with gaps the longest part
@@ -50,9 +71,14 @@ def allan(
     from hiltest.units import RATE_WORDS
 
     read = read_rate_log(
-        log, columns=columns, unit=RATE_WORDS[unit] if unit else None, time=time, rate_hz=rate_hz, first_s=first,
+        log,
+        columns=columns,
+        unit=RATE_WORDS[unit] if unit else None,
+        time=time,
+        rate_hz=rate_hz,
+        first_s=first,
         last_s=last,
-    )  # fmt: skip
+    )
     check_rest(read)
     curve = allan_curve(read.rates, rate_hz=read.rate_hz)
     if not as_json:

@@ -55,16 +55,25 @@ def save(run: tuple[Path, ...], file: Path) -> tuple[int, dict[str, Any]]:
     click.echo(
         f"{file}: {_count_measurements(len(saved.measurements))} of build {saved.side.build_id}, {_seeds(saved)}"
     )
-    return 0, {"file": str(file), "measurements": len(saved.measurements), "build_id": saved.side.build_id,
-               "seeds": saved.seeds}  # fmt: skip
+    return 0, {
+        "file": str(file),
+        "measurements": len(saved.measurements),
+        "build_id": saved.side.build_id,
+        "seeds": saved.seeds,
+    }
 
 
 @baseline.command(epilog=_EXIT_CODES)
 @documented("hiltest.baseline-update/1")
-@click.option("--accept", "names", metavar="NAME", required=True, multiple=True,
-              help="Measurement to accept, * matches anything; may be given more than once.")
-@click.option("--because", metavar="TEXT", required=True,
-              help="Reason for the change; goes into the file's history.")
+@click.option(
+    "--accept",
+    "names",
+    metavar="NAME",
+    required=True,
+    multiple=True,
+    help="Measurement to accept, * matches anything; may be given more than once.",
+)
+@click.option("--because", metavar="TEXT", required=True, help="Reason for the change; goes into the file's history.")
 @click.argument("file", type=_PATH)
 @click.argument("run", nargs=-1, required=True, type=_PATH)
 def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: str) -> tuple[int, dict[str, Any]]:
@@ -86,7 +95,7 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     before = baseline_in(stored)
     runs = read_runs(run)
     after = accept(before, runs, names, because=because, when_utc=utc_now())
-    moved = after.history[len(before.history):]
+    moved = after.history[len(before.history) :]
     if not moved:
         named = " ".join(f"--accept {name}" for name in names)
         raise ConfigError(

@@ -27,27 +27,57 @@ Exit codes:
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.option("--firmware", metavar="PATH", required=True, callback=checked(file_name),
-              help="What BUILD leaves, as named in this folder: ELF, Intel HEX or raw binary.")
-@click.option("--measure", "measures", metavar="NAME", multiple=True,
-              help="Measurement that decides, * matches anything; may be given more than once.  [default: all, as "
-                   "hiltest compare judges them]")
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
+@click.option(
+    "--firmware",
+    metavar="PATH",
+    required=True,
+    callback=checked(file_name),
+    help="What BUILD leaves, as named in this folder: ELF, Intel HEX or raw binary.",
+)
+@click.option(
+    "--measure",
+    "measures",
+    metavar="NAME",
+    multiple=True,
+    help="Measurement that decides, * matches anything; may be given more than once.  [default: all, as "
+    "hiltest compare judges them]",
+)
+@click.option(
+    "--rig",
+    metavar="R",
+    callback=checked(file_name),
+    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
+)
 @click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed.  [default: the rig's]")
 @jobs_option("With --seeds: processes")
 @click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
 @click.option("--suite", type=click.Choice(["gate", "full"]), help="Set of tests.  [default: gate]")
 @click.option("-k", "tests", metavar="EXPRESSION", help="Only the tests that match, as for pytest.  [default: all]")
-@click.option("--out", metavar="DIR", default=f"{DEFAULT_OUT}/bisect", show_default=True, callback=checked(file_name),
-              help="Folder for what is built and run, and remembered.")
+@click.option(
+    "--out",
+    metavar="DIR",
+    default=f"{DEFAULT_OUT}/bisect",
+    show_default=True,
+    callback=checked(file_name),
+    help="Folder for what is built and run, and remembered.",
+)
 @documented(SCHEMA)
 @click.argument("good")
 @click.argument("bad")
 @click.argument("build", nargs=-1, required=True, type=click.UNPROCESSED)
 def bisect(
-    good: str, bad: str, build: tuple[str, ...], firmware: str, measures: tuple[str, ...], rig: str | None,
-    seeds: range | None, jobs: int | str | None, poses: str | None, suite: str | None, tests: str | None, out: str
+    good: str,
+    bad: str,
+    build: tuple[str, ...],
+    firmware: str,
+    measures: tuple[str, ...],
+    rig: str | None,
+    seeds: range | None,
+    jobs: int | str | None,
+    poses: str | None,
+    suite: str | None,
+    tests: str | None,
+    out: str,
 ) -> tuple[int, dict[str, Any]]:
     """Find the first commit after GOOD that is worse than it.
 
@@ -67,9 +97,15 @@ def bisect(
     load_rig(rig_file(Path.cwd(), rig))  # checked first, since no commit is to blame for its faults
     try:
         result = first_worse(
-            good, bad, build, firmware=firmware, out=Path(out), options=[*options, *(["-k", tests] if tests else [])],
-            runs=runs, measures=measures,
-        )  # fmt: skip
+            good,
+            bad,
+            build,
+            firmware=firmware,
+            out=Path(out),
+            options=[*options, *(["-k", tests] if tests else [])],
+            runs=runs,
+            measures=measures,
+        )
     except KeyboardInterrupt:
         click.echo(f"\nthe same command goes on: {out} keeps what was built and run", err=True)
         raise
@@ -90,8 +126,10 @@ def _print(result: FirstWorse, measures: tuple[str, ...]) -> None:
         say(console, f"{newest.name} is the first commit that is worse")
         say(console, f"  by {newest.author}, {newest.author_date}")
     else:
-        say(console, f"one of these {len(result.candidates)} is the first commit that is worse; the others could not "
-                     "be judged:")  # fmt: skip
+        say(
+            console,
+            f"one of these {len(result.candidates)} is the first commit that is worse; the others could not be judged:",
+        )
         for candidate in result.candidates:
             say(console, f"  {candidate.name}")
     since = {difference.name: difference for difference in result.against_before.differences}

@@ -38,18 +38,40 @@ Exit codes:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.imu-calibration/1")
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
-@click.option("--hil-port", metavar="URL", callback=checked(file_name),
-              help="Serial port of a real board: a device or a pyserial URL.")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option(
+    "--rig",
+    metavar="R",
+    callback=checked(file_name),
+    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
+)
+@click.option(
+    "--hil-port",
+    metavar="URL",
+    callback=checked(file_name),
+    help="Serial port of a real board: a device or a pyserial URL.",
+)
+@click.option(
+    "--firmware",
+    metavar="ELF",
+    callback=checked(file_name),
+    help="Firmware for the virtual board.  [default: the packaged one]",
+)
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
-@click.option("--calibrator", metavar="NAME", default="corrected", show_default=True,
-              help="Magnetometer calibrator of the firmware; dpi also uses gravity.")
-@click.option("--out", metavar="FILE", default=DEFAULT_FILE, show_default=True,
-              type=click.Path(dir_okay=False, path_type=Path),
-              help="Calibration file; the C header beside it has the same name and ends in .h.")
+@click.option(
+    "--calibrator",
+    metavar="NAME",
+    default="corrected",
+    show_default=True,
+    help="Magnetometer calibrator of the firmware; dpi also uses gravity.",
+)
+@click.option(
+    "--out",
+    metavar="FILE",
+    default=DEFAULT_FILE,
+    show_default=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Calibration file; the C header beside it has the same name and ends in .h.",
+)
 def calibrate(
     rig: str | None, hil_port: str | None, firmware: str | None, seed: str | None, calibrator: str, out: Path
 ) -> tuple[int, dict[str, Any]]:
@@ -81,8 +103,10 @@ def calibrate(
 def _check_before_the_work(out: Path, header: Path) -> None:
     """Check that the file can be written, before an operator turns the board for minutes."""
     if out == header:
-        raise ConfigError(f"{out} is the name of the header: give the calibration file another name, such as "
-                          f"{out.with_suffix('.json')}")
+        raise ConfigError(
+            f"{out} is the name of the header: give the calibration file another name, such as "
+            f"{out.with_suffix('.json')}"
+        )
     folder = out.absolute().parent
     if not folder.is_dir():
         raise ConfigError(f"cannot write {out}: there is no folder {folder}")
@@ -100,8 +124,13 @@ def _calibrate_guided(board: Board, rig: Rig, calibrator: str) -> ImuCalibration
     table = open_table(board, rig, prompt=ask)
     try:
         return calibrate_imu(
-            board, table, rig, guide=_TerminalGuide(table), made_utc=utc_now(),
-            calibrator=calibrator, progress=progress,
+            board,
+            table,
+            rig,
+            guide=_TerminalGuide(table),
+            made_utc=utc_now(),
+            calibrator=calibrator,
+            progress=progress,
         )
     finally:
         progress.clear()

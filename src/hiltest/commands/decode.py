@@ -63,15 +63,24 @@ def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int)
     """
     summary = _listen(source, csv_file, seconds, baud) if _is_port(source) else _read(source, csv_file)
     return 0 if summary.kinds else 1, {
-        "source": source, "packets": sum(summary.counts.values()), "lost_bytes": summary.lost_bytes,
-        "missing": summary.missing, "resets": summary.clock.resets,
+        "source": source,
+        "packets": sum(summary.counts.values()),
+        "lost_bytes": summary.lost_bytes,
+        "missing": summary.missing,
+        "resets": summary.clock.resets,
         "releases": [str(release) for release in summary.releases()],
-        "firmware": summary.firmware, "elapsed_s": summary.clock.elapsed_us / 1e6,
+        "firmware": summary.firmware,
+        "elapsed_s": summary.clock.elapsed_us / 1e6,
         "kinds": [
-            {"type": kind.type, "title": kind.title, "packets": summary.counts[kind],
-             "per_second": summary.rate_hz(kind)} for kind in summary.kinds
+            {
+                "type": kind.type,
+                "title": kind.title,
+                "packets": summary.counts[kind],
+                "per_second": summary.rate_hz(kind),
+            }
+            for kind in summary.kinds
         ],
-    }  # fmt: skip
+    }
 
 
 def _read(source: str, csv_file: Path | None) -> StreamSummary:

@@ -46,14 +46,32 @@ def device() -> None:
 
 @device.command("try", epilog=_TRY_EXIT_CODES)
 @documented("hiltest.device-try/1")
-@click.option("--rig", metavar="R", required=True, callback=checked(file_name),
-              help="Rig file with a [device] table, or name of a rig in hil/rigs.")
-@click.option("--hil-port", metavar="URL", callback=checked(file_name),
-              help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's board]")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Firmware for the virtual board, or the ELF that runs where variables are read.")
-@click.option("--for", "seconds", metavar="SECONDS", type=NumberRange(min=0.0, max=1e9, min_open=True),
-              help="How long to listen, by the board's clock.  [default: until Ctrl-C]")
+@click.option(
+    "--rig",
+    metavar="R",
+    required=True,
+    callback=checked(file_name),
+    help="Rig file with a [device] table, or name of a rig in hil/rigs.",
+)
+@click.option(
+    "--hil-port",
+    metavar="URL",
+    callback=checked(file_name),
+    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's board]",
+)
+@click.option(
+    "--firmware",
+    metavar="ELF",
+    callback=checked(file_name),
+    help="Firmware for the virtual board, or the ELF that runs where variables are read.",
+)
+@click.option(
+    "--for",
+    "seconds",
+    metavar="SECONDS",
+    type=NumberRange(min=0.0, max=1e9, min_open=True),
+    help="How long to listen, by the board's clock.  [default: until Ctrl-C]",
+)
 def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
     """Show each line that the board sends, and what is understood of it; and variables, with what they hold.
 
@@ -72,7 +90,8 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
         click.echo(f"faults on purpose: {described.faults}", err=True)
     try:
         trial = Trial(
-            interfaces, opened.memory,
+            interfaces,
+            opened.memory,
             {name: value.paths for name, value in table.memory.values.items()} if table.memory else {},
         )
         listened_s = _listen(opened, trial, [*interfaces.values()], seconds)
@@ -80,13 +99,16 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
         opened.close()
     for sentence in opened.bench.said_of_playback if opened.bench else ():
         click.echo(sentence, err=True)
-    rates = {quantity.key: {
-        "values": count, "per_second": trial.rate_hz(quantity)
-    } for quantity, count in trial.values.items()}
+    rates = {
+        quantity.key: {"values": count, "per_second": trial.rate_hz(quantity)}
+        for quantity, count in trial.values.items()
+    }
     return int(not trial.values), {
-        "seconds": listened_s, "understood": trial.understood, "not_understood": trial.not_understood,
+        "seconds": listened_s,
+        "understood": trial.understood,
+        "not_understood": trial.not_understood,
         "quantities": rates,
-    }  # fmt: skip
+    }
 
 
 def _table(rig: Rig) -> Device:

@@ -30,11 +30,19 @@ _COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.doctor/1")
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs.  [default: frdm-k64f]")
-@click.option("--hil-port", metavar="URL", callback=checked(file_name),
-              help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's, or the one board "
-              "that is plugged in]")
+@click.option(
+    "--rig",
+    metavar="R",
+    callback=checked(file_name),
+    help="Rig file, or name of a rig in hil/rigs.  [default: frdm-k64f]",
+)
+@click.option(
+    "--hil-port",
+    metavar="URL",
+    callback=checked(file_name),
+    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's, or the one board "
+    "that is plugged in]",
+)
 def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
     """Look what is wrong with a bench, and say what to do about it.
 
@@ -50,12 +58,13 @@ def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
     checks = [*_print_checks(examine(described, port=hil_port, today=datetime.now(UTC).date()))]
     code = exit_code(checks)
     return code, {
-        "rig": described.name, "exit_code": code,
+        "rig": described.name,
+        "exit_code": code,
         "checks": [
             {"name": check.name, "health": check.health, "found": check.finding, "remedy": check.remedy or None}
             for check in checks
         ],
-    }  # fmt: skip
+    }
 
 
 def _print_checks(checks: Iterable[Check]) -> Iterator[Check]:

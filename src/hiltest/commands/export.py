@@ -24,13 +24,25 @@ Exit codes:
 @click.command(epilog=_EXIT_CODES)
 @click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
 @documented("hiltest.export/1")
-@click.option("--format", "form", required=True, type=click.Choice(["bencher", "github-action-benchmark"]),
-              help="bencher: Bencher Metric Format. github-action-benchmark: the list for its custom tools.")
-@click.option("--better", type=click.Choice(["smaller", "larger"]),
-              help="For github-action-benchmark: smaller for customSmallerIsBetter, larger for customBiggerIsBetter."
-                   "  [default: smaller]")
-@click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
-              help="File to write.  [default: standard output]")
+@click.option(
+    "--format",
+    "form",
+    required=True,
+    type=click.Choice(["bencher", "github-action-benchmark"]),
+    help="bencher: Bencher Metric Format. github-action-benchmark: the list for its custom tools.",
+)
+@click.option(
+    "--better",
+    type=click.Choice(["smaller", "larger"]),
+    help="For github-action-benchmark: smaller for customSmallerIsBetter, larger for customBiggerIsBetter."
+    "  [default: smaller]",
+)
+@click.option(
+    "--out",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File to write.  [default: standard output]",
+)
 def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
     """Write the numbers of a run as JSON for dashboards.
 

@@ -35,44 +35,106 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 @click.command(epilog=_EXIT_CODES)
 @click.argument("log", metavar="LOG", type=click.Path(path_type=Path))
-@click.option("--columns", metavar="A,B,C",
-              help="Columns of x, y, z: names of the header or numbers from 1; a minus negates one.  "
-                   "[default: the magnetometer's]")
-@click.option("--accelerometer-columns", metavar="A,B,C",
-              help="Columns of the accelerometer, for gravity.  [default: acc..., a...]")
-@click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
-              help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]")
-@click.option("--calibrator", metavar="NAME", default="board", show_default=True,
-              help="Calibrator to run. board: the firmware's. all: the float64 references of the literature's as well.")
-@click.option("--shape", type=click.Choice([*_ELLIPSOIDS, "sphere", "ridge", "circle", "ellipse"]),
-              default="auto", show_default=True,
-              help="auto: the calibrators' ellipsoid, or what the samples allow. ridge: part of a sphere. circle, "
-              "ellipse: a turn in a plane, for headings alone.")
-@click.option("--field", "field_ut", metavar="UT", type=click.FloatRange(1.0, 1e5),
-              help="Strength of the field where it is known; of its part in the plane for circle and ellipse.")
-@click.option("--from", "first", metavar="T", type=float,
-              help="First instant to take: seconds from the first reading, or its number where no column has times.")
+@click.option(
+    "--columns",
+    metavar="A,B,C",
+    help="Columns of x, y, z: names of the header or numbers from 1; a minus negates one.  "
+    "[default: the magnetometer's]",
+)
+@click.option(
+    "--accelerometer-columns",
+    metavar="A,B,C",
+    help="Columns of the accelerometer, for gravity.  [default: acc..., a...]",
+)
+@click.option(
+    "--unit",
+    type=click.Choice(["uT", "gauss", "counts"]),
+    help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]",
+)
+@click.option(
+    "--calibrator",
+    metavar="NAME",
+    default="board",
+    show_default=True,
+    help="Calibrator to run. board: the firmware's. all: the float64 references of the literature's as well.",
+)
+@click.option(
+    "--shape",
+    type=click.Choice([*_ELLIPSOIDS, "sphere", "ridge", "circle", "ellipse"]),
+    default="auto",
+    show_default=True,
+    help="auto: the calibrators' ellipsoid, or what the samples allow. ridge: part of a sphere. circle, "
+    "ellipse: a turn in a plane, for headings alone.",
+)
+@click.option(
+    "--field",
+    "field_ut",
+    metavar="UT",
+    type=click.FloatRange(1.0, 1e5),
+    help="Strength of the field where it is known; of its part in the plane for circle and ellipse.",
+)
+@click.option(
+    "--from",
+    "first",
+    metavar="T",
+    type=float,
+    help="First instant to take: seconds from the first reading, or its number where no column has times.",
+)
 @click.option("--to", "last", metavar="T", type=float, help="First instant not to take, likewise.")
 @click.option("--steady", is_flag=True, help="Take the longest part in which the field does not change.")
-@click.option("--robust", type=click.Choice(["tukey", "none"]), default="tukey", show_default=True,
-              help="tukey: leave out repeats and what is far from the ellipsoid of the others. none: take all.")
-@click.option("--on", type=click.Choice(["virtual", "host"]), default="virtual", show_default=True,
-              help="virtual: the firmware's calibrators, cycles counted. host: their float64 references.")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option(
+    "--robust",
+    type=click.Choice(["tukey", "none"]),
+    default="tukey",
+    show_default=True,
+    help="tukey: leave out repeats and what is far from the ellipsoid of the others. none: take all.",
+)
+@click.option(
+    "--on",
+    type=click.Choice(["virtual", "host"]),
+    default="virtual",
+    show_default=True,
+    help="virtual: the firmware's calibrators, cycles counted. host: their float64 references.",
+)
+@click.option(
+    "--firmware",
+    metavar="ELF",
+    callback=checked(file_name),
+    help="Firmware for the virtual board.  [default: the packaged one]",
+)
 @json_option("hiltest.fit/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
 @click.option("--force", is_flag=True, help="Export a refused calibration as well; it says so itself.")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the samples before and after.")
-@click.option("--at-least", type=click.Choice(["good", "fair", "poor"]), default="poor", show_default=True,
-              help="Verdict that the best calibration needs for exit code 0.")
+@click.option(
+    "--at-least",
+    type=click.Choice(["good", "fair", "poor"]),
+    default="poor",
+    show_default=True,
+    help="Verdict that the best calibration needs for exit code 0.",
+)
 def fit(
-    log: Path, columns: str | None, accelerometer_columns: str | None, unit: str | None, calibrator: str, shape: str,
+    log: Path,
+    columns: str | None,
+    accelerometer_columns: str | None,
+    unit: str | None,
+    calibrator: str,
+    shape: str,
     field_ut: float | None,
-    first: float | None, last: float | None, steady: bool, robust: str, on: str, firmware: str | None,
-    as_json: bool, export_json: Path | None, export_header: Path | None, force: bool, html: Path | None, at_least: str,
-) -> int:  # fmt: skip
+    first: float | None,
+    last: float | None,
+    steady: bool,
+    robust: str,
+    on: str,
+    firmware: str | None,
+    as_json: bool,
+    export_json: Path | None,
+    export_header: Path | None,
+    force: bool,
+    html: Path | None,
+    at_least: str,
+) -> int:
     """Calibrate from a magnetometer log, and say how good it is.
 
     LOG is a table with or without a header, a capture of a serial monitor or for MotionCal, or lines of JSON;
@@ -145,9 +207,15 @@ def _part(samples: Samples, first: float | None, last: float | None, *, steady: 
 
 
 def _fit(
-    samples: Samples, calibrator: str, shape: str, on: str, firmware: str | None, *, robust: bool,
+    samples: Samples,
+    calibrator: str,
+    shape: str,
+    on: str,
+    firmware: str | None,
+    *,
+    robust: bool,
     field_ut: float | None,
-) -> SampleFit:  # fmt: skip
+) -> SampleFit:
     from hiltest.logs.sample_fit import fit_by_shape, fit_on_board, fit_on_host
 
     if shape not in _ELLIPSOIDS:

@@ -56,23 +56,51 @@ class _Options:
 @click.option("--gyroscope-log", metavar="FILE", type=_FILE, help="The gyroscope's own log, row by row with LOG.")
 @click.option("--accelerometer-columns", metavar="A,B,C", help="Names, or numbers from 1.  [default: acc..., a...]")
 @click.option("--gyroscope-columns", metavar="A,B,C", help="Names, or numbers from 1.  [default: gyr..., g...]")
-@click.option("--accelerometer-unit", type=click.Choice(["g", "mg", "m/s2", "counts"]),
-              help="Counts: zero and scale unknown.  [default: the header's, else counts]")
-@click.option("--gyroscope-unit", type=click.Choice(RATE_UNITS),
-              help="Counts: scale unknown.  [default: the header's, else counts]")
-@click.option("--rate", metavar="HZ", type=NumberRange(1.0, 100_000.0),
-              help="Samples a second.  [default: by the column of time]")
+@click.option(
+    "--accelerometer-unit",
+    type=click.Choice(["g", "mg", "m/s2", "counts"]),
+    help="Counts: zero and scale unknown.  [default: the header's, else counts]",
+)
+@click.option(
+    "--gyroscope-unit",
+    type=click.Choice(RATE_UNITS),
+    help="Counts: scale unknown.  [default: the header's, else counts]",
+)
+@click.option(
+    "--rate", metavar="HZ", type=NumberRange(1.0, 100_000.0), help="Samples a second.  [default: by the column of time]"
+)
 @click.option("--time", metavar="COLUMN", help="The column of time.  [default: time, t, timestamp]")
-@click.option("--intervals", metavar="FILE|COLUMN",
-              help="Rests and turns: a JSON list, or a column of labels.  [default: found]")
-@click.option("--method", type=click.Choice(["auto", "six-position", "ellipsoid", "moving"]), default="auto",
-              show_default=True, help="Method for the accelerometer: rests on six faces or in nine poses, or motion.")
-@click.option("--turn", "turn_deg", metavar="DEG", type=NumberRange(90.0, 36_000.0), default=360.0,
-              show_default=True, help="Angle of each turn.")
-@click.option("--rate-rpm", metavar="RPM", type=NumberRange(0.1, 10_000.0),
-              help="Rate of a turntable (33.333, 45), wherever the log turns steadily: scale of that axis.")
-@click.option("--bias-from", metavar="FILE", type=_FILE,
-              help="A log of the gyroscope at rest: its mean is the bias.  [default: of the rests in LOG]")
+@click.option(
+    "--intervals", metavar="FILE|COLUMN", help="Rests and turns: a JSON list, or a column of labels.  [default: found]"
+)
+@click.option(
+    "--method",
+    type=click.Choice(["auto", "six-position", "ellipsoid", "moving"]),
+    default="auto",
+    show_default=True,
+    help="Method for the accelerometer: rests on six faces or in nine poses, or motion.",
+)
+@click.option(
+    "--turn",
+    "turn_deg",
+    metavar="DEG",
+    type=NumberRange(90.0, 36_000.0),
+    default=360.0,
+    show_default=True,
+    help="Angle of each turn.",
+)
+@click.option(
+    "--rate-rpm",
+    metavar="RPM",
+    type=NumberRange(0.1, 10_000.0),
+    help="Rate of a turntable (33.333, 45), wherever the log turns steadily: scale of that axis.",
+)
+@click.option(
+    "--bias-from",
+    metavar="FILE",
+    type=_FILE,
+    help="A log of the gyroscope at rest: its mean is the bias.  [default: of the rests in LOG]",
+)
 @json_option("hiltest.fit-imu/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the calibration as a C header.")
@@ -91,15 +119,23 @@ def fit_imu(**arguments: Any) -> int:
     listed = options.intervals if options.intervals and Path(options.intervals).suffix == ".json" else None
     labels = None if listed else options.intervals
     read = read_imu_log(
-        options.log, options.gyroscope_log, rate_hz=options.rate,
+        options.log,
+        options.gyroscope_log,
+        rate_hz=options.rate,
         columns=LogColumns(options.accelerometer_columns, options.gyroscope_columns, options.time, labels),
         acceleration_unit=AccelerationUnit(options.accelerometer_unit) if options.accelerometer_unit else None,
         rate_unit=RATE_WORDS[options.gyroscope_unit] if options.gyroscope_unit else None,
         gyroscope_alone=options.rate_rpm is not None,
     )
     bias = _bias(read, options.bias_from, options) if options.bias_from else None
-    fitted = fit_imu_log(read, _intervals(read, listed, bias, turns=options.rate_rpm is not None), options.method,
-                         turn_deg=options.turn_deg, bias=bias, rpm=options.rate_rpm)
+    fitted = fit_imu_log(
+        read,
+        _intervals(read, listed, bias, turns=options.rate_rpm is not None),
+        options.method,
+        turn_deg=options.turn_deg,
+        bias=bias,
+        rpm=options.rate_rpm,
+    )
     if not options.as_json:
         print_fit(fitted, standard_output())
     code = _export(fitted, options)
@@ -128,9 +164,13 @@ def _bias(log: ImuLog, path: Path, options: _Options) -> NDArray[np.float64]:
     from hiltest.units import RATE_WORDS
 
     return rest_bias(
-        path, log.rate_unit, columns=options.gyroscope_columns, time=options.time, rate_hz=options.rate,
+        path,
+        log.rate_unit,
+        columns=options.gyroscope_columns,
+        time=options.time,
+        rate_hz=options.rate,
         written=RATE_WORDS[options.gyroscope_unit] if options.gyroscope_unit else None,
-    )  # fmt: skip
+    )
 
 
 def _intervals(log: ImuLog, listed: str | None, bias: NDArray[np.float64] | None, *, turns: bool) -> Intervals:

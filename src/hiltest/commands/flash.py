@@ -25,14 +25,27 @@ Exit codes:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.flash/1")
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs: its board.  [default: the board that is plugged in]")
-@click.option("--hil-port", metavar="URL", callback=checked(file_name),
-              help="Serial port of the board: a device, usb://SERIAL or another pyserial URL.  [default: the rig's]")
-@click.option("--volume", metavar="DIR", type=click.Path(path_type=Path, file_okay=False),
-              help="Where the drive of its DAPLink is mounted.  [default: looked for]")
-@click.option("--probe", type=click.Choice(["pyocd"]),
-              help="Write with a debug probe instead of the drive; needs hiltest[bench].")
+@click.option(
+    "--rig",
+    metavar="R",
+    callback=checked(file_name),
+    help="Rig file, or name of a rig in hil/rigs: its board.  [default: the board that is plugged in]",
+)
+@click.option(
+    "--hil-port",
+    metavar="URL",
+    callback=checked(file_name),
+    help="Serial port of the board: a device, usb://SERIAL or another pyserial URL.  [default: the rig's]",
+)
+@click.option(
+    "--volume",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where the drive of its DAPLink is mounted.  [default: looked for]",
+)
+@click.option(
+    "--probe", type=click.Choice(["pyocd"]), help="Write with a debug probe instead of the drive; needs hiltest[bench]."
+)
 @click.argument("elf", required=False, callback=checked(file_name))
 def flash(
     elf: str | None, rig: str | None, hil_port: str | None, volume: Path | None, probe: str | None
@@ -64,8 +77,13 @@ def flash(
         line.clear()
     click.echo(done.sentence(image, target))
     return 0, {
-        "file": image.image.name, "bytes": image.size, "build_id": image.image.build_id,
-        "by": probe or "daplink", "serial_number": done.serial_number or None, "port": target.port,
+        "file": image.image.name,
+        "bytes": image.size,
+        "build_id": image.image.build_id,
+        "by": probe or "daplink",
+        "serial_number": done.serial_number or None,
+        "port": target.port,
         "volume": str(target.volume) if target.volume and not probe else None,
-        "answered": done.identity.build_id if done.identity else None, "said": done.said,
-    }  # fmt: skip
+        "answered": done.identity.build_id if done.identity else None,
+        "said": done.said,
+    }

@@ -32,8 +32,12 @@ _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 @click.command()
 @documented("hiltest.init/1")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Also write a rig for this firmware: what its names and texts tell of headings.")
+@click.option(
+    "--firmware",
+    metavar="ELF",
+    callback=checked(file_name),
+    help="Also write a rig for this firmware: what its names and texts tell of headings.",
+)
 def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
     """Copy suites, rigs, benchmarks and a baseline to DIR/hil.
 
@@ -86,9 +90,13 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     file, around = firmware.resolve(), folder.resolve()
     is_near = file.is_relative_to(around.parent)
     text = rig_text(
-        proposals, kind, (rigs / f"{proposals.base_rig}.toml").read_text(encoding="utf-8"), name=name,
-        firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file), choose=choose,
-    )  # fmt: skip
+        proposals,
+        kind,
+        (rigs / f"{proposals.base_rig}.toml").read_text(encoding="utf-8"),
+        name=name,
+        firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file),
+        choose=choose,
+    )
     summary = f'kind = "{kind}"' if "\n[device]\n" in text else "nothing in it is surely a heading: fill in [device]"
     click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Look through hil/rigs/{name}.toml")
     return name, text

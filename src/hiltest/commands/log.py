@@ -33,24 +33,53 @@ Exit codes:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.log/1")
-@click.option("--seconds", metavar="N", type=NumberRange(min=0.0, max=1e9, min_open=True), required=True,
-              help="Duration by the board's clock.")
-@click.option("--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path),
-              help="CSV file to write.")
-@click.option("--sensor", "sensors", multiple=True, default=["gyroscope"], show_default=True,
-              type=click.Choice(["gyroscope", "accelerometer", "magnetometer"]),
-              help="Sensor to log; may be given more than once.")
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
-@click.option("--hil-port", metavar="URL", callback=checked(file_name),
-              help="Serial port of a real board: a device or a pyserial URL.")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option(
+    "--seconds",
+    metavar="N",
+    type=NumberRange(min=0.0, max=1e9, min_open=True),
+    required=True,
+    help="Duration by the board's clock.",
+)
+@click.option(
+    "--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path), help="CSV file to write."
+)
+@click.option(
+    "--sensor",
+    "sensors",
+    multiple=True,
+    default=["gyroscope"],
+    show_default=True,
+    type=click.Choice(["gyroscope", "accelerometer", "magnetometer"]),
+    help="Sensor to log; may be given more than once.",
+)
+@click.option(
+    "--rig",
+    metavar="R",
+    callback=checked(file_name),
+    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
+)
+@click.option(
+    "--hil-port",
+    metavar="URL",
+    callback=checked(file_name),
+    help="Serial port of a real board: a device or a pyserial URL.",
+)
+@click.option(
+    "--firmware",
+    metavar="ELF",
+    callback=checked(file_name),
+    help="Firmware for the virtual board.  [default: the packaged one]",
+)
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 def log(
-    seconds: float, out: Path, sensors: Sequence[str], rig: str | None, hil_port: str | None, firmware: str | None,
+    seconds: float,
+    out: Path,
+    sensors: Sequence[str],
+    rig: str | None,
+    hil_port: str | None,
+    firmware: str | None,
     seed: str | None,
-) -> tuple[int, dict[str, Any]]:  # fmt: skip
+) -> tuple[int, dict[str, Any]]:
     """Record sensor samples of a board to a CSV file.
 
     Every sample of the gyroscope is written, with the board's time. Samples of accelerometer and magnetometer between
@@ -63,17 +92,23 @@ def log(
 
     kinds = [SensorKind[name.upper()] for name in dict.fromkeys(sensors)]
     described = load_rig(rig_file(Path.cwd(), rig))
-    with asked_to_end() as ending, open_board(
-        described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
-    ) as board, opened(out) as file:
+    with (
+        asked_to_end() as ending,
+        open_board(
+            described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
+        ) as board,
+        opened(out) as file,
+    ):
         counts = _write(file, board, kinds, log_sensors(board, kinds, seconds=seconds), seconds, ending)
     words = ", ".join(f"{counts[kind]} of the {kind.name.lower()}" for kind in kinds)
     _print_playback_warnings(board)
     click.echo(f"{out}: {words}" + (f"; {counts[None]} times samples were lost" if counts[None] else ""))
     return _INTERRUPTED if ending else 0, {
-        "file": str(out), "samples": {kind.name.lower(): counts[kind] for kind in kinds}, "lost": counts[None],
+        "file": str(out),
+        "samples": {kind.name.lower(): counts[kind] for kind in kinds},
+        "lost": counts[None],
         "ended_early": bool(ending),
-    }  # fmt: skip
+    }
 
 
 def _print_playback_warnings(board: Board) -> None:
@@ -82,9 +117,13 @@ def _print_playback_warnings(board: Board) -> None:
 
 
 def _write(
-    file: TextIO, board: Board, kinds: Sequence[SensorKind], parts: Iterator[LogPart], seconds: float,
+    file: TextIO,
+    board: Board,
+    kinds: Sequence[SensorKind],
+    parts: Iterator[LogPart],
+    seconds: float,
     ending: list[int],
-) -> dict[SensorKind | None, int]:  # fmt: skip
+) -> dict[SensorKind | None, int]:
     """Write the rows; return the number of samples by sensor, and under None the number of times some were lost."""
     from hiltest.procedures.sensor_log import UNITS
     from hiltest.progress_line import ProgressLine

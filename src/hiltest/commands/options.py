@@ -88,9 +88,11 @@ def seed_range(_context: click.Context, _parameter: click.Parameter, text: str |
 def jobs_option(begins: str = "Processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return the option ``--jobs``, whose value is a number or a scheduler's address; `begins` its help."""
     return click.option(
-        "--jobs", metavar="J", callback=_jobs,
+        "--jobs",
+        metavar="J",
+        callback=_jobs,
         help=f"{begins}, or the address of a dask scheduler, tcp://HOST:PORT.  [default: one a core]",
-    )  # fmt: skip
+    )
 
 
 def _jobs(_context: click.Context, _parameter: click.Parameter, text: str | None) -> int | str | None:

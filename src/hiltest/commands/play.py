@@ -39,12 +39,26 @@ _MOST_MOMENTS = 10_000
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.option("--rig", metavar="R", required=True, callback=checked(file_name),
-              help="Rig file with a recording under [world] playback, or name of one in hil/rigs.")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Firmware for the rig's board.  [default: the rig's, else the packaged one]")
-@click.option("--every", "every_s", metavar="SECONDS", type=NumberRange(min=0.1, max=3600.0),
-              help="Time between two headings.  [default: twelve over the recording]")
+@click.option(
+    "--rig",
+    metavar="R",
+    required=True,
+    callback=checked(file_name),
+    help="Rig file with a recording under [world] playback, or name of one in hil/rigs.",
+)
+@click.option(
+    "--firmware",
+    metavar="ELF",
+    callback=checked(file_name),
+    help="Firmware for the rig's board.  [default: the rig's, else the packaged one]",
+)
+@click.option(
+    "--every",
+    "every_s",
+    metavar="SECONDS",
+    type=NumberRange(min=0.1, max=3600.0),
+    help="Time between two headings.  [default: twelve over the recording]",
+)
 @json_option("hiltest.play/1")
 def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -> int:
     """Play a recording to firmware, and show what it finds from it.
@@ -62,12 +76,15 @@ def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -
     described = load_rig(rig_file(Path.cwd(), rig))
     playback = load_playback(described)
     if playback is None:
-        raise ConfigError(f"{described.where('world')}: the rig plays no recording: name one under [world], "
-                          'playback = "field.csv"')
+        raise ConfigError(
+            f'{described.where("world")}: the rig plays no recording: name one under [world], playback = "field.csv"'
+        )
     magnetometer = playback.tracks.get(Sensed.MAGNETOMETER)
     if magnetometer is None:
-        raise ConfigError(f"{described.where('world', 'playback')}: world.playback: no magnetometer in {playback.name} "
-                          "to calibrate from: play it with hiltest log, hiltest device try or serve")
+        raise ConfigError(
+            f"{described.where('world', 'playback')}: world.playback: no magnetometer in {playback.name} "
+            "to calibrate from: play it with hiltest log, hiltest device try or serve"
+        )
     moments_s = _moments_s(playback, every_s)
     if not as_json:
         click.echo(playback.described())
@@ -104,17 +121,25 @@ def _to_json(played: PlayedBack, playback: Playback) -> str:
     from hiltest import __version__
 
     content = {
-        "schema": _SCHEMA, "hiltest": __version__, "playing": playback.described(), "points": played.points,
-        "moments_s": [float(moment_s - playback.begins_s) for moment_s in played.moments_s], "remarks": played.remarks,
+        "schema": _SCHEMA,
+        "hiltest": __version__,
+        "playing": playback.described(),
+        "points": played.points,
+        "moments_s": [float(moment_s - playback.begins_s) for moment_s in played.moments_s],
+        "remarks": played.remarks,
         "found": [
             {
-                "name": row.name, "hard_iron_ut": None if row.hard_iron_ut is None else row.hard_iron_ut.tolist(),
-                "field_ut": row.field_ut, "said_error_percent": row.said_error_percent,
-                "residual_percent": row.residual_percent, "cycles": row.cycles, "heading_deg": row.heading_deg,
+                "name": row.name,
+                "hard_iron_ut": None if row.hard_iron_ut is None else row.hard_iron_ut.tolist(),
+                "field_ut": row.field_ut,
+                "said_error_percent": row.said_error_percent,
+                "residual_percent": row.residual_percent,
+                "cycles": row.cycles,
+                "heading_deg": row.heading_deg,
             }
             for row in played.found
         ],
-    }  # fmt: skip
+    }
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -128,15 +153,19 @@ def _calibrations(played: PlayedBack) -> list[str]:
     def rounded(values: Sequence[float | None], digits: int) -> list[str]:
         return ["-" if value is None else f"{value:.{digits}f}" for value in values]
 
-    return _table([
-        ["", *(row.name for row in played.found)],
-        *([f"hard iron {name} [uT]", *axis(number)] for number, name in enumerate("xyz")),
-        ["field strength [uT]", *rounded([row.field_ut for row in played.found], 1)],
-        ["error of its fit, as it says [%]", *rounded([row.said_error_percent for row in played.found], 1)],
-        [f"residual over the same {played.points} points [%]",
-         *rounded([row.residual_percent for row in played.found], 1)],
-        ["cycles", *(format_number(row.cycles) for row in played.found)],
-    ])
+    return _table(
+        [
+            ["", *(row.name for row in played.found)],
+            *([f"hard iron {name} [uT]", *axis(number)] for number, name in enumerate("xyz")),
+            ["field strength [uT]", *rounded([row.field_ut for row in played.found], 1)],
+            ["error of its fit, as it says [%]", *rounded([row.said_error_percent for row in played.found], 1)],
+            [
+                f"residual over the same {played.points} points [%]",
+                *rounded([row.residual_percent for row in played.found], 1),
+            ],
+            ["cycles", *(format_number(row.cycles) for row in played.found)],
+        ]
+    )
 
 
 def _headings(played: PlayedBack, playback: Playback) -> list[str]:
@@ -144,15 +173,18 @@ def _headings(played: PlayedBack, playback: Playback) -> list[str]:
     if not len(played.moments_s):
         return ["no headings: the recording has no accelerometer"]
     named = [row for row in played.found if row.heading_deg]
-    return _table([
-        ["heading [deg] at", *(row.name for row in named)],
-        *(
-            [f"{moment_s - playback.begins_s:.2f} s", *(
-                "-" if heading is None else f"{heading:.1f}" for heading in row
-            )]
-            for moment_s, *row in zip(played.moments_s, *(row.heading_deg for row in named), strict=True)
-        ),
-    ])
+    return _table(
+        [
+            ["heading [deg] at", *(row.name for row in named)],
+            *(
+                [
+                    f"{moment_s - playback.begins_s:.2f} s",
+                    *("-" if heading is None else f"{heading:.1f}" for heading in row),
+                ]
+                for moment_s, *row in zip(played.moments_s, *(row.heading_deg for row in named), strict=True)
+            ),
+        ]
+    )
 
 
 def _table(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -40,7 +40,9 @@ def ports() -> tuple[int, dict[str, Any]]:
     return 0, {
         "boards": [
             {
-                "serial_number": board.serial_number, "usb_id": board.usb_id, "product": board.product,
+                "serial_number": board.serial_number,
+                "usb_id": board.usb_id,
+                "product": board.product,
                 "port": str(board.port) if board.port else None,
                 "volume": str(board.volume.path) if board.volume else None,
                 "daplink_version": (board.volume.interface_version or None) if board.volume else None,
@@ -49,13 +51,15 @@ def ports() -> tuple[int, dict[str, Any]]:
         ],
         "others": [
             {
-                "port": str(port.port) if port.port else None, "usb_id": port.device.usb_id if port.device else None,
+                "port": str(port.port) if port.port else None,
+                "usb_id": port.device.usb_id if port.device else None,
                 "serial_number": port.device.serial_number if port.device else None,
-                "product": port.device.product if port.device else None, "reason": port.not_taken,
+                "product": port.device.product if port.device else None,
+                "reason": port.not_taken,
             }
             for port in plugged.others
         ],
-    }  # fmt: skip
+    }
 
 
 def _print_boards(boards: Sequence[UsbBoard]) -> None:

@@ -40,28 +40,67 @@ Exit codes:
 
 # Unknown options are allowed, since a negative number is an argument of the function.
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
-@click.option("--lines", metavar="N", type=click.IntRange(min=0), default=12, show_default=True,
-              help="How many source lines to show.")
-@click.option("--instructions", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
-              help="How many instructions to show.")
+@click.option(
+    "--lines",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=12,
+    show_default=True,
+    help="How many source lines to show.",
+)
+@click.option(
+    "--instructions",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="How many instructions to show.",
+)
 @json_option("hiltest.profile/1")
-@click.option("--folded", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
-              help="Write the stacks as flame graph tools read them.")
-@click.option("--flame-graph", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
-              help="Write a flame graph (SVG).")
-@click.option("--profile", "timing", metavar="NAME|FILE",
-              help="Timing profile, or a file of your own.  [default: cortex-m4-trm/2]")
-@click.option("--memory", metavar="MAP",
-              help="Memories of another part: flash=0x08000000:512K,ram=0x20000000:128K.  [default: as the ELF needs]")
+@click.option(
+    "--folded",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the stacks as flame graph tools read them.",
+)
+@click.option(
+    "--flame-graph", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False), help="Write a flame graph (SVG)."
+)
+@click.option(
+    "--profile",
+    "timing",
+    metavar="NAME|FILE",
+    help="Timing profile, or a file of your own.  [default: cortex-m4-trm/2]",
+)
+@click.option(
+    "--memory",
+    metavar="MAP",
+    help="Memories of another part: flash=0x08000000:512K,ram=0x20000000:128K.  [default: as the ELF needs]",
+)
 @click.option("--clock", metavar="HZ", help="Core clock of the part, as 48MHz or 48_000_000.  [default: 120 MHz]")
-@click.option("--timeout", "timeout_s", metavar="S", type=click.IntRange(1, 100), default=1,
-              show_default=True, help="Virtual seconds after which the function is taken to hang.")
+@click.option(
+    "--timeout",
+    "timeout_s",
+    metavar="S",
+    type=click.IntRange(1, 100),
+    default=1,
+    show_default=True,
+    help="Virtual seconds after which the function is taken to hang.",
+)
 @click.argument("elf")
 @click.argument("function")
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def profile(
-    elf: str, function: str, arguments: tuple[str, ...], lines: int, instructions: int, as_json: bool,
-    folded: Path | None, flame_graph: Path | None, timeout_s: int, **counted: str | None,
+    elf: str,
+    function: str,
+    arguments: tuple[str, ...],
+    lines: int,
+    instructions: int,
+    as_json: bool,
+    folded: Path | None,
+    flame_graph: Path | None,
+    timeout_s: int,
+    **counted: str | None,
 ) -> int:
     """Call a function of any ELF and show where its cycles go.
 

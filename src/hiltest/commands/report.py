@@ -29,8 +29,12 @@ _TRIES = 3
 @click.command(epilog=_EXIT_CODES)
 @click.argument("record", metavar="DIR|FILE", type=click.Path(path_type=Path))
 @documented("hiltest.report/1")
-@click.option("--out", metavar="DIR", type=click.Path(path_type=Path),
-              help="Folder for run.json and the reports.  [default: where the record is]")
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder for run.json and the reports.  [default: where the record is]",
+)
 def report(record: Path, out: Path | None) -> tuple[int, dict[str, Any]]:
     """Write the reports of a run again, and print the verdict.
 
@@ -47,8 +51,11 @@ def report(record: Path, out: Path | None) -> tuple[int, dict[str, Any]]:
         _copy_record(stored, out)
     click.echo(f"{out or folder}: report.html, report.md")
     click.echo(stored.run.verdict.sentence)
-    return 0, {"folder": str(out or folder), "files": ["report.html", "report.md"],
-               "verdict": asdict(stored.run.verdict)}  # fmt: skip
+    return 0, {
+        "folder": str(out or folder),
+        "files": ["report.html", "report.md"],
+        "verdict": asdict(stored.run.verdict),
+    }
 
 
 def _rewrite_reports(record: Path, folder: Path) -> RecordFile:

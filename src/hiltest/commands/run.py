@@ -38,40 +38,104 @@ class _Run(click.Command):
 
 
 @click.command(cls=_Run, epilog=EXIT_CODES)
-@click.option("--rig", "rigs", metavar="R", multiple=True, callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs; given more than once, several boards run at once.  "
-                   "[default: virtual-k64f]")
-@click.option("--firmware", metavar="FILE", callback=checked(file_name),
-              help="Firmware for the virtual board: ELF, Intel HEX or raw binary.  [default: the packaged one]")
-@click.option("--base", metavar="ADDRESS", callback=checked(address),
-              help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]")
-@click.option("--hil-port", metavar="URL", callback=checked(file_name),
-              help="Serial port of a real board: a device or a pyserial URL.")
-@click.option("--out", metavar="DIR", default=DEFAULT_OUT, show_default=True, callback=checked(file_name),
-              help="Folder for the record and reports.")
+@click.option(
+    "--rig",
+    "rigs",
+    metavar="R",
+    multiple=True,
+    callback=checked(file_name),
+    help="Rig file, or name of a rig in hil/rigs; given more than once, several boards run at once.  "
+    "[default: virtual-k64f]",
+)
+@click.option(
+    "--firmware",
+    metavar="FILE",
+    callback=checked(file_name),
+    help="Firmware for the virtual board: ELF, Intel HEX or raw binary.  [default: the packaged one]",
+)
+@click.option(
+    "--base",
+    metavar="ADDRESS",
+    callback=checked(address),
+    help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]",
+)
+@click.option(
+    "--hil-port",
+    metavar="URL",
+    callback=checked(file_name),
+    help="Serial port of a real board: a device or a pyserial URL.",
+)
+@click.option(
+    "--out",
+    metavar="DIR",
+    default=DEFAULT_OUT,
+    show_default=True,
+    callback=checked(file_name),
+    help="Folder for the record and reports.",
+)
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed, and sum up.")
-@click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
-              help="With --seeds: how many seeds may miss a limit.")
+@click.option(
+    "--may-fail",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="With --seeds: how many seeds may miss a limit.",
+)
 @jobs_option("With --seeds: processes")
 @click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
-@click.option("--suite", type=click.Choice(["gate", "full"]),
-              help="Set of tests: gate leaves out what takes longest.  [default: gate]")
-@click.option("--calibration", metavar="FILE", callback=checked(file_name),
-              help="Calibration file of this board (hiltest calibrate), tested beside the others.")
-@click.option("--label", metavar="TEXT", callback=checked(label),
-              help="Name of this run in reports and trends, such as a version or a commit.")
-@click.option("--baseline", metavar="FILE", callback=checked(file_name),
-              help="Baseline, or record of a run, that this one must not be worse than.")
-@click.option("--against", metavar="ELF", callback=checked(file_name),
-              help="Older firmware that this one must not be worse than; it is run first, on the same bench.")
+@click.option(
+    "--suite",
+    type=click.Choice(["gate", "full"]),
+    help="Set of tests: gate leaves out what takes longest.  [default: gate]",
+)
+@click.option(
+    "--calibration",
+    metavar="FILE",
+    callback=checked(file_name),
+    help="Calibration file of this board (hiltest calibrate), tested beside the others.",
+)
+@click.option(
+    "--label",
+    metavar="TEXT",
+    callback=checked(label),
+    help="Name of this run in reports and trends, such as a version or a commit.",
+)
+@click.option(
+    "--baseline",
+    metavar="FILE",
+    callback=checked(file_name),
+    help="Baseline, or record of a run, that this one must not be worse than.",
+)
+@click.option(
+    "--against",
+    metavar="ELF",
+    callback=checked(file_name),
+    help="Older firmware that this one must not be worse than; it is run first, on the same bench.",
+)
 @click.option("--flash", is_flag=True, help="First put the firmware onto the board: see hiltest flash.")
-@click.option("--coverage", metavar="FILE", type=click.Path(), callback=checked(file_name),
-              help="Write the coverage of the firmware as the virtual board executes it, for LCOV's genhtml.")
-@click.option("--record", metavar="FILE", type=click.Path(), callback=checked(file_name),
-              help="Record all that the run asks of its bench, with the answers; FILE.gz is compressed.")
-@click.option("--replay", metavar="FILE", type=click.Path(), callback=checked(file_name),
-              help="Take the answers from such a recording: no board, no firmware, in a few seconds.")
+@click.option(
+    "--coverage",
+    metavar="FILE",
+    type=click.Path(),
+    callback=checked(file_name),
+    help="Write the coverage of the firmware as the virtual board executes it, for LCOV's genhtml.",
+)
+@click.option(
+    "--record",
+    metavar="FILE",
+    type=click.Path(),
+    callback=checked(file_name),
+    help="Record all that the run asks of its bench, with the answers; FILE.gz is compressed.",
+)
+@click.option(
+    "--replay",
+    metavar="FILE",
+    type=click.Path(),
+    callback=checked(file_name),
+    help="Take the answers from such a recording: no board, no firmware, in a few seconds.",
+)
 @json_option("hiltest.run/1, with --seeds hiltest.seeds/1, of several boards hiltest.boards/1")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
@@ -97,8 +161,17 @@ def run(*, as_json: bool, **arguments: Any) -> int:
 
 
 def _run(
-    *, out: str, rigs: tuple[str, ...], seeds: range | None, may_fail: int, jobs: int | str | None,
-    against: str | None, flash: bool, verbose: bool, pytest_args: Sequence[str], **arguments: str | None,
+    *,
+    out: str,
+    rigs: tuple[str, ...],
+    seeds: range | None,
+    may_fail: int,
+    jobs: int | str | None,
+    against: str | None,
+    flash: bool,
+    verbose: bool,
+    pytest_args: Sequence[str],
+    **arguments: str | None,
 ) -> tuple[int, Path | None]:
     """Run the suites, and return the exit code and the file with the record; None without one."""
     from hiltest.record.files import BOARDS_FILE, OLDER_FOLDER, SEEDS_FILE
@@ -107,13 +180,19 @@ def _run(
     from hiltest.runs.one_run import check_against, run_suites
 
     check_environment()
-    names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "base": "--hil-base", "hil_port": "--hil-port",
-             "seed": "--hil-seed", "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
-             "label": "--hil-label"}
+    names = {
+        "rig": "--hil-rig",
+        "firmware": "--hil-firmware",
+        "base": "--hil-base",
+        "hil_port": "--hil-port",
+        "seed": "--hil-seed",
+        "poses": "--hil-poses",
+        "suite": "--hil-suite",
+        "calibration": "--hil-calibration",
+        "label": "--hil-label",
+    }
     arguments["rig"] = rigs[0] if len(rigs) == 1 else None
-    of_this_run = {
-        f"--hil-{name}": arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")
-    }  # fmt: skip
+    of_this_run = {f"--hil-{name}": arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
     base = of_this_run["--hil-baseline"] or base_of_environment()
     coverage = of_this_run["--hil-coverage"]
     options = [f"{names[name]}={value}" for name, value in arguments.items() if value is not None]
@@ -130,8 +209,14 @@ def _run(
     if taped and (seeds is not None or against is not None):
         raise ConfigError(f"--{taped} is of one run: it goes neither with --seeds nor with --against")
     if len(rigs) > 1:
-        of_one = {"--seeds": seeds is not None, "--against": against, "--hil-port": arguments["hil_port"],
-                  "--coverage": coverage, "--calibration": arguments["calibration"], f"--{taped}": taped}  # fmt: skip
+        of_one = {
+            "--seeds": seeds is not None,
+            "--against": against,
+            "--hil-port": arguments["hil_port"],
+            "--coverage": coverage,
+            "--calibration": arguments["calibration"],
+            f"--{taped}": taped,
+        }
         if named := [name for name, is_given in of_one.items() if is_given]:
             raise ConfigError(f"{named[0]} is of one board, and {len(rigs)} rigs are named: leave one of them out")
         from hiltest.runs.several_boards import run_boards
@@ -148,9 +233,15 @@ def _run(
             _check_firmwares(against, arguments["firmware"], arguments["rig"], arguments["base"])
         with sole_command(Path(out)):
             code = run_seeds(
-                seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against, jobs=jobs,
+                seeds,
+                options,
+                Path(out),
+                may_fail=may_fail,
+                baseline=base,
+                against=against,
+                jobs=jobs,
                 coverage=coverage or os.environ.get("HIL_COVERAGE"),
-            )  # fmt: skip
+            )
         return code, Path(out) / SEEDS_FILE
     older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
     options += [f"{name}={value}" for name, value in of_this_run.items() if value is not None]

@@ -44,38 +44,99 @@ _PORTS = click.IntRange(0, _LAST_PORT)
 @click.command(epilog=_EXIT_CODES)
 @click.option("--pty", is_flag=True, help="Serve on pseudo-terminals; this is the default.")
 @click.option("--tcp", type=_PORTS, metavar="PORT", help="Serve on a TCP port instead; 0 takes any free one.")
-@click.option("--turntable-tcp", type=_PORTS, metavar="PORT",
-              help="With --tcp: the turntable's port.  [default: PORT+1]")
-@click.option("--host", metavar="ADDRESS", default="127.0.0.1", show_default=True,
-              help="With --tcp: address to listen on. Anybody who reaches it can use the board.")
-@click.option("--link", metavar="PATH", callback=checked(file_name),
-              help="With --pty: make PATH a symbolic link to the board's port, PATH-turntable to the turntable's.")
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs, of a virtual board.  [default: virtual-k64f]")
-@click.option("--firmware", metavar="FILE", callback=checked(file_name),
-              help="Any firmware for the MK64FN1M0: ELF, Intel HEX or raw binary.  [default: the packaged one]")
-@click.option("--base", metavar="ADDRESS", callback=checked(address),
-              help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]")
+@click.option(
+    "--turntable-tcp", type=_PORTS, metavar="PORT", help="With --tcp: the turntable's port.  [default: PORT+1]"
+)
+@click.option(
+    "--host",
+    metavar="ADDRESS",
+    default="127.0.0.1",
+    show_default=True,
+    help="With --tcp: address to listen on. Anybody who reaches it can use the board.",
+)
+@click.option(
+    "--link",
+    metavar="PATH",
+    callback=checked(file_name),
+    help="With --pty: make PATH a symbolic link to the board's port, PATH-turntable to the turntable's.",
+)
+@click.option(
+    "--rig",
+    metavar="R",
+    callback=checked(file_name),
+    help="Rig file, or name of a rig in hil/rigs, of a virtual board.  [default: virtual-k64f]",
+)
+@click.option(
+    "--firmware",
+    metavar="FILE",
+    callback=checked(file_name),
+    help="Any firmware for the MK64FN1M0: ELF, Intel HEX or raw binary.  [default: the packaged one]",
+)
+@click.option(
+    "--base",
+    metavar="ADDRESS",
+    callback=checked(address),
+    help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]",
+)
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
-@click.option("--baud", metavar="N", type=click.IntRange(min=1),
-              help="Baud rate at the far end of the board's UART.  [default: the rig's]")
-@click.option("--uart", "uarts", metavar="N[=WHERE]", multiple=True,
-              help="Serve UART1 to UART5 too: 3 on a pseudo-terminal, 3=PATH with a symbolic link to it, "
-              "3=tcp:PORT on a TCP port. May be given several times.")
-@click.option("--flash-file", metavar="FILE", callback=checked(file_name),
-              help="Keep the flash in FILE from run to run, but for the sectors that the firmware is loaded into.")
-@click.option("--no-wait", is_flag=True,
-              help="Start the board at once.  [default: it stays in reset until a program opens one of its ports]")
-@click.option("--until", metavar="S", type=NumberRange(min=0.0, min_open=True), default=math.inf,
-              help="End at this virtual time.  [default: never]")
-@click.option("--replay", metavar="FILE", type=click.Path(path_type=Path),
-              help="Serve the line of a recorded run in place of a board: see docs/replay.md.")
+@click.option(
+    "--baud",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Baud rate at the far end of the board's UART.  [default: the rig's]",
+)
+@click.option(
+    "--uart",
+    "uarts",
+    metavar="N[=WHERE]",
+    multiple=True,
+    help="Serve UART1 to UART5 too: 3 on a pseudo-terminal, 3=PATH with a symbolic link to it, "
+    "3=tcp:PORT on a TCP port. May be given several times.",
+)
+@click.option(
+    "--flash-file",
+    metavar="FILE",
+    callback=checked(file_name),
+    help="Keep the flash in FILE from run to run, but for the sectors that the firmware is loaded into.",
+)
+@click.option(
+    "--no-wait",
+    is_flag=True,
+    help="Start the board at once.  [default: it stays in reset until a program opens one of its ports]",
+)
+@click.option(
+    "--until",
+    metavar="S",
+    type=NumberRange(min=0.0, min_open=True),
+    default=math.inf,
+    help="End at this virtual time.  [default: never]",
+)
+@click.option(
+    "--replay",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Serve the line of a recorded run in place of a board: see docs/replay.md.",
+)
 @json_option("hiltest.serve/1, in one line when the ports are open")
-@click.option("--gdb", type=_PORTS, metavar="PORT",
-              help="Let GDB debug the firmware on this TCP port; 0 takes any free one. See docs/debug.md.")
+@click.option(
+    "--gdb",
+    type=_PORTS,
+    metavar="PORT",
+    help="Let GDB debug the firmware on this TCP port; 0 takes any free one. See docs/debug.md.",
+)
 def serve(
-    pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, uarts: tuple[str, ...],
-    no_wait: bool, until: float, gdb: int | None, replay: Path | None, as_json: bool, **described: Any,
+    pty: bool,
+    tcp: int | None,
+    turntable_tcp: int | None,
+    host: str,
+    link: str | None,
+    uarts: tuple[str, ...],
+    no_wait: bool,
+    until: float,
+    gdb: int | None,
+    replay: Path | None,
+    as_json: bool,
+    **described: Any,
 ) -> int:
     """Put the virtual board and its turntable on real ports.
 
@@ -121,11 +182,20 @@ def serve(
             urls_of_uarts = {port.name: url for port, _, url in further}
             gdb_at = None if debugger is None else f"{host}:{debugger.port}"
             if as_json:
-                click.echo(json.dumps({
-                    "schema": "hiltest.serve/1", "board": urls[0], "turntable": urls[1], "uarts": urls_of_uarts,
-                    "gdb": gdb_at,
-                    "firmware": bench.firmware.name, "rig": bench.rig.name, "cycle_model": model,
-                }))  # fmt: skip
+                click.echo(
+                    json.dumps(
+                        {
+                            "schema": "hiltest.serve/1",
+                            "board": urls[0],
+                            "turntable": urls[1],
+                            "uarts": urls_of_uarts,
+                            "gdb": gdb_at,
+                            "firmware": bench.firmware.name,
+                            "rig": bench.rig.name,
+                            "cycle_model": model,
+                        }
+                    )
+                )
             else:
                 urls_by_name = {"board": urls[0], "turntable": urls[1], **urls_of_uarts, "gdb": gdb_at}
                 click.echo("\n".join(f"{name}: {url}" for name, url in urls_by_name.items() if url))
@@ -146,9 +216,7 @@ def serve(
     return 0
 
 
-def _serve_recording(
-    file: Path, tcp: int | None, host: str, link: str | None, until_s: float, *, as_json: bool
-) -> int:
+def _serve_recording(file: Path, tcp: int | None, host: str, link: str | None, until_s: float, *, as_json: bool) -> int:
     """Serve a recorded line to each program from its beginning, until it has ended."""
     from hiltest.boards.lines import PseudoTerminal, TcpLine, port_link
     from hiltest.boards.served_recording import ServedRecording, serve_recorded
@@ -163,10 +231,20 @@ def _serve_recording(
             stack.enter_context(port_link(Path(link), line.url))
         url = link or line.url
         if as_json:
-            click.echo(json.dumps({
-                "schema": "hiltest.serve/1", "board": url, "turntable": None, "uarts": {}, "gdb": None,
-                "firmware": file.name, "rig": recorded.rig_file, "cycle_model": "recorded",
-            }))  # fmt: skip
+            click.echo(
+                json.dumps(
+                    {
+                        "schema": "hiltest.serve/1",
+                        "board": url,
+                        "turntable": None,
+                        "uarts": {},
+                        "gdb": None,
+                        "firmware": file.name,
+                        "rig": recorded.rig_file,
+                        "cycle_model": "recorded",
+                    }
+                )
+            )
         else:
             click.echo(f"board: {url}")
         _tell(f"serving the line of {file}, recorded {recorded.recorded_utc}; Ctrl-C ends it")
@@ -187,9 +265,13 @@ def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:
 
 
 def _bench(
-    rig: str | None, firmware: str | None, base: str | None, seed: str | None, baud: int | None,
+    rig: str | None,
+    firmware: str | None,
+    base: str | None,
+    seed: str | None,
+    baud: int | None,
     flash_file: str | None,
-) -> VirtualBench:  # fmt: skip
+) -> VirtualBench:
     from hiltest.boards.bench import VirtualBench
     from hiltest.rig.file import load_rig
 
@@ -200,9 +282,12 @@ def _bench(
             "Choose a rig of a virtual board with --rig"
         )
     bench = VirtualBench(
-        described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None,
-        base=None if base is None else address(base), flash_file=Path(flash_file) if flash_file else None,
-    )  # fmt: skip
+        described,
+        firmware=Path(firmware) if firmware else None,
+        seed=int(seed) if seed else None,
+        base=None if base is None else address(base),
+        flash_file=Path(flash_file) if flash_file else None,
+    )
     bench.machine.tell(_tell)
     for uart in bench.machine.uarts:
         uart.line_baud = baud or described.link.baud

@@ -32,9 +32,13 @@ _FEWEST_POINTS = 10  # one more than the unknowns: a quadric passes exactly thro
 
 
 def _plan_choice(
-    plan: Plan, points: int | None, rig: str | None, noise_ut: float | None, coverage_percent: float,
+    plan: Plan,
+    points: int | None,
+    rig: str | None,
+    noise_ut: float | None,
+    coverage_percent: float,
     cycles: int | None,
-) -> Plan:  # fmt: skip
+) -> Plan:
     """Return a plan with the conditions of the options or, for options that are not set, of the rig."""
     from hiltest.rig.file import load_rig
     from hiltest.studies.study import Conditions
@@ -52,26 +56,69 @@ def _is_given(option: str) -> bool:
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.study/1")
 @click.argument("name", type=click.Choice(NAMES))
-@click.option("--instances", metavar="N", type=click.IntRange(1, 1_000_000_000),
-              help="Instances of each condition, such as a noise level.  [default: as in the paper]")
-@click.option("--points", metavar="N", type=click.IntRange(_FEWEST_POINTS, 100_000),
-              help="Points of each instance.  [default: the study's]")
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="choose: rig with field, noise and points: a file, or a name in hil/rigs.  [default: virtual-k64f]")
-@click.option("--noise", "noise_ut", metavar="UT", type=click.FloatRange(1e-3, 50.0),
-              help="choose: standard deviation of a point on each axis.  [default: the rig's]")
-@click.option("--coverage", "coverage_percent", metavar="PERCENT", type=click.FloatRange(10.0, 100.0),
-              default=50.0, show_default=True, help="choose: least share of the sphere that the points cover.")
+@click.option(
+    "--instances",
+    metavar="N",
+    type=click.IntRange(1, 1_000_000_000),
+    help="Instances of each condition, such as a noise level.  [default: as in the paper]",
+)
+@click.option(
+    "--points",
+    metavar="N",
+    type=click.IntRange(_FEWEST_POINTS, 100_000),
+    help="Points of each instance.  [default: the study's]",
+)
+@click.option(
+    "--rig",
+    metavar="R",
+    callback=checked(file_name),
+    help="choose: rig with field, noise and points: a file, or a name in hil/rigs.  [default: virtual-k64f]",
+)
+@click.option(
+    "--noise",
+    "noise_ut",
+    metavar="UT",
+    type=click.FloatRange(1e-3, 50.0),
+    help="choose: standard deviation of a point on each axis.  [default: the rig's]",
+)
+@click.option(
+    "--coverage",
+    "coverage_percent",
+    metavar="PERCENT",
+    type=click.FloatRange(10.0, 100.0),
+    default=50.0,
+    show_default=True,
+    help="choose: least share of the sphere that the points cover.",
+)
 @click.option("--cycles", metavar="N", type=click.IntRange(1), help="choose: most cycles of a calibration.")
-@click.option("--seed", "seed_text", metavar="S", default="1", show_default=True, callback=checked(seed),
-              help="Seed: the same gives the same numbers, whatever the jobs.")
+@click.option(
+    "--seed",
+    "seed_text",
+    metavar="S",
+    default="1",
+    show_default=True,
+    callback=checked(seed),
+    help="Seed: the same gives the same numbers, whatever the jobs.",
+)
 @jobs_option()
-@click.option("--out", metavar="DIR", callback=checked(file_name),
-              help=f"Folder for run.json and study.html.  [default: {DEFAULT_OUT}/study-NAME]")
+@click.option(
+    "--out",
+    metavar="DIR",
+    callback=checked(file_name),
+    help=f"Folder for run.json and study.html.  [default: {DEFAULT_OUT}/study-NAME]",
+)
 def study(
-    name: str, instances: int | None, points: int | None, rig: str | None, noise_ut: float | None,
-    coverage_percent: float, cycles: int | None, seed_text: str, jobs: int | str | None, out: str | None,
-) -> tuple[int, dict[str, Any]]:  # fmt: skip
+    name: str,
+    instances: int | None,
+    points: int | None,
+    rig: str | None,
+    noise_ut: float | None,
+    coverage_percent: float,
+    cycles: int | None,
+    seed_text: str,
+    jobs: int | str | None,
+    out: str | None,
+) -> tuple[int, dict[str, Any]]:
     """Run an experiment of a paper again, and compare.
 
     \b
@@ -107,8 +154,9 @@ def study(
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))
     with asked_to_end() as came:
         try:
-            run = run_study(plan, folder, jobs=jobs or os.cpu_count() or 1, progress=progress,
-                            asked_to_end=lambda: bool(came))  # fmt: skip
+            run = run_study(
+                plan, folder, jobs=jobs or os.cpu_count() or 1, progress=progress, asked_to_end=lambda: bool(came)
+            )
         except KeyboardInterrupt:
             progress.clear()
             click.echo(f"what is done is kept in {folder}: the same command goes on from there", err=True)

@@ -51,8 +51,12 @@ def timing() -> None:
 
 
 @timing.command(epilog=_EXIT_CODES)
-@click.option("--profile", "named", metavar="NAME|FILE",
-              help="Timing profile, or a file of your own (.toml).  [default: cortex-m4-trm/2]")
+@click.option(
+    "--profile",
+    "named",
+    metavar="NAME|FILE",
+    help="Timing profile, or a file of your own (.toml).  [default: cortex-m4-trm/2]",
+)
 @json_option("hiltest.timing/1")
 def show(named: str | None, as_json: bool) -> int:
     """Print a timing profile: cycles, range and source of each row."""
@@ -72,13 +76,25 @@ def show(named: str | None, as_json: bool) -> int:
 
 @timing.command(epilog=_MEASURE_EXIT_CODES)
 @documented("hiltest.timing-measure/1")
-@click.option("--hil-port", metavar="URL", callback=checked(file_name),
-              help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's virtual board]")
-@click.option("--rig", metavar="R", callback=checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
-@click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
-              help="Profile to write; one of this board is replaced.  "
-                   "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]")
+@click.option(
+    "--hil-port",
+    metavar="URL",
+    callback=checked(file_name),
+    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's virtual board]",
+)
+@click.option(
+    "--rig",
+    metavar="R",
+    callback=checked(file_name),
+    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
+)
+@click.option(
+    "--out",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Profile to write; one of this board is replaced.  "
+    "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]",
+)
 def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
     """Time instructions on a board and write its timing profile.
 
@@ -132,8 +148,10 @@ def check(file: Path) -> tuple[int, dict[str, Any]]:
     for remark in result.remarks:
         click.echo(f"{file}: remark: {remark}")
     if not result.objections and result.board:
-        click.echo(f"{file}: {result.board.name} {result.board.revision}, signed off by {result.board.signed_off_by}: "
-                   "complete, and its rows are those of its clocks")  # fmt: skip
+        click.echo(
+            f"{file}: {result.board.name} {result.board.revision}, signed off by {result.board.signed_off_by}: "
+            "complete, and its rows are those of its clocks"
+        )
     document = {"file": str(file), "name": result.name, "objections": result.objections, "remarks": result.remarks}
     return int(bool(result.objections)), document
 
@@ -144,9 +162,13 @@ def _measured_on(board: Board, by_hand: dict[str, str]) -> MeasuredOn:
 
     identity = board.identity
     return MeasuredOn(
-        **({"name": "", "revision": "", "signed_off_by": ""} | by_hand), unique_id=identity.unique_id.hex(),
-        core_clock_hz=identity.core_clock_hz, firmware=f"{identity.name} {identity.version}",
-        build_id=identity.build_id, compiler=identity.compiler, date=date.today().isoformat(),
+        **({"name": "", "revision": "", "signed_off_by": ""} | by_hand),
+        unique_id=identity.unique_id.hex(),
+        core_clock_hz=identity.core_clock_hz,
+        firmware=f"{identity.name} {identity.version}",
+        build_id=identity.build_id,
+        compiler=identity.compiler,
+        date=date.today().isoformat(),
     )
 
 

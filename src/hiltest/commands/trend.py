@@ -25,8 +25,12 @@ _NAMED_AT_MOST = 20
 
 @click.command(epilog=_EXIT_CODES)
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@click.option("--html", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
-              help="Page with a plot of each measurement.  [default: trend.html in DIR; with --json none]")
+@click.option(
+    "--html",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Page with a plot of each measurement.  [default: trend.html in DIR; with --json none]",
+)
 @click.option("--all", "every", is_flag=True, help="Also show measurements without a limit or a change point.")
 @json_option("hiltest.trend/1")
 def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:

@@ -38,27 +38,65 @@ Exit codes:
 # Unknown options are allowed, since a negative number is an argument of the function.
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
 @documented("hiltest.worst/1")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Any program for a Cortex-M4.  [default: the packaged firmware]")
-@click.option("--seconds", metavar="S", type=NumberRange(0.1, 1e6),
-              help=f"How long to search.  [default: {_SECONDS:g}]")
-@click.option("--calls", metavar="N", type=click.IntRange(1, 1_000_000_000),
-              help="How many calls to search: the same seed then finds the same.")
-@click.option("--seed", "seed_text", metavar="S", default="1", show_default=True, callback=checked(seed),
-              help="Seed of the search.")
-@click.option("--points", metavar="N", type=click.IntRange(_FEWEST_POINTS, _MOST_POINTS), default=100,
-              show_default=True, help="Most points that a calibrator gets.")
+@click.option(
+    "--firmware",
+    metavar="ELF",
+    callback=checked(file_name),
+    help="Any program for a Cortex-M4.  [default: the packaged firmware]",
+)
+@click.option(
+    "--seconds", metavar="S", type=NumberRange(0.1, 1e6), help=f"How long to search.  [default: {_SECONDS:g}]"
+)
+@click.option(
+    "--calls",
+    metavar="N",
+    type=click.IntRange(1, 1_000_000_000),
+    help="How many calls to search: the same seed then finds the same.",
+)
+@click.option(
+    "--seed",
+    "seed_text",
+    metavar="S",
+    default="1",
+    show_default=True,
+    callback=checked(seed),
+    help="Seed of the search.",
+)
+@click.option(
+    "--points",
+    metavar="N",
+    type=click.IntRange(_FEWEST_POINTS, _MOST_POINTS),
+    default=100,
+    show_default=True,
+    help="Most points that a calibrator gets.",
+)
 @click.option("--returns", metavar="LOW..HIGH", help="What a function returns that has succeeded.  [default: anything]")
-@click.option("--out", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
-              help=f"File to keep the input in.  [default: {DEFAULT_OUT}/worst-FUNCTION.json]")
-@click.option("--replay", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
-              help="Call a function again as it was kept, and compare.")
+@click.option(
+    "--out",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help=f"File to keep the input in.  [default: {DEFAULT_OUT}/worst-FUNCTION.json]",
+)
+@click.option(
+    "--replay",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Call a function again as it was kept, and compare.",
+)
 @click.argument("function", required=False)
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def worst(
-    function: str | None, arguments: tuple[str, ...], firmware: str | None, seconds: float | None, calls: int | None,
-    seed_text: str, points: int, returns: str | None, out: Path | None, replay: Path | None,
-) -> tuple[int, dict[str, Any]]:  # fmt: skip
+    function: str | None,
+    arguments: tuple[str, ...],
+    firmware: str | None,
+    seconds: float | None,
+    calls: int | None,
+    seed_text: str,
+    points: int,
+    returns: str | None,
+    out: Path | None,
+    replay: Path | None,
+) -> tuple[int, dict[str, Any]]:
     """Search for the input with the most cycles of a function.
 
     FUNCTION is a calibrator of the firmware, which gets sets of points, or any function, which gets ARGUMENTS.
@@ -149,8 +187,14 @@ def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
     if not call.counts:
         now += f"; refused, with {call.returned}"
     is_same_build = digest(elf) == case.elf_sha256
-    document = {"call": case.said, "cycles": call.cycles, "cycle_model": cycle_model, "file": str(file),
-            "kept_cycles": case.cycles, "same_build": is_same_build}  # fmt: skip
+    document = {
+        "call": case.said,
+        "cycles": call.cycles,
+        "cycle_model": cycle_model,
+        "file": str(file),
+        "kept_cycles": case.cycles,
+        "same_build": is_same_build,
+    }
     if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
         click.echo(f"{now}, as it was kept{'' if is_same_build else f', on another build than {case.elf}'}")
         return 0, document

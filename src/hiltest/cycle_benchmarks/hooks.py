@@ -247,6 +247,8 @@ def _firmware(board: BoardRecord | None) -> dict[str, Any]:
     if board is None:
         return {}
     return {
-        "firmware": f"{board.firmware} {board.version}".strip(), "build_id": board.build_id,
-        "compiler": board.compiler, "firmware_sha256": board.firmware_sha256,
+        "firmware": f"{board.firmware} {board.version}".strip(),
+        "build_id": board.build_id,
+        "compiler": board.compiler,
+        "firmware_sha256": board.firmware_sha256,
     }

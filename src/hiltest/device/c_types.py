@@ -161,8 +161,11 @@ def _read_number(entry: Any, text: str) -> CType:
 
 
 def _read_enumeration(entry: Any, text: str) -> CType:
-    values = {child.attributes["DW_AT_const_value"].value: name_of(child)
-              for child in children(entry) if child.tag == "DW_TAG_enumerator"}  # fmt: skip
+    values = {
+        child.attributes["DW_AT_const_value"].value: name_of(child)
+        for child in children(entry)
+        if child.tag == "DW_TAG_enumerator"
+    }
     underlying = strip_qualifiers(next_type(entry))
     signed = min(values, default=0) < 0
     if underlying is not None and underlying.tag == "DW_TAG_base_type":

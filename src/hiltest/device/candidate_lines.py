@@ -26,7 +26,8 @@ _PRINTED, _SEVERAL, _DIGIT = r"[-+]?[0-9]+(?:\.[0-9]*)?", r"\S+", "[01]"
 def line_candidates(image: FirmwareImage) -> list[Candidate]:
     """Return candidates for values in the printed lines, from the texts of an image."""
     return [
-        candidate for text in _texts(image)
+        candidate
+        for text in _texts(image)
         for candidate in (_format_candidates(text) if "%" in text else _label_candidates(text))
     ]
 

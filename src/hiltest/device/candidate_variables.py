@@ -43,8 +43,9 @@ def _collect_candidates(image: FirmwareImage, candidates: list[Candidate]) -> st
         return f"its debug information has {section.size >> 20} MiB: only the names of its symbols were looked at"
     places = [
         (path, read_type(variable.type_entry), 0)
-        for path, variable in VariableIndex(dwarf, image.objects).listed() if variable.address in _RAM
-    ]  # fmt: skip
+        for path, variable in VariableIndex(dwarf, image.objects).listed()
+        if variable.address in _RAM
+    ]
     count = 0
     while places and count < _MOST_PLACES:
         path, kind, depth = places.pop()
@@ -53,8 +54,9 @@ def _collect_candidates(image: FirmwareImage, candidates: list[Candidate]) -> st
         if isinstance(kind, RecordType) and kind.size is not None and depth < _DEEPEST:
             places += [
                 (f"{path}.{member.name}" if member.name else path, read_type(member.type_entry), depth + 1)
-                for member in kind.members if _NAME.fullmatch(member.name)
-            ]  # fmt: skip
+                for member in kind.members
+                if _NAME.fullmatch(member.name)
+            ]
     return f"it has more than {_MOST_PLACES} variables and members: the others were not looked at" if places else ""
 
 

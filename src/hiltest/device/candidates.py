@@ -39,7 +39,7 @@ _MEANINGS = {
 _OTHER = re.compile(
     r"\b(?:target|desired|set ?point|ref|reference|goal|old|prev|previous|init|initial|rate|delta|count|index|size|max"
     r"|min|limit|threshold|gain|scale|buffer|buf|time|cov\w*|var|noise|declination|isr|flag|packet)\b"
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,12 +43,26 @@ class FsflkInterface:
         The firmware's buffer of uncalibrated samples by cell [counts of 0.1 uT], as far as it was sent.
     """
 
-    offers = frozenset({
-        Quantity.HEADING, Quantity.PITCH, Quantity.ROLL, Quantity.QUATERNION, Quantity.ACCELEROMETER_CALIBRATED,
-        Quantity.MAGNETOMETER_CALIBRATED, Quantity.GYROSCOPE, Quantity.GYROSCOPE_CALIBRATED, Quantity.HARD_IRON,
-        Quantity.INVERSE_SOFT_IRON, Quantity.FIELD_STRENGTH, Quantity.DIP, Quantity.FIT_ERROR, Quantity.GYROSCOPE_BIAS,
-        Quantity.CALIBRATED, Quantity.TEMPERATURE,
-    })  # fmt: skip
+    offers = frozenset(
+        {
+            Quantity.HEADING,
+            Quantity.PITCH,
+            Quantity.ROLL,
+            Quantity.QUATERNION,
+            Quantity.ACCELEROMETER_CALIBRATED,
+            Quantity.MAGNETOMETER_CALIBRATED,
+            Quantity.GYROSCOPE,
+            Quantity.GYROSCOPE_CALIBRATED,
+            Quantity.HARD_IRON,
+            Quantity.INVERSE_SOFT_IRON,
+            Quantity.FIELD_STRENGTH,
+            Quantity.DIP,
+            Quantity.FIT_ERROR,
+            Quantity.GYROSCOPE_BIAS,
+            Quantity.CALIBRATED,
+            Quantity.TEMPERATURE,
+        }
+    )
 
     def __init__(self, release: Release, algorithm: str = "") -> None:
         self._decoder = PacketDecoder(release)
@@ -59,8 +73,11 @@ class FsflkInterface:
 
     def commands(self, moment: Moment) -> bytes:
         """Return the algorithm's command at the start, and nothing later."""
-        return self._algorithm.ljust(_COMMAND_LENGTH).encode("ascii") if moment is Moment.START and self._algorithm \
+        return (
+            self._algorithm.ljust(_COMMAND_LENGTH).encode("ascii")
+            if moment is Moment.START and self._algorithm
             else b""
+        )
 
     def feed(self, data: bytes, time_s: float) -> Sequence[Observation]:
         """Decode bytes; return one observation per packet."""
@@ -73,7 +90,8 @@ class FsflkInterface:
         values: dict[Quantity, Sequence[float]] = {}
         if isinstance(packet, AnglesPacket):
             values = {
-                Quantity.HEADING: [packet.compass_deg], Quantity.PITCH: [packet.pitch_deg],
+                Quantity.HEADING: [packet.compass_deg],
+                Quantity.PITCH: [packet.pitch_deg],
                 Quantity.ROLL: [packet.roll_deg],
             }
         elif isinstance(packet, MainPacket):
@@ -81,7 +99,8 @@ class FsflkInterface:
             # The firmware sends zeros for a sensor that the algorithm does not use.
             for quantity, vector in (
                 (Quantity.ACCELEROMETER_CALIBRATED, packet.acceleration_g),
-                (Quantity.MAGNETOMETER_CALIBRATED, packet.field_ut), (Quantity.GYROSCOPE, packet.rate_dps),
+                (Quantity.MAGNETOMETER_CALIBRATED, packet.field_ut),
+                (Quantity.GYROSCOPE, packet.rate_dps),
             ):
                 if any(vector):
                     values[quantity] = vector

@@ -43,8 +43,10 @@ def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
             return False
     called = client.registers()
     if called.lr >= _EXCEPTION_RETURN:
-        raise ConfigError(f"the function at 0x{entry:08x} is an exception handler, which returns to no address; name a "
-                          "function that it calls")  # fmt: skip
+        raise ConfigError(
+            f"the function at 0x{entry:08x} is an exception handler, which returns to no address; name a "
+            "function that it calls"
+        )
     back, end_s = called.lr & ~1, client.now() + within_s
     for _ in range(_MOST_OTHER_HALTS):
         with _breakpoint(client, back):
@@ -77,6 +79,7 @@ def _run_to(client: GdbClient, address: int, within_s: float) -> bool:
         if client.registers().pc & ~1 == address:
             return True
     raise DebugServerError(
-        client.name, f"the processor halts at 0x{client.registers().pc:08x} again and again, where hiltest has set no "
-        "breakpoint; clear those of other debuggers, and see whether the firmware faults"
-    )  # fmt: skip
+        client.name,
+        f"the processor halts at 0x{client.registers().pc:08x} again and again, where hiltest has set no "
+        "breakpoint; clear those of other debuggers, and see whether the firmware faults",
+    )

@@ -125,8 +125,10 @@ class GdbClient:
         while True:
             answer = self._next(deadline_s)
             if answer is None:
-                raise self._error(f"does not answer {_display_text(content)} within {self._answer_s:g} s; is its probe "
-                                  "connected and the board powered?")  # fmt: skip
+                raise self._error(
+                    f"does not answer {_display_text(content)} within {self._answer_s:g} s; is its probe "
+                    "connected and the board powered?"
+                )
             if answer == AGAIN and again < _TRIES:
                 again += 1
                 self._wire.send(packet(content))
@@ -238,8 +240,10 @@ class GdbClient:
             self._hardware = False
             answer = self.ask(b"Z0,%x,2" % (address & ~1))
         if answer != b"OK":
-            raise self._error(f"sets no breakpoint at 0x{address & ~1:08x} ({_display_text(answer)}); free one of the "
-                              "processor's, which other debuggers may hold")  # fmt: skip
+            raise self._error(
+                f"sets no breakpoint at 0x{address & ~1:08x} ({_display_text(answer)}); free one of the "
+                "processor's, which other debuggers may hold"
+            )
 
     def clear_breakpoint(self, address: int) -> None:
         """Clear a breakpoint."""

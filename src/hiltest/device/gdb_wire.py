@@ -63,9 +63,10 @@ class TcpWire:
         except OSError as error:
             self._lock.release()
             raise DebugServerError(
-                self.name, f"cannot be reached ({error.strerror or error}); start OpenOCD, pyOCD (pyocd gdbserver), a "
-                "J-Link GDB server, or hiltest serve --gdb, and name its port under [device.memory] server"
-            ) from error  # fmt: skip
+                self.name,
+                f"cannot be reached ({error.strerror or error}); start OpenOCD, pyOCD (pyocd gdbserver), a "
+                "J-Link GDB server, or hiltest serve --gdb, and name its port under [device.memory] server",
+            ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def now(self) -> float:

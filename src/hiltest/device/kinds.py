@@ -88,8 +88,10 @@ def sources_of(rig: Rig, interfaces: Mapping[str, Interface]) -> dict[Quantity, 
         except KeyError:
             raise ConfigError(f"{where}: {nearest_hint(key, [quantity.key for quantity in Quantity])}") from None
         if quantity not in interfaces[kind].offers:
-            raise ConfigError(f"{where}: {kind} does not offer it; it offers "
-                              f"{', '.join(sorted(offer.key for offer in interfaces[kind].offers))}")
+            raise ConfigError(
+                f"{where}: {kind} does not offer it; it offers "
+                f"{', '.join(sorted(offer.key for offer in interfaces[kind].offers))}"
+            )
         sources[quantity] = kind
     return sources
 

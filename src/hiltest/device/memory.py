@@ -132,9 +132,13 @@ class MemoryInterface:
     """
 
     def __init__(
-        self, client: GdbClient, readings: Mapping[Quantity, Reading], *, at_return_of: int | None = None,
+        self,
+        client: GdbClient,
+        readings: Mapping[Quantity, Reading],
+        *,
+        at_return_of: int | None = None,
         call_within_s: float = _CALL_WITHIN_S,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.offers = frozenset(readings)
         self.reads = self.not_called = 0
         self.moving: dict[Quantity, int] = {}
@@ -177,8 +181,10 @@ class MemoryInterface:
             for quantity, count in self.moving.items()
         ]
         if self.not_called:
-            remarks.append(f"in {self.not_called} of {self.reads} readings the function of at_return_of was not called "
-                        f"within {self._call_within_s:g} s: what it writes was read without it")  # fmt: skip
+            remarks.append(
+                f"in {self.not_called} of {self.reads} readings the function of at_return_of was not called "
+                f"within {self._call_within_s:g} s: what it writes was read without it"
+            )
         return (*remarks, *(f"{quantity.key} has no value: {reason}" for quantity, reason in self.absent.items()))
 
     def close(self) -> None:

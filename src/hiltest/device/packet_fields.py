@@ -146,8 +146,12 @@ def layout(kind: type[Packet]) -> struct.Struct:
 @per_kind
 def scaled(kind: type[Packet]) -> dict[str, _Scaled]:
     """Return the attributes in units of a kind of packet."""
-    return {name: value for base in reversed(kind.__mro__) for name, value in vars(base).items()
-            if isinstance(value, _Scaled)}  # fmt: skip
+    return {
+        name: value
+        for base in reversed(kind.__mro__)
+        for name, value in vars(base).items()
+        if isinstance(value, _Scaled)
+    }
 
 
 @per_kind

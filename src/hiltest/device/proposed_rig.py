@@ -29,7 +29,7 @@ _WORK = re.compile(
 _NO_WORK = re.compile(
     r"\b(?:init\w*|save|load|get|set|erase|print|reset|clear|read|write|send|to|from|adc\d*|clock|irc|osc|handler|irq"
     r"|start|stop|test|config\w*|is|free|acc\w*|gyro\w*|auto)\b"
-)  # fmt: skip
+)
 _MOST_SHOWN = 6  # candidates of a quantity, which fit on a screen
 _MOST_COUNTED = 8
 _NOTE_COLUMN, _LONGEST_NOTE = 50, 120
@@ -60,9 +60,10 @@ _NO_DEVICE = """# Nothing in the ELF is surely a heading. Without a table [devic
 # [device]
 # kind = "text\""""
 _WORDS = {
-    Kind.FSFLK: "packets of NXP's Sensor Fusion", Kind.TEXT: "lines that it prints",
+    Kind.FSFLK: "packets of NXP's Sensor Fusion",
+    Kind.TEXT: "lines that it prints",
     Kind.MEMORY: "variables, by their names",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +115,14 @@ def look_at(image: FirmwareImage) -> Proposals:
             quantity: [_with_own_unit(candidate) for candidate in several] for quantity, several in by_variable.items()
         }
     return Proposals(
-        len(names & _OURS) > 1, tuple(kind for kind, may_be in kinds.items() if may_be),
-        ("7" if "sfg" in image.symbols else "5.00") if is_nxp else "", by_line, by_variable, _functions(image), remark,
-    )  # fmt: skip
+        len(names & _OURS) > 1,
+        tuple(kind for kind, may_be in kinds.items() if may_be),
+        ("7" if "sfg" in image.symbols else "5.00") if is_nxp else "",
+        by_line,
+        by_variable,
+        _functions(image),
+        remark,
+    )
 
 
 def _with_own_unit(candidate: Candidate) -> Candidate:
@@ -127,7 +133,8 @@ def _with_own_unit(candidate: Candidate) -> Candidate:
 def _functions(image: FirmwareImage) -> tuple[str, ...]:
     largest_first = sorted(image.functions, key=lambda function: -function.size)
     names = [
-        function.name for function in largest_first
+        function.name
+        for function in largest_first
         if function.size and re.fullmatch(r"[A-Za-z_]\w*", function.name, re.ASCII)
     ]
     words = {name: " ".join(words_of(name)) for name in names}
@@ -147,7 +154,7 @@ def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
 
 def rig_text(
     proposals: Proposals, kind: Kind | None, base: str, *, name: str, firmware: str, choose: Choose | None
-) -> str:  # fmt: skip
+) -> str:
     """Return the text of a rig.
 
     Parameters
@@ -190,8 +197,9 @@ def _device(proposals: Proposals, kind: Kind | None, choose: Choose | None) -> l
         used = _NO_DEVICE
     others = [
         f'# {_WORDS[other].capitalize()}; with kind = "{other}", or in a list of kinds:\n{_comment_out(table.text)}'
-        for other, table in tables.items() if table.text
-    ]  # fmt: skip
+        for other, table in tables.items()
+        if table.text
+    ]
     return [used, *others]
 
 

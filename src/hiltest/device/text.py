@@ -64,9 +64,15 @@ class TextInterface:
     """
 
     def __init__(
-        self, form: Form, sources: Sequence[ValueSource], *, patterns: Sequence[Pattern] = (),
-        ready: Pattern | None = None, error: Pattern | None = None, commands: Mapping[Moment, bytes] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        form: Form,
+        sources: Sequence[ValueSource],
+        *,
+        patterns: Sequence[Pattern] = (),
+        ready: Pattern | None = None,
+        error: Pattern | None = None,
+        commands: Mapping[Moment, bytes] | None = None,
+    ) -> None:
         self.offers = frozenset({source.quantity for source in sources} | ({Quantity.CALIBRATED} if ready else set()))
         self.not_understood = 0
         self._patterns = [*patterns, *(pattern for pattern in (ready, error) if pattern is not None)]

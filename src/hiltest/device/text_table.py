@@ -93,8 +93,11 @@ def _refuse_unknown_groups(pattern: Pattern, sources: Sequence[ValueSource]) -> 
     names = [name for quantity in Quantity for name in (quantity.key, *component_names(quantity))]
     require(bool(pattern.groups), "patterns", f"'{pattern.text}' has no named group, such as (?P<heading>[-0-9.]+)")
     for unknown in sorted(pattern.groups - used):
-        raise RigValueError("patterns", f"'{pattern.text}' has the group {unknown!r}, which is no quantity; "
-                                        f"{nearest_hint(unknown, [*used, *names])}")
+        raise RigValueError(
+            "patterns",
+            f"'{pattern.text}' has the group {unknown!r}, which is no quantity; "
+            f"{nearest_hint(unknown, [*used, *names])}",
+        )
 
 
 def _pattern(text: str, key: str) -> Pattern:

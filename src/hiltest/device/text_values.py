@@ -19,8 +19,12 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 # and rates.
 _LARGEST = {"deg": 720.0, "uT": 1e5, "g": 1e3, "dps": 1e5, "degC": 1e3, "%": 1e5, "": 1e6}
 _WORDS = {**dict.fromkeys(("true", "yes", "on"), 1.0), **dict.fromkeys(("false", "no", "off"), 0.0)}
-_AXES = {1: ("",), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z"),
-         9: tuple(f"_{row}{column}" for row in "xyz" for column in "xyz")}  # fmt: skip
+_AXES = {
+    1: ("",),
+    3: ("_x", "_y", "_z"),
+    4: ("_w", "_x", "_y", "_z"),
+    9: tuple(f"_{row}{column}" for row in "xyz" for column in "xyz"),
+}
 
 
 def component_names(quantity: Quantity) -> tuple[str, ...]:

@@ -50,9 +50,11 @@ class Trial:
     """
 
     def __init__(
-        self, interfaces: Mapping[str, StreamInterface], memory: MemoryInterface | None = None,
+        self,
+        interfaces: Mapping[str, StreamInterface],
+        memory: MemoryInterface | None = None,
         paths: Mapping[str, Sequence[str]] = MappingProxyType({}),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._interfaces, self._memory, self._paths = interfaces, memory, paths
         self.understood = 0
         self._reasons: Counter[str] = Counter()
@@ -111,11 +113,17 @@ class Trial:
             f"in {seconds:.1f} s",
             *(rows if self.values else []),
             *([f"not seen: {', '.join(unseen)}"] if unseen else []),
-            *(f"not understood, {format_count(count, 'time')}: {reason}"
-              for reason, count in self._reasons.most_common(_MOST_REASONS)),
-            *(remark for interface in (*self._interfaces.values(), self._memory)
-              if isinstance(interface, TextInterface | MemoryInterface) for remark in interface.remarks()),
-        ]  # fmt: skip
+            *(
+                f"not understood, {format_count(count, 'time')}: {reason}"
+                for reason, count in self._reasons.most_common(_MOST_REASONS)
+            ),
+            *(
+                remark
+                for interface in (*self._interfaces.values(), self._memory)
+                if isinstance(interface, TextInterface | MemoryInterface)
+                for remark in interface.remarks()
+            ),
+        ]
 
     def _is_offered(self, quantity: Quantity) -> bool:
         is_said = any(quantity in interface.offers for interface in self._interfaces.values())

@@ -121,9 +121,10 @@ class VariableIndex:
         entries = self._by_name.get(full, [])
         if path.scope and not entries:
             return [
-                (entry, file) for function, entry, file in self._statics
+                (entry, file)
+                for function, entry, file in self._statics
                 if function == path.scope and name_of(entry) == path.name
-            ]  # fmt: skip
+            ]
         return entries
 
     @cached_property
@@ -132,11 +133,13 @@ class VariableIndex:
         return [
             (name_of(function), entry, _source_file(entry))
             for top in self._units
-            for _, function in _scoped_entries(top) if function.tag == "DW_TAG_subprogram"
+            for _, function in _scoped_entries(top)
+            if function.tag == "DW_TAG_subprogram"
             for entry in _nested_entries(function)
-            if entry.tag == "DW_TAG_variable" and "DW_AT_location" in entry.attributes
+            if entry.tag == "DW_TAG_variable"
+            and "DW_AT_location" in entry.attributes
             and _operations(entry)[:1] in ([_ADDRESS], [])
-        ]  # fmt: skip
+        ]
 
     def listed(self) -> Iterator[tuple[str, FoundVariable]]:
         """Yield every variable in memory, with its path."""

@@ -266,8 +266,11 @@ def function_address(image: FirmwareImage, written: str) -> int:
         If there is none of this name, or several.
     """
     file, _, name = written.rpartition(":")
-    files = {function.address: image.location_at(function.address).partition(":")[0]
-             for function in image.functions if function.name == name}  # fmt: skip
+    files = {
+        function.address: image.location_at(function.address).partition(":")[0]
+        for function in image.functions
+        if function.name == name
+    }
     chosen = [address for address, place in files.items() if not file or place == PurePosixPath(file).name]
     if len(chosen) == 1:
         return chosen[0]

@@ -51,7 +51,8 @@ def see_identity(board: Board, _rig: Rig, flash: str = "hiltest flash") -> Check
     shipped = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))["build_id"]
     if identity.build_id != shipped:
         return warning(
-            "identity", f"{finding}; this hiltest comes with build {shipped}",
+            "identity",
+            f"{finding}; this hiltest comes with build {shipped}",
             f"{flash if is_chip else 'end its hiltest serve, and start this one'}, unless the firmware is yours",
         )
     return ok("identity", finding)
@@ -111,7 +112,7 @@ def see_clock(board: Board, _rig: Rig) -> Check:
             "let the firmware run from the crystal: times, and angles of the gyroscope, are off by as much"
             if is_silicon(board.identity.unique_id)
             else "end what else runs on the machine that serves it, which is too busy to keep pace"
-        )  # fmt: skip
+        )
         return warning("clock", finding, remedy)
     return ok("clock", finding)
 
@@ -131,7 +132,8 @@ def see_cycle_counter(board: Board, _rig: Rig) -> Check:
         return warning(name, "it stands still", remedy)
     if counted[0] != counted[1]:
         return warning(
-            name, f"the same work takes {counted[0]} cycles, then {counted[1]}",
+            name,
+            f"the same work takes {counted[0]} cycles, then {counted[1]}",
             "detach the debugger and press the reset button: one disturbs the count",
         )
     return ok(name, f"{board.cycle_model}: {counted[0]} cycles for the same work, twice")
@@ -140,8 +142,14 @@ def see_cycle_counter(board: Board, _rig: Rig) -> Check:
 def see_magnetometer_noise(board: Board, rig: Rig) -> Check:
     """Compare the magnetometer's noise at rest with the data sheet's value in the rig."""
     spread = _spread(board, SensorKind.MAGNETOMETER)
-    return _judge_noise("magnetometer", spread, MICROTESLA_PER_COUNT, rig.sensors.magnetometer_noise_ut, "uT",
-                  key="magnetometer_noise_ut")  # fmt: skip
+    return _judge_noise(
+        "magnetometer",
+        spread,
+        MICROTESLA_PER_COUNT,
+        rig.sensors.magnetometer_noise_ut,
+        "uT",
+        key="magnetometer_noise_ut",
+    )
 
 
 def see_accelerometer_noise(board: Board, _rig: Rig) -> Check:
@@ -160,8 +168,9 @@ def see_gyroscope_noise(board: Board, _rig: Rig) -> Check:
     except BoardMovedError as error:
         finding, _, remedy = str(error).partition(". ")
         return warning("gyroscope noise", finding, remedy)
-    return _judge_noise("gyroscope", rest.rate.spread, DPS_PER_COUNT, declared_dps, "deg/s",
-                  key="gyroscope_noise_mdps_per_rthz")  # fmt: skip
+    return _judge_noise(
+        "gyroscope", rest.rate.spread, DPS_PER_COUNT, declared_dps, "deg/s", key="gyroscope_noise_mdps_per_rthz"
+    )
 
 
 def _spread(board: Board, kind: SensorKind) -> NDArray[np.float64]:
@@ -172,9 +181,15 @@ def _spread(board: Board, kind: SensorKind) -> NDArray[np.float64]:
 
 
 def _judge_noise(
-    sensor: str, spread: NDArray[np.float64] | None, scale: float, declared: float, unit: str, *, step: float = 1.0,
+    sensor: str,
+    spread: NDArray[np.float64] | None,
+    scale: float,
+    declared: float,
+    unit: str,
+    *,
+    step: float = 1.0,
     key: str = "",
-) -> Check:  # fmt: skip
+) -> Check:
     """Judge the spread of each axis [counts] by its rms, and by an axis that does not change at all.
 
     `key` of the rig's [sensors] declares the noise; empty if only the data sheet does.
@@ -187,7 +202,8 @@ def _judge_noise(
     finding = f"{measured:.3g} {unit} rms at rest; data sheet {expected:.3g}"
     if still and expected > scale * step:
         return failed(
-            name, f"axis {' and '.join(still)} gives the same reading {READINGS} times and more",
+            name,
+            f"axis {' and '.join(still)} gives the same reading {READINGS} times and more",
             "switch the board off and on: a sensor that hangs gives its last reading for ever",
         )
     if measured > MOST_NOISE_RATIO * expected:
@@ -197,14 +213,22 @@ def _judge_noise(
         )
     if measured < expected / MOST_NOISE_RATIO:
         return warning(
-            name, finding, f"correct {key} under [sensors] in the rig: it is more than this part has" if key
+            name,
+            finding,
+            f"correct {key} under [sensors] in the rig: it is more than this part has"
+            if key
             else "take filters of readings out of the firmware: it says less noise than the part has",
-        )  # fmt: skip
+        )
     return ok(name, finding)
 
 
 BOARD_CHECKS: dict[str, Callable[[Board, Rig], Check]] = {
-    "protocol": see_protocol, "identity": see_identity, "sensors": see_sensors, "clock": see_clock,
-    "cycle counter": see_cycle_counter, "magnetometer noise": see_magnetometer_noise,
-    "accelerometer noise": see_accelerometer_noise, "gyroscope noise": see_gyroscope_noise,
-}  # fmt: skip
+    "protocol": see_protocol,
+    "identity": see_identity,
+    "sensors": see_sensors,
+    "clock": see_clock,
+    "cycle counter": see_cycle_counter,
+    "magnetometer noise": see_magnetometer_noise,
+    "accelerometer noise": see_accelerometer_noise,
+    "gyroscope noise": see_gyroscope_noise,
+}

@@ -47,7 +47,9 @@ def model_field(rig: Rig, today: date) -> ModelField | str:
     model = GeoMag()
     try:
         result = model.calculate(
-            glat=place.latitude_deg, glon=place.longitude_deg, alt=1e-3 * place.altitude_m,
+            glat=place.latitude_deg,
+            glon=place.longitude_deg,
+            alt=1e-3 * place.altitude_m,
             time=calculate_decimal_year(today),
         )
     except ValueError:
@@ -69,7 +71,9 @@ def see_declared_field(rig: Rig, model: ModelField | str) -> Check:
     if abs(declared.strength_ut - model.strength_ut) <= _DECLARED_OFF_UT and off_deg <= _DECLARED_OFF_DEG:
         return ok(name, finding)
     return warning(
-        name, finding, "if it was not measured there, write the model's under [field]; if it was, iron is nearby: keep "
+        name,
+        finding,
+        "if it was not measured there, write the model's under [field]; if it was, iron is nearby: keep "
         "steel, magnets and loudspeakers a metre away",
     )
 
@@ -83,7 +87,8 @@ def see_measured_field(board: Board, rig: Rig, model: ModelField | str) -> Check
     held = _calibration(board)
     if held is None:
         return not_looked_at(
-            name, "the board holds no calibration, and its own iron is as strong as the field: after `hiltest "
+            name,
+            "the board holds no calibration, and its own iron is as strong as the field: after `hiltest "
             "calibrate` or a run, while it stays on, this can be told",
         )
     board.sensor(SensorKind.MAGNETOMETER)
@@ -99,8 +104,12 @@ def see_measured_field(board: Board, rig: Rig, model: ModelField | str) -> Check
         f"{expected_ut:.1f} uT, dip {expected_deg:.1f} deg"
     )
     near = abs(strength_ut / expected_ut - 1.0) <= _MEASURED_OFF and abs(dip_deg - expected_deg) <= _MEASURED_OFF_DEG
-    return ok(name, finding) if near else warning(
-        name, finding, "iron is nearby: keep steel, magnets and loudspeakers a metre away, and calibrate again here"
+    return (
+        ok(name, finding)
+        if near
+        else warning(
+            name, finding, "iron is nearby: keep steel, magnets and loudspeakers a metre away, and calibrate again here"
+        )
     )
 
 

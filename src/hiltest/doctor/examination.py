@@ -95,9 +95,10 @@ def _locate_board(url: str | None, root: Path) -> tuple[HostPort | NoBoardError 
 def _board_checks(rig: Rig, url: str | None, today: date, flash: str, *, usable: bool) -> Iterator[Check]:
     model = model_field(rig, today)
     looks: Looks = {
-        **BOARD_CHECKS, "identity": lambda board, rig: see_identity(board, rig, flash),
+        **BOARD_CHECKS,
+        "identity": lambda board, rig: see_identity(board, rig, flash),
         "measured field": lambda board, rig: see_measured_field(board, rig, model),
-    }  # fmt: skip
+    }
     if not usable:
         yield from _omitted_checks(("answer", *looks), "the port cannot be used")
     elif rig.own_language is not None:

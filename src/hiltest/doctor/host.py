@@ -78,7 +78,9 @@ def see_daplink(port: HostPort) -> Check:
     else:
         return ok("DAPLink", f"firmware {version}")
     return warning(
-        "DAPLink", finding, "plug it in with its reset button held, and copy the FRDM-K64F's file of "
+        "DAPLink",
+        finding,
+        "plug it in with its reset button held, and copy the FRDM-K64F's file of "
         "https://daplink.io onto the drive that appears",
     )
 
@@ -164,9 +166,7 @@ def see_modem_manager(port: HostPort) -> Check:
     udev_lines = _text(port.root / "run/udev/data" / f"c{number}").splitlines()
     if any(line.removeprefix("E:") in _LOOKED_UP for line in udev_lines):
         return ok(name, "runs, and leaves this port alone")
-    return warning(
-        name, "runs, and writes to the board for half a minute after it is plugged in", install_rules()
-    )
+    return warning(name, "runs, and writes to the board for half a minute after it is plugged in", install_rules())
 
 
 def see_holders(port: HostPort) -> Check:
@@ -191,9 +191,14 @@ def see_holders(port: HostPort) -> Check:
 
 
 HOST_CHECKS: dict[str, Callable[[HostPort], Check]] = {
-    "board": see_board, "DAPLink": see_daplink, "volume": see_volume, "permission": see_permission,
-    "udev rules": see_rules, "ModemManager": see_modem_manager, "port": see_holders,
-}  # fmt: skip
+    "board": see_board,
+    "DAPLink": see_daplink,
+    "volume": see_volume,
+    "permission": see_permission,
+    "udev rules": see_rules,
+    "ModemManager": see_modem_manager,
+    "port": see_holders,
+}
 
 
 def _no_daplink_reason(port: HostPort) -> str:

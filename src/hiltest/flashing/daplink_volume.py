@@ -47,9 +47,7 @@ class DriveState(NamedTuple):
         if not details:
             return None
         count = _field(details, "Remount count")
-        return cls(
-            details, int(count) if re.fullmatch("[0-9]{1,10}", count) else None, _text(volume / "ASSERT.TXT")
-        )
+        return cls(details, int(count) if re.fullmatch("[0-9]{1,10}", count) else None, _text(volume / "ASSERT.TXT"))
 
     @property
     def unique_id(self) -> str:
@@ -63,9 +61,13 @@ class DriveState(NamedTuple):
 
 
 def drop(
-    content: bytes, volume: Path, *, find: Callable[[], Path | None] = lambda: None, progress: Progress,
+    content: bytes,
+    volume: Path,
+    *,
+    find: Callable[[], Path | None] = lambda: None,
+    progress: Progress,
     back_within_s: float = BACK_WITHIN_S,
-) -> DriveState:  # fmt: skip
+) -> DriveState:
     """Let a DAPLink program Intel HEX, and wait for its result.
 
     Parameters

@@ -65,9 +65,11 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
             session.delegate = _Delegate()
             session.open()
             programmer = FileProgrammer(
-                session, progress=lambda part: progress("percent written", int(_PERCENT * part), _PERCENT),
-                chip_erase="chip", smart_flash=False,
-            )  # fmt: skip
+                session,
+                progress=lambda part: progress("percent written", int(_PERCENT * part), _PERCENT),
+                chip_erase="chip",
+                smart_flash=False,
+            )
             for address, data in image.chunks:
                 programmer.add_file(io.BytesIO(data), file_format="bin", base_address=address)
             programmer.commit()

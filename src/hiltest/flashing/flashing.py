@@ -169,11 +169,19 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
             hint = "" if after.resets_by_itself else " Press its reset button: its DAPLink does not start firmware."
         if not image.contains(FIRMWARE_NAME.encode()) or (target.rig is not None and target.rig.own_language):
             rig = target.rig.path if target.rig else "R"
-            return Flashed(serial_number, None, "it speaks its own language, so nothing can ask it for its build: see "
-                           f"what it says with hiltest device try --rig {rig}")  # fmt: skip
+            return Flashed(
+                serial_number,
+                None,
+                "it speaks its own language, so nothing can ask it for its build: see "
+                f"what it says with hiltest device try --rig {rig}",
+            )
         if target.port is None:
-            return Flashed(serial_number, None, "no serial port of the board is known, so it was not asked for its "
-                           "build: name the port with --hil-port")  # fmt: skip
+            return Flashed(
+                serial_number,
+                None,
+                "no serial port of the board is known, so it was not asked for its "
+                "build: name the port with --hil-port",
+            )
         try:
             identity = _ask(target.port, target)
         except BenchError as error:

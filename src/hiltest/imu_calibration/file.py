@@ -55,8 +55,10 @@ def _check_schema(file: JsonFile) -> None:
     if schema == SCHEMA:
         return
     if str(schema).partition("/")[0] == SCHEMA.partition("/")[0]:
-        raise ConfigError(f"{path}: schema is {schema!r}, this hiltest reads {SCHEMA!r}; use the version that wrote "
-                          f"it, or {_OTHERWISE}")
+        raise ConfigError(
+            f"{path}: schema is {schema!r}, this hiltest reads {SCHEMA!r}; use the version that wrote "
+            f"it, or {_OTHERWISE}"
+        )
     raise ConfigError(f"{path}: no calibration of an IMU: its schema is {shown(schema)}, not {SCHEMA!r}; {_OTHERWISE}")
 
 
@@ -90,14 +92,32 @@ def to_header(calibration: ImuCalibration) -> str:
     parts = [_magnetometer(calibration)]
     if calibration.accelerometer is not None:
         part = calibration.accelerometer
-        parts.append(_part("accelerometer", part.sensor, part.method, part.formula, [
-            ("gain", part.units.gain, part.gain), ("offset", part.units.offset, part.offset),
-        ]))
+        parts.append(
+            _part(
+                "accelerometer",
+                part.sensor,
+                part.method,
+                part.formula,
+                [
+                    ("gain", part.units.gain, part.gain),
+                    ("offset", part.units.offset, part.offset),
+                ],
+            )
+        )
     if calibration.gyroscope is not None:
         gyroscope = calibration.gyroscope
-        parts.append(_part("gyroscope", gyroscope.sensor, gyroscope.method, gyroscope.formula, [
-            ("matrix", gyroscope.units.matrix, gyroscope.matrix), ("bias", gyroscope.units.bias, gyroscope.bias),
-        ]))
+        parts.append(
+            _part(
+                "gyroscope",
+                gyroscope.sensor,
+                gyroscope.method,
+                gyroscope.formula,
+                [
+                    ("matrix", gyroscope.units.matrix, gyroscope.matrix),
+                    ("bias", gyroscope.units.bias, gyroscope.bias),
+                ],
+            )
+        )
     origin = calibration.made_on
     lines = [
         "/*",
@@ -113,10 +133,17 @@ def to_header(calibration: ImuCalibration) -> str:
 
 def _magnetometer(calibration: ImuCalibration) -> str:
     part = calibration.magnetometer
-    return _part("magnetometer", part.sensor, part.method, part.formula, [
-        ("soft_iron", part.units.soft_iron, part.soft_iron), ("hard_iron", part.units.hard_iron, part.hard_iron),
-        ("hard_iron_ut", part.units.hard_iron_ut, part.hard_iron_ut),
-    ])
+    return _part(
+        "magnetometer",
+        part.sensor,
+        part.method,
+        part.formula,
+        [
+            ("soft_iron", part.units.soft_iron, part.soft_iron),
+            ("hard_iron", part.units.hard_iron, part.hard_iron),
+            ("hard_iron_ut", part.units.hard_iron_ut, part.hard_iron_ut),
+        ],
+    )
 
 
 def _part(

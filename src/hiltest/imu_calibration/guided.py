@@ -71,7 +71,13 @@ class Guide(Protocol):
 
 
 def calibrate_imu(
-    board: Board, turntable: Turntable, rig: Rig, *, guide: Guide, made_utc: str, calibrator: str,
+    board: Board,
+    turntable: Turntable,
+    rig: Rig,
+    *,
+    guide: Guide,
+    made_utc: str,
+    calibrator: str,
     progress: Progress | None = None,
 ) -> ImuCalibration:
     """Calibrate every sensor of a board, in the order of their dependencies.
@@ -110,17 +116,22 @@ def calibrate_imu(
     gyroscope, degc = led.step("gyroscope", led.gyroscope)
     magnetometer = led.step("magnetometer", lambda: led.magnetometer(calibrator))
     return ImuCalibration(
-        schema=SCHEMA, hiltest=__version__, made_utc=made_utc, frame=FRAME, temperature_degc=degc,
-        made_on=made_on(board, rig), accelerometer=accelerometer, gyroscope=gyroscope, magnetometer=magnetometer,
+        schema=SCHEMA,
+        hiltest=__version__,
+        made_utc=made_utc,
+        frame=FRAME,
+        temperature_degc=degc,
+        made_on=made_on(board, rig),
+        accelerometer=accelerometer,
+        gyroscope=gyroscope,
+        magnetometer=magnetometer,
     )
 
 
 class _GuidedSteps:
     """Steps of the procedure on one board, table, rig and guide."""
 
-    def __init__(
-        self, board: Board, turntable: Turntable, rig: Rig, guide: Guide, progress: Progress | None
-    ) -> None:
+    def __init__(self, board: Board, turntable: Turntable, rig: Rig, guide: Guide, progress: Progress | None) -> None:
         self._board, self._turntable, self._rig, self._guide, self._progress = board, turntable, rig, guide, progress
         self._step = 0
 
@@ -151,14 +162,22 @@ class _GuidedSteps:
         faces = self._rig.faces
         assert faces is not None
         run = measure_six_positions(
-            self._board, self._turntable, uncertainty_deg=faces.uncertainty_deg, progress=self._progress,
+            self._board,
+            self._turntable,
+            uncertainty_deg=faces.uncertainty_deg,
+            progress=self._progress,
             again=lambda error: self._guide.again(str(error)),
         )
         store_accelerometer(self._board, run.fit, [UNCALIBRATED_SLOT])  # used by `dpi`
         part = AccelerometerPart(
-            sensor=self._board.sensor(SensorKind.ACCELEROMETER).name, method=run.method, n=len(run.counts),
-            formula="gravity_g = gain * (counts - offset)", gain=matrix(run.fit.gain), offset=triple(run.fit.offset),
-            units=ACCELEROMETER_UNITS, figures=(
+            sensor=self._board.sensor(SensorKind.ACCELEROMETER).name,
+            method=run.method,
+            n=len(run.counts),
+            formula="gravity_g = gain * (counts - offset)",
+            gain=matrix(run.fit.gain),
+            offset=triple(run.fit.offset),
+            units=ACCELEROMETER_UNITS,
+            figures=(
                 FigureOfMerit("faces askew", run.solution.faces_askew_deg, "deg"),
                 FigureOfMerit("uncertainty of axes", axes_uncertainty_deg(run.solution.faces_askew_deg), "deg"),
             ),
@@ -198,17 +217,26 @@ class _GuidedSteps:
     def _turn(self, axis: Axis) -> MeasuredTurn:
         procedure = self._rig.procedure
         return measure_turn(
-            self._board, self._turntable, axis, rate_dps=procedure.gyroscope_turn_dps,
-            rest_s=procedure.gyroscope_rest_s, progress=self._progress,
+            self._board,
+            self._turntable,
+            axis,
+            rate_dps=procedure.gyroscope_turn_dps,
+            rest_s=procedure.gyroscope_rest_s,
+            progress=self._progress,
         )
 
     def _gyroscope_part(
         self, method: str, fit: GyroscopeFit, n: int, figures: tuple[FigureOfMerit, ...]
     ) -> GyroscopePart:
         return GyroscopePart(
-            sensor=self._board.sensor(SensorKind.GYROSCOPE).name, method=method, n=n,
-            formula="rate_dps = matrix * (counts - bias)", matrix=matrix(fit.matrix), bias=triple(fit.bias),
-            units=GYROSCOPE_UNITS, figures=figures,
+            sensor=self._board.sensor(SensorKind.GYROSCOPE).name,
+            method=method,
+            n=n,
+            formula="rate_dps = matrix * (counts - bias)",
+            matrix=matrix(fit.matrix),
+            bias=triple(fit.bias),
+            units=GYROSCOPE_UNITS,
+            figures=figures,
         )
 
     def magnetometer(self, calibrator: str) -> MagnetometerPart:
@@ -228,10 +256,15 @@ class _GuidedSteps:
             coverage = f"{100 * tumble.coverage:.0f} % of the sphere was seen"
             raise CalibrationError(f"magnetometer refused: {reasons[0].meaning} ({coverage})")
         part = MagnetometerPart(
-            sensor=self._board.sensor(SensorKind.MAGNETOMETER).name, method=run.calibrator, n=n,
-            formula="unit_field = soft_iron * (counts - hard_iron)", soft_iron=matrix(run.soft_iron),
-            hard_iron=triple(run.hard_iron), hard_iron_ut=triple(MICROTESLA_PER_COUNT * run.hard_iron),
-            units=MAGNETOMETER_UNITS, figures=(
+            sensor=self._board.sensor(SensorKind.MAGNETOMETER).name,
+            method=run.calibrator,
+            n=n,
+            formula="unit_field = soft_iron * (counts - hard_iron)",
+            soft_iron=matrix(run.soft_iron),
+            hard_iron=triple(run.hard_iron),
+            hard_iron_ut=triple(MICROTESLA_PER_COUNT * run.hard_iron),
+            units=MAGNETOMETER_UNITS,
+            figures=(
                 FigureOfMerit("residual", run.residual_percent, "%"),
                 FigureOfMerit("residual that noise predicts", run.residual_predicted_percent, "%"),
                 FigureOfMerit("predicted direction error", figures.direction_error_deg or 0.0, "deg"),
@@ -251,7 +284,10 @@ def _fit_figures(run: CalibratorRun, tumble: Tumble) -> FitFigures:
     unbiased = is_unbiased(run.calibrator, run.iterations)
     predicted = predicted_direction_error(points, run.result, unbiased=unbiased)
     return FitFigures(
-        run.fit, ellipsoid_condition(points), n=len(points), residual_percent=run.residual_percent,
+        run.fit,
+        ellipsoid_condition(points),
+        n=len(points),
+        residual_percent=run.residual_percent,
         axis_ratio=float(np.linalg.cond(run.soft_iron)),
         radius_ut=MICROTESLA_PER_COUNT * abs(float(np.linalg.det(run.soft_iron))) ** (-1.0 / 3.0),
         direction_error_deg=None if predicted is None else predicted.rms_deg,

@@ -20,8 +20,13 @@ def made_on(board: Board, rig: Rig) -> MadeOn:
     """Return the identification of a board for a calibration file."""
     identity = board.identity
     return MadeOn(
-        kind="virtual" if board.origin == "virtual" else "real", firmware=identity.name, version=identity.version,
-        build_id=identity.build_id, unique_id=identity.unique_id.hex(), rig=rig.name, world_sha256=world_sha256(rig),
+        kind="virtual" if board.origin == "virtual" else "real",
+        firmware=identity.name,
+        version=identity.version,
+        build_id=identity.build_id,
+        unique_id=identity.unique_id.hex(),
+        rig=rig.name,
+        world_sha256=world_sha256(rig),
     )
 
 
@@ -44,8 +49,10 @@ def refuse_another_board(file: CalibrationFile, board: Board | CompassBoard, rig
         If it is not; the message has the differences, and a remedy.
     """
     if isinstance(board, CompassBoard):
-        raise ConfigError(f"{file.path}: a calibration is stored by hiltest's protocol, and the firmware of rig "
-                          f"{rig.name} speaks its own language: leave the calibration out")
+        raise ConfigError(
+            f"{file.path}: a calibration is stored by hiltest's protocol, and the firmware of rig "
+            f"{rig.name} speaks its own language: leave the calibration out"
+        )
     other = next(_differences(file.calibration, board, rig), None)
     if other is not None:
         raise ConfigError(
@@ -62,7 +69,8 @@ def _differences(calibration: ImuCalibration, board: Board, rig: Rig) -> Iterato
     if present.unique_id == VIRTUAL_UNIQUE_ID.hex():
         yield from _world_differences(original, present)
     parts = {
-        SensorKind.ACCELEROMETER: calibration.accelerometer, SensorKind.GYROSCOPE: calibration.gyroscope,
+        SensorKind.ACCELEROMETER: calibration.accelerometer,
+        SensorKind.GYROSCOPE: calibration.gyroscope,
         SensorKind.MAGNETOMETER: calibration.magnetometer,
     }
     for kind, part in parts.items():

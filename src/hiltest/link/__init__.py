@@ -15,7 +15,15 @@ if TYPE_CHECKING:
 
 __all__ = ["Frame", "FrameDecoder", "Request", "Session", "Transcript", "encode_frame", "open_port"]
 
-__getattr__ = when_used(__name__, {
-    "Frame": "framing", "FrameDecoder": "framing", "Request": "request", "Session": "session",
-    "Transcript": "transcript", "encode_frame": "framing", "open_port": "ports",
-})  # fmt: skip
+__getattr__ = when_used(
+    __name__,
+    {
+        "Frame": "framing",
+        "FrameDecoder": "framing",
+        "Request": "request",
+        "Session": "session",
+        "Transcript": "transcript",
+        "encode_frame": "framing",
+        "open_port": "ports",
+    },
+)

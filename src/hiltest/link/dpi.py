@@ -43,10 +43,15 @@ class DpiReply:
         fields.number("B", "flags")
         fields.number("H", "iterations")
         return cls(
-            fit, CalibrationReply.parse(fields), fields.real("coverage"), fields.number("H", "used"),
-            _real_if_any(fields, "dip"), _real_if_any(fields, "strength"), _real_if_any(fields, "standard error"),
+            fit,
+            CalibrationReply.parse(fields),
+            fields.real("coverage"),
+            fields.number("H", "used"),
+            _real_if_any(fields, "dip"),
+            _real_if_any(fields, "strength"),
+            _real_if_any(fields, "standard error"),
             RunCost.parse(fields),
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
@@ -67,8 +72,12 @@ class FitDpi(Request[DpiReply]):
     def payload(self) -> bytes:
         has_dip = self.dip_deg is not None
         return struct.pack(
-            "<BHBBf", self.source, within(self.n, 1, 0xFFFF, "rows"), self.slot, has_dip,
-            self.dip_deg if has_dip else 0.0
+            "<BHBBf",
+            self.source,
+            within(self.n, 1, 0xFFFF, "rows"),
+            self.slot,
+            has_dip,
+            self.dip_deg if has_dip else 0.0,
         )
 
     @property

@@ -69,9 +69,15 @@ class FusionSummary:
         names = ("records", "no attitude", "accelerated", "bad steps", "overruns")
         records, no_attitude, accelerated, bad_steps, overruns = (fields.number("H", name) for name in names)
         return cls(
-            began_us, records, no_attitude, accelerated, bad_steps, overruns,
-            StepCosts.parse(fields, "predictions"), StepCosts.parse(fields, "corrections"),
-        )  # fmt: skip
+            began_us,
+            records,
+            no_attitude,
+            accelerated,
+            bad_steps,
+            overruns,
+            StepCosts.parse(fields, "predictions"),
+            StepCosts.parse(fields, "corrections"),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

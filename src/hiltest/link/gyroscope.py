@@ -127,10 +127,15 @@ class IntegrateGyroscopeReply:
     def parse(cls, fields: FieldReader) -> IntegrateGyroscopeReply:
         """Read the reply."""
         return cls(
-            fields.number("H", "count"), _sums(fields, "sum"), _sums(fields, "sum at the begin"),
-            _sums(fields, "sum at the end"), fields.counts(1, "lowest")[0], fields.counts(1, "highest")[0],
-            fields.number("b", "die temperature"), Span.parse(fields),
-        )  # fmt: skip
+            fields.number("H", "count"),
+            _sums(fields, "sum"),
+            _sums(fields, "sum at the begin"),
+            _sums(fields, "sum at the end"),
+            fields.counts(1, "lowest")[0],
+            fields.counts(1, "highest")[0],
+            fields.number("b", "die temperature"),
+            Span.parse(fields),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,9 +257,15 @@ class GetGyroscope(Request[GyroscopeFit]):
 
 def _turn_field(turn: GyroscopeTurn) -> bytes:
     return struct.pack(
-        "<3f3iHI3f3ff", *turn.turned_deg, *(int(total) for total in turn.total), turn.n, round(1e6 * turn.duration_s),
-        *turn.bias_before, *turn.bias_after, turn.share,
-    )  # fmt: skip
+        "<3f3iHI3f3ff",
+        *turn.turned_deg,
+        *(int(total) for total in turn.total),
+        turn.n,
+        round(1e6 * turn.duration_s),
+        *turn.bias_before,
+        *turn.bias_after,
+        turn.share,
+    )
 
 
 def _sums(fields: FieldReader, field: str) -> NDArray[np.int64]:

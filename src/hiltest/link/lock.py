@@ -144,9 +144,10 @@ class BoardLock:
                 descriptor = _open_file(self._file)
             except OSError as error:
                 raise PortRefusedError(
-                    self._name, f"it cannot be locked with {self._file}: {error.strerror or error}",
+                    self._name,
+                    f"it cannot be locked with {self._file}: {error.strerror or error}",
                     "Make that folder one that you may write to.",
-                ) from error  # fmt: skip
+                ) from error
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if not _is_at(descriptor, self._file):  # its holder removed it after this process opened it

@@ -138,7 +138,8 @@ def _refusal(url: str, error: serial.SerialException) -> BenchError | PortNotFou
         return PortNotFoundError(url, list_ports())
     if error.errno in (errno.EACCES, errno.EPERM) or "PermissionError" in str(error):
         return PortRefusedError(
-            url, "permission denied",
+            url,
+            "permission denied",
             "Join the group that owns it: sudo usermod -aG dialout $USER (uucp on Arch), then log in again.",
         )
     if error.errno in (errno.EAGAIN, errno.EBUSY):

@@ -100,7 +100,9 @@ def read_pose(fields: FieldReader) -> StillPose:
 def _pose_bytes(pose: StillPose) -> bytes:
     unknown = np.full(3, math.nan)
     vectors = [
-        pose.magnetometer, unknown if pose.magnetometer_spread is None else pose.magnetometer_spread,
-        pose.accelerometer, unknown if pose.accelerometer_spread is None else pose.accelerometer_spread,
+        pose.magnetometer,
+        unknown if pose.magnetometer_spread is None else pose.magnetometer_spread,
+        pose.accelerometer,
+        unknown if pose.accelerometer_spread is None else pose.accelerometer_spread,
     ]
     return struct.pack("<BH", pose.face, pose.readings) + np.concatenate(vectors).astype("<f4").tobytes()

@@ -71,10 +71,14 @@ def _time_sequence(fields: FieldReader) -> sequences.TimeSequence:
 
 def _turn(fields: FieldReader) -> GyroscopeTurn:
     return GyroscopeTurn(
-        fields.reals(3, "turned"), np.array([fields.number("i", "sum") for _ in range(3)]), fields.number("H", "n"),
-        1e-6 * fields.number("I", "duration"), fields.reals(3, "bias before"), fields.reals(3, "bias after"),
+        fields.reals(3, "turned"),
+        np.array([fields.number("i", "sum") for _ in range(3)]),
+        fields.number("H", "n"),
+        1e-6 * fields.number("I", "duration"),
+        fields.reals(3, "bias before"),
+        fields.reals(3, "bias after"),
         fields.real("share"),
-    )  # fmt: skip
+    )
 
 
 def _set_gyroscope(fields: FieldReader) -> gyroscope.SetGyroscope:

@@ -103,8 +103,14 @@ class Session:
     """
 
     def __init__(
-        self, port: SerialPort, *, transcript: Transcript | None = None, nonce_seed: int | None = None,
-        reply_deadline_s: float = REPLY_DEADLINE_S, attempts: int = ATTEMPTS, wall_guard_s: float = WALL_GUARD_S,
+        self,
+        port: SerialPort,
+        *,
+        transcript: Transcript | None = None,
+        nonce_seed: int | None = None,
+        reply_deadline_s: float = REPLY_DEADLINE_S,
+        attempts: int = ATTEMPTS,
+        wall_guard_s: float = WALL_GUARD_S,
     ) -> None:
         self._port = port
         own_clock: Callable[[], float] | None = getattr(port, "now", None)
@@ -369,6 +375,8 @@ class Session:
 
 def _is_echo(frame: Frame, request: Request[R]) -> bool:
     """Return whether a frame returns the nonce of a SYNC request, regardless of its other content."""
-    return frame.type == request.code | REPLY_BIT and len(frame.payload) == 7 and (
-        frame.payload[0] == Status.OK and frame.payload[1:5] == request.payload()
+    return (
+        frame.type == request.code | REPLY_BIT
+        and len(frame.payload) == 7
+        and (frame.payload[0] == Status.OK and frame.payload[1:5] == request.payload())
     )

@@ -84,9 +84,18 @@ class StreamStateReply:
         accepted = fields.number("I", "accepted")
         fit_error = fields.reals_if_any(1, "fit error")
         return cls(
-            fit, bool(flags & 1), bool(flags & 2), iterations, calibration, coverage, held, elements, accepted,
-            None if fit_error is None else float(fit_error[0]), RunCost.parse(fields),
-        )  # fmt: skip
+            fit,
+            bool(flags & 1),
+            bool(flags & 2),
+            iterations,
+            calibration,
+            coverage,
+            held,
+            elements,
+            accepted,
+            None if fit_error is None else float(fit_error[0]),
+            RunCost.parse(fields),
+        )
 
 
 @dataclass(frozen=True)

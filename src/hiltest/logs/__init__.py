@@ -10,6 +10,19 @@ from hiltest.recordings.columns import Unit
 from hiltest.units import AccelerationUnit, RateUnit
 
 __all__ = [
-    "AccelerationUnit", "CountScale", "ImuLog", "Interval", "Intervals", "LogColumns", "RateUnit", "Samples", "Unit",
-    "evenly_on_sphere", "found_intervals", "labelled_intervals", "listed_intervals", "read_imu_log", "read_samples",
-]  # fmt: skip
+    "AccelerationUnit",
+    "CountScale",
+    "ImuLog",
+    "Interval",
+    "Intervals",
+    "LogColumns",
+    "RateUnit",
+    "Samples",
+    "Unit",
+    "evenly_on_sphere",
+    "found_intervals",
+    "labelled_intervals",
+    "listed_intervals",
+    "read_imu_log",
+    "read_samples",
+]

@@ -56,12 +56,17 @@ class Number:
     @property
     def content(self) -> dict[str, Any]:
         """Content for the JSON."""
-        value, low, high = (None, None, None) if self.found is None else (
-            self.found.value, self.found.low, self.found.high
-        )  # fmt: skip
+        value, low, high = (
+            (None, None, None) if self.found is None else (self.found.value, self.found.low, self.found.high)
+        )
         more = {"at_most": self.at_most, "at_s": self.at_s}
-        return {"value": value, "low": low, "high": high, "unit": self.unit,
-                **{key: value for key, value in more.items() if value is not None}}  # fmt: skip
+        return {
+            "value": value,
+            "low": low,
+            "high": high,
+            "unit": self.unit,
+            **{key: value for key, value in more.items() if value is not None},
+        }
 
 
 def numbers(log: RateLog, reading: AllanReading) -> tuple[Number, ...]:
@@ -72,12 +77,16 @@ def numbers(log: RateLog, reading: AllanReading) -> tuple[Number, ...]:
     at_most = None if reading.bias_instability else per_rate * reading.bias_instability_at_most
     return (
         Number("angle_random_walk", "angle random walk N", _scaled(reading.angle_random_walk, per_walk), walk),
-        Number("noise_density", "noise density, one-sided",
-               _scaled(reading.angle_random_walk, math.sqrt(2.0) * per_density), density),
+        Number(
+            "noise_density",
+            "noise density, one-sided",
+            _scaled(reading.angle_random_walk, math.sqrt(2.0) * per_density),
+            density,
+        ),
         Number("bias_instability", "bias instability B", _scaled(reading.bias_instability, per_rate), rate, at_most),
         Number("rate_random_walk", "rate random walk K", _scaled(reading.rate_random_walk, per_rate_walk), rate_walk),
         Number("lowest", "lowest", _scaled(reading.lowest, per_rate), rate, at_s=reading.lowest_at_s),
-    )  # fmt: skip
+    )
 
 
 def table(log: RateLog, curve: AllanCurve) -> Iterator[tuple[str, ...]]:
@@ -100,9 +109,17 @@ def headline(log: RateLog) -> str:
 def to_json(log: RateLog, curve: AllanCurve) -> str:
     """Return the text of ``hiltest allan --json``; the curve is in deg/s, or in counts as the file's unit says."""
     content = {
-        "schema": SCHEMA, "hiltest": __version__, "file": str(log.path), "unit": "dps" if log.in_degrees else "counts",
-        "samples": len(log.rates), "rows": log.rows, "gaps": log.gaps, "start_s": log.start_s, "rate_hz": log.rate_hz,
-        "jitter_s": log.jitter_s, "notes": list(log.notes),
+        "schema": SCHEMA,
+        "hiltest": __version__,
+        "file": str(log.path),
+        "unit": "dps" if log.in_degrees else "counts",
+        "samples": len(log.rates),
+        "rows": log.rows,
+        "gaps": log.gaps,
+        "start_s": log.start_s,
+        "rate_hz": log.rate_hz,
+        "jitter_s": log.jitter_s,
+        "notes": list(log.notes),
         "columns": [
             {"name": name, **{number.key: number.content for number in numbers(log, reading)}}
             for name, reading in zip(log.columns, curve.readings, strict=True)
@@ -111,21 +128,30 @@ def to_json(log: RateLog, curve: AllanCurve) -> str:
             "tau_s": curve.tau_s.tolist(),
             **{
                 key: {name: values[:, axis].tolist() for axis, name in enumerate(log.columns)}
-                for key, values in (("deviation", curve.deviation), ("low", curve.low), ("high", curve.high),
-                                    ("degrees_of_freedom", curve.freedom))
+                for key, values in (
+                    ("deviation", curve.deviation),
+                    ("low", curve.low),
+                    ("high", curve.high),
+                    ("degrees_of_freedom", curve.freedom),
+                )
             },
         },
-    }  # fmt: skip
+    }
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
     """Write a page with the curves so that a reader sees the whole file or none."""
     page = render(
-        "allan.html.j2", package="hiltest.logs", headline=headline(log), notes=log.notes, header=HEADER,
-        rows=list(table(log, curve)), figures=[figure(log, curve, axis) for axis in range(len(log.columns))],
+        "allan.html.j2",
+        package="hiltest.logs",
+        headline=headline(log),
+        notes=log.notes,
+        header=HEADER,
+        rows=list(table(log, curve)),
+        figures=[figure(log, curve, axis) for axis in range(len(log.columns))],
         version=__version__,
-    )  # fmt: skip
+    )
     write_asked_for(path, page)
 
 
@@ -134,16 +160,22 @@ def figure(log: RateLog, curve: AllanCurve, axis: int) -> Figure:
     read = numbers(log, curve.readings[axis])
     walk, _, instability, rate_walk, lowest = read
     per_unit = 3600.0 if log.in_degrees else 1.0
-    tau_s, deviation, low, high = curve.tau_s, *(
-        per_unit * bound[:, axis] for bound in (curve.deviation, curve.low, curve.high)
+    tau_s, deviation, low, high = (
+        curve.tau_s,
+        *(per_unit * bound[:, axis] for bound in (curve.deviation, curve.low, curve.high)),
     )
     drawn = Figure(
         title=f"Allan deviation of {log.columns[axis]}",
         description="; ".join(": ".join(number.cells[:2]) for number in read),
-        x_label="averaging time [s]", y_label=f"Allan deviation [{lowest.unit}]",
-        x_range=(float(tau_s[0]), float(tau_s[-1])), y_range=(float(low.min()) / 1.5, float(high.max()) * 1.5),
-        width=560.0, height=400.0, log_x=True, log_y=True,
-    )  # fmt: skip
+        x_label="averaging time [s]",
+        y_label=f"Allan deviation [{lowest.unit}]",
+        x_range=(float(tau_s[0]), float(tau_s[-1])),
+        y_range=(float(low.min()) / 1.5, float(high.max()) * 1.5),
+        width=560.0,
+        height=400.0,
+        log_x=True,
+        log_y=True,
+    )
     terms = per_unit * curve.readings[axis].terms(tau_s)
     slopes = ((walk, "-1/2", "series-1"), (instability, "0", "series-2"), (rate_walk, "+1/2", "series-3"))
     for (number, slope, style), term in zip(slopes, terms.T, strict=True):

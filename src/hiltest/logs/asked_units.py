@@ -21,7 +21,7 @@ _FIELDS = {
     "tenths of a microtesla (milligauss, or the counts of many sensors)": (0.1, _AS_COUNTS),
     "nT": (1e-3, _AS_COUNTS),
     "mT": (1e3, _AS_COUNTS),
-}  # fmt: skip
+}
 # Plausible range of the median [g], under any turning or shaking by hand; the next unit is a factor of ten off.
 _GRAVITY_G = (0.7, 1.4)
 
@@ -39,12 +39,17 @@ def asked_of_field(strength: float, unit: Unit, unit_from: str) -> Iterator[str]
     low, high = _EARTH_UT
     size_ut = MICROTESLA[unit]
     if size_ut is None:
-        yield from (f"A strength of {strength:.3g} would be the earth's in {other}." for other in Unit
-                    if unit_from == "assumed" and low <= (MICROTESLA[other] or 0.0) * strength <= high)
+        yield from (
+            f"A strength of {strength:.3g} would be the earth's in {other}."
+            for other in Unit
+            if unit_from == "assumed" and low <= (MICROTESLA[other] or 0.0) * strength <= high
+        )
     elif not low <= size_ut * strength <= high:
         yield from (
             f"The field's strength is {strength:.3g} {unit}, and the earth's is {low:g} to {high:g} uT. Are these "
-            f"{name}? {then}." for name, (each_ut, then) in _FIELDS.items() if low <= each_ut * strength <= high
+            f"{name}? {then}."
+            for name, (each_ut, then) in _FIELDS.items()
+            if low <= each_ut * strength <= high
         )
 
 
@@ -66,8 +71,12 @@ def asked_of_gravity(acceleration: NDArray[np.float64], unit: AccelerationUnit, 
         return
     for other, size_g in GRAVITIES.items():
         # A thousand counts per g are as likely as mg.
-        if size_g is not None and {unit, other} != {AccelerationUnit.COUNTS, AccelerationUnit.MG} and low <= (
-            size_g * middle
-        ) <= high:
-            yield (f"The accelerometer reads {middle:.3g} {unit} in the median, and gravity is 1 g. Are these {other}? "
-                   f"{then.format(other)}.")
+        if (
+            size_g is not None
+            and {unit, other} != {AccelerationUnit.COUNTS, AccelerationUnit.MG}
+            and low <= (size_g * middle) <= high
+        ):
+            yield (
+                f"The accelerometer reads {middle:.3g} {unit} in the median, and gravity is 1 g. Are these {other}? "
+                f"{then.format(other)}."
+            )

@@ -63,8 +63,12 @@ class CountScale:
         if not fit.has_fit:
             return fit
         return MagnetometerFit(
-            fit.status, fit.is_sphere, fit.iterations,
-            fit.soft_iron * self.per_unit, fit.hard_iron / self.per_unit + self.origin, fit.coverage,
+            fit.status,
+            fit.is_sphere,
+            fit.iterations,
+            fit.soft_iron * self.per_unit,
+            fit.hard_iron / self.per_unit + self.origin,
+            fit.coverage,
         )
 
 

@@ -193,10 +193,12 @@ class SampleFit:
         alone = best_of([calibrator for calibrator in self.calibrators if calibrator.gravity is None])
         norms = None if self.gravity is None else self.gravity.norms_held_out_dip_deg
         dips = {
-            calibrator.gravity.held_out_dip_deg: calibrator for calibrator in self.calibrators
-            if calibrator.gravity is not None and calibrator.gravity.held_out_dip_deg is not None
+            calibrator.gravity.held_out_dip_deg: calibrator
+            for calibrator in self.calibrators
+            if calibrator.gravity is not None
+            and calibrator.gravity.held_out_dip_deg is not None
             and _ORDER.index(calibrator.verdict) <= _ORDER.index(alone.verdict)
-        }  # fmt: skip
+        }
         least = min(dips, default=math.inf)
         return dips[least] if least < (math.inf if norms is None else norms) else alone
 
@@ -206,6 +208,7 @@ def best_of(fits: Sequence[CalibratorFit]) -> CalibratorFit:
     return min(
         fits,
         key=lambda fit: (
-            _ORDER.index(fit.verdict), math.inf if fit.direction_error_deg is None else fit.direction_error_deg
+            _ORDER.index(fit.verdict),
+            math.inf if fit.direction_error_deg is None else fit.direction_error_deg,
         ),
     )

@@ -131,18 +131,19 @@ def _check_spreads(
     dip_spread = float(norms.turned(turn.rotation).dips_deg(points, acceleration).std())
     # Disturbances of the field's length disturb its dip equally.
     largest = math.degrees(math.hypot(_LARGEST_SPREAD, length_scatter(field)))
-    log = replace(
-        log, gravity_spread_percent=100.0 * spread, dip_spread_deg=dip_spread, largest_dip_spread_deg=largest
-    )
+    log = replace(log, gravity_spread_percent=100.0 * spread, dip_spread_deg=dip_spread, largest_dip_spread_deg=largest)
     wrong = _wrong_axes(turn)
     if wrong is not None and not _undetermined_reason(norms, acceleration, _NO_DIRECTION_DEG):
         return replace(log, axes=_axes_sentence(wrong, turn, columns), unused="the axes seem wrong")
     if spread <= _LARGEST_SPREAD and dip_spread <= largest:
         return replace(log, unused=_undetermined_reason(norms, acceleration, _LARGEST_ERROR_DEG))
-    return replace(log, unused=(
-        f"its length varies by {100.0 * spread:.2g} % (at most {100.0 * _LARGEST_SPREAD:g}), the dip by "
-        f"{dip_spread:.2g} deg (at most {largest:.2g}); log attitudes all round at which the sensor stands still"
-    ))  # fmt: skip
+    return replace(
+        log,
+        unused=(
+            f"its length varies by {100.0 * spread:.2g} % (at most {100.0 * _LARGEST_SPREAD:g}), the dip by "
+            f"{dip_spread:.2g} deg (at most {largest:.2g}); log attitudes all round at which the sensor stands still"
+        ),
+    )
 
 
 def _wrong_axes(turn: ConstantDip) -> Axes | None:
@@ -186,7 +187,9 @@ def _columns(axes: Axes, columns: Sequence[str]) -> str:
 def _figures(fit: PairFit, points: Array, acceleration: Array, held_out: float | None) -> GravityFigures:
     x, y, z = map(triple, fit.accelerometer.gain)
     return GravityFigures(
-        held_out_dip_deg=held_out, dip_deg=abs(float(fit.dips_deg(points, acceleration).mean())),
+        held_out_dip_deg=held_out,
+        dip_deg=abs(float(fit.dips_deg(points, acceleration).mean())),
         rotation_deg=rotation_left_deg(fit.magnetometer, np.eye(3)),
-        accelerometer_offset=triple(fit.accelerometer.offset), accelerometer_gain=(x, y, z),
-    )  # fmt: skip
+        accelerometer_offset=triple(fit.accelerometer.offset),
+        accelerometer_gain=(x, y, z),
+    )

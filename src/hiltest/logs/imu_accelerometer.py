@@ -54,33 +54,94 @@ _ONLY_FACES = (
 # degrees that the thesis allows a calibrator, and a quarter of it leaves the rest to the magnetometer.
 BOUNDS = (
     # Nine unknowns: nine rests leave no residual, eighteen determine the error to 24 %.
-    Bound("rests", "", 10.0, Acceptance.POOR,
-          "every ellipsoid through nine is exact, and shows nothing of its error; lay it down in more poses",
-          below=True),
-    Bound("rests", "", 18.0, Acceptance.FAIR,
-          "too few are left over to know the error well; lay it down in more poses", below=True),
-    Bound("condition", "", 300.0, Acceptance.REFUSED,
-          "gravity was seen from too few sides to determine an ellipsoid; turn the sensor all round"),
-    Bound("condition", "", WELL_CONDITIONED, Acceptance.FAIR,
-          "a large part of the sphere is missing; turn the sensor all round"),
-    Bound("spread_after_percent", "%", 20.0, Acceptance.REFUSED,
-          "the readings do not lie on an ellipsoid: wrong columns, or nothing but shocks"),
+    Bound(
+        "rests",
+        "",
+        10.0,
+        Acceptance.POOR,
+        "every ellipsoid through nine is exact, and shows nothing of its error; lay it down in more poses",
+        below=True,
+    ),
+    Bound(
+        "rests",
+        "",
+        18.0,
+        Acceptance.FAIR,
+        "too few are left over to know the error well; lay it down in more poses",
+        below=True,
+    ),
+    Bound(
+        "condition",
+        "",
+        300.0,
+        Acceptance.REFUSED,
+        "gravity was seen from too few sides to determine an ellipsoid; turn the sensor all round",
+    ),
+    Bound(
+        "condition",
+        "",
+        WELL_CONDITIONED,
+        Acceptance.FAIR,
+        "a large part of the sphere is missing; turn the sensor all round",
+    ),
+    Bound(
+        "spread_after_percent",
+        "%",
+        20.0,
+        Acceptance.REFUSED,
+        "the readings do not lie on an ellipsoid: wrong columns, or nothing but shocks",
+    ),
     # For single readings 5 % are 3 degrees. Rests of an intact part agree to 0.1 %.
-    Bound("spread_after_percent", "%", 5.0, Acceptance.POOR,
-          "what the motion itself accelerates by is no noise beside gravity; turn it more slowly, or lay it down"),
-    Bound("spread_after_percent", "%", 0.5, Acceptance.FAIR,
-          "motion, a drift or a touch adds to gravity; lay it down and leave it for three seconds in each pose"),
-    Bound("axis_ratio", "", 1.5, Acceptance.REFUSED,
-          "the scales of one part are within some percent of each other; are these the columns of one accelerometer?"),
-    Bound("left_out_percent", "%", 100.0 * MANY_LEFT_OUT, Acceptance.FAIR,
-          "so many are far from the ellipsoid of the others that it may be the wrong one; turn it without jerks"),
-    Bound("direction_error_deg", "deg", 5.0, Acceptance.REFUSED,
-          "gravity would be off by more than without any calibration; lay it down in more poses, all round"),
-    Bound("direction_error_deg", "deg", 1.0, Acceptance.POOR,
-          "where the field dips by 62 deg a heading is off by twice that; lay it down in more poses, all round"),
-    Bound("direction_error_deg", "deg", 0.25, Acceptance.FAIR,
-          "where the field dips by 62 deg a heading is off by twice that; lay it down more truly, or in more poses"),
-)  # fmt: skip
+    Bound(
+        "spread_after_percent",
+        "%",
+        5.0,
+        Acceptance.POOR,
+        "what the motion itself accelerates by is no noise beside gravity; turn it more slowly, or lay it down",
+    ),
+    Bound(
+        "spread_after_percent",
+        "%",
+        0.5,
+        Acceptance.FAIR,
+        "motion, a drift or a touch adds to gravity; lay it down and leave it for three seconds in each pose",
+    ),
+    Bound(
+        "axis_ratio",
+        "",
+        1.5,
+        Acceptance.REFUSED,
+        "the scales of one part are within some percent of each other; are these the columns of one accelerometer?",
+    ),
+    Bound(
+        "left_out_percent",
+        "%",
+        100.0 * MANY_LEFT_OUT,
+        Acceptance.FAIR,
+        "so many are far from the ellipsoid of the others that it may be the wrong one; turn it without jerks",
+    ),
+    Bound(
+        "direction_error_deg",
+        "deg",
+        5.0,
+        Acceptance.REFUSED,
+        "gravity would be off by more than without any calibration; lay it down in more poses, all round",
+    ),
+    Bound(
+        "direction_error_deg",
+        "deg",
+        1.0,
+        Acceptance.POOR,
+        "where the field dips by 62 deg a heading is off by twice that; lay it down in more poses, all round",
+    ),
+    Bound(
+        "direction_error_deg",
+        "deg",
+        0.25,
+        Acceptance.FAIR,
+        "where the field dips by 62 deg a heading is off by twice that; lay it down more truly, or in more poses",
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +210,8 @@ def _fit_rests(log: ImuLog, rests: Sequence[Interval], method: str) -> Accelerom
         return _refused_result(method, len(rests), face_set, _ONLY_FACES, before)
     counts = [rest.end - rest.start for rest in rests]
     solution = (
-        fit_six_position(_mean_poses(nominal, faces, counts)) if method == SIX_POSITION
+        fit_six_position(_mean_poses(nominal, faces, counts))
+        if method == SIX_POSITION
         else fit_ellipsoid([_pose(mean, Face.NONE) for mean in nominal])
     )
     if solution.status is not AccelerometerStatus.OK:
@@ -158,10 +220,23 @@ def _fit_rests(log: ImuLog, rests: Sequence[Interval], method: str) -> Accelerom
     askew_deg = solution.faces_askew_deg if method == SIX_POSITION else None
     # Two elements of an axis define its rotation.
     error_deg = math.sqrt(2.0) * axes_uncertainty_deg(askew_deg) if askew_deg is not None else _error_deg(means, fit)
-    return _rate_result(AccelerometerResult(
-        method, len(rests), face_set, Acceptance.GOOD, (), fit, "", before,
-        _spread_percent(np.linalg.norm(fit.gravity_g(means), axis=1)), solution.residual_mg, askew_deg, error_deg,
-    ), means)  # fmt: skip
+    return _rate_result(
+        AccelerometerResult(
+            method,
+            len(rests),
+            face_set,
+            Acceptance.GOOD,
+            (),
+            fit,
+            "",
+            before,
+            _spread_percent(np.linalg.norm(fit.gravity_g(means), axis=1)),
+            solution.residual_mg,
+            askew_deg,
+            error_deg,
+        ),
+        means,
+    )
 
 
 def _fit_moving(log: ImuLog, rests: int) -> AccelerometerResult:
@@ -170,9 +245,9 @@ def _fit_moving(log: ImuLog, rests: int) -> AccelerometerResult:
     left_out = outliers(readings)
     moving = readings[~(left_out | repeats(readings))]
     about = fit_direct(moving)
-    used = moving[evenly_on_sphere(
-        moving, _MOST_FITTED, about.hard_iron if about.has_fit else np.median(moving, axis=0)
-    )]
+    used = moving[
+        evenly_on_sphere(moving, _MOST_FITTED, about.hard_iron if about.has_fit else np.median(moving, axis=0))
+    ]
     corrected = fit_corrected(used)
     if corrected.status is not FitStatus.ELLIPSOID:
         return _refused_result(MOVING, rests, (), "in motion, too, the readings show too little of the sphere")
@@ -180,24 +255,42 @@ def _fit_moving(log: ImuLog, rests: int) -> AccelerometerResult:
     zero, _ = _nominal_range(log, used)
     norms = np.linalg.norm(fit.gravity_g(used), axis=1)
     residual_mg = 1000.0 * float(np.sqrt(np.mean((norms - 1.0) ** 2)))
-    return _rate_result(AccelerometerResult(
-        MOVING, rests, (), Acceptance.GOOD, (), fit, "", _spread_percent(np.linalg.norm(used - zero, axis=1)),
-        _spread_percent(norms), residual_mg, None, _error_deg(used, fit, unbiased=corrected.iterations > 0),
-        int(left_out.sum()),
-    ), used, len(readings))  # fmt: skip
+    return _rate_result(
+        AccelerometerResult(
+            MOVING,
+            rests,
+            (),
+            Acceptance.GOOD,
+            (),
+            fit,
+            "",
+            _spread_percent(np.linalg.norm(used - zero, axis=1)),
+            _spread_percent(norms),
+            residual_mg,
+            None,
+            _error_deg(used, fit, unbiased=corrected.iterations > 0),
+            int(left_out.sum()),
+        ),
+        used,
+        len(readings),
+    )
 
 
 def _rate_result(result: AccelerometerResult, fitted: Reals, readings: int = 0) -> AccelerometerResult:
     """Return a result with its verdict, without the fit if it is refused."""
     assert result.fit is not None
-    verdict, reasons = rate_by(BOUNDS, {
-        "rests": float(result.rests) if result.method == ELLIPSOID else None,
-        # Rests are accurate enough to need fewer sides: their direction error is the criterion.
-        "condition": ellipsoid_condition(fitted) if result.method == MOVING else None,
-        "spread_after_percent": result.spread_after_percent, "axis_ratio": float(np.linalg.cond(result.fit.gain)),
-        "left_out_percent": 100.0 * result.left_out / readings if readings else None,
-        "direction_error_deg": result.direction_error_deg,
-    })  # fmt: skip
+    verdict, reasons = rate_by(
+        BOUNDS,
+        {
+            "rests": float(result.rests) if result.method == ELLIPSOID else None,
+            # Rests are accurate enough to need fewer sides: their direction error is the criterion.
+            "condition": ellipsoid_condition(fitted) if result.method == MOVING else None,
+            "spread_after_percent": result.spread_after_percent,
+            "axis_ratio": float(np.linalg.cond(result.fit.gain)),
+            "left_out_percent": 100.0 * result.left_out / readings if readings else None,
+            "direction_error_deg": result.direction_error_deg,
+        },
+    )
     if verdict is Acceptance.REFUSED:
         why = next(reason.meaning for reason in reasons if reason.verdict is verdict)
         return _refused_result(result.method, result.rests, result.faces, why, result.spread_before_percent, reasons)
@@ -205,9 +298,13 @@ def _rate_result(result: AccelerometerResult, fitted: Reals, readings: int = 0) 
 
 
 def _refused_result(
-    method: str, rests: int, faces: tuple[Face, ...], why: str, spread_percent: float = 0.0,
+    method: str,
+    rests: int,
+    faces: tuple[Face, ...],
+    why: str,
+    spread_percent: float = 0.0,
     reasons: tuple[Reason, ...] = (),
-) -> AccelerometerResult:  # fmt: skip
+) -> AccelerometerResult:
     return AccelerometerResult(
         method, rests, faces, Acceptance.REFUSED, reasons, None, why, spread_percent, spread_percent
     )

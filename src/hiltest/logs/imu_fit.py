@@ -76,9 +76,14 @@ class ImuLogFit:
 
 
 def fit_imu_log(
-    log: ImuLog, intervals: Intervals, method: str = AUTO, *, turn_deg: float = WHOLE_DEG,
-    bias: np.ndarray | None = None, rpm: float | None = None,
-) -> ImuLogFit:  # fmt: skip
+    log: ImuLog,
+    intervals: Intervals,
+    method: str = AUTO,
+    *,
+    turn_deg: float = WHOLE_DEG,
+    bias: np.ndarray | None = None,
+    rpm: float | None = None,
+) -> ImuLogFit:
     """Fit the accelerometer to the rests of a log, and the gyroscope to its rests, turns and steady rates.
 
     Parameters
@@ -116,8 +121,13 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
     """Print the rests and turns of the log, the calibration of each sensor, and each refusal with its reason."""
     log, rests = fit.log, fit.intervals.rests
     length_s = log.time_s[-1] - log.time_s[0]
-    console.print(escape(f"{', '.join(log.files)}: {len(log.time_s)} samples, {length_s:.1f} s; {len(rests)} rests, "
-                         f"{'found' if fit.intervals.found else 'annotated'}"), soft_wrap=True)
+    console.print(
+        escape(
+            f"{', '.join(log.files)}: {len(log.time_s)} samples, {length_s:.1f} s; {len(rests)} rests, "
+            f"{'found' if fit.intervals.found else 'annotated'}"
+        ),
+        soft_wrap=True,
+    )
     if len(log.acceleration):
         _print_accelerometer(fit.accelerometer, log.acceleration_unit, console)
     else:
@@ -127,11 +137,17 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
         for rate in fit.rates or ():
             console.print(escape(f"  {_rate_sentence(rate, log.rate_unit)}"), soft_wrap=True)
         if fit.rates == ():
-            console.print("  no scale: nothing turns steadily for a revolution beside a rest. Let it rest, then turn "
-                          "for ten seconds or more, or give --bias-from", style="yellow", soft_wrap=True)
+            console.print(
+                "  no scale: nothing turns steadily for a revolution beside a rest. Let it rest, then turn "
+                "for ten seconds or more, or give --bias-from",
+                style="yellow",
+                soft_wrap=True,
+            )
     else:
-        console.print("no gyroscope in the log" if log.rate is None else "gyroscope: refused, no rest for its bias",
-                      soft_wrap=True)
+        console.print(
+            "no gyroscope in the log" if log.rate is None else "gyroscope: refused, no rest for its bias",
+            soft_wrap=True,
+        )
     for note in log.notes:
         console.print(escape(note), style="dim", soft_wrap=True)
 
@@ -144,14 +160,19 @@ def _print_accelerometer(result: AccelerometerResult, unit: str, console: Consol
     if result.fit is None:
         console.print(escape(f"  refused: {result.refused}"), style="bold red", soft_wrap=True)
         return
-    grid = _grid((f"gain [{_per_reading('g', unit)}]", _matrix(result.fit.gain)),
-                 (f"offset [{unit}]", _triple(result.fit.offset)),
-                 ("spread of norms, before [%]", f"{result.spread_before_percent:.3f}"),
-                 ("spread of norms, after [%]", f"{result.spread_after_percent:.4f}"),
-                 ("residual [mg]", f"{result.residual_mg:.3f}") if result.faces_askew_deg is None else
-                 ("faces askew, rms [deg]", f"{result.faces_askew_deg:.2f}"),
-                 ("error of gravity's direction [deg]",
-                  "-" if result.direction_error_deg is None else f"{result.direction_error_deg:.2f}"))
+    grid = _grid(
+        (f"gain [{_per_reading('g', unit)}]", _matrix(result.fit.gain)),
+        (f"offset [{unit}]", _triple(result.fit.offset)),
+        ("spread of norms, before [%]", f"{result.spread_before_percent:.3f}"),
+        ("spread of norms, after [%]", f"{result.spread_after_percent:.4f}"),
+        ("residual [mg]", f"{result.residual_mg:.3f}")
+        if result.faces_askew_deg is None
+        else ("faces askew, rms [deg]", f"{result.faces_askew_deg:.2f}"),
+        (
+            "error of gravity's direction [deg]",
+            "-" if result.direction_error_deg is None else f"{result.direction_error_deg:.2f}",
+        ),
+    )
     console.print(grid)
     _print_reasons(result.reasons, console)
 
@@ -189,8 +210,10 @@ def _turn_sentence(turn: TurnResult, unit: str) -> str:
 
 def _rate_sentence(rate: SteadyRate, unit: str) -> str:
     """Return one steady rate as a sentence."""
-    words = (f"rate, {rate.start_s:.1f} to {rate.end_s:.1f} s: {_triple(rate.reading)} {unit}, "
-             f"{rate.askew_deg:.1f} deg off {rate.axis}")
+    words = (
+        f"rate, {rate.start_s:.1f} to {rate.end_s:.1f} s: {_triple(rate.reading)} {unit}, "
+        f"{rate.askew_deg:.1f} deg off {rate.axis}"
+    )
     if rate.scale is None:
         return f"{words}, refused: {rate.refused}"
     per = _per_reading("deg/s", unit).removeprefix("1")
@@ -206,40 +229,61 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
     """Return the content of the JSON."""
     log, accelerometer, gyroscope = fit.log, fit.accelerometer, fit.gyroscope
     return {
-        "schema": SCHEMA, "hiltest": __version__, "verdict": fit.verdict, "complete": fit.complete,
-        "files": list(log.files), "samples": len(log.time_s), "seconds": float(log.time_s[-1] - log.time_s[0]),
-        "rests": [
-            {"name": rest.name, "start": rest.start, "end": rest.end} for rest in fit.intervals.rests
-        ],
+        "schema": SCHEMA,
+        "hiltest": __version__,
+        "verdict": fit.verdict,
+        "complete": fit.complete,
+        "files": list(log.files),
+        "samples": len(log.time_s),
+        "seconds": float(log.time_s[-1] - log.time_s[0]),
+        "rests": [{"name": rest.name, "start": rest.start, "end": rest.end} for rest in fit.intervals.rests],
         "accelerometer": {
-            "unit": log.acceleration_unit, "formula": ACCELEROMETER_FORMULA, "method": accelerometer.method,
-            "n": accelerometer.rests, "faces": [face_name(face) for face in accelerometer.faces],
+            "unit": log.acceleration_unit,
+            "formula": ACCELEROMETER_FORMULA,
+            "method": accelerometer.method,
+            "n": accelerometer.rests,
+            "faces": [face_name(face) for face in accelerometer.faces],
             "gain": None if accelerometer.fit is None else accelerometer.fit.gain.tolist(),
             "offset": None if accelerometer.fit is None else accelerometer.fit.offset.tolist(),
             "spread_before_percent": accelerometer.spread_before_percent,
             "spread_after_percent": accelerometer.spread_after_percent,
-            "residual_mg": accelerometer.residual_mg, "faces_askew_deg": accelerometer.faces_askew_deg,
-            "direction_error_deg": accelerometer.direction_error_deg, "left_out": accelerometer.left_out,
-            "verdict": accelerometer.verdict, "reasons": [asdict(reason) for reason in accelerometer.reasons],
+            "residual_mg": accelerometer.residual_mg,
+            "faces_askew_deg": accelerometer.faces_askew_deg,
+            "direction_error_deg": accelerometer.direction_error_deg,
+            "left_out": accelerometer.left_out,
+            "verdict": accelerometer.verdict,
+            "reasons": [asdict(reason) for reason in accelerometer.reasons],
             "refused": accelerometer.refused,
         },
-        "gyroscope": None if gyroscope is None else {
-            "unit": log.rate_unit, "formula": GYROSCOPE_FORMULA, "n": gyroscope.n, "bias": gyroscope.bias.tolist(),
+        "gyroscope": None
+        if gyroscope is None
+        else {
+            "unit": log.rate_unit,
+            "formula": GYROSCOPE_FORMULA,
+            "n": gyroscope.n,
+            "bias": gyroscope.bias.tolist(),
             "bias_spread": gyroscope.bias_spread,
-            "matrix": None if gyroscope.fit is None else gyroscope.fit.matrix.tolist(), "verdict": gyroscope.verdict,
-            "reasons": [asdict(reason) for reason in gyroscope.reasons], "refused": gyroscope.refused,
+            "matrix": None if gyroscope.fit is None else gyroscope.fit.matrix.tolist(),
+            "verdict": gyroscope.verdict,
+            "reasons": [asdict(reason) for reason in gyroscope.reasons],
+            "refused": gyroscope.refused,
             "turns": [
                 {
-                    "name": turn.name, "start_s": turn.start_s, "end_s": turn.end_s, "bias": list(turn.bias),
+                    "name": turn.name,
+                    "start_s": turn.start_s,
+                    "end_s": turn.end_s,
+                    "bias": list(turn.bias),
                     "integral": list(turn.integral),
-                    "turned_deg": turn.turned_deg, "left_deg": turn.left_deg, "refused": turn.refused,
+                    "turned_deg": turn.turned_deg,
+                    "left_deg": turn.left_deg,
+                    "refused": turn.refused,
                 }
                 for turn in gyroscope.turns
             ],
             "rates": [asdict(rate) for rate in fit.rates or ()],
         },
         "notes": list(log.notes),
-    }  # fmt: skip
+    }
 
 
 def to_header(fit: ImuLogFit) -> str:
@@ -247,9 +291,12 @@ def to_header(fit: ImuLogFit) -> str:
     parts = []
     if fit.accelerometer.fit is not None:
         unit, gravity_fit = fit.log.acceleration_unit, fit.accelerometer.fit
-        parts += [f"/* {ACCELEROMETER_FORMULA} */",
-                  c_constant("accelerometer_gain", gravity_fit.gain, _per_reading("g", unit)),
-                  c_constant("accelerometer_offset", gravity_fit.offset, unit), ""]
+        parts += [
+            f"/* {ACCELEROMETER_FORMULA} */",
+            c_constant("accelerometer_gain", gravity_fit.gain, _per_reading("g", unit)),
+            c_constant("accelerometer_offset", gravity_fit.offset, unit),
+            "",
+        ]
     if fit.gyroscope is not None:
         gyroscope, rate_unit = fit.gyroscope, fit.log.rate_unit
         formula = GYROSCOPE_FORMULA if gyroscope.fit is not None else "reading - bias"
@@ -258,7 +305,8 @@ def to_header(fit: ImuLogFit) -> str:
             parts.append(c_constant("gyroscope_matrix", gyroscope.fit.matrix, _per_reading("deg/s", rate_unit)))
         parts += [
             c_constant(f"gyroscope_scale_{axis}", rate.scale, _per_reading("deg/s", rate_unit))
-            for axis, rate in sorted(fit.scales.items()) if rate.scale is not None
+            for axis, rate in sorted(fit.scales.items())
+            if rate.scale is not None
         ]
         parts.append("")
     files = ", ".join(comment_text(Path(file).name) for file in fit.log.files)

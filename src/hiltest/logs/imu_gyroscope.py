@@ -39,13 +39,29 @@ _REFUSALS = {
 # The limit for whole turns in the packaged rigs is 0.1 %; a hand that aligns with a table's edge is accurate to a
 # degree.
 BOUNDS = (
-    Bound("turns", "", 4.0, Acceptance.FAIR,
-          "three turns are met exactly: a fourth would show how good the matrix is", below=True),
-    Bound("left_percent", "%", 1.0, Acceptance.POOR,
-          "the turns contradict each other: was each whole, on a level table, and no faster than the sensor reads?"),
-    Bound("left_percent", "%", 0.5, Acceptance.FAIR,
-          "the turns contradict each other by more than a hand at an edge; turn until it is back there"),
-)  # fmt: skip
+    Bound(
+        "turns",
+        "",
+        4.0,
+        Acceptance.FAIR,
+        "three turns are met exactly: a fourth would show how good the matrix is",
+        below=True,
+    ),
+    Bound(
+        "left_percent",
+        "%",
+        1.0,
+        Acceptance.POOR,
+        "the turns contradict each other: was each whole, on a level table, and no faster than the sensor reads?",
+    ),
+    Bound(
+        "left_percent",
+        "%",
+        0.5,
+        Acceptance.FAIR,
+        "the turns contradict each other by more than a hand at an edge; turn until it is back there",
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +114,15 @@ class _Candidate:
 
 
 def fit_gyroscope(
-    log: ImuLog, intervals: Intervals, accelerometer: AccelerometerFit | None, *, turn_deg: float = WHOLE_DEG,
-    rests: Sequence[Interval] = (), bias: Reals | None = None, steady: Sequence[Interval] = (),
-) -> GyroscopeResult | None:  # fmt: skip
+    log: ImuLog,
+    intervals: Intervals,
+    accelerometer: AccelerometerFit | None,
+    *,
+    turn_deg: float = WHOLE_DEG,
+    rests: Sequence[Interval] = (),
+    bias: Reals | None = None,
+    steady: Sequence[Interval] = (),
+) -> GyroscopeResult | None:
     """Fit the bias to the rests and the matrix to the whole turns about the vertical.
 
     Parameters
@@ -139,9 +161,11 @@ def fit_gyroscope(
         return GyroscopeResult(n, bias, spread, None, (), Acceptance.REFUSED, (), why)
     motions = _candidates(log, intervals, accelerometer, bias, rests, own=own)
     times_s = [(log.time_s[interval.start], log.time_s[interval.end - 1]) for interval in steady]
-    meant = [motion for motion in motions if not any(
-        motion.result.start_s < end_s and start_s < motion.result.end_s for start_s, end_s in times_s
-    )]  # fmt: skip
+    meant = [
+        motion
+        for motion in motions
+        if not any(motion.result.start_s < end_s and start_s < motion.result.end_s for start_s, end_s in times_s)
+    ]
     candidates = _whole_turns(log, meant, turn_deg)
     used = [candidate for candidate in candidates if not candidate.result.refused]
     fit = fit_turns([_vertical_turn(candidate) for candidate in used])
@@ -155,14 +179,21 @@ def fit_gyroscope(
 
 
 def _candidates(
-    log: ImuLog, intervals: Intervals, accelerometer: AccelerometerFit, bias: Reals, rests: Sequence[Interval], *,
+    log: ImuLog,
+    intervals: Intervals,
+    accelerometer: AccelerometerFit,
+    bias: Reals,
+    rests: Sequence[Interval],
+    *,
     own: bool,
-) -> list[_Candidate]:  # fmt: skip
+) -> list[_Candidate]:
     """Return the motions that do not change gravity."""
     candidates = []
-    around = zip(intervals.rests, intervals.rests[1:], strict=False) if intervals.found else [
-        (turn, turn) for turn in intervals.motions
-    ]
+    around = (
+        zip(intervals.rests, intervals.rests[1:], strict=False)
+        if intervals.found
+        else [(turn, turn) for turn in intervals.motions]
+    )
     for motion, (before, after) in zip(intervals.motions, around, strict=True):
         first, last = (_gravity(log, accelerometer, interval) for interval in (before, after))
         if first @ last > np.cos(np.radians(_SAME_GRAVITY_DEG)):

@@ -75,10 +75,15 @@ class ImuLog:
 
 
 def read_imu_log(
-    path: Path, gyroscope_path: Path | None = None, *, columns: LogColumns = LogColumns(),
-    rate_hz: float | None = None, acceleration_unit: AccelerationUnit | None = None, rate_unit: RateUnit | None = None,
+    path: Path,
+    gyroscope_path: Path | None = None,
+    *,
+    columns: LogColumns = LogColumns(),
+    rate_hz: float | None = None,
+    acceleration_unit: AccelerationUnit | None = None,
+    rate_unit: RateUnit | None = None,
     gyroscope_alone: bool = False,
-) -> ImuLog:  # fmt: skip
+) -> ImuLog:
     """Read a log.
 
     Parameters
@@ -131,9 +136,15 @@ def read_imu_log(
     if acceleration_unit is None and places:
         notes += asked_of_gravity(acceleration, unit, "--accelerometer-unit {} says so")
     return ImuLog(
-        tuple(str(name) for name in (path, gyroscope_path) if name), time_s, acceleration, rate, unit,
-        other_unit or RateUnit.COUNTS, first.labels, tuple(notes),
-    )  # fmt: skip
+        tuple(str(name) for name in (path, gyroscope_path) if name),
+        time_s,
+        acceleration,
+        rate,
+        unit,
+        other_unit or RateUnit.COUNTS,
+        first.labels,
+        tuple(notes),
+    )
 
 
 class _Table:
@@ -167,8 +178,10 @@ class _Table:
 
     def no_axes(self, sensor: str, option: str) -> ConfigError:
         columns = f"the columns are {', '.join(self.headers)}" if self.headers else f"no header, {self.width} columns"
-        return ConfigError(f"{self.path}: cannot tell which columns are the {sensor}: {columns}; say it with {option}, "
-                           "by name or by number from 1")
+        return ConfigError(
+            f"{self.path}: cannot tell which columns are the {sensor}: {columns}; say it with {option}, "
+            "by name or by number from 1"
+        )
 
     def read(self, time: str | None, rate_hz: float | None, places: list[int]) -> tuple[Reals, Reals]:
         """Return the times [s] and the readings, one row per sample."""
@@ -190,8 +203,10 @@ class _Table:
             if place is not None and len(values):
                 before = values[-len(columns)]
                 if numbers[0] < before or (numbers[0] == before and not one_a_row):
-                    raise ConfigError(f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not behind "
-                                      f"{before:g}; cut the log there, or give --rate")
+                    raise ConfigError(
+                        f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not behind "
+                        f"{before:g}; cut the log there, or give --rate"
+                    )
             values.extend(numbers)
             if self._label is not None:
                 labels.append(row.cells[self._label])
@@ -209,8 +224,10 @@ class _Table:
         time_s = scale_s * read[:, 0]
         step_s = float(np.median(np.diff(time_s)))
         if not 1.0 / _FASTEST_HZ <= step_s <= 1.0 / _SLOWEST_HZ:
-            raise ConfigError(f"{self.path}: samples are {step_s:g} s apart by column {names[0]}; give --rate, or name "
-                              "the column with its unit, such as time_ms")
+            raise ConfigError(
+                f"{self.path}: samples are {step_s:g} s apart by column {names[0]}; give --rate, or name "
+                "the column with its unit, such as time_ms"
+            )
         return time_s, read[:, 1:]
 
     def _numbers(
@@ -222,8 +239,10 @@ class _Table:
             quantity, largest = ("time", _LATEST) if at == time else ("reading of an IMU", LARGEST_READING)
             value = number_in(self.path, row, at, name, quantity=quantity, largest=largest)
             if not math.isfinite(value) and at not in absent:
-                raise ConfigError(f"{self.path}:{row.line}: column {name}: no number; a turn cannot be summed over "
-                                  "a gap: cut the log there")
+                raise ConfigError(
+                    f"{self.path}:{row.line}: column {name}: no number; a turn cannot be summed over "
+                    "a gap: cut the log there"
+                )
             numbers.append(value)
         return numbers
 
@@ -231,8 +250,10 @@ class _Table:
         rows, joined = at_the_gyroscope_s(read[:, 0], read[:, 1:])
         time = read[rows, 0]
         if len(time) < 2 or not bool((np.diff(time) > 0.0).all()):
-            raise ConfigError(f"{self.path}: rows of one sensor each, and of the gyroscope no two at different times "
-                              "among those of the accelerometer: no log of both")
+            raise ConfigError(
+                f"{self.path}: rows of one sensor each, and of the gyroscope no two at different times "
+                "among those of the accelerometer: no log of both"
+            )
         if self.labels is not None:
             self.labels = tuple(label for label, is_used in zip(self.labels, rows.tolist(), strict=True) if is_used)
         return np.column_stack([time, joined])
@@ -253,13 +274,16 @@ class _Table:
 
 def _check_pairs(path: Path, other: Path, time_s: Reals, other_time_s: Reals) -> None:
     if len(time_s) != len(other_time_s):
-        raise ConfigError(f"{path} has {len(time_s)} rows and {other} {len(other_time_s)}; "
-                          "both need one for each sample")
+        raise ConfigError(
+            f"{path} has {len(time_s)} rows and {other} {len(other_time_s)}; both need one for each sample"
+        )
     apart_s = np.abs(time_s - other_time_s)
     worst = int(apart_s.argmax())
     if apart_s[worst] > float(np.median(np.diff(time_s))):
-        raise ConfigError(f"{path} and {other}: sample {worst + 1} was taken at {time_s[worst]:g} s and "
-                          f"{other_time_s[worst]:g} s; both need a row for each sample")
+        raise ConfigError(
+            f"{path} and {other}: sample {worst + 1} was taken at {time_s[worst]:g} s and "
+            f"{other_time_s[worst]:g} s; both need a row for each sample"
+        )
 
 
 def filled_of(cells: Sequence[str], sensors: Sequence[Sequence[int]]) -> list[bool]:

@@ -167,8 +167,16 @@ def _rate(log: ImuLog, part: Interval, rests: Sequence[Interval], bias: Reals, r
         refused = f"it reads {length * nominal:.4g} deg/s where the table turns at {rate_dps:.4g}"
     x, y, z = reading.tolist()
     start_s, end_s = float(log.time_s[part.start]), float(log.time_s[part.end - 1])
-    return SteadyRate(start_s, end_s, (x, y, z), _AXES[axis], askew_deg, None if refused else scale,
-                      scale * math.hypot(scatter, drift) / length, refused)  # fmt: skip
+    return SteadyRate(
+        start_s,
+        end_s,
+        (x, y, z),
+        _AXES[axis],
+        askew_deg,
+        None if refused else scale,
+        scale * math.hypot(scatter, drift) / length,
+        refused,
+    )
 
 
 def beside_of(part: Interval, rests: Sequence[Interval]) -> tuple[Interval, ...]:

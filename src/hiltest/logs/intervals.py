@@ -75,8 +75,10 @@ def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals
     """
     window = max(2, round(_WINDOW_S / log.period_s))
     if len(log.time_s) < 3 * window:
-        raise ConfigError(f"{log.files[0]}: {len(log.time_s)} samples, {log.time_s[-1] - log.time_s[0]:.1f} s: "
-                          "too short for rests of a second")
+        raise ConfigError(
+            f"{log.files[0]}: {len(log.time_s)} samples, {log.time_s[-1] - log.time_s[0]:.1f} s: "
+            "too short for rests of a second"
+        )
     still = np.ones(len(log.time_s) - window + 1, dtype=np.bool_)
     if len(log.acceleration):
         _, spread = _windows(log.acceleration, window)

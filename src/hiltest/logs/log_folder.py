@@ -63,9 +63,13 @@ class LogFit:
 
 
 def fit_folder(
-    folder: Path, *, columns: str | None = None, unit: Unit | None = None, robust: bool = True,
+    folder: Path,
+    *,
+    columns: str | None = None,
+    unit: Unit | None = None,
+    robust: bool = True,
     progress: Callable[[str, int, int], None] | None = None,
-) -> Iterator[LogFit]:  # fmt: skip
+) -> Iterator[LogFit]:
     """Fit the logs below a folder on the host, in the order of their names; see `read_samples` and `fit_on_host`."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     for done, path in enumerate(paths):

@@ -29,9 +29,13 @@ def print_folder(logs: Sequence[LogFit], console: Console) -> None:
             best = log.fit.best
             error = "-" if best.direction_error_deg is None else f"{best.direction_error_deg:.2f}"
             grid.add_row(
-                escape(log.name), str(log.fit.n_in), Text(best.verdict, style=STYLES[best.verdict]),
-                escape(best.name), error, *_ratios(log),
-            )  # fmt: skip
+                escape(log.name),
+                str(log.fit.n_in),
+                Text(best.verdict, style=STYLES[best.verdict]),
+                escape(best.name),
+                error,
+                *_ratios(log),
+            )
     console.print(grid, width=min(WIDTH, console.width))
     for line in _summary([agreement for log in logs for agreement in log.agreements]):
         console.print(line, soft_wrap=True)

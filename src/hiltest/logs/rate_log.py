@@ -70,9 +70,16 @@ class _Layout:
 
 
 def read_rate_log(
-    path: Path, *, columns: str | None = None, unit: RateUnit | None = None, otherwise: RateUnit | None = None,
-    time: str | None = None, rate_hz: float | None = None, first_s: float = 0.0, last_s: float = math.inf,
-) -> RateLog:  # fmt: skip
+    path: Path,
+    *,
+    columns: str | None = None,
+    unit: RateUnit | None = None,
+    otherwise: RateUnit | None = None,
+    time: str | None = None,
+    rate_hz: float | None = None,
+    first_s: float = 0.0,
+    last_s: float = math.inf,
+) -> RateLog:
     """Read a log of rates at rest from a text table.
 
     Parameters
@@ -114,13 +121,28 @@ def read_rate_log(
     found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
     rates = values[part] * (DEGREES_PER_SECOND[file_unit] or 1.0)
     return RateLog(
-        path, layout.names, rates, file_unit, found_hz, len(values), breaks, float(time_s[part.start]), jitter_s,
+        path,
+        layout.names,
+        rates,
+        file_unit,
+        found_hz,
+        len(values),
+        breaks,
+        float(time_s[part.start]),
+        jitter_s,
         table.notes,
     )
 
 
-def rest_bias(path: Path, unit: RateUnit, *, written: RateUnit | None = None, columns: str | None = None,
-              time: str | None = None, rate_hz: float | None = None) -> Reals:
+def rest_bias(
+    path: Path,
+    unit: RateUnit,
+    *,
+    written: RateUnit | None = None,
+    columns: str | None = None,
+    time: str | None = None,
+    rate_hz: float | None = None,
+) -> Reals:
     """Return the bias of three axes in a unit: the mean of a log at rest.
 
     Parameters
@@ -169,9 +191,7 @@ def check_rest(log: RateLog) -> None:
     )
 
 
-def _layout(
-    headers: Sequence[str], width: int, columns: str | None, time: str | None, *, want_time: bool
-) -> _Layout:
+def _layout(headers: Sequence[str], width: int, columns: str | None, time: str | None, *, want_time: bool) -> _Layout:
     if columns is not None:
         requested = [name.strip() for name in next(csv.reader([columns], skipinitialspace=True), [])]
         places = tuple(column_index(name, headers, width, option="--columns") for name in requested)
@@ -252,8 +272,10 @@ def _value(path: Path, line: int, cell: str, name: str, quantity: str, *, larges
 def _check_steps(path: Path, time_s: Reals) -> None:
     step_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     if not 1.0 / _RATES_HZ[1] <= step_s <= 1.0 / _RATES_HZ[0]:
-        raise ConfigError(f"{path}: samples are {step_s:g} s apart by the column of time; give --rate, or name the "
-                          "column with its unit, such as time_ms")
+        raise ConfigError(
+            f"{path}: samples are {step_s:g} s apart by the column of time; give --rate, or name the "
+            "column with its unit, such as time_ms"
+        )
 
 
 def _longest_part(time_s: Reals, first_s: float, last_s: float, *, even: bool) -> tuple[slice, int]:

@@ -60,8 +60,11 @@ class Rating:
         shape_fit = fit_shape(self._samples.points, shape, field=field)
         strong = shape_fit.error_strong_iron
         figures = FitFigures(
-            shape_fit.fit.status, n=len(self._samples.points), shape=shape,
-            left_out_percent=left_out_percent, strong_iron_deg=None if strong is None else strong.rms_deg,
+            shape_fit.fit.status,
+            n=len(self._samples.points),
+            shape=shape,
+            left_out_percent=left_out_percent,
+            strong_iron_deg=None if strong is None else strong.rms_deg,
         )
         rated = self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error)
         if shape_fit.plane is None or shape_fit.arc_deg is None:
@@ -94,13 +97,21 @@ class Rating:
         verdict, reasons = rate(figures)
         x, y, z = fit.soft_iron * radius
         return CalibratorFit(
-            name, figures.shape or status_words(fit.status), verdict, reasons, n_used,
-            hard_iron=triple(fit.hard_iron), soft_iron=(triple(x), triple(y), triple(z)), radius=radius,
+            name,
+            figures.shape or status_words(fit.status),
+            verdict,
+            reasons,
+            n_used,
+            hard_iron=triple(fit.hard_iron),
+            soft_iron=(triple(x), triple(y), triple(z)),
+            radius=radius,
             residual_percent=figures.residual_percent,
-            coverage=solid_angle_covered(corrected), axis_ratio=figures.axis_ratio,
+            coverage=solid_angle_covered(corrected),
+            axis_ratio=figures.axis_ratio,
             direction_error_deg=figures.direction_error_deg,
             direction_spread_deg=None if predicted is None else predicted.spread_deg,
-            direction_bias_deg=None if predicted is None else predicted.bias_deg, iterations=fit.iterations,
+            direction_bias_deg=None if predicted is None else predicted.bias_deg,
+            iterations=fit.iterations,
         )
 
 

@@ -33,9 +33,13 @@ BOARD, ALL = "board", "all"
 
 
 def fit_on_host(
-    samples: Samples, calibrator: str = BOARD, *, robust: bool = True, any_shape: bool = True,
+    samples: Samples,
+    calibrator: str = BOARD,
+    *,
+    robust: bool = True,
+    any_shape: bool = True,
     field_ut: float | None = None,
-) -> SampleFit:  # fmt: skip
+) -> SampleFit:
     """Run the float64 references over all samples.
 
     Parameters
@@ -60,22 +64,29 @@ def fit_on_host(
     scale = CountScale.of(log.kept)
     counts = scale.unrounded(log.kept.points)
     fits = [log.reference(name, scale, counts) for name in names]
-    return log.fit("host", None, log.with_shape(fits) if any_shape and calibrator in of_groups else fits,
-                   gravity=calibrator in of_groups)
+    return log.fit(
+        "host",
+        None,
+        log.with_shape(fits) if any_shape and calibrator in of_groups else fits,
+        gravity=calibrator in of_groups,
+    )
 
 
-def fit_by_shape(
-    samples: Samples, shape: Shape, *, robust: bool = True, field_ut: float | None = None
-) -> SampleFit:
+def fit_by_shape(samples: Samples, shape: Shape, *, robust: bool = True, field_ut: float | None = None) -> SampleFit:
     """Fit one shape to all samples; see `fit_on_host`. In a plane `field_ut` is the strength of the part in it."""
     log = _Log(samples, robust, field_ut)
     return log.fit("host", None, [log.shape(shape, log.field)])
 
 
 def fit_on_board(
-    board: Board, samples: Samples, calibrator: str = BOARD, *, robust: bool = True, any_shape: bool = True,
+    board: Board,
+    samples: Samples,
+    calibrator: str = BOARD,
+    *,
+    robust: bool = True,
+    any_shape: bool = True,
     field_ut: float | None = None,
-) -> SampleFit:  # fmt: skip
+) -> SampleFit:
     """Run a board's calibrators over its capacity of samples, chosen evenly on the sphere.
 
     Parameters
@@ -120,19 +131,29 @@ def fit_on_board(
         result = log.rating.calibrator(name, scale.in_unit(fit), used)
         whole = REFERENCES[name](counts) if name in REFERENCES else None
         band = board.cycle_range(cost, name)
-        fits.append(replace(result, cycles=cost.cycles if cost else None, cycle_band=band,
-                            host_difference_deg=_difference_deg(fit, whole)))
+        fits.append(
+            replace(
+                result,
+                cycles=cost.cycles if cost else None,
+                cycle_band=band,
+                host_difference_deg=_difference_deg(fit, whole),
+            )
+        )
     if calibrator == ALL:
         others = sorted(REFERENCES.keys() - FASTER - set(calibrators))
         fits += [log.reference(name, scale, counts) for name in others]
     rounding = scale.counts(used) / scale.per_unit + scale.origin - used
     firmware = FirmwareUsed(
-        name=board.identity.name, version=board.identity.version, build_id=board.identity.build_id,
-        sha256=board.firmware_sha256, cycle_model=board.cycle_model, count_step=scale.step,
-        count_origin=triple(scale.origin), rounding_rms=float(np.sqrt((rounding * rounding).mean())),
+        name=board.identity.name,
+        version=board.identity.version,
+        build_id=board.identity.build_id,
+        sha256=board.firmware_sha256,
+        cycle_model=board.cycle_model,
+        count_step=scale.step,
+        count_origin=triple(scale.origin),
+        rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return log.fit(str(board.kind), firmware, log.with_shape(fits) if any_shape and several else fits,
-                   gravity=several)
+    return log.fit(str(board.kind), firmware, log.with_shape(fits) if any_shape and several else fits, gravity=several)
 
 
 class _Log:
@@ -183,12 +204,27 @@ class _Log:
         if best.hard_iron is not None and best.soft_iron is not None and best.turn is None:
             hole = largest_hole((self.kept.points - best.hard_iron) @ np.array(best.soft_iron))
         fit = SampleFit(
-            file=str(samples.path), columns=samples.columns, unit=str(samples.unit), unit_from=samples.unit_from,
-            n_in=len(samples.points), n_skipped=samples.skipped, n_repeated=int(gone.repeated.sum()),
-            robust="tukey" if gone.robust else "none", n_dropped=int(gone.dropped.sum()), dropped=gone.dropped_lines,
-            in_order=in_order_of_time(self.kept), change=self._change, condition=self.rating.condition, hole=hole,
-            field_ut=self._field_ut, on=on, firmware=firmware, calibrators=(*fits, *against), notes=(), gravity=log,
-        )  # fmt: skip
+            file=str(samples.path),
+            columns=samples.columns,
+            unit=str(samples.unit),
+            unit_from=samples.unit_from,
+            n_in=len(samples.points),
+            n_skipped=samples.skipped,
+            n_repeated=int(gone.repeated.sum()),
+            robust="tukey" if gone.robust else "none",
+            n_dropped=int(gone.dropped.sum()),
+            dropped=gone.dropped_lines,
+            in_order=in_order_of_time(self.kept),
+            change=self._change,
+            condition=self.rating.condition,
+            hole=hole,
+            field_ut=self._field_ut,
+            on=on,
+            firmware=firmware,
+            calibrators=(*fits, *against),
+            notes=(),
+            gravity=log,
+        )
         return replace(fit, notes=(*self._samples.notes, *notes(fit)))
 
 

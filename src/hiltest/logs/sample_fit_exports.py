@@ -72,24 +72,40 @@ def export_json(fit: SampleFit, path: Path) -> None:
     """Write the best calibration of a sample file as JSON, so that a reader sees the whole file or none."""
     best = fit.best
     content: dict[str, Any] = {
-        "schema": CALIBRATION_SCHEMA, "hiltest": __version__, "calibrator": best.name, "verdict": best.verdict,
-        "formula": FORMULA, "direction": "soft_iron maps readings, less hard_iron, to corrected ones",
-        "unit": fit.unit, "hard_iron": best.hard_iron, "soft_iron": best.soft_iron, "radius": best.radius,
-        "source": fit.file, "n_in": fit.n_in, "n_used": best.n_used,
+        "schema": CALIBRATION_SCHEMA,
+        "hiltest": __version__,
+        "calibrator": best.name,
+        "verdict": best.verdict,
+        "formula": FORMULA,
+        "direction": "soft_iron maps readings, less hard_iron, to corrected ones",
+        "unit": fit.unit,
+        "hard_iron": best.hard_iron,
+        "soft_iron": best.soft_iron,
+        "radius": best.radius,
+        "source": fit.file,
+        "n_in": fit.n_in,
+        "n_used": best.n_used,
         "quality": {
-            "residual_percent": best.residual_percent, "coverage": best.coverage, "axis_ratio": best.axis_ratio,
-            "condition": fit.condition, "direction_error_deg": best.direction_error_deg,
+            "residual_percent": best.residual_percent,
+            "coverage": best.coverage,
+            "axis_ratio": best.axis_ratio,
+            "condition": fit.condition,
+            "direction_error_deg": best.direction_error_deg,
         },
-    }  # fmt: skip
+    }
     if best.gravity is not None and fit.gravity is not None:
         content |= {
-            "axes": "corrected is in the axes of the accelerometer", "columns": fit.columns,
-            "held_out_dip_deg": best.gravity.held_out_dip_deg, "rotation_deg": best.gravity.rotation_deg,
+            "axes": "corrected is in the axes of the accelerometer",
+            "columns": fit.columns,
+            "held_out_dip_deg": best.gravity.held_out_dip_deg,
+            "rotation_deg": best.gravity.rotation_deg,
             "accelerometer": {
-                "formula": "gravity = gain * (reading - offset)", "unit": fit.gravity.unit,
-                "offset": best.gravity.accelerometer_offset, "gain": best.gravity.accelerometer_gain,
+                "formula": "gravity = gain * (reading - offset)",
+                "unit": fit.gravity.unit,
+                "offset": best.gravity.accelerometer_offset,
+                "gain": best.gravity.accelerometer_gain,
             },
-        }  # fmt: skip
+        }
     write_asked_for(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
@@ -100,11 +116,21 @@ def export_header(fit: SampleFit, path: Path) -> None:
     refused = best.verdict is Acceptance.REFUSED
     warning = f'\n#warning "{_REFUSED}"\n' if refused else ""
     text = _HEADER.format(
-        warning=warning, **_gravity_words(fit),
-        version=__version__, calibrator=comment_text(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
-        residual=residual, n_in=fit.n_in, file=comment_text(Path(fit.file).name), n_used=best.n_used,
-        hard_iron=_row(hard_iron), soft_iron=_rows(soft_iron), radius=c_float(radius),
-    )  # fmt: skip
+        warning=warning,
+        **_gravity_words(fit),
+        version=__version__,
+        calibrator=comment_text(best.name),
+        verdict=best.verdict,
+        formula=FORMULA,
+        unit=fit.unit,
+        residual=residual,
+        n_in=fit.n_in,
+        file=comment_text(Path(fit.file).name),
+        n_used=best.n_used,
+        hard_iron=_row(hard_iron),
+        soft_iron=_rows(soft_iron),
+        radius=c_float(radius),
+    )
     write_asked_for(path, text)
 
 
@@ -122,9 +148,11 @@ def _gravity_words(fit: SampleFit) -> dict[str, str]:
         return {"axes": _AXES, "caution": caution, "accelerometer": ""}
     caution = _GRAVITY.format(dip=gravity.held_out_dip_deg, columns=", ".join(map(comment_text, fit.columns)))
     accelerometer = _ACCELEROMETER.format(
-        unit=fit.gravity.unit, gain_unit=fit.gravity.gain_unit, offset=_row(gravity.accelerometer_offset),
+        unit=fit.gravity.unit,
+        gain_unit=fit.gravity.gain_unit,
+        offset=_row(gravity.accelerometer_offset),
         gain=_rows(gravity.accelerometer_gain),
-    )  # fmt: skip
+    )
     return {"axes": _GRAVITY_AXES, "caution": caution, "accelerometer": accelerometer}
 
 
@@ -140,8 +168,12 @@ def to_json(fit: SampleFit) -> str:
     """Return the text of a fit of samples, checked by ``fit.schema.json``."""
     best = fit.best
     content = {
-        "schema": FIT_SCHEMA, "hiltest": __version__, "verdict": best.verdict, "best": best.name, **asdict(fit),
-    }  # fmt: skip
+        "schema": FIT_SCHEMA,
+        "hiltest": __version__,
+        "verdict": best.verdict,
+        "best": best.name,
+        **asdict(fit),
+    }
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -151,13 +183,14 @@ def schema_text() -> str:
 
     from hiltest.json_schema import DescribedFields
 
-    schema: dict[str, Any] = TypeAdapter(SampleFit).json_schema(
-        mode="serialization", schema_generator=DescribedFields
-    )  # fmt: skip
+    schema: dict[str, Any] = TypeAdapter(SampleFit).json_schema(mode="serialization", schema_generator=DescribedFields)
     schema["properties"] = {
-        "schema": {"const": FIT_SCHEMA}, "hiltest": {"type": "string"},
-        "verdict": {"$ref": "#/$defs/Acceptance"}, "best": {"type": "string"}, **schema["properties"],
-    }  # fmt: skip
+        "schema": {"const": FIT_SCHEMA},
+        "hiltest": {"type": "string"},
+        "verdict": {"$ref": "#/$defs/Acceptance"},
+        "best": {"type": "string"},
+        **schema["properties"],
+    }
     schema["required"] = list(schema["properties"])
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": FIT_SCHEMA}
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"

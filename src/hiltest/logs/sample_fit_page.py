@@ -36,8 +36,13 @@ _FAR = 6.0
 def fit_page(fit: SampleFit, samples: Samples) -> str:
     """Return the page of a fit of samples."""
     return render(
-        "sample_fit.html.j2", package="hiltest.logs", told=[*told_reasons(fit), *fit.notes],
-        fit=fit, tone=_TONES[fit.best.verdict], tables=figure_tables(fit), pictures=_draw_rows(fit, samples),
+        "sample_fit.html.j2",
+        package="hiltest.logs",
+        told=[*told_reasons(fit), *fit.notes],
+        fit=fit,
+        tone=_TONES[fit.best.verdict],
+        tables=figure_tables(fit),
+        pictures=_draw_rows(fit, samples),
         version=__version__,
     )
 
@@ -55,7 +60,8 @@ def _draw_rows(fit: SampleFit, samples: Samples) -> list[list[Figure]]:
         return [[_draw_readings(fit, samples.points, dropped)]]
     after = [_after(_thin_out(corrected[~dropped]), fit.best.name, axes) for axes in ("xy", "xz", "yz")]
     rows = [
-        [_draw_readings(fit, samples.points, dropped), *after], [_draw_lengths(corrected, dropped, samples, fit.change)]
+        [_draw_readings(fit, samples.points, dropped), *after],
+        [_draw_lengths(corrected, dropped, samples, fit.change)],
     ]
     # A turn in a plane does not cover an area of the sphere.
     if fit.best.turn is None:
@@ -97,10 +103,15 @@ def _draw_readings(fit: SampleFit, points: Array, dropped: Mask) -> Figure:
     low, high = np.min(corners, axis=0), np.max(corners, axis=0)
     (x, y), reach = (low + high) / 2.0, 1.1 * (float((high - low).max()) / 2.0 or 1.0)
     figure = Figure(
-        title="before", description=f"{len(points)} points seen along z, as they were read",
-        x_label=f"x [{fit.unit}]", y_label=f"y [{fit.unit}]", x_range=(x - reach, x + reach),
-        y_range=(y - reach, y + reach), width=_SIZE, equal_axes=True,
-    )  # fmt: skip
+        title="before",
+        description=f"{len(points)} points seen along z, as they were read",
+        x_label=f"x [{fit.unit}]",
+        y_label=f"y [{fit.unit}]",
+        x_range=(x - reach, x + reach),
+        y_range=(y - reach, y + reach),
+        width=_SIZE,
+        equal_axes=True,
+    )
     if near:
         figure.level(0, "zero")
         figure.line([(0, y - reach), (0, y + reach)], "zero")
@@ -118,10 +129,15 @@ def _after(points: Array, name: str, axes: str) -> Figure:
     across, up = ("xyz".index(axis) for axis in axes)
     reach = 1.15 * max(1.0, float(np.abs(points).max()))
     figure = Figure(
-        title=f"after {name}", description=f"{len(points)} corrected points in {axes}, with the unit circle",
-        x_label=f"{axes[0]} [radius]", y_label=f"{axes[1]} [radius]", x_range=(-reach, reach),
-        y_range=(-reach, reach), width=_SIZE, equal_axes=True,
-    )  # fmt: skip
+        title=f"after {name}",
+        description=f"{len(points)} corrected points in {axes}, with the unit circle",
+        x_label=f"{axes[0]} [radius]",
+        y_label=f"{axes[1]} [radius]",
+        x_range=(-reach, reach),
+        y_range=(-reach, reach),
+        width=_SIZE,
+        equal_axes=True,
+    )
     figure.dots(_pairs(points[:, across], points[:, up]), "samples")
     figure.circle((0, 0), 1.0, "unit")
     return figure
@@ -136,9 +152,12 @@ def _draw_lengths(corrected: Array, dropped: Mask, samples: Samples, change: Fie
     figure = Figure(
         title="length of the corrected readings",
         description="Difference from the radius" + (" in time" if timed else " in the order of the file"),
-        x_label="time [s]" if timed else "reading", y_label="off the radius [%]",
-        x_range=(samples.start, float(at[-1])), y_range=(-reach, reach), width=_WIDE,
-    )  # fmt: skip
+        x_label="time [s]" if timed else "reading",
+        y_label="off the radius [%]",
+        x_range=(samples.start, float(at[-1])),
+        y_range=(-reach, reach),
+        width=_WIDE,
+    )
     figure.level(0, "zero")
     both = np.column_stack([at, lengths])
     figure.dots(_pairs(*_thin_out(both[~dropped]).T), "samples")

@@ -19,12 +19,20 @@ from hiltest.text import format_number
 
 STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
 _NAMES = {
-    "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
-    "radius_ut": "radius", "direction_error_deg": "predicted direction error",
-    "change_percent": "change of the field", "strong_iron_deg": "direction error under strong iron",
-    "rests": "number of rests", "turns": "number of turns", "spread_after_percent": "spread of norms",
-    "left_out_percent": "left out", "left_percent": "left of a turn",
-}  # fmt: skip
+    "n": "number of points",
+    "condition": "condition",
+    "residual_percent": "residual",
+    "axis_ratio": "axis ratio",
+    "radius_ut": "radius",
+    "direction_error_deg": "predicted direction error",
+    "change_percent": "change of the field",
+    "strong_iron_deg": "direction error under strong iron",
+    "rests": "number of rests",
+    "turns": "number of turns",
+    "spread_after_percent": "spread of norms",
+    "left_out_percent": "left out",
+    "left_percent": "left of a turn",
+}
 WIDTH = 80
 # Number of calibrators that fit as columns; more become rows, or on a page several tables.
 _MOST_COLUMNS = 5
@@ -92,9 +100,10 @@ def _grid_of_rows(fit: SampleFit) -> Table:
 
 def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
     """Return a table of fits against gravity beside norms alone, which cannot show a rotation."""
-    grid, fits = Table(box=SIMPLE_HEAD, pad_edge=False), [
-        result for result in fit.calibrators if result.gravity is not None
-    ]
+    grid, fits = (
+        Table(box=SIMPLE_HEAD, pad_edge=False),
+        [result for result in fit.calibrators if result.gravity is not None],
+    )
     grid.add_column(f"against gravity, {log.n_pairs} pairs")
     for name in ("norms alone", *(result.name for result in fits)):
         grid.add_column(escape(name), justify="right")
@@ -167,9 +176,12 @@ def _number_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
         ("axis ratio", [_number(result.axis_ratio, ".3f") for result in fits]),
         ("condition of the samples", [_number(fit.condition, ".4g")] * len(fits)),
         ("direction error [deg]", [_number(result.direction_error_deg, ".2f") for result in fits]),
-        *([("from all samples [deg]", [_number(result.host_difference_deg, ".2f") for result in fits])]
-          if fit.firmware is not None else []),
-    ]  # fmt: skip
+        *(
+            [("from all samples [deg]", [_number(result.host_difference_deg, ".2f") for result in fits])]
+            if fit.firmware is not None
+            else []
+        ),
+    ]
 
 
 def _cycle_rows(fit: SampleFit, label: str) -> list[tuple[str, list[str]]]:
@@ -178,12 +190,15 @@ def _cycle_rows(fit: SampleFit, label: str) -> list[tuple[str, list[str]]]:
     fits = fit.calibrators
     rows = [(label, ["not counted" if result.cycles is None else format_number(result.cycles) for result in fits])]
     if any(result.cycle_band for result in fits):
-        rows.append((
-            "cycles, lowest", [format_number(result.cycle_band.low if result.cycle_band else None) for result in fits]
-        ))
-        rows.append((
-            "cycles, highest", [format_number(result.cycle_band.high if result.cycle_band else None) for result in fits]
-        ))
+        rows.append(
+            ("cycles, lowest", [format_number(result.cycle_band.low if result.cycle_band else None) for result in fits])
+        )
+        rows.append(
+            (
+                "cycles, highest",
+                [format_number(result.cycle_band.high if result.cycle_band else None) for result in fits],
+            )
+        )
     return rows
 
 
@@ -194,7 +209,9 @@ def _best(fit: SampleFit) -> list[str]:
     if best.hard_iron is not None and best.soft_iron is not None:
         lines += [
             f"{escape(best.name)}: hard iron {escape(f'[{fit.unit}]')} {_hard_iron(best)}; soft iron {escape('[1]')}",
-            *(f"  {_row(row)}" for row in best.soft_iron), *_accelerometer(fit), "--json has those of every calibrator",
+            *(f"  {_row(row)}" for row in best.soft_iron),
+            *_accelerometer(fit),
+            "--json has those of every calibrator",
         ]
     return lines
 

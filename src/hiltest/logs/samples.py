@@ -121,12 +121,19 @@ def read_samples(
     if acceleration is not None and acceleration_unit is not AccelerationUnit.COUNTS:
         notes += asked_of_gravity(acceleration, acceleration_unit, "A header that says {} settles it")
     return Samples(
-        path, numbers[:, :_AXES].copy(), unit_found or Unit.COUNTS,
-        "option" if unit else "header" if unit_found else "assumed", layout.names, skipped,
-        lines=lines, time_s=_rising(numbers[:, -1], layout.time),
+        path,
+        numbers[:, :_AXES].copy(),
+        unit_found or Unit.COUNTS,
+        "option" if unit else "header" if unit_found else "assumed",
+        layout.names,
+        skipped,
+        lines=lines,
+        time_s=_rising(numbers[:, -1], layout.time),
         acceleration=None if acceleration is None or np.isnan(acceleration).any(axis=1).all() else acceleration.copy(),
-        acceleration_unit=acceleration_unit, preamble=table.preamble, notes=tuple(notes),
-    )  # fmt: skip
+        acceleration_unit=acceleration_unit,
+        preamble=table.preamble,
+        notes=tuple(notes),
+    )
 
 
 def _layout(table: Table, columns: str | None, accelerometer_columns: str | None) -> _Layout:
@@ -141,14 +148,27 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
     if accelerometer_columns is not None:
         accelerometer = named_columns(accelerometer_columns, headers, width, option="--accelerometer-columns")
     else:
-        triples = [triple for stem, triple in axis_triples(headers).items()
-                   if ACCELEROMETER_STEM.search(stem) and not set(triple) & set(places)]
+        triples = [
+            triple
+            for stem, triple in axis_triples(headers).items()
+            if ACCELEROMETER_STEM.search(stem) and not set(triple) & set(places)
+        ]
         accelerometer = triples[0] if len(triples) == 1 else ()
-    times = [(place, scale_s) for place, header in enumerate(headers)
-             if (scale_s := seconds_of(header)) is not None and place not in places]
+    times = [
+        (place, scale_s)
+        for place, header in enumerate(headers)
+        if (scale_s := seconds_of(header)) is not None and place not in places
+    ]
     x, y, z = table.names(places)
-    return _Layout(places, (x, y, z), accelerometer, table.names(accelerometer), accelerometer_columns is not None,
-                   times[0] if len(times) == 1 else None, tuple(notes))
+    return _Layout(
+        places,
+        (x, y, z),
+        accelerometer,
+        table.names(accelerometer),
+        accelerometer_columns is not None,
+        times[0] if len(times) == 1 else None,
+        tuple(notes),
+    )
 
 
 def _acceleration_unit(layout: _Layout) -> AccelerationUnit:
@@ -198,8 +218,10 @@ def _refuse_too_many(path: Path, lines: Sized) -> None:
 
 def _acceleration(path: Path, row: TableRow, layout: _Layout) -> list[float]:
     if layout.strict:
-        return [number_in(path, row, place, name, quantity="accelerometer reading")
-                for place, name in zip(layout.accelerometer, layout.accelerometer_names, strict=True)]
+        return [
+            number_in(path, row, place, name, quantity="accelerometer reading")
+            for place, name in zip(layout.accelerometer, layout.accelerometer_names, strict=True)
+        ]
     return [number_or_nan(row.cells[place], LARGEST_READING) for place in layout.accelerometer]
 
 

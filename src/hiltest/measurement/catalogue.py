@@ -80,28 +80,83 @@ def _heading() -> Iterator[Kind]:
     ):
         subjects = {"dpi": in_motion} | ({"uncalibrated": raw} if quantity == "max" else {})
         rms = "" if quantity == "rms" else "heading.{calibrator}.rms"
-        yield Kind(f"heading.{{calibrator}}.{quantity}", "deg", _LOWER, held, Section.HEADING, meaning, subjects,
-                   reference=reference, decided_by=rms)
-    yield Kind("heading.{calibrator}.bias", "deg", _ZERO, _allow(0.01, 0.01, _ROUNDING), Section.HEADING,
-               "Circular mean of the heading errors", {"dpi": _allow(0.05, 0.05, f"moved by 0.003; {_MOTION}")},
-               reference=_MOUNTED)
-    yield Kind("heading.{calibrator}.tilt_sensitivity", "deg", _ZERO, _allow(0.01, 0.01, _ROUNDING),
-               Section.HEADING, "rms heading error over the tilted poses less that over the level ones",
-               {"dpi": _allow(0.05, 0.05, f"moved by 0.015; {_MOTION}")}, reference=_TABLE)
-    yield Kind("heading.{calibrator}.worst_sector", "deg", _NEITHER,
-               _allow(0, 0, "which of the sectors: no quantity"), Section.HEADING,
-               "Start of the sector of 30 degrees of heading that holds the largest error", direction=True)
-    yield Kind("heading.{calibrator}.float32_error", "deg", _LOWER,
-               _allow(5e-4, 0, "moved by 3.3e-5; a wrong kernel differs by far more"), Section.HEADING,
-               "Largest difference between the board's heading and the same computed in float64 on the host",
-               {"dpi": _allow(5e-4, 0, f"moved by 1.2e-4; {_MOTION}")}, next_step=_IN_FLOAT64)
-    yield Kind("heading.uncalibrated.max_level", "deg", _NEITHER, raw, Section.HEADING,
-               "Largest heading error without calibration over the level poses", reference=_MOUNTED)
-    yield Kind("tumble.points", "", _HIGHER, _COUNTED, Section.HEADING,
-               "Calibration points that the board collected while it was tumbled", next_step=_ALL_ROUND)
-    yield Kind("tumble.coverage", "%", _HIGHER,
-               _allow(0.5, 0.01, "half a percent is a sixth of one of 300 directions"), Section.HEADING,
-               "Share of the sphere that the calibration points cover", next_step=_ALL_ROUND)
+        yield Kind(
+            f"heading.{{calibrator}}.{quantity}",
+            "deg",
+            _LOWER,
+            held,
+            Section.HEADING,
+            meaning,
+            subjects,
+            reference=reference,
+            decided_by=rms,
+        )
+    yield Kind(
+        "heading.{calibrator}.bias",
+        "deg",
+        _ZERO,
+        _allow(0.01, 0.01, _ROUNDING),
+        Section.HEADING,
+        "Circular mean of the heading errors",
+        {"dpi": _allow(0.05, 0.05, f"moved by 0.003; {_MOTION}")},
+        reference=_MOUNTED,
+    )
+    yield Kind(
+        "heading.{calibrator}.tilt_sensitivity",
+        "deg",
+        _ZERO,
+        _allow(0.01, 0.01, _ROUNDING),
+        Section.HEADING,
+        "rms heading error over the tilted poses less that over the level ones",
+        {"dpi": _allow(0.05, 0.05, f"moved by 0.015; {_MOTION}")},
+        reference=_TABLE,
+    )
+    yield Kind(
+        "heading.{calibrator}.worst_sector",
+        "deg",
+        _NEITHER,
+        _allow(0, 0, "which of the sectors: no quantity"),
+        Section.HEADING,
+        "Start of the sector of 30 degrees of heading that holds the largest error",
+        direction=True,
+    )
+    yield Kind(
+        "heading.{calibrator}.float32_error",
+        "deg",
+        _LOWER,
+        _allow(5e-4, 0, "moved by 3.3e-5; a wrong kernel differs by far more"),
+        Section.HEADING,
+        "Largest difference between the board's heading and the same computed in float64 on the host",
+        {"dpi": _allow(5e-4, 0, f"moved by 1.2e-4; {_MOTION}")},
+        next_step=_IN_FLOAT64,
+    )
+    yield Kind(
+        "heading.uncalibrated.max_level",
+        "deg",
+        _NEITHER,
+        raw,
+        Section.HEADING,
+        "Largest heading error without calibration over the level poses",
+        reference=_MOUNTED,
+    )
+    yield Kind(
+        "tumble.points",
+        "",
+        _HIGHER,
+        _COUNTED,
+        Section.HEADING,
+        "Calibration points that the board collected while it was tumbled",
+        next_step=_ALL_ROUND,
+    )
+    yield Kind(
+        "tumble.coverage",
+        "%",
+        _HIGHER,
+        _allow(0.5, 0.01, "half a percent is a sixth of one of 300 directions"),
+        Section.HEADING,
+        "Share of the sphere that the calibration points cover",
+        next_step=_ALL_ROUND,
+    )
 
 
 def _cycles() -> Iterator[Kind]:
@@ -110,39 +165,104 @@ def _cycles() -> Iterator[Kind]:
         ("total", "cycle", _LOWER, _KERNEL, "Cycles of one calibration from the number of points that the rig states"),
         ("per_point", "cycle", _LOWER, line, "Slope of the line through the cycles at several numbers of points"),
         ("fixed", "cycle", _LOWER, _allow(5, 0.01, _LINE), "Intercept of that line: cycles whatever the points"),
-        ("regression_residual", "cycle", _NEITHER,
-         _allow(1, 0.05, "how well the line describes the calls, not what they cost"),
-         "Largest distance of a count from that line"),
+        (
+            "regression_residual",
+            "cycle",
+            _NEITHER,
+            _allow(1, 0.05, "how well the line describes the calls, not what they cost"),
+            "Largest distance of a count from that line",
+        ),
         ("worst_found", "cycle", _LOWER, _KERNEL, "Most cycles that a search over inputs has found: its input again"),
-        ("spread", "cycle", _LOWER, _allow(5, 0.05, "between the cheapest and the dearest of some point sets"),
-         "Most less fewest cycles over several sets of as many points"),
+        (
+            "spread",
+            "cycle",
+            _LOWER,
+            _allow(5, 0.05, "between the cheapest and the dearest of some point sets"),
+            "Most less fewest cycles over several sets of as many points",
+        ),
         ("per_iteration", "cycle", _LOWER, line, "Cycles of one sweep of an iterative solver"),
         ("store_per_point", "cycle", _LOWER, _KERNEL, "Cycles to store one point for a fit, where that prepares it"),
     ):
-        yield Kind(f"cycles.{{calibrator}}.{quantity}", unit, better, allowance, Section.CYCLES, meaning,
-                   accuracy=_WORST if better is _LOWER else "")
-    yield Kind("cycles.{calibrator}.from_flash", "cycle", _NEITHER,
-               _allow(0, 0.1, "what the flash makes of a function moves by as much from one link to the next"),
-               Section.CYCLES, "Cycles of `total`, with the waits of the memories that it runs from")
-    yield Kind("cycles.{calibrator}.sweeps", "", _NEITHER, _allow(0, 0, "counted; what they cost is in the total"),
-               Section.CYCLES, "Sweeps that an iterative solver took")
+        yield Kind(
+            f"cycles.{{calibrator}}.{quantity}",
+            unit,
+            better,
+            allowance,
+            Section.CYCLES,
+            meaning,
+            accuracy=_WORST if better is _LOWER else "",
+        )
+    yield Kind(
+        "cycles.{calibrator}.from_flash",
+        "cycle",
+        _NEITHER,
+        _allow(0, 0.1, "what the flash makes of a function moves by as much from one link to the next"),
+        Section.CYCLES,
+        "Cycles of `total`, with the waits of the memories that it runs from",
+    )
+    yield Kind(
+        "cycles.{calibrator}.sweeps",
+        "",
+        _NEITHER,
+        _allow(0, 0, "counted; what they cost is in the total"),
+        Section.CYCLES,
+        "Sweeps that an iterative solver took",
+    )
     instructions = _allow(0, 0.01, "what they cost is in the total")
-    yield Kind("cycles.{calibrator}.instructions", "instruction", _NEITHER, instructions, Section.CYCLES,
-               "Instructions of the calibration of `total`")
-    yield Kind("cycles.{calibrator}.instructions_per_sweep", "instruction", _NEITHER, instructions, Section.CYCLES,
-               "Instructions of one sweep of an iterative solver")
-    yield Kind("cycles.{calibrator}.float64_distance", "deg", _LOWER,
-               _allow(5e-4, 0, "of golden points; as heading.{calibrator}.float32_error"), Section.CYCLES,
-               "rms angle between directions under the board's fit and under a float64 fit of the same points",
-               next_step=_IN_FLOAT64)
-    yield Kind("cycles.fusion.{step}", "cycle", _LOWER, _KERNEL, Section.FUSION,
-               "Most cycles of one prediction (predict) or correction (update) of the fusion filter",
-               accuracy="fusion.heading.max", next_step=COSTS_TOO_MUCH)
-    yield Kind("cycles.fusion.{step}.mean", "cycle", _LOWER, _allow(0.5, 0.005, _PER_CALL_WHY), Section.FUSION,
-               "Mean cycles of one prediction or correction of the fusion filter", accuracy="fusion.heading.max",
-               next_step=COSTS_TOO_MUCH)
-    yield Kind("cycles.gyroscope-turns.total", "cycle", _LOWER, _KERNEL, Section.GYROSCOPE,
-               "Cycles of the fit of scale and axes to three turns", next_step=COSTS_TOO_MUCH)
+    yield Kind(
+        "cycles.{calibrator}.instructions",
+        "instruction",
+        _NEITHER,
+        instructions,
+        Section.CYCLES,
+        "Instructions of the calibration of `total`",
+    )
+    yield Kind(
+        "cycles.{calibrator}.instructions_per_sweep",
+        "instruction",
+        _NEITHER,
+        instructions,
+        Section.CYCLES,
+        "Instructions of one sweep of an iterative solver",
+    )
+    yield Kind(
+        "cycles.{calibrator}.float64_distance",
+        "deg",
+        _LOWER,
+        _allow(5e-4, 0, "of golden points; as heading.{calibrator}.float32_error"),
+        Section.CYCLES,
+        "rms angle between directions under the board's fit and under a float64 fit of the same points",
+        next_step=_IN_FLOAT64,
+    )
+    yield Kind(
+        "cycles.fusion.{step}",
+        "cycle",
+        _LOWER,
+        _KERNEL,
+        Section.FUSION,
+        "Most cycles of one prediction (predict) or correction (update) of the fusion filter",
+        accuracy="fusion.heading.max",
+        next_step=COSTS_TOO_MUCH,
+    )
+    yield Kind(
+        "cycles.fusion.{step}.mean",
+        "cycle",
+        _LOWER,
+        _allow(0.5, 0.005, _PER_CALL_WHY),
+        Section.FUSION,
+        "Mean cycles of one prediction or correction of the fusion filter",
+        accuracy="fusion.heading.max",
+        next_step=COSTS_TOO_MUCH,
+    )
+    yield Kind(
+        "cycles.gyroscope-turns.total",
+        "cycle",
+        _LOWER,
+        _KERNEL,
+        Section.GYROSCOPE,
+        "Cycles of the fit of scale and axes to three turns",
+        next_step=COSTS_TOO_MUCH,
+    )
 
 
 def _streams() -> Iterator[Kind]:
@@ -160,46 +280,116 @@ def _streams() -> Iterator[Kind]:
         ("refused", "", _LOWER, _COUNTED, "Points that the calibrator refused"),
     ):
         cost = unit == "cycle"
-        yield Kind(f"stream.{{calibrator}}.{quantity}", unit, better, allowance, Section.STREAMS, meaning,
-                   accuracy=_WORST if cost else "", next_step=COSTS_TOO_MUCH if cost else "",
-                   decided_by="stream.{calibrator}.cycles_mean" if quantity in ("cycles_median", "cycles_max") else "")
+        yield Kind(
+            f"stream.{{calibrator}}.{quantity}",
+            unit,
+            better,
+            allowance,
+            Section.STREAMS,
+            meaning,
+            accuracy=_WORST if cost else "",
+            next_step=COSTS_TOO_MUCH if cost else "",
+            decided_by="stream.{calibrator}.cycles_mean" if quantity in ("cycles_median", "cycles_max") else "",
+        )
 
 
 def _fit() -> Iterator[Kind]:
     for quantity, unit, better, allowance, meaning, dpi in (
-        ("status", "", _LOWER, _allow(0, 0, "0 is the fit that was asked for, all others are less"),
-         "Status of the fit: 0 is the ellipsoid that was asked for, any other says why there is none", None),
+        (
+            "status",
+            "",
+            _LOWER,
+            _allow(0, 0, "0 is the fit that was asked for, all others are less"),
+            "Status of the fit: 0 is the ellipsoid that was asked for, any other says why there is none",
+            None,
+        ),
         ("n_used", "", _HIGHER, _COUNTED, "Pairs of field and gravity that the fit used", None),
-        ("coverage", "", _LOWER, _allow(0.01, 0.01, _ROUNDING),
-         "Largest ratio of a diagonal element of the normal equations to its pivot: lower for points all round",
-         _allow(0.05, 0.02, f"moved by 0.012; {_MOTION}")),
-        ("residual", "%", _LOWER, _allow(0.005, 0.005, f"moved by 0.0007; {_MOTION}"),
-         "rms deviation of the calibrated field strength from its mean", None),
-        ("residual_predicted", "%", _NEITHER, _allow(1e-4, 0, _OF_PART),
-         "Residual that sensor noise alone leaves", None),
-        ("offset_error", "uT", _LOWER, _allow(0.005, 0.01, _ROUNDING),
-         "Distance of the hard iron from its truth",
-         _allow(0.02, 0.05, f"moved by 0.005; {_MOTION}")),
-        ("rotation_left", "deg", _LOWER, _allow(0.005, 0.01, _ROUNDING),
-         "Residual rotation: how far calibrated directions are turned from the true ones",
-         _allow(0.05, 0.05, f"moved by 0.020; {_MOTION}")),
-        ("standard_error", "%", _LOWER, _allow(0.02, 0.02, f"moved by 0.005; {_MOTION}"),
-         "Standard error of the fitted matrix", None),
-        ("dip", "deg", _NEITHER, _allow(0.02, 0, f"moved by 0.005; {_MOTION}"),
-         "Dip of the field that the fit against gravity found", None),
+        (
+            "coverage",
+            "",
+            _LOWER,
+            _allow(0.01, 0.01, _ROUNDING),
+            "Largest ratio of a diagonal element of the normal equations to its pivot: lower for points all round",
+            _allow(0.05, 0.02, f"moved by 0.012; {_MOTION}"),
+        ),
+        (
+            "residual",
+            "%",
+            _LOWER,
+            _allow(0.005, 0.005, f"moved by 0.0007; {_MOTION}"),
+            "rms deviation of the calibrated field strength from its mean",
+            None,
+        ),
+        (
+            "residual_predicted",
+            "%",
+            _NEITHER,
+            _allow(1e-4, 0, _OF_PART),
+            "Residual that sensor noise alone leaves",
+            None,
+        ),
+        (
+            "offset_error",
+            "uT",
+            _LOWER,
+            _allow(0.005, 0.01, _ROUNDING),
+            "Distance of the hard iron from its truth",
+            _allow(0.02, 0.05, f"moved by 0.005; {_MOTION}"),
+        ),
+        (
+            "rotation_left",
+            "deg",
+            _LOWER,
+            _allow(0.005, 0.01, _ROUNDING),
+            "Residual rotation: how far calibrated directions are turned from the true ones",
+            _allow(0.05, 0.05, f"moved by 0.020; {_MOTION}"),
+        ),
+        (
+            "standard_error",
+            "%",
+            _LOWER,
+            _allow(0.02, 0.02, f"moved by 0.005; {_MOTION}"),
+            "Standard error of the fitted matrix",
+            None,
+        ),
+        (
+            "dip",
+            "deg",
+            _NEITHER,
+            _allow(0.02, 0, f"moved by 0.005; {_MOTION}"),
+            "Dip of the field that the fit against gravity found",
+            None,
+        ),
         ("dip_declared", "deg", _NEITHER, _allow(0, 0, _OF_PART), "Dip that the rig declares", None),
-        ("strength", "uT", _NEITHER, _allow(0.02, 0, f"moved by 0.002; {_MOTION}"),
-         "Strength of the field that the fit against gravity found", None),
+        (
+            "strength",
+            "uT",
+            _NEITHER,
+            _allow(0.02, 0, f"moved by 0.002; {_MOTION}"),
+            "Strength of the field that the fit against gravity found",
+            None,
+        ),
         ("strength_declared", "uT", _NEITHER, _allow(0, 0, _OF_PART), "Field strength that the rig declares", None),
     ):
-        yield Kind(f"fit.{{calibrator}}.{quantity}", unit, better, allowance, Section.FIT, meaning,
-                   {"dpi": dpi} if dpi else {})
-    yield Kind("budget.{calibrator}.effort", None, _HIGHER,
-               _allow(0, 0, "what the budget buys: follows from exact cycles"), Section.BUDGET,
-               "Points, or sweeps of an iterative solver, that the thesis' cycle budget pays for")
-    yield Kind("budget.{calibrator}.mean_error", "deg", _LOWER,
-               _allow(0.25, 0.02, "moved by 0.14, by one point more of 16"), Section.BUDGET,
-               "Mean heading error of a calibration with that effort")
+        yield Kind(
+            f"fit.{{calibrator}}.{quantity}", unit, better, allowance, Section.FIT, meaning, {"dpi": dpi} if dpi else {}
+        )
+    yield Kind(
+        "budget.{calibrator}.effort",
+        None,
+        _HIGHER,
+        _allow(0, 0, "what the budget buys: follows from exact cycles"),
+        Section.BUDGET,
+        "Points, or sweeps of an iterative solver, that the thesis' cycle budget pays for",
+    )
+    yield Kind(
+        "budget.{calibrator}.mean_error",
+        "deg",
+        _LOWER,
+        _allow(0.25, 0.02, "moved by 0.14, by one point more of 16"),
+        Section.BUDGET,
+        "Mean heading error of a calibration with that effort",
+    )
 
 
 def _imu() -> Iterator[Kind]:
@@ -209,8 +399,13 @@ def _imu() -> Iterator[Kind]:
     for name, unit, better, allowance, meaning in (
         ("norm_rms", "mg", _LOWER, norm, "rms deviation of gravity from 1 g at the known angles"),
         ("tilt_error", "deg", _LOWER, small, "Largest error of pitch and roll at the known angles"),
-        ("untrimmed_norm_rms", "mg", _NEITHER, _allow(0.01, 0.01, _OF_PART),
-         "rms deviation of gravity from 1 g on the faces, before calibration"),
+        (
+            "untrimmed_norm_rms",
+            "mg",
+            _NEITHER,
+            _allow(0.01, 0.01, _OF_PART),
+            "rms deviation of gravity from 1 g on the faces, before calibration",
+        ),
         ("rest_norm_error", "mg", _NEITHER, of_part, "Deviation of gravity from 1 g at rest, before calibration"),
         ("faces_askew", "deg", _NEITHER, of_part, "How askew the readings say the six faces were, rms about each axis"),
         ("{fit}.norm_rms", "mg", _LOWER, norm, "rms deviation of gravity from 1 g under this calibration"),
@@ -221,10 +416,24 @@ def _imu() -> Iterator[Kind]:
         ("{fit}.cycles", "cycle", _LOWER, _KERNEL, "Cycles of the fit"),
     ):
         accuracy = "accelerometer.{fit}.norm_rms" if unit == "cycle" else ""
-        yield Kind(f"accelerometer.{name}", unit, better, allowance, Section.ACCELEROMETER, meaning, accuracy=accuracy,
-                   next_step=COSTS_TOO_MUCH if unit == "cycle" else "")
-    yield Kind("magnetometer.{fit}.norm_rms", "%", _LOWER, _allow(0.005, 0.01, _ROUNDING), Section.FIT,
-               "rms deviation of the field strength under this calibration from its mean")
+        yield Kind(
+            f"accelerometer.{name}",
+            unit,
+            better,
+            allowance,
+            Section.ACCELEROMETER,
+            meaning,
+            accuracy=accuracy,
+            next_step=COSTS_TOO_MUCH if unit == "cycle" else "",
+        )
+    yield Kind(
+        "magnetometer.{fit}.norm_rms",
+        "%",
+        _LOWER,
+        _allow(0.005, 0.01, _ROUNDING),
+        Section.FIT,
+        "rms deviation of the field strength under this calibration from its mean",
+    )
     yield from _gyroscope()
 
 
@@ -236,10 +445,14 @@ def _gyroscope() -> Iterator[Kind]:
     sensitivity = _allow(0.02, 0, f"moved by 0.008; {_MOTION}")
     for name, unit, better, allowance, meaning in (
         ("bias_error", "dps", _LOWER, bias, "Distance of the measured bias from its truth"),
-        ("uncorrected_error", "dps", _NEITHER, _allow(0.01, 0, _OF_PART),
-         "Rate at rest before the bias is subtracted"),
-        ("temperature", "degC", _NEITHER, _allow(1, 0, "the part gives whole degrees"),
-         "Temperature that the part reports"),
+        ("uncorrected_error", "dps", _NEITHER, _allow(0.01, 0, _OF_PART), "Rate at rest before the bias is subtracted"),
+        (
+            "temperature",
+            "degC",
+            _NEITHER,
+            _allow(1, 0, "the part gives whole degrees"),
+            "Temperature that the part reports",
+        ),
         ("scale_error", "%", _ZERO, scale, "Largest error of scale over the three axes"),
         ("scale_error.{axis}", "%", _ZERO, scale, "Error of scale of one axis"),
         ("misalignment", "deg", _LOWER, axes, "Largest angle between a calibrated axis and the true one"),
@@ -248,15 +461,32 @@ def _gyroscope() -> Iterator[Kind]:
         ("scale_uncertainty", "%", _LOWER, axes, "Uncertainty of scale that follows from the table's angle"),
         ("misalignment_uncertainty", "deg", _LOWER, axes, "Uncertainty of the axes that follows from the table's tilt"),
         ("turn_error", "deg", _LOWER, turn, "Error of a whole turn that the calibration was not fitted to"),
-        ("noise_density", "mdps/rtHz", _NEITHER, _allow(0.5, 0.02, f"moved by 0.15; {_MOTION}"),
-         "Largest noise density of the three axes at rest"),
+        (
+            "noise_density",
+            "mdps/rtHz",
+            _NEITHER,
+            _allow(0.5, 0.02, f"moved by 0.15; {_MOTION}"),
+            "Largest noise density of the three axes at rest",
+        ),
         ("{fit}.bias_error", "dps", _LOWER, bias, "Distance of the bias of this calibration from its truth"),
         ("{fit}.turn_error", "deg", _LOWER, turn, "Error of a whole turn under this calibration"),
-        ("{fit}.largest_turn_error", "deg", _LOWER, turn,
-         "Largest error of whole turns about all axes under this calibration"),
+        (
+            "{fit}.largest_turn_error",
+            "deg",
+            _LOWER,
+            turn,
+            "Largest error of whole turns about all axes under this calibration",
+        ),
     ):
-        yield Kind(f"gyroscope.{name}", unit, better, allowance, Section.GYROSCOPE, meaning,
-                   next_step=_AT_REST if unit in ("dps", "degC") else "")
+        yield Kind(
+            f"gyroscope.{name}",
+            unit,
+            better,
+            allowance,
+            Section.GYROSCOPE,
+            meaning,
+            next_step=_AT_REST if unit in ("dps", "degC") else "",
+        )
 
 
 def _fusion() -> Iterator[Kind]:
@@ -270,8 +500,7 @@ def _fusion() -> Iterator[Kind]:
         ):
             subjects = {"accelerometer_magnetometer": alone} if quantity == "heading.max" else {}
             rms = f"{prefix}.heading.rms" if quantity == "heading.max" else ""
-            yield Kind(f"{prefix}.{quantity}", "deg", _LOWER, moving, Section.FUSION, meaning, subjects,
-                       decided_by=rms)
+            yield Kind(f"{prefix}.{quantity}", "deg", _LOWER, moving, Section.FUSION, meaning, subjects, decided_by=rms)
     yield Kind("fusion.left_out", "", _LOWER, _COUNTED, Section.FUSION, "Samples lost and corrections refused")
     yield Kind("fusion.corrections", "", _NEITHER, _COUNTED, Section.FUSION, "Corrections that the filter took")
 
@@ -287,23 +516,49 @@ def _driving() -> Iterator[Kind]:
         ("current_rms", "deg", moving, "rms heading error while a current disturbs the field"),
         ("passing_rms", "deg", moving, "rms heading error while a magnet passes"),
         ("cable_rms", "deg", moving, "rms heading error while a cable is out of its place"),
-        ("recovery_time", "s", at_records,
-         "Longest time from the end of a disturbance until the heading is right to 5 degrees"),
+        (
+            "recovery_time",
+            "s",
+            at_records,
+            "Longest time from the end of a disturbance until the heading is right to 5 degrees",
+        ),
         ("unsaid", "s", at_records, "Time for which a heading was answered that was wrong by more than 5 degrees"),
     ):
         yield Kind(f"driving.{{source}}.{quantity}", unit, _LOWER, allowance, Section.DRIVING, meaning)
-    yield Kind("driving.fusion.left_out", "", _NEITHER, _COUNTED, Section.DRIVING,
-               "Corrections that the filter left out while the field was disturbed: all that it says of it")
+    yield Kind(
+        "driving.fusion.left_out",
+        "",
+        _NEITHER,
+        _COUNTED,
+        Section.DRIVING,
+        "Corrections that the filter left out while the field was disturbed: all that it says of it",
+    )
     calibrated = _allow(0.1, 0.05, f"as heading.dpi.max: {_MOTION}")
     for quantity, unit, allowance, meaning in (
-        ("calibrated_max", "deg", calibrated,
-         "Largest heading error, undisturbed, of a calibration from points that were all disturbed"),
-        ("calibrated_error", "%", _allow(0.02, 0.02, f"as fit.dpi.standard_error: {_MOTION}"),
-         "Its own word for its error: the residual of a fit, the fit error of a streaming calibrator"),
-        ("kept_max", "deg", calibrated,
-         "Largest heading error, undisturbed, of a streaming calibrator that got disturbed points after good ones"),
-        ("recalibrated_after", "s", _allow(1, 0.05, "seen at the end of tumbles 7 s apart"),
-         "Time of turning without a disturbance until a calibration from disturbed points is right to 2 degrees"),
+        (
+            "calibrated_max",
+            "deg",
+            calibrated,
+            "Largest heading error, undisturbed, of a calibration from points that were all disturbed",
+        ),
+        (
+            "calibrated_error",
+            "%",
+            _allow(0.02, 0.02, f"as fit.dpi.standard_error: {_MOTION}"),
+            "Its own word for its error: the residual of a fit, the fit error of a streaming calibrator",
+        ),
+        (
+            "kept_max",
+            "deg",
+            calibrated,
+            "Largest heading error, undisturbed, of a streaming calibrator that got disturbed points after good ones",
+        ),
+        (
+            "recalibrated_after",
+            "s",
+            _allow(1, 0.05, "seen at the end of tumbles 7 s apart"),
+            "Time of turning without a disturbance until a calibration from disturbed points is right to 2 degrees",
+        ),
     ):
         yield Kind(f"driving.{{calibrator}}.{quantity}", unit, _LOWER, allowance, Section.DRIVING, meaning)
 
@@ -315,14 +570,38 @@ def _own_language() -> Iterator[Kind]:
     hear = "See which lines or bytes are not understood: hiltest device try."
     for name, unit, better, allowance, meaning, next_step in (
         ("settle_time", "s", _LOWER, waited, "Longest time until a heading at rest stood still", converge),
-        ("unsettled", "", _LOWER, _COUNTED, "Known angles at which the heading still moved at the end of the wait",
-         converge),
-        ("calibrated_after", "s", _LOWER, waited, "Time of turning until the firmware said that it is calibrated",
-         "Turn it through more directions, or slower: tumbles, tumble_s under [device]."),
-        ("errors", "", _LOWER, _COUNTED, "Errors that the firmware reported",
-         "Look at the wire trace: what it says before them."),
-        ("unconfirmed", "", _LOWER, _COUNTED, "Headings from a serial line that no neighbour confirmed, and left out",
-         hear),
+        (
+            "unsettled",
+            "",
+            _LOWER,
+            _COUNTED,
+            "Known angles at which the heading still moved at the end of the wait",
+            converge,
+        ),
+        (
+            "calibrated_after",
+            "s",
+            _LOWER,
+            waited,
+            "Time of turning until the firmware said that it is calibrated",
+            "Turn it through more directions, or slower: tumbles, tumble_s under [device].",
+        ),
+        (
+            "errors",
+            "",
+            _LOWER,
+            _COUNTED,
+            "Errors that the firmware reported",
+            "Look at the wire trace: what it says before them.",
+        ),
+        (
+            "unconfirmed",
+            "",
+            _LOWER,
+            _COUNTED,
+            "Headings from a serial line that no neighbour confirmed, and left out",
+            hear,
+        ),
         ("not_understood", "", _LOWER, _COUNTED, "Bytes or lines from the firmware that were not understood", hear),
     ):
         yield Kind(f"device.{name}", unit, better, allowance, Section.HEADING, meaning, next_step=next_step)
@@ -342,8 +621,15 @@ def _own_language() -> Iterator[Kind]:
         ("slice_most", "cycle", _LOWER, per_call, "Most cycles of a slice"),
     ):
         cost = unit == "cycle"
-        yield Kind(f"cycles.{{function}}.{name}", unit, better, allowance, Section.CYCLES, meaning,
-                   next_step=COSTS_TOO_MUCH if cost else "")
+        yield Kind(
+            f"cycles.{{function}}.{name}",
+            unit,
+            better,
+            allowance,
+            Section.CYCLES,
+            meaning,
+            next_step=COSTS_TOO_MUCH if cost else "",
+        )
 
 
 def _board() -> Iterator[Kind]:
@@ -362,19 +648,41 @@ def _board() -> Iterator[Kind]:
         ("ram", "RAM that the firmware takes before it runs: data, and code that is copied there"),
     ):
         yield Kind(f"firmware.{name}", "B", _LOWER, _allow(0, 0.01, _GROWTH), Section.BOARD, meaning)
-    for name, whose in (("stack_most", "the stack that the firmware starts with"),
-                        ("{task}.stack_most", "a task's stack, by the function that the task begins with")):
-        yield Kind(f"firmware.{name}", "B", _LOWER, _allow(0, 0, _CALLED),
-                   Section.BOARD, f"Most that was on {whose}, interrupts included", compared=False)
-    yield Kind("firmware.{function}.stack", "B", _LOWER, _allow(32, 0, _FRAME), Section.BOARD,
-               "Most stack that a call of a calibrator or of another watched function took, with what it calls")
+    for name, whose in (
+        ("stack_most", "the stack that the firmware starts with"),
+        ("{task}.stack_most", "a task's stack, by the function that the task begins with"),
+    ):
+        yield Kind(
+            f"firmware.{name}",
+            "B",
+            _LOWER,
+            _allow(0, 0, _CALLED),
+            Section.BOARD,
+            f"Most that was on {whose}, interrupts included",
+            compared=False,
+        )
+    yield Kind(
+        "firmware.{function}.stack",
+        "B",
+        _LOWER,
+        _allow(32, 0, _FRAME),
+        Section.BOARD,
+        "Most stack that a call of a calibrator or of another watched function took, with what it calls",
+    )
     for name, meaning in (
         ("stack_bound", "Most that the stack which the firmware starts with can hold, on any way through the code"),
         ("{function}.stack_bound", "Most stack that a call of that function can take, on any way through the code"),
     ):
         yield Kind(f"firmware.{name}", "B", _LOWER, _allow(32, 0, _FRAME), Section.BOARD, meaning, compared=False)
-    yield Kind("board.virtual_seconds", "s", _NEITHER, _allow(5, 0.02, "waiting, not work; moved by 4.4 of 239"),
-               Section.BOARD, "Time that passed on the virtual board", compared=False)
+    yield Kind(
+        "board.virtual_seconds",
+        "s",
+        _NEITHER,
+        _allow(5, 0.02, "waiting, not work; moved by 4.4 of 239"),
+        Section.BOARD,
+        "Time that passed on the virtual board",
+        compared=False,
+    )
     yield Kind("board.wall_seconds", "s", _NEITHER, _COUNTED, Section.BOARD, "Time that the run took", compared=False)
 
 
@@ -395,32 +703,86 @@ def _studies() -> Iterator[Kind]:
         yield Kind(f"study.{name}", "", better, _COUNTED, Section.STUDIES, meaning)
     for angle in ("heading", "pitch", "roll"):
         yield Kind(
-            f"study.dpi.{{calibration}}.{angle}", "deg", _LOWER, _COUNTED, Section.STUDIES,
+            f"study.dpi.{{calibration}}.{angle}",
+            "deg",
+            _LOWER,
+            _COUNTED,
+            Section.STUDIES,
             f"Median over instances of the largest error of {angle}",
         )
-    yield Kind("study.choose.{calibrator}.p95", "deg", _LOWER, _COUNTED, Section.STUDIES,
-               "95th percentile over instances of the direction's rms error under the conditions asked about")
-    yield Kind("study.choose.{calibrator}.cycles", "cycle", _LOWER, _COUNTED, Section.STUDIES,
-               "Most cycles of one calibration on the virtual board over these instances", next_step=COSTS_TOO_MUCH)
-    yield Kind("study.float32.{calibrator}.apart", "deg", _LOWER, _COUNTED, Section.STUDIES,
-               "95th percentile over instances of the angle to float64, with hard iron of 10 times the field")
-    yield Kind("study.imu.lstsq_rms", "g", _LOWER, _COUNTED, Section.STUDIES,
-               "Median over instances of the rms that least squares leave on the six faces")
-    yield Kind("study.imu.{calibrator}.without_fit", "%", _LOWER, _COUNTED, Section.STUDIES,
-               "Share of instances without a fit, with an offset as large as the field")
-    yield Kind("study.imu.{calibrator}.rms_less_mean", "", _LOWER, _COUNTED, Section.STUDIES,
-               "Median over instances of the rms of norms about 1 by a fit of the points less their mean")
     yield Kind(
-        "study.budget.{calibrator}.mean_error", "deg", _LOWER, _COUNTED, Section.STUDIES,
+        "study.choose.{calibrator}.p95",
+        "deg",
+        _LOWER,
+        _COUNTED,
+        Section.STUDIES,
+        "95th percentile over instances of the direction's rms error under the conditions asked about",
+    )
+    yield Kind(
+        "study.choose.{calibrator}.cycles",
+        "cycle",
+        _LOWER,
+        _COUNTED,
+        Section.STUDIES,
+        "Most cycles of one calibration on the virtual board over these instances",
+        next_step=COSTS_TOO_MUCH,
+    )
+    yield Kind(
+        "study.float32.{calibrator}.apart",
+        "deg",
+        _LOWER,
+        _COUNTED,
+        Section.STUDIES,
+        "95th percentile over instances of the angle to float64, with hard iron of 10 times the field",
+    )
+    yield Kind(
+        "study.imu.lstsq_rms",
+        "g",
+        _LOWER,
+        _COUNTED,
+        Section.STUDIES,
+        "Median over instances of the rms that least squares leave on the six faces",
+    )
+    yield Kind(
+        "study.imu.{calibrator}.without_fit",
+        "%",
+        _LOWER,
+        _COUNTED,
+        Section.STUDIES,
+        "Share of instances without a fit, with an offset as large as the field",
+    )
+    yield Kind(
+        "study.imu.{calibrator}.rms_less_mean",
+        "",
+        _LOWER,
+        _COUNTED,
+        Section.STUDIES,
+        "Median over instances of the rms of norms about 1 by a fit of the points less their mean",
+    )
+    yield Kind(
+        "study.budget.{calibrator}.mean_error",
+        "deg",
+        _LOWER,
+        _COUNTED,
+        Section.STUDIES,
         "Mean over instances of the direction's rms error with all effort",
     )
     yield Kind(
-        "study.budget.{calibrator}.mean_cycles", "cycle", _LOWER, _COUNTED, Section.STUDIES,
-        "Mean over instances of the clock cycles of all effort", next_step=COSTS_TOO_MUCH,
+        "study.budget.{calibrator}.mean_cycles",
+        "cycle",
+        _LOWER,
+        _COUNTED,
+        Section.STUDIES,
+        "Mean over instances of the clock cycles of all effort",
+        next_step=COSTS_TOO_MUCH,
     )
     for quantile, named in (("median", "Median"), ("p95", "95th percentile")):
         yield Kind(
-            f"study.estimators.{{calibrator}}.{quantile}", "deg", _LOWER, _COUNTED, Section.STUDIES,
+            f"study.estimators.{{calibrator}}.{quantile}",
+            "deg",
+            _LOWER,
+            _COUNTED,
+            Section.STUDIES,
             f"{named} of the direction's rms error over instances with 2.5 uT of noise and 1000 points",
         )
 
@@ -463,7 +825,8 @@ def nearest_name(name: str, at_most: int = 2) -> str | None:
     parts = name.split(".")
     candidates = (
         ".".join(subject_part if part == _SUBJECT else part for part, subject_part in zip(form, parts, strict=True))
-        for form in _BY_FORM if len(form) == len(parts)
+        for form in _BY_FORM
+        if len(form) == len(parts)
     )
     near = sorted(
         (distance, candidate) for candidate in candidates if (distance := _edit_distance(name, candidate)) <= at_most

@@ -8,9 +8,7 @@ from hiltest.text import format_number
 
 #: Row of a cycle model for differences of published counts that the other rows do not explain, as a part of any count.
 DOUBT = "doubt_permille"
-ABOUT_FETCH = frozenset(
-    {"fetch_late", "fetch_late_fp", "fetch_late_integer", "target_misplaced", "return_misplaced"}
-)
+ABOUT_FETCH = frozenset({"fetch_late", "fetch_late_fp", "fetch_late_integer", "target_misplaced", "return_misplaced"})
 """Rows whose price depends on an instruction's position, which decides if it is fetched in time."""
 
 

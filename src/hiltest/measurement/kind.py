@@ -41,11 +41,11 @@ COSTS_TOO_MUCH = "See which lines the cycles go to: hiltest profile ELF FUNCTION
 
 NEXT_STEP = {
     Section.HEADING: "Compare the heading errors of all calibrators: what all share is of the accelerometer, the "
-                     "mounting or the table, what one has alone is of its fit.",
+    "mounting or the table, what one has alone is of its fit.",
     Section.CYCLES: COSTS_TOO_MUCH,
     Section.STREAMS: "See in the report how accuracy goes with the points received, and which points were refused.",
     Section.FIT: "Look at the calibrated samples in the report: points all round that the model fits leave a small "
-                 "residual.",
+    "residual.",
     Section.BUDGET: "Compare the cycles per point: cheaper points, or cheaper sweeps, buy more of them.",
     Section.ACCELEROMETER: "Calibrate the accelerometer again on its six faces, and check how each face lies.",
     Section.GYROSCOPE: "Check the table's angle and the rate of the gyroscope's samples: a turn is their sum.",

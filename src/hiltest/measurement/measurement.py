@@ -166,8 +166,15 @@ class About(TypedDict, total=False):
 
 
 def check(
-    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, not_checked: str = "",
-    not_offered: str = "", could_offer: bool = False, **about: Unpack[About],
+    name: str,
+    value: float | int | None,
+    *,
+    unit: str,
+    limit: Limit | None = None,
+    not_checked: str = "",
+    not_offered: str = "",
+    could_offer: bool = False,
+    **about: Unpack[About],
 ) -> Measurement:
     """Make a measurement and decide its outcome.
 

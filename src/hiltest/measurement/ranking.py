@@ -19,6 +19,7 @@ def in_flash(cycle_model: str) -> bool:
     """Return whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/2@flash``."""
     return "flash" in cycle_model.partition("@")[2]
 
+
 _Ends = tuple[tuple[float, float], ...]
 """Changes of two counts by one row: at its value, and at both ends of its range."""
 

@@ -44,10 +44,14 @@ def from_ned_axes(axes: ArrayLike) -> Quaternion:
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(axes, dtype=np.float64)
     # Four times the outer square, in the order x, y, z, w.
-    square = np.array([
-        [1 + a - e - i, b + d, c + g, h - f], [b + d, 1 - a + e - i, f + h, c - g],
-        [c + g, f + h, 1 - a - e + i, d - b], [h - f, c - g, d - b, 1 + a + e + i],
-    ])  # fmt: skip
+    square = np.array(
+        [
+            [1 + a - e - i, b + d, c + g, h - f],
+            [b + d, 1 - a + e - i, f + h, c - g],
+            [c + g, f + h, 1 - a - e + i, d - b],
+            [h - f, c - g, d - b, 1 + a + e + i],
+        ]
+    )
     row = square[int(np.argmax(np.diag(square)))]
     unit = normalised(row)
     return -unit if unit[3] < 0.0 else unit
@@ -56,11 +60,13 @@ def from_ned_axes(axes: ArrayLike) -> Quaternion:
 def rotation_ned_from_body(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Return the matrix, shape (3, 3), of a unit quaternion: ``v_ned = R @ v_body``."""
     x, y, z, w = np.asarray(quaternion, dtype=np.float64)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def pose_of(quaternion: ArrayLike) -> Pose:

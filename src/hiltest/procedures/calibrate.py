@@ -91,9 +91,7 @@ class CalibratorRun:
         return self.result.has_fit
 
 
-def calibrate_once(
-    board: Board, name: str, n: int, *, iterations: int = 0
-) -> tuple[MagnetometerFit, RunCost | None]:
+def calibrate_once(board: Board, name: str, n: int, *, iterations: int = 0) -> tuple[MagnetometerFit, RunCost | None]:
     """Run one calibrator on the first n points in the board's buffer, without storing its result.
 
     Parameters
@@ -192,8 +190,15 @@ def store_untrimmed(board: Board, runs: Mapping[str, CalibratorRun], *, first_sl
 
 
 def calibrator_run(
-    board: Board, name: str, slot: int, points: NDArray[np.int16] | NDArray[np.float64], result: MagnetometerFit,
-    cost: RunCost | None, *, parameters: int, readings: int = 1,
+    board: Board,
+    name: str,
+    slot: int,
+    points: NDArray[np.int16] | NDArray[np.float64],
+    result: MagnetometerFit,
+    cost: RunCost | None,
+    *,
+    parameters: int,
+    readings: int = 1,
 ) -> CalibratorRun:
     """Compare a calibration with the points it was fitted to, and with the truth if it is known.
 
@@ -213,7 +218,9 @@ def calibrator_run(
         cost=cost,
         residual_percent=residual_percent(points, result),
         residual_predicted_percent=predicted_residual_percent(
-            board.declared.magnetometer_sigma_ut / math.sqrt(readings), board.declared.field_ut, len(points),
+            board.declared.magnetometer_sigma_ut / math.sqrt(readings),
+            board.declared.field_ut,
+            len(points),
             parameters=parameters,
         ),
         offset_error_ut=None if truth is None else offset_error_ut(result, truth.hard_iron_ut),

@@ -219,13 +219,18 @@ def tumble_until_calibrated(
 def is_calibrated(observations: Sequence[Observation]) -> bool:
     """Return whether the firmware reports that it is calibrated."""
     return any(
-        float(observation.values[Quantity.CALIBRATED][0]) != 0.0 for observation in observations
+        float(observation.values[Quantity.CALIBRATED][0]) != 0.0
+        for observation in observations
         if Quantity.CALIBRATED in observation.values
     )
 
 
 def measure_headings(
-    board: CompassBoard, turntable: Turntable, poses: Sequence[Pose], *, longest_s: float | None = None,
+    board: CompassBoard,
+    turntable: Turntable,
+    poses: Sequence[Pose],
+    *,
+    longest_s: float | None = None,
     progress: Progress | None = None,
 ) -> CompassHeadings:
     """Turn the board to each pose, wait until its heading has settled, and compare it with the table's angle.
@@ -246,10 +251,13 @@ def measure_headings(
     def hold(index: int, achieved: Achieved, settled: Settled) -> None:
         attitude = Pose(wrap_360(achieved.heading_deg + yaw_deg), achieved.pitch_deg, achieved.roll_deg)
         held[index] = HeldPose(
-            poses[index], attitude, settled, field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
+            poses[index],
+            attitude,
+            settled,
+            field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
             gravity_g=_mean(settled, _gravity(board), frame.gravity),
             read_ut=_read_ut(board, settled, attitude, frame),
-        )  # fmt: skip
+        )
 
     if isinstance(turntable, OperatorTurntable):
         hold_by_hand(board, turntable, poses, frame, hold, longest_s=longest_s)
@@ -279,12 +287,18 @@ def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -
     }
     tilts = _tilts(held, board)
     errors = [
-        abs(wrap_180(a - b)) for answered_tilt, true_tilt in tilts
+        abs(wrap_180(a - b))
+        for answered_tilt, true_tilt in tilts
         for a, b in zip(answered_tilt, true_tilt, strict=True)
     ]
     return CompassHeadings(
-        held, reference_deg, {source: np.array(values) for source, values in answered.items()}, error_deg, belief,
-        max(errors, default=None), _contradictions(held, answered[FIRMWARE], tilts, board.rig),
+        held,
+        reference_deg,
+        {source: np.array(values) for source, values in answered.items()},
+        error_deg,
+        belief,
+        max(errors, default=None),
+        _contradictions(held, answered[FIRMWARE], tilts, board.rig),
     )
 
 
@@ -311,7 +325,8 @@ def _tilts(held: tuple[HeldPose, ...], board: CompassBoard) -> list[_Tilt]:
     angles = [(_angle(pose.settled, Quantity.PITCH), _angle(pose.settled, Quantity.ROLL)) for pose in held]
     return [
         ((pitch, roll), (pose.attitude.pitch_deg, pose.attitude.roll_deg))
-        for (pitch, roll), pose in zip(angles, held, strict=True) if pitch is not None and roll is not None
+        for (pitch, roll), pose in zip(angles, held, strict=True)
+        if pitch is not None and roll is not None
     ]
 
 
@@ -352,6 +367,7 @@ def _mean(settled: Settled, quantity: Quantity, converted: Callable[[Reals], Rea
 
 def belief_of(latest: Mapping[Quantity, Reals], frame: Frame) -> Belief:
     """Return the firmware's calibration from its latest values."""
+
     def number(quantity: Quantity) -> float | None:
         return float(latest[quantity][0]) if quantity in latest else None
 
@@ -360,7 +376,10 @@ def belief_of(latest: Mapping[Quantity, Reals], frame: Frame) -> Belief:
 
     inverse = latest.get(Quantity.INVERSE_SOFT_IRON)
     return Belief(
-        vector(Quantity.HARD_IRON), None if inverse is None else frame.matrix(inverse),
-        vector(Quantity.GYROSCOPE_BIAS), number(Quantity.FIELD_STRENGTH), number(Quantity.DIP),
+        vector(Quantity.HARD_IRON),
+        None if inverse is None else frame.matrix(inverse),
+        vector(Quantity.GYROSCOPE_BIAS),
+        number(Quantity.FIELD_STRENGTH),
+        number(Quantity.DIP),
         number(Quantity.FIT_ERROR),
     )

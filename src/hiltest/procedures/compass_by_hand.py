@@ -27,8 +27,13 @@ _TURNED_DEG = 1.0
 
 
 def hold_by_hand(
-    board: CompassBoard, table: OperatorTurntable, poses: Sequence[Pose], frame: Frame,
-    hold: Callable[[int, Achieved, Settled], object], *, longest_s: float | None = None,
+    board: CompassBoard,
+    table: OperatorTurntable,
+    poses: Sequence[Pose],
+    frame: Frame,
+    hold: Callable[[int, Achieved, Settled], object],
+    *,
+    longest_s: float | None = None,
 ) -> None:
     """Ask for each pose, and wait until the board stands still and its heading has settled; see `walk_by_hand`.
 
@@ -41,6 +46,7 @@ def hold_by_hand(
     longest_s
         Longest wait for a heading; by default the rig's.
     """
+
     def take(at: int, heading_deg: float) -> str:
         settled, moves = settle_where_still(board, frame, longest_s)
         if settled is not None:
@@ -51,9 +57,7 @@ def hold_by_hand(
     walk_by_hand(table, poses, (), take=take, look=look, now_s=board.now_s, say=SAY, stopped=_STOPPED)
 
 
-def settle_where_still(
-    board: CompassBoard, frame: Frame, longest_s: float | None = None
-) -> tuple[Settled | None, str]:
+def settle_where_still(board: CompassBoard, frame: Frame, longest_s: float | None = None) -> tuple[Settled | None, str]:
     """Wait until the board stands still, and then until its heading has settled; on a timeout describe the motion.
 
     Field and gravity show whether it stands, if the firmware reports them. The heading cannot, because it is under
@@ -93,9 +97,11 @@ def _readings(observations: Sequence[Observation]) -> Readings:
     vectors = [vector for vector in (field, gravity) if vector is not None]
     spread_g = gravity.std(axis=0, ddof=1).max() if gravity is not None and len(gravity) > 1 else 0.0
     return Readings(
-        min((len(vector) for vector in vectors), default=0), None if field is None else field.mean(axis=0),
-        None if gravity is None else gravity.mean(axis=0), 1000.0 * float(spread_g),
-    )  # fmt: skip
+        min((len(vector) for vector in vectors), default=0),
+        None if field is None else field.mean(axis=0),
+        None if gravity is None else gravity.mean(axis=0),
+        1000.0 * float(spread_g),
+    )
 
 
 def _vectors(observations: Sequence[Observation], of: Sequence[Quantity]) -> Reals | None:
@@ -127,7 +133,8 @@ class _Look:
 
     def _headings(self, observations: Sequence[Observation]) -> list[float]:
         values = [
-            observation.values[Quantity.HEADING] for observation in observations
+            observation.values[Quantity.HEADING]
+            for observation in observations
             if Quantity.HEADING in observation.values
         ]
         return [self._frame.heading_deg(float(value[0])) for value in values]

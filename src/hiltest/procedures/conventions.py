@@ -81,6 +81,7 @@ def other_tilt(answered: Sequence[tuple[float, float]], reference: Sequence[tupl
     answered, reference
         [deg]
     """
+
     def remaining_deg(exchanged: bool, pitch: int, roll: int) -> float:
         tilts = [(other, one) if exchanged else (one, other) for one, other in answered]
         errors = [

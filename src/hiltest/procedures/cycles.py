@@ -135,8 +135,13 @@ def upload_pairs(board: Board, points: NDArray[np.int16], accelerometer: NDArray
 
 
 def measure_cycles(
-    board: Board, calibrators: Sequence[str], *, n: int = 100, point_sets: int = 100,
-    sizes: Sequence[int] = REGRESSION_SIZES, progress: Progress | None = None,
+    board: Board,
+    calibrators: Sequence[str],
+    *,
+    n: int = 100,
+    point_sets: int = 100,
+    sizes: Sequence[int] = REGRESSION_SIZES,
+    progress: Progress | None = None,
 ) -> dict[str, CycleCost]:
     """Count the cycles of calibrators on golden points.
 
@@ -212,7 +217,8 @@ def cycles_of(cost: RunCost | None) -> int:
 def no_cycle_counter() -> DeviceError:
     """Return the error for a required cycle count on a core without a counter."""
     return DeviceError(
-        "CALIBRATE", Status.NO_CYCLE_COUNTER.name,
+        "CALIBRATE",
+        Status.NO_CYCLE_COUNTER.name,
         "this core counts no cycles, so the cost of a calibrator is unknown; "
         "run the other suites with: pytest hil/suites -k 'not cycles'",
     )
@@ -258,7 +264,8 @@ def _line_of_the_rest(
     """Fit the line to runs with one iteration, minus that iteration."""
     of_sizes = [
         (run.cost.cycles - once[size]) / (run.iterations - 1)
-        for size, run in zip(sizes, runs, strict=True) if run.iterations > 1
+        for size, run in zip(sizes, runs, strict=True)
+        if run.iterations > 1
     ]
     if len(of_sizes) == len(sizes) and of_sizes[-1] > 2.0 * of_sizes[0]:  # an iteration goes over all points
         return fit_line(sizes, [once[size] - cycles for size, cycles in zip(sizes, of_sizes, strict=True)])

@@ -91,11 +91,19 @@ def _dpi_run(
     fit = MagnetometerFit(reply.fit, False, 0, calibration.soft_iron, calibration.hard_iron, reply.coverage)
     readings = 1 if name == DPI else POSE_READINGS
     run = calibrator_run(
-        board, name, UNCALIBRATED_SLOT if slot is None else slot, np.asarray(points), fit, reply.cost,
-        parameters=UNKNOWNS, readings=readings,
+        board,
+        name,
+        UNCALIBRATED_SLOT if slot is None else slot,
+        np.asarray(points),
+        fit,
+        reply.cost,
+        parameters=UNKNOWNS,
+        readings=readings,
     )
     return DpiRun(
-        run, reply.n_used, reply.dip_deg,
+        run,
+        reply.n_used,
+        reply.dip_deg,
         None if reply.strength_counts is None else reply.strength_counts / COUNTS_PER_UT,
         None if reply.standard_error is None else 100.0 * reply.standard_error,
     )
@@ -148,8 +156,19 @@ def measure_dpi_cycles(
     at_first = [cycles[sizes[0], index] for index in range(point_sets)]
     line = fit_line(sizes, over_sizes)
     return CycleCost(
-        calibrator=DPI, model=board.cycle_model, n=sizes[0], total=at_first[0], per_point=line.slope,
-        fixed=line.intercept, regression_residual=line.residual, spread=max(at_first) - min(at_first),
-        instructions=instructions, band=band, iterations=0, per_iteration=None, sizes=np.array(sizes),
-        cycles=np.array(over_sizes), unchecked=board.unchecked(DPI),
+        calibrator=DPI,
+        model=board.cycle_model,
+        n=sizes[0],
+        total=at_first[0],
+        per_point=line.slope,
+        fixed=line.intercept,
+        regression_residual=line.residual,
+        spread=max(at_first) - min(at_first),
+        instructions=instructions,
+        band=band,
+        iterations=0,
+        per_iteration=None,
+        sizes=np.array(sizes),
+        cycles=np.array(over_sizes),
+        unchecked=board.unchecked(DPI),
     )

@@ -63,7 +63,13 @@ class _TimedTumble(NamedTuple):
 
 
 def calibrate_while_driving(
-    board: Board, turntable: Turntable, *, tumble: Tumble, calibrator: str, n: int, progress: Progress | None = None,
+    board: Board,
+    turntable: Turntable,
+    *,
+    tumble: Tumble,
+    calibrator: str,
+    n: int,
+    progress: Progress | None = None,
 ) -> DrivenCalibrations:
     """Tumble a virtual board while its field is disturbed, and again when that is over.
 
@@ -110,8 +116,10 @@ def calibrate_while_driving(
     upload_pairs(board, tumble.points, tumble.accelerometer)
     tell("driving, calibrations", steps, steps)
     return DrivenCalibrations(
-        fit, residual_percent(tumbles[0].tumble.points[:n], fit),
-        {name: stages[1:] for name, stages in begun_before.items()}, begun_disturbed,
+        fit,
+        residual_percent(tumbles[0].tumble.points[:n], fit),
+        {name: stages[1:] for name, stages in begun_before.items()},
+        begun_disturbed,
     )
 
 

@@ -67,7 +67,13 @@ class DrivingResult:
 
 
 def measure_driving(
-    board: Board, turntable: Turntable, *, begins_s: float, slot: int, noise: FusionNoise, readings: int = 16,
+    board: Board,
+    turntable: Turntable,
+    *,
+    begins_s: float,
+    slot: int,
+    noise: FusionNoise,
+    readings: int = 16,
     bias_s: float = 2.5,
 ) -> DrivingResult:
     """Turn a level virtual board twice round through the disturbances of its world, while it runs its filter.
@@ -106,20 +112,29 @@ def measure_driving(
     motion = follow_motion(board, turn, slot=slot, noise=noise, readings=readings, longest_s=_LONGEST_S)
     field_ut = _fields_ut(board, motion)
     sources = {
-        "fusion": motion.fused, "magnetometer": motion.accelerometer_magnetometer, "gyroscope": motion.gyroscope,
+        "fusion": motion.fused,
+        "magnetometer": motion.accelerometer_magnetometer,
+        "gyroscope": motion.gyroscope,
     }
-    return DrivingResult(motion, field_ut, {
-        name: driven_headings(motion.time_s, errors.heading_deg, field_ut)
-        for name, errors in sources.items() if errors is not None
-    })  # fmt: skip
+    return DrivingResult(
+        motion,
+        field_ut,
+        {
+            name: driven_headings(motion.time_s, errors.heading_deg, field_ut)
+            for name, errors in sources.items()
+            if errors is not None
+        },
+    )
 
 
 def _fields_ut(board: Board, motion: FusionResult) -> dict[str, Reals]:
     clock_us = [motion.summary.began_us + round(1e6 * time_s) for time_s in motion.time_s.tolist()]
     disturbances = [board.true_disturbances_ut(time_us) or {} for time_us in clock_us]
-    return {
-        cause: np.array([by_cause[cause] for by_cause in disturbances]) for cause in disturbances[0]
-    } if disturbances else {}
+    return (
+        {cause: np.array([by_cause[cause] for by_cause in disturbances]) for cause in disturbances[0]}
+        if disturbances
+        else {}
+    )
 
 
 def driven_headings(time_s: Reals, error_deg: Reals, field_ut: Mapping[str, Reals]) -> DrivenHeadings:
@@ -131,10 +146,15 @@ def driven_headings(time_s: Reals, error_deg: Reals, field_ut: Mapping[str, Real
     recovery_s, recovered = _recovery(time_s, wrong, disturbed)
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     return DrivenHeadings(
-        error_deg, _rms(error_deg[quiet]), _rms(error_deg[disturbed]), _largest(error_deg[disturbed]),
-        {cause: _rms(error_deg[at]) for cause, at in by_cause.items()}, recovery_s, recovered,
+        error_deg,
+        _rms(error_deg[quiet]),
+        _rms(error_deg[disturbed]),
+        _largest(error_deg[disturbed]),
+        {cause: _rms(error_deg[at]) for cause, at in by_cause.items()},
+        recovery_s,
+        recovered,
         step_s * int(wrong.sum()),
-    )  # fmt: skip
+    )
 
 
 def _recovery(time_s: Reals, wrong: Flags, disturbed: Flags) -> tuple[float, bool]:

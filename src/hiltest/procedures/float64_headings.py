@@ -58,9 +58,11 @@ def float32_error_deg(known_angles: KnownAngles, run: CalibratorRun, tumble: Tum
     if reference is None:
         return None
     headings = _headings_deg(known_angles, reference(tumble.points[: run.n]), known_angles.accelerometer_fits[run.name])
-    return None if headings is None else float(np.abs(_differences_deg(
-        known_angles.heading_deg[run.name], headings
-    )).max())
+    return (
+        None
+        if headings is None
+        else float(np.abs(_differences_deg(known_angles.heading_deg[run.name], headings)).max())
+    )
 
 
 def _headings_deg(known_angles: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit) -> Reals | None:

@@ -99,8 +99,14 @@ def filter_noise(*, magnetometer_sigma_ut: float, field_ut: float, dip_deg: floa
 
 
 def measure_fusion(
-    board: Board, turntable: Turntable, *, slot: int, noise: FusionNoise, readings: int = 16,
-    bias_s: float = 2.5, progress: Progress | None = None,
+    board: Board,
+    turntable: Turntable,
+    *,
+    slot: int,
+    noise: FusionNoise,
+    readings: int = 16,
+    bias_s: float = 2.5,
+    progress: Progress | None = None,
 ) -> FusionResult:
     """Let the board run the filter through a motion, and return its errors if the truth is known.
 
@@ -137,7 +143,12 @@ def measure_fusion(
 
 
 def follow_motion(
-    board: Board, move: Callable[[], float], *, slot: int, noise: FusionNoise, readings: int = 16,
+    board: Board,
+    move: Callable[[], float],
+    *,
+    slot: int,
+    noise: FusionNoise,
+    readings: int = 16,
     longest_s: float = _LONGEST_S,
 ) -> FusionResult:
     """Let the board start the filter at rest, and follow a motion, with its stored gyroscope bias.
@@ -151,9 +162,9 @@ def follow_motion(
     """
     # The rate of the fastest magnetometer: the board has room for that many records with any sensor.
     every = math.ceil(SAMPLE_RATE_HZ * (longest_s + _AFTER_S) / MAX_FUSION_RECORDS)
-    board.session.request(FusionStart(
-        slot, every, readings, noise.rate_dps_rthz, noise.tilt_deg, noise.heading_deg, noise.gate_g
-    ))  # fmt: skip
+    board.session.request(
+        FusionStart(slot, every, readings, noise.rate_dps_rthz, noise.tilt_deg, noise.heading_deg, noise.gate_g)
+    )
     takes_s = min(move(), longest_s)
     summary = board.session.request(FusionRun(round(1e6 * (takes_s + _AFTER_S))))
     return _result(board, noise, summary, _read(board, summary.records))
@@ -169,14 +180,21 @@ def _result(board: Board, noise: FusionNoise, summary: FusionSummary, records: F
     truth = tuple(pose for pose in at if pose is not None)
     is_complete = len(truth) == len(at)
     fused, measured, turned = (
-        _errors(attitudes, truth) if is_complete else None for attitudes in (
-            records.fused, records.measured, records.turned
-        )
+        _errors(attitudes, truth) if is_complete else None
+        for attitudes in (records.fused, records.measured, records.turned)
     )
     time_s = 1e-6 * records.time_us.astype(np.float64)
     return FusionResult(
-        noise, summary, time_s, truth if is_complete else None, fused, measured, turned, board.cycle_model,
-        board.cycle_range(summary.predicted.largest), board.cycle_range(summary.updated.largest),
+        noise,
+        summary,
+        time_s,
+        truth if is_complete else None,
+        fused,
+        measured,
+        turned,
+        board.cycle_model,
+        board.cycle_range(summary.predicted.largest),
+        board.cycle_range(summary.updated.largest),
     )
 
 

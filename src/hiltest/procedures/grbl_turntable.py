@@ -221,7 +221,9 @@ def open_grbl_turntable(rig: Rig) -> GrblTurntable:
     line = GrblLine(port)
     try:
         table = GrblTurntable(
-            line, uncertainty_deg=rig.turntable.uncertainty_deg, dip_deg=rig.field.dip_deg,
+            line,
+            uncertainty_deg=rig.turntable.uncertainty_deg,
+            dip_deg=rig.field.dip_deg,
             mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         )
         _refuse_contradiction(rig.board.cycle_model, table.board_model or SILICON, rig)

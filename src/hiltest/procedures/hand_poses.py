@@ -135,10 +135,16 @@ class PoseJournal(Protocol):
 
 
 def walk_by_hand(
-    table: OperatorTurntable, poses: Sequence[Pose], earlier: Iterable[int], *, take: Callable[[int, float], str],
-    look: Callable[[], str] | None, now_s: Callable[[], float], say: str = "",
+    table: OperatorTurntable,
+    poses: Sequence[Pose],
+    earlier: Iterable[int],
+    *,
+    take: Callable[[int, float], str],
+    look: Callable[[], str] | None,
+    now_s: Callable[[], float],
+    say: str = "",
     stopped: str = "the same command goes on",
-) -> None:  # fmt: skip
+) -> None:
     """Ask for each pose and capture it, until all are done.
 
     Parameters
@@ -205,8 +211,16 @@ def walk_by_hand(
 
 
 def take_by_hand(
-    board: Board, table: OperatorTurntable, poses: Sequence[Pose], *, readings: int, slots: Sequence[int], shown: int,
-    check: Callable[[Pose, AverageReply], object], earlier: Mapping[int, Taken], keep: Callable[[int, Taken], object],
+    board: Board,
+    table: OperatorTurntable,
+    poses: Sequence[Pose],
+    *,
+    readings: int,
+    slots: Sequence[int],
+    shown: int,
+    check: Callable[[Pose, AverageReply], object],
+    earlier: Mapping[int, Taken],
+    keep: Callable[[int, Taken], object],
     say: str = "",
 ) -> dict[int, Taken]:
     """Ask for each pose, wait until the board stands still, and average its readings; see `walk_by_hand` for errors.
@@ -234,7 +248,8 @@ def take_by_hand(
         Results by the index of the pose, in order, without skipped ones.
     """
     answers = {
-        index: pose for index, pose in earlier.items()
+        index: pose
+        for index, pose in earlier.items()
         if 0 <= index < len(poses) and set(pose[1].headings) == set(slots)
     }
     mask = sum(1 << slot for slot in slots)
@@ -295,9 +310,11 @@ def movement(before: AverageReply, after: AverageReply, magnetometer_sigma_ut: f
 def _readings(reply: AverageReply) -> Readings:
     spread = reply.accelerometer.spread
     return Readings(
-        reply.n, MICROTESLA_PER_COUNT * reply.magnetometer.mean, G_PER_COUNT * reply.accelerometer.mean,
+        reply.n,
+        MICROTESLA_PER_COUNT * reply.magnetometer.mean,
+        G_PER_COUNT * reply.accelerometer.mean,
         0.0 if spread is None else 1000.0 * G_PER_COUNT * float(spread.max()),
-    )  # fmt: skip
+    )
 
 
 def moved(before: Readings, after: Readings, noise_ut: float) -> str:

@@ -103,8 +103,15 @@ class KnownAngles:
 
 
 def measure_known_angles(
-    board: Board, turntable: Turntable, *, poses: Sequence[Pose], slots: Mapping[str, int],
-    mounting_yaw_deg: float, readings: int = 16, progress: Progress | None = None, journal: PoseJournal | None = None,
+    board: Board,
+    turntable: Turntable,
+    *,
+    poses: Sequence[Pose],
+    slots: Mapping[str, int],
+    mounting_yaw_deg: float,
+    readings: int = 16,
+    progress: Progress | None = None,
+    journal: PoseJournal | None = None,
 ) -> KnownAngles:
     """Turn to each pose and ask the board for its heading under each calibration.
 
@@ -143,9 +150,16 @@ def measure_known_angles(
     if isinstance(turntable, OperatorTurntable):
         earlier, message = journal.earlier(_calibration_numbers(board, slots)) if journal else ({}, "")
         poses_by_index = take_by_hand(
-            board, turntable, poses, readings=readings, slots=tuple(slots.values()), check=check,
+            board,
+            turntable,
+            poses,
+            readings=readings,
+            slots=tuple(slots.values()),
+            check=check,
             shown=next((slot for name, slot in slots.items() if name != UNCALIBRATED), UNCALIBRATED_SLOT),
-            earlier=earlier, keep=journal.keep if journal else lambda *_: None, say=message,
+            earlier=earlier,
+            keep=journal.keep if journal else lambda *_: None,
+            say=message,
         )
     else:
         mask, poses_by_index = sum(1 << slot for slot in slots.values()), {}
@@ -156,7 +170,11 @@ def measure_known_angles(
             check(pose, poses_by_index[index][1])
         tell("known angles", len(poses), len(poses))
     known_angles = _known_angles(
-        poses, poses_by_index, slots, mounting_yaw_deg, readings,
+        poses,
+        poses_by_index,
+        slots,
+        mounting_yaw_deg,
+        readings,
         fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
         calibrations={name: board.session.request(GetCalibration(slot)) for name, slot in slots.items()},
     )
@@ -227,7 +245,10 @@ def _headings_under(
     """Compute the headings of all poses, or of one, under two calibrations."""
     rows = slice(None) if index is None else slice(index, index + 1)
     return headings_deg(
-        known_angles.magnetometer[rows], known_angles.accelerometer[rows], calibration.soft_iron, calibration.hard_iron,
+        known_angles.magnetometer[rows],
+        known_angles.accelerometer[rows],
+        calibration.soft_iron,
+        calibration.hard_iron,
         fit,
     )
 
@@ -245,7 +266,8 @@ def _mistake(known_angles: KnownAngles, name: str) -> str:
                 f"the calibration is stale, it is that of {other!r}": partial(
                     _headings_under, known_angles, calibration, known_angles.accelerometer_fits[name]
                 )
-                for other, calibration in known_angles.calibrations.items() if other != name
+                for other, calibration in known_angles.calibrations.items()
+                if other != name
             },
         }
         return next(
@@ -274,9 +296,14 @@ def _matches(headings: Callable[[], Reals], known_angles: KnownAngles, name: str
 
 
 def _known_angles(
-    asked: Sequence[Pose], by_index: Mapping[int, tuple[Achieved, AverageReply]], slots: Mapping[str, int],
-    mounting_yaw_deg: float, readings: int, *,
-    fits: dict[str, AccelerometerFit], calibrations: dict[str, CalibrationReply],
+    asked: Sequence[Pose],
+    by_index: Mapping[int, tuple[Achieved, AverageReply]],
+    slots: Mapping[str, int],
+    mounting_yaw_deg: float,
+    readings: int,
+    *,
+    fits: dict[str, AccelerometerFit],
+    calibrations: dict[str, CalibrationReply],
 ) -> KnownAngles:
     poses = [asked[index] for index in by_index]
     achieved, answers = [position for position, _ in by_index.values()], [answer for _, answer in by_index.values()]
@@ -313,16 +340,19 @@ def _known_angles(
 
 
 def _tilt_errors_deg(attitudes: Sequence[Pose], achieved: Sequence[Achieved]) -> Reals:
-    return np.array([
-        [wrap_180(tilt.pitch_deg - place.pitch_deg), wrap_180(tilt.roll_deg - place.roll_deg)]
-        for tilt, place in zip(attitudes, achieved, strict=True)
-    ])
+    return np.array(
+        [
+            [wrap_180(tilt.pitch_deg - place.pitch_deg), wrap_180(tilt.roll_deg - place.roll_deg)]
+            for tilt, place in zip(attitudes, achieved, strict=True)
+        ]
+    )
 
 
 def _attitude(heading: SlotHeading, name: str, pose: Pose) -> Pose:
     if heading.attitude is None:
         raise DeviceError(
-            "AVERAGE", heading.status.name,
+            "AVERAGE",
+            heading.status.name,
             f"no heading with calibration {name!r} at {place_of(pose)}",
         )
     return heading.attitude

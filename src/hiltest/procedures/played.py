@@ -117,15 +117,16 @@ def _listen(board: CompassBoard, end_s: float, moments_s: Reals, tell: Progress)
     if calibrated is not None and not calibrated.any():
         return Found(f"{FIRMWARE} (not calibrated)", heading_deg=tuple(headings)), Belief()
     firmware = Found(
-        FIRMWARE, belief.hard_iron_ut, belief.field_strength_ut, belief.fit_error_percent,
+        FIRMWARE,
+        belief.hard_iron_ut,
+        belief.field_strength_ut,
+        belief.fit_error_percent,
         heading_deg=tuple(headings),
-    )  # fmt: skip
+    )
     return firmware, belief
 
 
-def _calibrate(
-    board: Board, times_s: Reals, points: int, tell: Progress
-) -> tuple[Tumble, dict[str, CalibratorRun]]:
+def _calibrate(board: Board, times_s: Reals, points: int, tell: Progress) -> tuple[Tumble, dict[str, CalibratorRun]]:
     """Collect points from a recording, and fit them on the board."""
     board.sleep(max(0.0, float(times_s[0]) - board.now_s()))
     tumble = collect_until(board, float(times_s[-1]), points=min(points, len(times_s)), progress=tell)
@@ -157,9 +158,14 @@ def _hiltest_result(run: CalibratorRun, replies: Sequence[AverageReply]) -> Foun
         return Found(f"{run.name} ({run.fit.name.lower()})", cycles=cycles)
     attitudes = [reply.headings[run.slot].attitude for reply in replies]
     return Found(
-        run.name, run.hard_iron / COUNTS_PER_UT, _radius_ut(run.result), None, run.residual_percent, cycles,
+        run.name,
+        run.hard_iron / COUNTS_PER_UT,
+        _radius_ut(run.result),
+        None,
+        run.residual_percent,
+        cycles,
         tuple(attitude.heading_deg if attitude else None for attitude in attitudes),
-    )  # fmt: skip
+    )
 
 
 def _firmware_results(firmware: Found, belief: Belief, tumble: Tumble, replies: Sequence[AverageReply]) -> list[Found]:
@@ -169,10 +175,14 @@ def _firmware_results(firmware: Found, belief: Belief, tumble: Tumble, replies: 
     radius_ut = belief.field_strength_ut
     radius = COUNTS_PER_UT * radius_ut if radius_ut else _mean_norm(belief.fit.corrected(tumble.points))
     unit = replace(belief.fit, soft_iron=belief.fit.soft_iron / radius)
-    return [firmware, Found(
-        CALIBRATED, residual_percent=residual_percent(tumble.points, unit),
-        heading_deg=tuple(_heading(reply, unit) for reply in replies),
-    )]  # fmt: skip
+    return [
+        firmware,
+        Found(
+            CALIBRATED,
+            residual_percent=residual_percent(tumble.points, unit),
+            heading_deg=tuple(_heading(reply, unit) for reply in replies),
+        ),
+    ]
 
 
 def _mean_norm(vectors: Reals) -> float:

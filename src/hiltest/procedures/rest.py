@@ -139,7 +139,9 @@ def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
     else:
         motion = f"{amount_dps:.2f} deg/s rms about its {axis} axis within {window_s:g} s"
     raise BoardMovedError(
-        stillness.first / SAMPLE_RATE_HZ, stillness.axis, motion,
+        stillness.first / SAMPLE_RATE_HZ,
+        stillness.axis,
+        motion,
         f"Leave it alone for {seconds:g} s and run again; where no one touched it, is the table shaken, or "
         "sensors.gyroscope_noise_mdps_per_rthz in the rig too small?",
     )

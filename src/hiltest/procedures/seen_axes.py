@@ -14,8 +14,13 @@ from hiltest.procedures.turntables import Turntable
 
 
 def see_axes(
-    board: Board, turntable: Turntable, *, poses: Sequence[Pose], field_ned_ut: Sequence[float],
-    mounting_yaw_deg: float, readings: int = 16,
+    board: Board,
+    turntable: Turntable,
+    *,
+    poses: Sequence[Pose],
+    field_ned_ut: Sequence[float],
+    mounting_yaw_deg: float,
+    readings: int = 16,
 ) -> SensorAxes:
     """Turn to each pose, and estimate the axes from the readings of both sensors.
 

@@ -19,9 +19,10 @@ _IN_TURN = {SensorKind.MAGNETOMETER: 4, SensorKind.ACCELEROMETER: 10}
 _ALONE = 64
 
 UNITS = {
-    SensorKind.GYROSCOPE: ("dps", DPS_PER_COUNT), SensorKind.ACCELEROMETER: ("g", G_PER_COUNT),
+    SensorKind.GYROSCOPE: ("dps", DPS_PER_COUNT),
+    SensorKind.ACCELEROMETER: ("g", G_PER_COUNT),
     SensorKind.MAGNETOMETER: ("uT", MICROTESLA_PER_COUNT),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True)

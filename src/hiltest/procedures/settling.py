@@ -78,8 +78,9 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
             frame.heading_deg(float(observation.values[Quantity.HEADING][0])) for observation in observations
         ]
         if board.origin is BoardKind.REAL:
-            count, headings_deg = len(headings_deg), confirmed(
-                headings_deg, [observation.checked for observation in observations]
+            count, headings_deg = (
+                len(headings_deg),
+                confirmed(headings_deg, [observation.checked for observation in observations]),
             )
             unconfirmed += count - len(headings_deg)
         if not headings_deg:

@@ -51,7 +51,9 @@ _RESIDUAL_ROUNDING_MG = 0.01
 # Heading error by axes from six misaligned faces, relative to their rms uncertainty times tan(dip): the 99th percentile
 # over 1000 boards with misalignments of 1 degree rms, at the sixty known angles and without any other error.
 _TURNED_BY_AXES = {
-    "heading.{calibrator}.max": 4.2, "heading.{calibrator}.max_centred": 4.2, "heading.{calibrator}.rms": 2.4,
+    "heading.{calibrator}.max": 4.2,
+    "heading.{calibrator}.max_centred": 4.2,
+    "heading.{calibrator}.rms": 2.4,
 }
 
 
@@ -91,9 +93,16 @@ class FaceJournal(Protocol):
 
 
 def measure_six_positions(
-    board: Board, turntable: Turntable, *, uncertainty_deg: float, limits: Mapping[str, Limit] | None = None,
-    dip_deg: float = 0.0, progress: Progress | None = None, again: Callable[[FaceError], bool] | None = None,
-    see_axes: Callable[[], object] | None = None, journal: FaceJournal | None = None,
+    board: Board,
+    turntable: Turntable,
+    *,
+    uncertainty_deg: float,
+    limits: Mapping[str, Limit] | None = None,
+    dip_deg: float = 0.0,
+    progress: Progress | None = None,
+    again: Callable[[FaceError], bool] | None = None,
+    see_axes: Callable[[], object] | None = None,
+    journal: FaceJournal | None = None,
 ) -> AccelerometerRun:
     """Put the board on each face for a second, and let it fit gain and offset to them.
 
@@ -198,14 +207,19 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
         which = f" (pose {solution.pose + 1})" if solution.pose is not None else ""
         raise FaceError(
             f"the board refuses the {method} fit of {n} poses: {solution.status.name}{which}"
-            + (f", {_face_names(solution.faces)}" if solution.faces else "") + f"; {_REMEDIES[solution.status]}",
+            + (f", {_face_names(solution.faces)}" if solution.faces else "")
+            + f"; {_REMEDIES[solution.status]}",
             faces=[int(face) for face in solution.faces],
         )
     _check_residual(method, poses, solution)
     truth = true_accelerometer(board)
     return AccelerometerRun(
-        method, np.array([pose.accelerometer for pose in poses]), solution, reply.cost,
-        board.cycle_range(reply.cost), die_temperature_degc,
+        method,
+        np.array([pose.accelerometer for pose in poses]),
+        solution,
+        reply.cost,
+        board.cycle_range(reply.cost),
+        die_temperature_degc,
         None if truth is None else axis_error_deg(solution.fit, truth),
         None if truth is None else offset_error_mg(solution.fit, truth),
     )
@@ -299,7 +313,8 @@ def _refuse_contradiction(run: AccelerometerRun, uncertainty_deg: float) -> None
         raise FaceError(
             f"the faces contradict each other: one of {_face_names(pair)} is askew by some {askew_deg:.1f} deg (midway "
             f"between them {across_mg[worst]:.1f} mg are left; faces within {uncertainty_deg:g} deg leave at most "
-            f"{allowed_mg:.1f}); put the board flat on both", faces=[int(face) for face in pair],
+            f"{allowed_mg:.1f}); put the board flat on both",
+            faces=[int(face) for face in pair],
         )
 
 

@@ -169,8 +169,13 @@ def _run(board: Board, name: str, points: int, stages: Sequence[int], *, sliced:
     if steps and cost:
         steps.add([cost.cycles], cost.overhead_cycles)
     return StreamRun(
-        f"{name}-sliced" if sliced else name, None if cycles is None else np.array(cycles), tuple(results), refused,
-        fit_range, steps.band() if steps else None, None if sliced else _take_back(board, name, min(at, _TAKEN_BACK)),
+        f"{name}-sliced" if sliced else name,
+        None if cycles is None else np.array(cycles),
+        tuple(results),
+        refused,
+        fit_range,
+        steps.band() if steps else None,
+        None if sliced else _take_back(board, name, min(at, _TAKEN_BACK)),
     )
 
 

@@ -67,7 +67,12 @@ class Tumble:
 
 
 def collect_tumble(
-    board: Board, turntable: Turntable, *, points: int = 300, chunk: int = 100, progress: Progress | None = None,
+    board: Board,
+    turntable: Turntable,
+    *,
+    points: int = 300,
+    chunk: int = 100,
+    progress: Progress | None = None,
     sleep: Callable[[float], None] | None = None,
 ) -> Tumble:
     """Tumble the board while it collects points, and read them back.
@@ -255,8 +260,12 @@ class _Collected:
         magnetometer, accelerometer = np.concatenate(self._magnetometer), np.concatenate(self._accelerometer)
         self._board.sample_checks.tumble(magnetometer, accelerometer)
         return Tumble(
-            magnetometer, accelerometer,
-            self._board.declared.field_ut, self._overruns, duration_s, np.arange(self.stored),
+            magnetometer,
+            accelerometer,
+            self._board.declared.field_ut,
+            self._overruns,
+            duration_s,
+            np.arange(self.stored),
         )
 
 

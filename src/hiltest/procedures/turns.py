@@ -110,16 +110,21 @@ class FittedTurns:
     def misalignments_deg(self, true_response: Reals) -> tuple[float, ...]:
         """Return the angle between each axis and that of a world [deg]."""
         return tuple(
-            misalignment_deg(estimated, felt) for estimated, felt in zip(
-                self.fit.response.T, true_response.T, strict=True
-            )
+            misalignment_deg(estimated, felt)
+            for estimated, felt in zip(self.fit.response.T, true_response.T, strict=True)
         )
 
 
 def measure_turn(
-    board: Board, turntable: Turntable, axis: Axis, *, degrees: float = 360.0, rate_dps: float, rest_s: float,
+    board: Board,
+    turntable: Turntable,
+    axis: Axis,
+    *,
+    degrees: float = 360.0,
+    rate_dps: float,
+    rest_s: float,
     progress: Progress | None = None,
-) -> MeasuredTurn:  # fmt: skip
+) -> MeasuredTurn:
     """Rest, turn about a mounted axis, and rest again.
 
     Parameters
@@ -182,7 +187,12 @@ def _turn(
     turned_deg[axis] = degrees
     between_s = after.span.middle_s - before.span.middle_s
     return GyroscopeTurn(
-        turned_deg, turning.total, turning.n, turning.span.duration_s, before.rate.mean, after.rate.mean,
+        turned_deg,
+        turning.total,
+        turning.n,
+        turning.span.duration_s,
+        before.rate.mean,
+        after.rate.mean,
         (turning.span.middle_s - before.span.middle_s) / between_s,
     )
 
@@ -236,9 +246,12 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
     noise_deg = max(_noise_deg(board, turn) for turn in turns)
     smallest_deg = min(float(np.linalg.norm(turn.turn.turned_deg)) for turn in turns)
     return FittedTurns(
-        fit, reply.fit.residual_deg, reply.cost,
+        fit,
+        reply.fit.residual_deg,
+        reply.cost,
         100.0 * math.hypot(noise_deg, math.sqrt(2.0) * uncertainty_deg) / smallest_deg,
-        math.hypot(math.degrees(noise_deg / smallest_deg), uncertainty_deg), band,
+        math.hypot(math.degrees(noise_deg / smallest_deg), uncertainty_deg),
+        band,
     )
 
 

@@ -25,9 +25,13 @@ BEFORE_TURN_S = 0.4
 AFTER_TURN_S = 0.3
 #: Description of a board on each face.
 FACE_WORDS = {
-    Face.PLUS_X: "nose down", Face.MINUS_X: "nose up", Face.PLUS_Y: "right side down", Face.MINUS_Y: "left side down",
-    Face.PLUS_Z: "level", Face.MINUS_Z: "upside down",
-}  # fmt: skip
+    Face.PLUS_X: "nose down",
+    Face.MINUS_X: "nose up",
+    Face.PLUS_Y: "right side down",
+    Face.MINUS_Y: "left side down",
+    Face.PLUS_Z: "level",
+    Face.MINUS_Z: "upside down",
+}
 # Six sides and eight corners, 3 s each, and a margin at the start.
 HAND_TUMBLE_S = 45.0
 # Duration of the motion for a filter test by a hand or a motor.
@@ -192,9 +196,13 @@ class OperatorTurntable:
     name = "operator"
 
     def __init__(
-        self, *, prompt: Callable[[str], str], uncertainty_deg: float, tumble_s: float = HAND_TUMBLE_S,
+        self,
+        *,
+        prompt: Callable[[str], str],
+        uncertainty_deg: float,
+        tumble_s: float = HAND_TUMBLE_S,
         shows_coverage: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._prompt = prompt
         self._shows_coverage = shows_coverage
         self._tumble_s = tumble_s
@@ -297,7 +305,10 @@ class OperatorTurntable:
 
 
 def open_turntable(
-    board: Board | CompassBoard, *, uncertainty_deg: float, prompt: Callable[[str], str] | None = None,
+    board: Board | CompassBoard,
+    *,
+    uncertainty_deg: float,
+    prompt: Callable[[str], str] | None = None,
     tumble_s: float = HAND_TUMBLE_S,
 ) -> Turntable:
     """Return the turntable of a board: simulated for a virtual one, an operator otherwise.

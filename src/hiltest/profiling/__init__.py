@@ -12,6 +12,10 @@ if TYPE_CHECKING:
 
 __all__ = ["ProfileDocument", "ProfiledImage"]
 
-__getattr__ = when_used(__name__, {
-    "ProfileDocument": "document", "ProfiledImage": "image",
-})  # fmt: skip
+__getattr__ = when_used(
+    __name__,
+    {
+        "ProfileDocument": "document",
+        "ProfiledImage": "image",
+    },
+)

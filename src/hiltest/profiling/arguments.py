@@ -28,9 +28,21 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.calls.buffers import Address, Structure
 from hiltest.virtual.calls.procedure_call import Argument
 
-_TYPES = {name: np.dtype(name).newbyteorder("<") for name in (
-    "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64",
-)}  # fmt: skip
+_TYPES = {
+    name: np.dtype(name).newbyteorder("<")
+    for name in (
+        "int8",
+        "uint8",
+        "int16",
+        "uint16",
+        "int32",
+        "uint32",
+        "int64",
+        "uint64",
+        "float32",
+        "float64",
+    )
+}
 # A "+" separates members if another one starts after it; otherwise it belongs to a number or a name.
 _SEPARATOR = re.compile(rf"\+(?=(?:ptr:)*(?:@|(?:{'|'.join(_TYPES)}|zeros|text):))")
 _RAM_BYTES = 0x40000

@@ -78,9 +78,14 @@ _ADAPTER = TypeAdapter(ProfileDocument)
 
 
 def document(
-    profile: CallProfile, elf: Path, texts: Sequence[str], arguments: Sequence[Argument], results: Sequence[Argument],
-    *, memory: MemoryMap = MK64FN1M0,
-) -> ProfileDocument:  # fmt: skip
+    profile: CallProfile,
+    elf: Path,
+    texts: Sequence[str],
+    arguments: Sequence[Argument],
+    results: Sequence[Argument],
+    *,
+    memory: MemoryMap = MK64FN1M0,
+) -> ProfileDocument:
     """Create the document of a profile.
 
     Parameters
@@ -93,11 +98,26 @@ def document(
         Memories of the part.
     """
     return ProfileDocument(
-        SCHEMA, str(elf), hashlib.sha256(elf.read_bytes()).hexdigest(), profile.function, tuple(texts), profile.value,
-        tuple(_changed_buffers(arguments, results)), profile.cycles, profile.instructions, round(profile.clock_hz),
-        profile.cycle_model, tuple(_notes(profile, memory)), tuple(shares(profile)), profile.functions, profile.lines,
-        profile.addresses, profile.stacks, profile.band, profile.loops,
-    )  # fmt: skip
+        SCHEMA,
+        str(elf),
+        hashlib.sha256(elf.read_bytes()).hexdigest(),
+        profile.function,
+        tuple(texts),
+        profile.value,
+        tuple(_changed_buffers(arguments, results)),
+        profile.cycles,
+        profile.instructions,
+        round(profile.clock_hz),
+        profile.cycle_model,
+        tuple(_notes(profile, memory)),
+        tuple(shares(profile)),
+        profile.functions,
+        profile.lines,
+        profile.addresses,
+        profile.stacks,
+        profile.band,
+        profile.loops,
+    )
 
 
 def shares(profile: CallProfile) -> Iterator[Share]:

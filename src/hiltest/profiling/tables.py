@@ -10,12 +10,21 @@ from rich.table import Table
 from hiltest.profiling.document import BufferLeft, ProfileDocument
 
 _NAMES = {
-    "floating_point": "floating point", "load_store": "load, store", "branch": "branches", "integer": "integer",
-    "system": "system", "taken_branch": "refill behind taken branches", "fp_result": "floating-point results",
-    "division": "division and square root", "load_use": "addresses being loaded", "store_buffer": "store buffer",
-    "address": "addresses being computed", "fetch": "instructions being fetched",
-    "asleep": "asleep (WFI)", "memory": "waiting for memories",
-}  # fmt: skip
+    "floating_point": "floating point",
+    "load_store": "load, store",
+    "branch": "branches",
+    "integer": "integer",
+    "system": "system",
+    "taken_branch": "refill behind taken branches",
+    "fp_result": "floating-point results",
+    "division": "division and square root",
+    "load_use": "addresses being loaded",
+    "store_buffer": "store buffer",
+    "address": "addresses being computed",
+    "fetch": "instructions being fetched",
+    "asleep": "asleep (WFI)",
+    "memory": "waiting for memories",
+}
 _VALUES_SHOWN = 16
 _FUNCTIONS_SHOWN = 30
 
@@ -91,9 +100,13 @@ def _functions(profile: ProfileDocument) -> Table:
     table = _table("function", "calls", "cycles", "share", "with callees", "instructions", "stalls")
     for function in profile.functions[:_FUNCTIONS_SHOWN]:
         table.add_row(
-            escape(function.name), _group_digits(function.calls), _group_digits(function.self_cycles),
+            escape(function.name),
+            _group_digits(function.calls),
+            _group_digits(function.self_cycles),
             _share(profile, function.self_cycles),
-            _group_digits(function.cycles), _group_digits(function.instructions), _group_digits(function.stall_cycles),
+            _group_digits(function.cycles),
+            _group_digits(function.instructions),
+            _group_digits(function.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.functions), _FUNCTIONS_SHOWN)
     return table
@@ -106,8 +119,12 @@ def _loops(profile: ProfileDocument) -> Table:
     for loop in profile.loops:
         where = f"{loop.function} {loop.address:08x} to {loop.last:08x} {loop.location}".rstrip()
         table.add_row(
-            escape(where), _group_digits(loop.turns), f"{100 * loop.misplaced / loop.wide:.0f} %",
-            _group_digits(loop.cycles), _share(profile, loop.cycles), escape(loop.advice),
+            escape(where),
+            _group_digits(loop.turns),
+            f"{100 * loop.misplaced / loop.wide:.0f} %",
+            _group_digits(loop.cycles),
+            _share(profile, loop.cycles),
+            escape(loop.advice),
         )
     return table
 
@@ -116,8 +133,11 @@ def _lines(profile: ProfileDocument, most: int) -> Table:
     table = _table("source line", "cycles", "share", "instructions", "stalls")
     for line in profile.lines[:most]:
         table.add_row(
-            escape(line.location), _group_digits(line.cycles), _share(profile, line.cycles),
-            _group_digits(line.instructions), _group_digits(line.stall_cycles),
+            escape(line.location),
+            _group_digits(line.cycles),
+            _share(profile, line.cycles),
+            _group_digits(line.instructions),
+            _group_digits(line.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.lines), most)
     return table
@@ -128,8 +148,11 @@ def _instructions(profile: ProfileDocument, most: int) -> Table:
     for address in profile.addresses[:most]:
         place = f"{address.address:08x} {address.function} {address.location}".rstrip()
         table.add_row(
-            escape(f"{place}  {address.text}"), _group_digits(address.executions), _group_digits(address.cycles),
-            _share(profile, address.cycles), _group_digits(address.stall_cycles),
+            escape(f"{place}  {address.text}"),
+            _group_digits(address.executions),
+            _group_digits(address.cycles),
+            _share(profile, address.cycles),
+            _group_digits(address.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.addresses), most)
     return table

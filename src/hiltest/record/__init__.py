@@ -16,12 +16,32 @@ if TYPE_CHECKING:
     from hiltest.record.run import Run, Table, Verdict
 
 __all__ = [
-    "Change", "Comparison", "Difference", "ExitCode", "Journal", "Recorder", "Run", "Table", "TestOutcome", "Verdict",
+    "Change",
+    "Comparison",
+    "Difference",
+    "ExitCode",
+    "Journal",
+    "Recorder",
+    "Run",
+    "Table",
+    "TestOutcome",
+    "Verdict",
     "read_record",
-]  # fmt: skip
+]
 
-__getattr__ = when_used(__name__, {
-    "Change": "comparison", "Comparison": "comparison", "Difference": "comparison", "ExitCode": "exit_codes",
-    "Journal": "journal", "Recorder": "recorder", "Run": "run", "Table": "run", "TestOutcome": "outcomes",
-    "Verdict": "run", "read_record": "reader",
-})  # fmt: skip
+__getattr__ = when_used(
+    __name__,
+    {
+        "Change": "comparison",
+        "Comparison": "comparison",
+        "Difference": "comparison",
+        "ExitCode": "exit_codes",
+        "Journal": "journal",
+        "Recorder": "recorder",
+        "Run": "run",
+        "Table": "run",
+        "TestOutcome": "outcomes",
+        "Verdict": "run",
+        "read_record": "reader",
+    },
+)

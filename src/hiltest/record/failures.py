@@ -82,7 +82,9 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
     failed = out_of_limit(run.measurements)
     remarks = (limits_in_words(failed), tests_in_words(failed_otherwise(run.tests, failed)))
     return Verdict(
-        outcome=word, exit_code=ExitCode.INTERRUPTED, complete=False,
+        outcome=word,
+        exit_code=ExitCode.INTERRUPTED,
+        complete=False,
         sentence=" ".join(filter(None, (f"{word.upper()}: {tests} finished, {measurements} kept{last}.", *remarks))),
     )
 

@@ -110,7 +110,7 @@ class Journal:
         whole_bytes = os.fstat(self._file.fileno()).st_size
         try:
             while remaining:
-                remaining = remaining[self._file.write(remaining):]
+                remaining = remaining[self._file.write(remaining) :]
             os.fsync(self._file.fileno())
         except OSError:
             self._file.truncate(whole_bytes)

@@ -160,12 +160,13 @@ def _read_journal(path: Path) -> RecordFile:
     starts = [index for index, entry in enumerate(entries) if entry.get("kind") == "start"]
     if not starts:
         raise _NothingRecordedError(f"{path}: no run has written its first line; {OTHERWISE}")
-    content = _join_entries(path, entries[starts[-1]:], first_line=starts[-1] + 1)
+    content = _join_entries(path, entries[starts[-1] :], first_line=starts[-1] + 1)
     run = _parse_run(content, path)
     ended = content["verdict"] is not _UNKNOWN
     several = {other_attempt.name for other_attempt in run.other_attempts}
     run = replace(
-        run, verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
+        run,
+        verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
         measurements=tuple(
             marked(measurement) if measurement.name in several else measurement for measurement in run.measurements
         ),
@@ -176,7 +177,10 @@ def _read_journal(path: Path) -> RecordFile:
         for read, measurement in zip(content["measurements"], run.measurements, strict=True)
     ]
     settled = {
-        "verdict": asdict(run.verdict), "measurements": noted, "volatile": run.volatile, "tolerances": run.tolerances,
+        "verdict": asdict(run.verdict),
+        "measurements": noted,
+        "volatile": run.volatile,
+        "tolerances": run.tolerances,
     }
     return RecordFile(run, content | settled, path, sha256(text).hexdigest(), ended)
 
@@ -203,8 +207,14 @@ def _join_entries(path: Path, entries: list[dict[str, Any]], *, first_line: int)
     start = {key: value for key, value in entries[0].items() if key not in ("kind", "process")}
     _check_schema(path, start.get("schema"), start)
     content: dict[str, Any] = {
-        "schema": None, "board": None, "rig": None, "seed": None, "calibration": None, **start,
-        "finished_utc": start.get("started_utc"), "verdict": _UNKNOWN,
+        "schema": None,
+        "board": None,
+        "rig": None,
+        "seed": None,
+        "calibration": None,
+        **start,
+        "finished_utc": start.get("started_utc"),
+        "verdict": _UNKNOWN,
     }
     tests: list[Any] = []
     other_attempts: list[Any] = []
@@ -223,6 +233,8 @@ def _join_entries(path: Path, entries: list[dict[str, Any]], *, first_line: int)
         except (LookupError, TypeError) as error:
             raise ConfigError(f"{path}: line {number} is no entry of a journal: {error}; {OTHERWISE}") from error
     by_kind = {"measurements": measurements, "tables": tables}
-    return content | {"tests": tests, "other_attempts": other_attempts} | {
-        kind: [by_name[name] for name in sorted(by_name, key=str)] for kind, by_name in by_kind.items()
-    }
+    return (
+        content
+        | {"tests": tests, "other_attempts": other_attempts}
+        | {kind: [by_name[name] for name in sorted(by_name, key=str)] for kind, by_name in by_kind.items()}
+    )

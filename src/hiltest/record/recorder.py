@@ -47,10 +47,16 @@ class Recorder:
         self._unwritten_tables: list[Table] = []
         self._journal = journal
         self._has_steps = False
-        journal.announce({
-            "schema": SCHEMA, "started_utc": self.findings.started_utc, "suite": suite, "poses": poses,
-            "environment": asdict(self.findings.environment), "revision": revision and asdict(revision),
-        })
+        journal.announce(
+            {
+                "schema": SCHEMA,
+                "started_utc": self.findings.started_utc,
+                "suite": suite,
+                "poses": poses,
+                "environment": asdict(self.findings.environment),
+                "revision": revision and asdict(revision),
+            }
+        )
 
     def earlier(self, kind: str) -> tuple[str, list[dict[str, Any]]]:
         """Return the start of the last run in this folder with steps of a kind, and these steps."""
@@ -96,13 +102,16 @@ class Recorder:
         for unwritten_measurement in self._unwritten_measurements:
             self.findings.take(unwritten_measurement)
         self.findings.tables.update((table.name, table) for table in self._unwritten_tables)
-        self._journal.append("test", {
-            "utc": utc_now(),
-            "test": test and asdict(test),
-            "measurements": [asdict(self.findings.measurements[name]) for name in names],
-            "other_attempts": [asdict(other_attempt) for other_attempt in self.findings.other_attempts[others:]],
-            "tables": [asdict(unwritten_table) for unwritten_table in self._unwritten_tables],
-        })
+        self._journal.append(
+            "test",
+            {
+                "utc": utc_now(),
+                "test": test and asdict(test),
+                "measurements": [asdict(self.findings.measurements[name]) for name in names],
+                "other_attempts": [asdict(other_attempt) for other_attempt in self.findings.other_attempts[others:]],
+                "tables": [asdict(unwritten_table) for unwritten_table in self._unwritten_tables],
+            },
+        )
         self._unwritten_measurements, self._unwritten_tables = [], []
 
     def compare(self, compared: Callable[[Run], Comparison], verdict: Verdict) -> None:
@@ -113,10 +122,16 @@ class Recorder:
         """Write ``run.json``; `release` then removes the journal if it has no other content."""
         run = self.findings.finish(verdict, utc_now())
         comparison = run.comparison and asdict(run.comparison)
-        self._journal.append("end", {
-            "verdict": asdict(verdict), "finished_utc": run.finished_utc, "comparison": comparison,
-            "chosen": run.chosen, "coverage": run.coverage and asdict(run.coverage),
-        })
+        self._journal.append(
+            "end",
+            {
+                "verdict": asdict(verdict),
+                "finished_utc": run.finished_utc,
+                "comparison": comparison,
+                "chosen": run.chosen,
+                "coverage": run.coverage and asdict(run.coverage),
+            },
+        )
         write_run(run, self.folder)
         if verdict.complete or not self._has_steps:
             self._journal.finish()
@@ -143,6 +158,8 @@ def describe_host() -> Environment:
         except PackageNotFoundError:
             versions[package] = "not installed"
     return Environment(
-        host=f"{platform.node()}, {os.cpu_count()} cores", platform=platform.platform(),
-        python=platform.python_version(), versions=versions,
+        host=f"{platform.node()}, {os.cpu_count()} cores",
+        platform=platform.platform(),
+        python=platform.python_version(),
+        versions=versions,
     )

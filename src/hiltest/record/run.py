@@ -281,15 +281,27 @@ class Findings:
         several = {other_attempt.name for other_attempt in self.other_attempts}
         measurements = [self.measurements[name].rounded() for name in sorted(self.measurements)]
         run = Run(
-            schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, suite=self.suite,
-            poses=self.poses, calibration=self.calibration, environment=self.environment,
-            started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
+            schema=SCHEMA,
+            verdict=verdict,
+            board=self.board,
+            rig=self.rig,
+            seed=self.seed,
+            suite=self.suite,
+            poses=self.poses,
+            calibration=self.calibration,
+            environment=self.environment,
+            started_utc=self.started_utc,
+            finished_utc=finished_utc,
+            tests=tuple(self.tests),
             measurements=tuple(
                 marked(measurement) if measurement.name in several else measurement for measurement in measurements
             ),
-            tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
-            other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts), chosen=self.chosen,
-            revision=self.revision, coverage=self.coverage,
+            tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)),
+            comparison=self.comparison,
+            other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts),
+            chosen=self.chosen,
+            revision=self.revision,
+            coverage=self.coverage,
         )
         return replace(run, volatile=volatile_places(run), tolerances=tolerances_in_force(run))
 
@@ -299,7 +311,8 @@ def tolerances_in_force(run: Run) -> dict[str, tuple[float, float]]:
     of_rig = {name: Tolerance(*values) for name, values in (run.rig.tolerances if run.rig else {}).items()}
     tolerances = {
         measurement.name: tolerance_of(measurement.name, of_rig)
-        for measurement in run.measurements if is_compared(measurement.name) and not measurement.volatile
+        for measurement in run.measurements
+        if is_compared(measurement.name) and not measurement.volatile
     }
     return {name: (float(tolerance.absolute), float(tolerance.relative)) for name, tolerance in tolerances.items()}
 

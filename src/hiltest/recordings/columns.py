@@ -26,10 +26,16 @@ class Unit(StrEnum):
 MICROTESLA: dict[Unit, float | None] = {Unit.UT: 1.0, Unit.GAUSS: 100.0, Unit.COUNTS: None}
 
 _WORDS = {
-    "ut": Unit.UT, "µt": Unit.UT, "μt": Unit.UT, "microtesla": Unit.UT,
-    "gauss": Unit.GAUSS, "gs": Unit.GAUSS,
-    "counts": Unit.COUNTS, "count": Unit.COUNTS, "lsb": Unit.COUNTS,
-}  # fmt: skip
+    "ut": Unit.UT,
+    "µt": Unit.UT,
+    "μt": Unit.UT,
+    "microtesla": Unit.UT,
+    "gauss": Unit.GAUSS,
+    "gs": Unit.GAUSS,
+    "counts": Unit.COUNTS,
+    "count": Unit.COUNTS,
+    "lsb": Unit.COUNTS,
+}
 # Units of fields that no option names: these are refused instead of read as something else.
 _FOREIGN = frozenset({"nt", "mt", "t", "tesla", "nanotesla", "mgauss", "milligauss"})
 # Capital G means gauss; in lower case it is the g of accelerometers.
@@ -80,8 +86,10 @@ def unit_in_headers(headers: Sequence[str], words: Mapping[str, _U], option: str
     names = {name_and_unit(header)[1] for header in headers} - {""}
     units = {words.get(word) for word in names}
     if len(units) > 1 or None in units:
-        raise ConfigError(f"the header says {', '.join(headers)}: {' and '.join(sorted(names))} is no unit that can be "
-                          f"read here; say one with {option}")
+        raise ConfigError(
+            f"the header says {', '.join(headers)}: {' and '.join(sorted(names))} is no unit that can be "
+            f"read here; say one with {option}"
+        )
     return next(iter(units), None)
 
 
@@ -149,8 +157,9 @@ def axis_triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
     whole = {stem: axes for stem, axes in _columns_of_axes(headers).items() if sorted(axes) == ["x", "y", "z"]}
     return {
         stem: (axes["x"][0], axes["y"][0], axes["z"][0])
-        for stem, axes in whole.items() if all(len(places) == 1 for places in axes.values())
-    }  # fmt: skip
+        for stem, axes in whole.items()
+        if all(len(places) == 1 for places in axes.values())
+    }
 
 
 def incomplete_triples(headers: Sequence[str]) -> dict[str, list[int]]:
@@ -158,8 +167,9 @@ def incomplete_triples(headers: Sequence[str]) -> dict[str, list[int]]:
     whole = axis_triples(headers)
     return {
         stem: sorted(place for places in axes.values() for place in places)
-        for stem, axes in _columns_of_axes(headers).items() if stem not in whole
-    }  # fmt: skip
+        for stem, axes in _columns_of_axes(headers).items()
+        if stem not in whole
+    }
 
 
 def _columns_of_axes(headers: Sequence[str]) -> dict[str, dict[str, list[int]]]:

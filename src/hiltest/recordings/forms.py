@@ -84,8 +84,10 @@ def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
 def _motion_cal(lines: Sequence[Line]) -> Form | None:
     if not any(_MOTION_CAL.match(line.text) for line in lines):
         return None
-    note = ("Lines that begin with Raw: were read as MotionCal's: acceleration at 8192 counts for 1 g, rates at 16 for "
-            "1 deg/s, field at 10 for 1 uT.")
+    note = (
+        "Lines that begin with Raw: were read as MotionCal's: acceleration at 8192 counts for 1 g, rates at 16 for "
+        "1 deg/s, field at 10 for 1 uT."
+    )
     return Form(tuple(_MOTION_CAL_COLUMNS), len(_MOTION_CAL_COLUMNS), 0, _motion_cal_cells, begins="Raw:", notes=[note])
 
 
@@ -117,8 +119,10 @@ def _json_lines(lines: Sequence[Line]) -> Form | None:
         values = _values(text)
         if not unread and (others := values.keys() - names):
             unread.update(others)
-            notes.append(f"Keys of JSON that are not in the first {len(lines)} lines, such as {shown(min(others))}, "
-                         "were not read.")
+            notes.append(
+                f"Keys of JSON that are not in the first {len(lines)} lines, such as {shown(min(others))}, "
+                "were not read."
+            )
         return tuple([values.get(name, "") for name in names])
 
     return Form(tuple(names), len(names), first, cells, first, notes=notes)
@@ -208,8 +212,9 @@ class _Look:
     def fitting(self, fewest: int) -> int | None:
         """Return the first row of readings that the first row fits, which is then its header or a reading too."""
         places = range(len(self.rows) if any(self.rows[0]) else 0)
-        return next((place for place in places
-                     if self.may_begin(place, fewest) and _fits(self.rows[0], self.rows[place])), None)
+        return next(
+            (place for place in places if self.may_begin(place, fewest) and _fits(self.rows[0], self.rows[place])), None
+        )
 
     def begin(self, place: int, fewest: int) -> tuple[int, bool]:
         """Return the first row of a table whose first row fits its first readings, and whether it is a header."""
@@ -230,28 +235,37 @@ class _Look:
             own = _cells_or_nothing(line.text, delimiter)
             numbers = sum(map(is_number, own))
             readings = numbers >= _AXES and (numbers == len(own) or delimiter == self.delimiter)
-            names = self.delimiter is not None and len(row) >= _AXES and not any(
-                not cell or is_number(cell) or " " in cell for cell in row
+            names = (
+                self.delimiter is not None
+                and len(row) >= _AXES
+                and not any(not cell or is_number(cell) or " " in cell for cell in row)
             )
             if readings or names or axis_triples(own):
-                raise ConfigError(f"{self.path}:{line.number}: {len(own)} cells, and {len(self.rows[place])} in line "
-                                  f"{self.lines[place].number}, where readings begin; correct or delete the line")
+                raise ConfigError(
+                    f"{self.path}:{line.number}: {len(own)} cells, and {len(self.rows[place])} in line "
+                    f"{self.lines[place].number}, where readings begin; correct or delete the line"
+                )
 
     def form(self, begin: int, *, has_header: bool) -> Form:
         """Return the form of a table that begins at a row."""
         headers, first = (self.rows[begin], begin + 1) if has_header else (self._comment(begin), begin)
         notes = _skipped_notes(self.lines[:begin])
         if not headers and _is_numbered(self.rows[first : first + 2]):
-            notes.append(f"Line {self.lines[first].number}, {shown(','.join(self.rows[first]))}, was taken as pandas' "
-                         "numbers of the columns, not as a reading.")
+            notes.append(
+                f"Line {self.lines[first].number}, {shown(','.join(self.rows[first]))}, was taken as pandas' "
+                "numbers of the columns, not as a reading."
+            )
             first += 1
         if self.decimal == ",":
             self._refuse_thousands(first)
             notes.append("Commas within numbers were taken as decimal points.")
-        separated = Separated(self.delimiter.encode() if self.delimiter else None,
-                              b"." if self.delimiter == "," else self.decimal.encode())
-        return Form(headers, len(headers or self.rows[begin]), first, self.cells, begin, notes=notes,
-                    separated=separated)
+        separated = Separated(
+            self.delimiter.encode() if self.delimiter else None,
+            b"." if self.delimiter == "," else self.decimal.encode(),
+        )
+        return Form(
+            headers, len(headers or self.rows[begin]), first, self.cells, begin, notes=notes, separated=separated
+        )
 
     def _comment(self, place: int) -> tuple[str, ...]:
         """Return the header in a comment above a row."""
@@ -265,8 +279,10 @@ class _Look:
         rows = [_cells_or_nothing(line.text, self.delimiter) for line in self.lines[first:]]
         cells = [cell for row in rows for cell in row if "," in cell]
         if all(map(_THOUSANDS.match, cells)):
-            raise ConfigError(f"{self.path}:{self.lines[first].number}: is {shown(cells[0])} above one thousand, or "
-                              "below? Save the file with decimal points")
+            raise ConfigError(
+                f"{self.path}:{self.lines[first].number}: is {shown(cells[0])} above one thousand, or "
+                "below? Save the file with decimal points"
+            )
 
 
 def _is_numbered(rows: Sequence[tuple[str, ...]]) -> bool:

@@ -82,8 +82,10 @@ def _refuse_implausible(path: Path, sensed: Sensed, track: Track) -> None:
     low, high = _PLAUSIBLE[sensed]
     middle = float(np.median(np.linalg.norm(track.readings, axis=1)))
     if not low <= middle <= high:
-        raise ConfigError(f"{path}: its {sensed.key} reads {middle:.4g} {sensed.unit} in the median, and {low:g} to "
-                          f"{high:g} is what one can: say the right unit with world.playback.{sensed.key}.unit")
+        raise ConfigError(
+            f"{path}: its {sensed.key} reads {middle:.4g} {sensed.unit} in the median, and {low:g} to "
+            f"{high:g} is what one can: say the right unit with world.playback.{sensed.key}.unit"
+        )
 
 
 def _read_packets(path: Path, data: bytes, settings: PlaybackFile) -> Recorded:
@@ -95,8 +97,10 @@ def _read_packets(path: Path, data: bytes, settings: PlaybackFile) -> Recorded:
     frames = {flags >> 4 & 3 for table in rows for flags in np.unique(table.rows["flags"]).tolist()}
     default = PlayedSensor().axes
     if frames != {AxisConvention.NED.value} and any(settings.sensor(sensed.key).axes == default for sensed in Sensed):
-        raise ConfigError(f"{path}: its packets are not in the frame NED; say with axes, under [world.playback."
-                          "magnetometer], accelerometer and gyroscope, how each lies in the body")
+        raise ConfigError(
+            f"{path}: its packets are not in the frame NED; say with axes, under [world.playback."
+            "magnetometer], accelerometer and gyroscope, how each lies in the body"
+        )
     clock = BoardClock()
     times_s = np.array([clock.at(stamp) for table in rows for stamp in table.rows["time_us"].tolist()])
     if clock.resets or bool((np.diff(times_s) <= 0.0).any()):

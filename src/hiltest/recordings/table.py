@@ -98,8 +98,10 @@ class Table:
                 self._cut = number
                 return
             if len(cells) != width:
-                raise ConfigError(f"{self.path}:{number}: {len(cells)} cells where the table has {width} columns; "
-                                  "correct or delete the line")
+                raise ConfigError(
+                    f"{self.path}:{number}: {len(cells)} cells where the table has {width} columns; "
+                    "correct or delete the line"
+                )
             yield TableRow(number, cells, arrived_s)
 
     def rows_of_numbers(self, places: Sequence[int], largest: Sequence[float]) -> Iterator[TableRow | TableRows]:

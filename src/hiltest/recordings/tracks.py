@@ -71,14 +71,21 @@ def read_table(path: Path, settings: PlaybackFile) -> Recorded:
     table = open_table(path)
     headers, width = table.headers, table.width
     if headers[:3] == ("time_s", "type", "number"):
-        raise ConfigError(f"{path}: a table by hiltest decode, whose field is the firmware's calibrated one; play the "
-                          "recording of the packets itself, which says so")
-    by_sensor = {sensed: columns for sensed in Sensed
-             if (columns := _columns(path, sensed, settings.sensor(sensed.key), headers, width)) is not None}
+        raise ConfigError(
+            f"{path}: a table by hiltest decode, whose field is the firmware's calibrated one; play the "
+            "recording of the packets itself, which says so"
+        )
+    by_sensor = {
+        sensed: columns
+        for sensed in Sensed
+        if (columns := _columns(path, sensed, settings.sensor(sensed.key), headers, width)) is not None
+    }
     if not by_sensor:
-        raise ConfigError(f"{path}: no columns of a magnetometer, an accelerometer or a gyroscope among "
-                          f"{', '.join(headers) or f'{width} columns without a header'}; name them under "
-                          "[world.playback.magnetometer] and so on: columns = [\"mx\", \"my\", \"mz\"]")
+        raise ConfigError(
+            f"{path}: no columns of a magnetometer, an accelerometer or a gyroscope among "
+            f"{', '.join(headers) or f'{width} columns without a header'}; name them under "
+            '[world.playback.magnetometer] and so on: columns = ["mx", "my", "mz"]'
+        )
     time, scale_s = _time(path, settings, headers, width)
     times: dict[Sensed, array[float]] = {sensed: array("d") for sensed in by_sensor}
     readings: dict[Sensed, array[float]] = {sensed: array("d") for sensed in by_sensor}
@@ -97,9 +104,7 @@ def read_table(path: Path, settings: PlaybackFile) -> Recorded:
     return Recorded(tracks, float(began["began"]) if began else None, table.notes)
 
 
-def _columns(
-    path: Path, sensed: Sensed, settings: PlayedSensor, headers: Sequence[str], width: int
-) -> _Columns | None:
+def _columns(path: Path, sensed: Sensed, settings: PlayedSensor, headers: Sequence[str], width: int) -> _Columns | None:
     option = f"world.playback.{sensed.key}.columns"
     if settings.columns is not None:
         # Quoted, because a name may have a comma.
@@ -121,8 +126,10 @@ def _refuse_incomplete(path: Path, sensed: Sensed, headers: Sequence[str]) -> No
     """Refuse two axes of three, because the sensor would otherwise count as not recorded."""
     for stem, places in incomplete_triples(headers).items():
         if _STEMS[sensed].search(stem):
-            raise ConfigError(f"{path}: columns {', '.join(headers[place] for place in places)} are not x, y and z of "
-                              f"one {sensed.key}: name three with world.playback.{sensed.key}.columns")
+            raise ConfigError(
+                f"{path}: columns {', '.join(headers[place] for place in places)} are not x, y and z of "
+                f"one {sensed.key}: name three with world.playback.{sensed.key}.columns"
+            )
 
 
 def _factor(path: Path, sensed: Sensed, settings: PlayedSensor, names: Sequence[str]) -> float:
@@ -131,8 +138,10 @@ def _factor(path: Path, sensed: Sensed, settings: PlayedSensor, names: Sequence[
     factor = factor_of(word, UNITS[sensed.key]) if word else None
     if factor is None:
         are = f"are in {word}, which is no unit of a {sensed.key} that is known" if word else "do not say their unit"
-        raise ConfigError(f"{path}: columns {', '.join(names)} {are}; say it with world.playback.{sensed.key}.unit, a "
-                          f'factor before it where they are counts: unit = "0.1 {sensed.unit}"')
+        raise ConfigError(
+            f"{path}: columns {', '.join(names)} {are}; say it with world.playback.{sensed.key}.unit, a "
+            f'factor before it where they are counts: unit = "0.1 {sensed.unit}"'
+        )
     return factor
 
 
@@ -145,8 +154,9 @@ def _time(path: Path, settings: PlaybackFile, headers: Sequence[str], width: int
     candidates = [(place, scale) for place, name in enumerate(headers) if (scale := seconds_of(name)) is not None]
     if len(candidates) != 1:
         count = len(candidates) or "no"
-        raise ConfigError(f"{path}: {count} columns of time; name one with world.playback.time, or give "
-                          "world.playback.rate_hz")
+        raise ConfigError(
+            f"{path}: {count} columns of time; name one with world.playback.time, or give world.playback.rate_hz"
+        )
     return candidates[0]
 
 

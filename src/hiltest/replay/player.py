@@ -168,7 +168,7 @@ class Player(Tape):
         time_s = self._entries[at].time_s if at >= 0 else 0.0
         return DivergenceError(
             f"{self._path}:{line}", f"{self._test or 'it'} {asked}", recorded, time_s=time_s, test=test
-        )  # fmt: skip
+        )
 
 
 def _describe(entry: TranscriptEntry, *, beside: bytes = b"") -> str:

@@ -87,8 +87,10 @@ def plain(value: Any) -> Any:
         return {_key(key): plain(item) for key, item in value.items()}
     if isinstance(value, Sequence):
         return [plain(item) for item in value]
-    raise TypeError(f"{type(value).__name__} cannot be recorded: an interface that is recorded takes and gives plain "
-                    "values, dataclasses, arrays, and other interfaces")  # fmt: skip
+    raise TypeError(
+        f"{type(value).__name__} cannot be recorded: an interface that is recorded takes and gives plain "
+        "values, dataclasses, arrays, and other interfaces"
+    )
 
 
 def restored(hint: Any, content: Any) -> Any:

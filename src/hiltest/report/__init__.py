@@ -12,6 +12,11 @@ if TYPE_CHECKING:
 
 __all__ = ["html_report", "markdown_report", "write_reports"]
 
-__getattr__ = when_used(__name__, {
-    "html_report": "render", "markdown_report": "markdown", "write_reports": "render",
-})  # fmt: skip
+__getattr__ = when_used(
+    __name__,
+    {
+        "html_report": "render",
+        "markdown_report": "markdown",
+        "write_reports": "render",
+    },
+)

@@ -74,9 +74,14 @@ def boards_html(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[A
     held = [row for row in apart if row.has_limit]
     others = [row for row in apart if not row.has_limit]
     return render(
-        "boards.html.j2", verdict=verdict, boards=boards, held=held, others=others, report=REPORT_FILE,
+        "boards.html.j2",
+        verdict=verdict,
+        boards=boards,
+        held=held,
+        others=others,
+        report=REPORT_FILE,
         version=__version__,
-    )  # fmt: skip
+    )
 
 
 def boards_markdown(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:

@@ -36,7 +36,10 @@ class Spread:
 
 
 def campaign_markdown(
-    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None,
+    verdict: Verdict,
+    seeds: Sequence[SeedLine],
+    spreads: Sequence[Spread],
+    comparison: Comparison | None,
     cycle_models: Iterable[str] = (),
 ) -> str:
     """Return the page: verdict, changes, failed seeds and the limits that they missed; the rest is folded.
@@ -74,8 +77,13 @@ def _seeds(seeds: Sequence[SeedLine]) -> Iterator[str]:
 
 def _spreads(spreads: Sequence[Spread]) -> Iterator[str]:
     rows = (
-        [spread.name, str(spread.n), *map(format_number, (spread.min, spread.median, spread.max)), spread.unit,
-         ", ".join(map(str, spread.failed_seeds))]
+        [
+            spread.name,
+            str(spread.n),
+            *map(format_number, (spread.min, spread.median, spread.max)),
+            spread.unit,
+            ", ".join(map(str, spread.failed_seeds)),
+        ]
         for spread in spreads
-    )  # fmt: skip
+    )
     yield from table(["measurement", "seeds", "smallest", "median", "largest", "unit", "missed on seeds"], rows)

@@ -30,7 +30,8 @@ _TONES = {Change.WORSE: "fail", Change.GONE: "fail", Change.BETTER: "pass"}
 _DRAWN_AT_MOST = 10
 _FURTHEST_PERCENT = 100.0
 _MARKS = {
-    Change.WORSE: (Mark.CROSS, "over"), Change.BETTER: (Mark.DOT, "better filled"),
+    Change.WORSE: (Mark.CROSS, "over"),
+    Change.BETTER: (Mark.DOT, "better filled"),
     Change.CHANGED: (Mark.DIAMOND, "neutral filled"),
 }
 _KEY = tuple(KeyEntry(str(change), "", mark, style) for change, (mark, style) in _MARKS.items())
@@ -69,8 +70,12 @@ def against_baseline(comparison: Comparison | None) -> AgainstBaseline | None:
     if comparison is None:
         return None
     return AgainstBaseline(
-        comparison, _ANSWERS[comparison.answer],
-        counts(comparison), tuple(changed(comparison)), tuple(sides(comparison)), change_figure(comparison),
+        comparison,
+        _ANSWERS[comparison.answer],
+        counts(comparison),
+        tuple(changed(comparison)),
+        tuple(sides(comparison)),
+        change_figure(comparison),
     )
 
 
@@ -100,9 +105,14 @@ def _changed_row(difference: Difference) -> Changed:
     outcome = "" if difference.outcome == "information" else difference.outcome
     tolerance = "; ".join(filter(None, (held_to(difference.tolerance, difference.unit), seen_from(difference))))
     return Changed(
-        difference.name, str(difference.change), _SIGNS[difference.change], _TONES.get(difference.change, ""),
+        difference.name,
+        str(difference.change),
+        _SIGNS[difference.change],
+        _TONES.get(difference.change, ""),
         _number(difference.base, difference.unit),
-        _number(difference.new, difference.unit), moved(difference), "" if difference.delta is None else tolerance,
+        _number(difference.new, difference.unit),
+        moved(difference),
+        "" if difference.delta is None else tolerance,
         str(difference.limit or ""),
         ": ".join(filter(None, (outcome, difference.note))),
     )
@@ -125,8 +135,12 @@ def _side(side: Side) -> Iterator[tuple[str, str]]:
 
 def change_figure(comparison: Comparison) -> RowFigure | None:
     """Draw the changes in percent of the baseline's value; None without any."""
-    candidates = [(difference, by_percent) for change in _MARKS for difference in comparison.differences_with(change)
-                  if (by_percent := moved_percent(difference)) is not None]
+    candidates = [
+        (difference, by_percent)
+        for change in _MARKS
+        for difference in comparison.differences_with(change)
+        if (by_percent := moved_percent(difference)) is not None
+    ]
     if not candidates:
         return None
     drawn = candidates[:_DRAWN_AT_MOST]

@@ -51,9 +51,13 @@ def print_changes(console: Console, comparison: Comparison, *, at_most: int | No
         _entries(console, comparison.obstacles)
     for change, differences in shown(comparison):
         say(console, f"{change} ({len(differences)})", _STYLES.get(change, "bold"))
-        _entries(console, (
-            ", ".join(filter(None, (entry(difference), seen_from(difference)))) for difference in differences[:at_most]
-        ))
+        _entries(
+            console,
+            (
+                ", ".join(filter(None, (entry(difference), seen_from(difference))))
+                for difference in differences[:at_most]
+            ),
+        )
         if more := len(differences) - len(differences[:at_most]):
             say(console, f"  and {more} more")
     if remark := counted_by(models_shown(comparison)):
@@ -91,8 +95,12 @@ def printable(text: str) -> str:
 def _entries(console: Console, entries: Iterable[str]) -> None:
     for entry_text in entries:
         lines = textwrap.wrap(
-            _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(entry_text)), console.width, initial_indent="  ",
-            subsequent_indent="      ", break_on_hyphens=False, break_long_words=False,
+            _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(entry_text)),
+            console.width,
+            initial_indent="  ",
+            subsequent_indent="      ",
+            break_on_hyphens=False,
+            break_long_words=False,
         )
         for line in lines:
             console.print(Text(line.replace(_NO_BREAK, " ")), soft_wrap=True)

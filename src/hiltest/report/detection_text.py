@@ -14,9 +14,12 @@ from hiltest.verdict.evidence import REAL
 
 def print_detection(console: Console, detection: Detection) -> None:
     """Print the number of runs for each measurement, and the assumptions."""
-    say(console, f"To see a change of {detection.size:g} {detection.unit} in 4 of 5 comparisons, while of 100 "
-                 "comparisons of unchanged firmware at most 1 calls any of "
-                 f"{detection.sharing} measurements worse:")  # fmt: skip
+    say(
+        console,
+        f"To see a change of {detection.size:g} {detection.unit} in 4 of 5 comparisons, while of 100 "
+        "comparisons of unchanged firmware at most 1 calls any of "
+        f"{detection.sharing} measurements worse:",
+    )
     paired = detection.board != REAL
     grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     grid.add_column("measurement", overflow="fold")
@@ -30,8 +33,11 @@ def print_detection(console: Console, detection: Detection) -> None:
         )
     console.print(grid)
     if not detection.of_base:
-        say(console, "BASE has too few runs to say how much they differ: the deviations are those of the default rig. "
-                     "Save five runs or more of one firmware: hiltest baseline save RUN... FILE")  # fmt: skip
+        say(
+            console,
+            "BASE has too few runs to say how much they differ: the deviations are those of the default rig. "
+            "Save five runs or more of one firmware: hiltest baseline save RUN... FILE",
+        )
     if paired:
         say(console, "Runs a side are for a board with this noise; on a virtual board both firmwares read the same.")
 

@@ -42,9 +42,10 @@ class Exported:
 def exported(by_seed: Mapping[Seed, Mapping[str, Measurement]]) -> list[Exported]:
     """Return all measurements with a better direction and a number, sorted by name."""
     names = sorted({name for measurements in by_seed.values() for name in measurements})
-    candidates = (_export_measurement(
-        [measurements[name] for measurements in by_seed.values() if name in measurements]
-    ) for name in names)
+    candidates = (
+        _export_measurement([measurements[name] for measurements in by_seed.values() if name in measurements])
+        for name in names
+    )
     return [candidate for candidate in candidates if candidate is not None]
 
 

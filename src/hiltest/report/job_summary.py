@@ -73,7 +73,7 @@ def _append(file: int, name: str, page: str, whole_is: str) -> str:
     remaining = (apart + shown).encode("utf-8", errors="backslashreplace")
     try:
         while remaining:
-            remaining = remaining[os.write(file, remaining):]
+            remaining = remaining[os.write(file, remaining) :]
     except OSError:
         with contextlib.suppress(OSError):
             os.ftruncate(file, existing)  # half a table would spoil the existing content

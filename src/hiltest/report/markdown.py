@@ -69,9 +69,15 @@ def _lines(run: Run) -> Iterator[str]:
 
 def _failures(summary: Summary) -> Iterator[str]:
     rows = [
-        [failure.measurement.name, shown_value(failure.measurement), failure.measurement.unit,
-         shown_limit(failure.measurement), "" if failure.was is None else number(failure.was, failure.measurement.unit),
-         failure.cause or failure.measurement.note, failure.measurement.place or failure.measurement.test]
+        [
+            failure.measurement.name,
+            shown_value(failure.measurement),
+            failure.measurement.unit,
+            shown_limit(failure.measurement),
+            "" if failure.was is None else number(failure.was, failure.measurement.unit),
+            failure.cause or failure.measurement.note,
+            failure.measurement.place or failure.measurement.test,
+        ]
         for failure in (*summary.failures, *(Failure(unset, None, "") for unset in summary.unset))
     ]
     if rows:
@@ -83,8 +89,9 @@ def _failures(summary: Summary) -> Iterator[str]:
 def _close(summary: Summary) -> Iterator[str]:
     if summary.close:
         yield from ("", "## Close to the limit", "")
-        rows = ([near.name, shown_value(near), near.unit, shown_limit(near), str(near.band or "")]
-                for near in summary.close)  # fmt: skip
+        rows = (
+            [near.name, shown_value(near), near.unit, shown_limit(near), str(near.band or "")] for near in summary.close
+        )
         yield from table(["measurement", "value", "unit", "limit", "uncertainty range"], rows)
 
 
@@ -118,9 +125,14 @@ def _reason(test: TestResult) -> str:
 def _measurements(run: Run) -> Iterator[str]:
     detectable = changes_seen(run)
     rows = (
-        [row.name, shown_value(row), row.unit,
-         ", change ".join(filter(None, (shown_limit(row), shown_seen(row, detectable)))),
-         shown_outcome(row) + (f": {row.note}" if row.note else ""), overview.origin(row)]
+        [
+            row.name,
+            shown_value(row),
+            row.unit,
+            ", change ".join(filter(None, (shown_limit(row), shown_seen(row, detectable)))),
+            shown_outcome(row) + (f": {row.note}" if row.note else ""),
+            overview.origin(row),
+        ]
         for row in run.measurements
     )
     yield from table(["measurement", "value", "unit", "limit", "outcome", "where from"], rows)

@@ -33,8 +33,13 @@ _MORE = (
 )
 _CYCLES = "cycles"
 HEADINGS = (
-    *(heading for heading, _ in _ACCURACY), _CYCLES, WITH_WAITS, *(heading for heading, _ in _MORE),
-    "per point", "fixed", "stack [B]",
+    *(heading for heading, _ in _ACCURACY),
+    _CYCLES,
+    WITH_WAITS,
+    *(heading for heading, _ in _MORE),
+    "per point",
+    "fixed",
+    "stack [B]",
 )
 _TONES = {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNSET: "unset", Outcome.CANNOT_TELL: "unset"}
 
@@ -94,13 +99,16 @@ def accuracy_and_cost(run: Run) -> AccuracyAndCost:
         rows.append(CalibratorRow(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
     has_text = [any(row.cells[place].text for row in rows) for place in range(len(HEADINGS))]
     headings = tuple(compress(HEADINGS, has_text))
-    waited = [measurement for row in rows if (
-        measurement := run.measurement(FROM_FLASH.format(row.name))
-    ) and measurement.value is not None]
+    waited = [
+        measurement
+        for row in rows
+        if (measurement := run.measurement(FROM_FLASH.format(row.name))) and measurement.value is not None
+    ]
     if WITH_WAITS in headings:
         headings = tuple(WITHOUT_WAITS if heading == _CYCLES else heading for heading in headings)
     return AccuracyAndCost(
-        headings, tuple(replace(row, cells=tuple(compress(row.cells, has_text))) for row in rows),
+        headings,
+        tuple(replace(row, cells=tuple(compress(row.cells, has_text))) for row in rows),
         waited[0].cycle_model if waited else "",
     )
 
@@ -154,7 +162,8 @@ def _memory(run: Run) -> str:
     measured = ((called, run.measurement(f"firmware.{name}")) for called, name in names)
     return ", ".join(
         f"{called} {shown_value(measurement)} B"
-        for called, measurement in measured if measurement and measurement.value is not None
+        for called, measurement in measured
+        if measurement and measurement.value is not None
     )
 
 
@@ -185,10 +194,13 @@ def _provenance(run: Run) -> Iterator[tuple[str, str]]:
         yield "cycle model", board.cycle_model
         yield "time", f"{board.clock} clock"
         yield "calibrators", ", ".join(board.calibrators)
-        yield "sensors", "; ".join(
-            f"{sensor.name} ({sensor.kind}, bus {sensor.bus}, 0x{sensor.address:02X}, "
-            f"{'selected' if sensor.selected else 'present' if sensor.present else 'absent'})"
-            for sensor in board.sensors
+        yield (
+            "sensors",
+            "; ".join(
+                f"{sensor.name} ({sensor.kind}, bus {sensor.bus}, 0x{sensor.address:02X}, "
+                f"{'selected' if sensor.selected else 'present' if sensor.present else 'absent'})"
+                for sensor in board.sensors
+            ),
         )
     if run.rig:
         yield "rig", f"{run.rig.name} ({run.rig.file})"

@@ -20,8 +20,12 @@ def render(template: str, *, package: str = "hiltest.report", **content: object)
     """
     loaders = [PackageLoader(fromkey, ".") for fromkey in dict.fromkeys((package, "hiltest.report"))]
     environment = Environment(
-        loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, finalize=_make_visible,
+        loader=ChoiceLoader(loaders),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_make_visible,
     )
     environment.filters["beside"] = _relative_address
     return environment.get_template(template).render(**content)

@@ -15,8 +15,18 @@ LEGEND = (
     "angles. Cycles per point are over all points up to the end; fit cycles are added when the fit is asked for."
 )
 HEADINGS = (
-    "calibrator", "points", "held", "elements", "fit", "fit error", "worst heading", "mean error",
-    "mean cycles per point", "median", "max", "fit cycles",
+    "calibrator",
+    "points",
+    "held",
+    "elements",
+    "fit",
+    "fit error",
+    "worst heading",
+    "mean error",
+    "mean cycles per point",
+    "median",
+    "max",
+    "fit cycles",
 )
 _MEASURED = ("cycles_mean", "cycles_median", "cycles_max", "fit_cycles")
 
@@ -36,8 +46,14 @@ def _rows(run: Run) -> Iterator[tuple[str, ...]]:
     for index, (name, points, held, elements, fit, fit_error, worst, mean, is_sphere) in enumerate(stages):
         has_fit = worst is not None
         yield (
-            str(name), str(points), str(held), str(elements or ""), _fit_in_words(fit, is_sphere),
-            _number(fit_error, "%") if has_fit else "", _number(worst, "deg"), _number(mean, "deg"),
+            str(name),
+            str(points),
+            str(held),
+            str(elements or ""),
+            _fit_in_words(fit, is_sphere),
+            _number(fit_error, "%") if has_fit else "",
+            _number(worst, "deg"),
+            _number(mean, "deg"),
             *(_cycles(run, f"stream.{name}.{quantity}") if last[name] == index else "" for quantity in _MEASURED),
         )
 

@@ -112,7 +112,13 @@ class Figure:
         return left + across * (right - left), top + (1.0 - up) * (bottom - top)
 
     def series(
-        self, name: str, points: Sequence[Point], line: str = "", mark: Mark | None = None, *, mark_style: str = "",
+        self,
+        name: str,
+        points: Sequence[Point],
+        line: str = "",
+        mark: Mark | None = None,
+        *,
+        mark_style: str = "",
         radius: float = 3.5,
     ) -> None:
         """Draw points under a name, as a line or marks or both, and add them to key and sheet."""

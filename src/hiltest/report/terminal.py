@@ -39,16 +39,15 @@ _INDENT = "  "
 _CHANGES_AT_MOST = 5
 # Folded headings of columns whose numbers are much narrower.
 _FOLDED = {
-    WITHOUT_WAITS: "cycles without\nmemory waits\n(ranked)", WITH_WAITS: "cycles\nas it runs\nfrom flash",
-}  # fmt: skip
+    WITHOUT_WAITS: "cycles without\nmemory waits\n(ranked)",
+    WITH_WAITS: "cycles\nas it runs\nfrom flash",
+}
 CHANGE_SEEN = "smallest change that a comparison of such a run sees in 4 of 5 cases"
 _WITHIN_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
-def summary(
-    run: Run, folder: Path, *, verbose: bool, width: int, colour: bool, options: str | None = None
-) -> str:
+def summary(run: Run, folder: Path, *, verbose: bool, width: int, colour: bool, options: str | None = None) -> str:
     """Return the most important results, at most a screen of them if everything passed.
 
     Parameters
@@ -66,7 +65,11 @@ def summary(
     """
     text = StringIO()
     console = Console(
-        file=text, width=width, force_terminal=colour, no_color=not colour, color_system="standard" if colour else None,
+        file=text,
+        width=width,
+        force_terminal=colour,
+        no_color=not colour,
+        color_system="standard" if colour else None,
         highlight=False,
     )
     run_summary = summarise(run)
@@ -93,10 +96,13 @@ def summary(
 def coverage_line(coverage: CoverageRecord) -> str:
     """Return the executed share of the firmware, in one line."""
     shares = (
-        f"{hit} of {count} {name}{f' ({100 * hit / count:.1f} %)' if count else ''}" for (hit, count), name in (
-            (coverage.lines, "lines"), (coverage.functions, "functions"), (coverage.branches, "branches both ways"),
+        f"{hit} of {count} {name}{f' ({100 * hit / count:.1f} %)' if count else ''}"
+        for (hit, count), name in (
+            (coverage.lines, "lines"),
+            (coverage.functions, "functions"),
+            (coverage.branches, "branches both ways"),
         )
-    )  # fmt: skip
+    )
     return f"Coverage: {', '.join(shares)}"
 
 
@@ -140,8 +146,10 @@ def shown_outcome(measurement: Measurement) -> str:
 def failure_line(failure: Failure) -> str:
     """Return a failure in one line: value, limit, value in the baseline, and place of the measurement."""
     measurement = failure.measurement
-    value = measurement.note or "no value" if measurement.value is None else format_with_unit(
-        measurement.value, measurement.unit
+    value = (
+        measurement.note or "no value"
+        if measurement.value is None
+        else format_with_unit(measurement.value, measurement.unit)
     )
     place = measurement.place or short_test_id(measurement.test)
     note = f": {measurement.note}" if measurement.note and measurement.value is not None else ""
@@ -152,8 +160,12 @@ def _print_wrapped(console: Console, text: str, style: str = "", indent: str = "
     """Print a text wrapped at the terminal's width, with unbroken numbers and names."""
     whole = _WITHIN_NUMBER.sub(_NO_BREAK, printable(text))
     for line in textwrap.wrap(
-        whole, console.width, initial_indent=indent, subsequent_indent=indent and f"{indent}  ",
-        break_long_words=False, break_on_hyphens=False,
+        whole,
+        console.width,
+        initial_indent=indent,
+        subsequent_indent=indent and f"{indent}  ",
+        break_long_words=False,
+        break_on_hyphens=False,
     ):
         console.print(escape(line.replace(_NO_BREAK, " ")), style=style, soft_wrap=True)
 
@@ -197,8 +209,10 @@ def _print_calibrators(console: Console, summary_of_run: Summary) -> None:
     if not summary_of_run.calibrators:
         return
     results = [calibrator.result for calibrator in summary_of_run.calibrators]
-    columns = [("worst \\[deg]", [shown_value(result.maximum) for result in results]),
-               ("limit", [_upper_limit(result.maximum) for result in results])]
+    columns = [
+        ("worst \\[deg]", [shown_value(result.maximum) for result in results]),
+        ("limit", [_upper_limit(result.maximum) for result in results]),
+    ]
     if counted_cycles := any(result.cycles for result in results):
         columns += _costs(summary_of_run)
     names = [result.name for result in results]
@@ -227,9 +241,11 @@ def _costs(summary_of_run: Summary) -> list[tuple[str, list[str]]]:
     ranges = ("uncertainty range", [str(count.band or "") if count else "" for count in counts])
     limits = ("limit", [_upper_limit(count) for count in counts])
     waited = [shown_value(result.from_flash) if result.from_flash else "" for result in results]
-    ratios = [
-        (f"of {summary_of_run.reference}", [calibrator.ratio for calibrator in summary_of_run.calibrators])
-    ] if summary_of_run.reference else []
+    ratios = (
+        [(f"of {summary_of_run.reference}", [calibrator.ratio for calibrator in summary_of_run.calibrators])]
+        if summary_of_run.reference
+        else []
+    )
     if not any(waited):
         return [("cycles", cycles), ranges, limits, *ratios]
     of_limits = [limits] if any(limits[1]) else []
@@ -291,8 +307,12 @@ def _measurements(measurements: Sequence[Measurement]) -> Grid:
         outcome = shown_outcome(measurement).partition(";")[0]
         outcome += f" ({measurement.note})" if measurement.note and _note_explains_outcome(measurement) else ""
         grid.add_row(
-            escape(measurement.name), shown_value(measurement), escape(measurement.unit), shown_limit(measurement),
-            escape(outcome), style=_STYLES.get(measurement.outcome),
+            escape(measurement.name),
+            shown_value(measurement),
+            escape(measurement.unit),
+            shown_limit(measurement),
+            escape(outcome),
+            style=_STYLES.get(measurement.outcome),
         )
     return grid
 
@@ -314,7 +334,11 @@ def _print_ranges(console: Console, measurements: Sequence[Measurement]) -> None
                 by = most.row if most else "memories" if band.low < band.high else "no row"
                 if measurement.value and band.about_fetch:
                     by += f"; fetch {100 * band.about_fetch / measurement.value:.1f} %"
-                grid.add_row(escape(
-                    measurement.name
-                ), shown_value(measurement), format_number(band.low), format_number(band.high), escape(by))
+                grid.add_row(
+                    escape(measurement.name),
+                    shown_value(measurement),
+                    format_number(band.low),
+                    format_number(band.high),
+                    escape(by),
+                )
         console.print(grid)

@@ -25,9 +25,10 @@ class CountedFunctions:
     def __post_init__(self) -> None:
         require(bool(self.functions), "functions", "name one at least")
         require(
-            self.ends is not None or len(self.functions) == 1, "ends",
+            self.ends is not None or len(self.functions) == 1,
+            "ends",
             "functions that are counted together make a solution: name the word in memory that ends one",
-        )  # fmt: skip
+        )
 
 
 def as_tables(cycles: object) -> object:

@@ -60,20 +60,30 @@ class Device:
 
     def __post_init__(self) -> None:
         require(bool(self.kinds), "kind", 'names no kind; write kind = "fsflk" or another')
-        require("hiltest" not in self.kinds or self.kinds == ("hiltest",), "kind",
-                '"hiltest" goes with no other kind: firmware that speaks its protocol offers all by that')
+        require(
+            "hiltest" not in self.kinds or self.kinds == ("hiltest",),
+            "kind",
+            '"hiltest" goes with no other kind: firmware that speaks its protocol offers all by that',
+        )
         for kind, table, says in (("text", self.text, "what its lines mean"), ("memory", self.memory, "its variables")):
-            require(kind not in self.kinds or table is not None, "kind",
-                    f'"{kind}" needs a table [device.{kind}] that says {says}')
-            require(table is None or kind in self.kinds, "kind",
-                    f'must be "{kind}", or have it in a list, since there is a table [device.{kind}]')
+            require(
+                kind not in self.kinds or table is not None,
+                "kind",
+                f'"{kind}" needs a table [device.{kind}] that says {says}',
+            )
+            require(
+                table is None or kind in self.kinds,
+                "kind",
+                f'must be "{kind}", or have it in a list, since there is a table [device.{kind}]',
+            )
         for key, seconds in (("start_s", self.start_s), ("converge_s", self.converge_s)):
             require(0.0 <= seconds <= 600.0, key, "must be 0 to 600")
         require(1 <= self.tumbles <= 10, "tumbles", "must be 1 to 10")
         require(1.0 <= self.tumble_s <= 600.0, "tumble_s", "must be 1 to 600")
         require(0.1 <= self.window_s <= 60.0, "window_s", "must be 0.1 to 60")
-        require(2.0 * self.window_s <= self.settle_s <= 600.0, "settle_s",
-                "must be two windows at least, and at most 600")
+        require(
+            2.0 * self.window_s <= self.settle_s <= 600.0, "settle_s", "must be two windows at least, and at most 600"
+        )
         strangers = sorted(set(self.sources.values()) - set(self.kinds))
         require(not strangers, "sources", f"names {', '.join(strangers)}, which is not among kind")
 

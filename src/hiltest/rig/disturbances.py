@@ -39,11 +39,17 @@ class CurrentTable:
 
     def __post_init__(self) -> None:
         _check_times("waveform", self.waveform)
-        require(all(abs(current_a) <= _LARGEST_A for _, current_a in self.waveform), "waveform",
-                f"must be within {_LARGEST_A:g} A")
+        require(
+            all(abs(current_a) <= _LARGEST_A for _, current_a in self.waveform),
+            "waveform",
+            f"must be within {_LARGEST_A:g} A",
+        )
         lasts_s = self.waveform[-1][0] - self.waveform[0][0]
-        require(self.repeat_s is None or max(lasts_s, 1e-3) <= self.repeat_s <= _LONGEST_S, "repeat_s",
-                f"must be at least the {lasts_s:g} s of the waveform, and 0.001 to {_LONGEST_S:g}")
+        require(
+            self.repeat_s is None or max(lasts_s, 1e-3) <= self.repeat_s <= _LONGEST_S,
+            "repeat_s",
+            f"must be at least the {lasts_s:g} s of the waveform, and 0.001 to {_LONGEST_S:g}",
+        )
 
     @property
     def largest_ut(self) -> float:
@@ -75,11 +81,17 @@ class CableTable:
         require(abs(self.current_a) <= _LARGEST_A, "current_a", f"must be within {_LARGEST_A:g} A")
         require(1e-3 <= math.hypot(*self.direction) <= 1e3, "direction", "must have a length of 0.001 to 1000")
         _check_times("places", self.places)
-        require(all(math.hypot(*place) <= _FARTHEST_M for _, *place in self.places), "places",
-                f"must be within {_FARTHEST_M:g} m")
-        require(self._nearest_m >= _NEAREST_CABLE_M, "places",
-                f"leads the cable past a part at {1e3 * self._nearest_m:.3g} mm, at least {1e3 * _NEAREST_CABLE_M:g} "
-                "are needed: it would lie in the part")
+        require(
+            all(math.hypot(*place) <= _FARTHEST_M for _, *place in self.places),
+            "places",
+            f"must be within {_FARTHEST_M:g} m",
+        )
+        require(
+            self._nearest_m >= _NEAREST_CABLE_M,
+            "places",
+            f"leads the cable past a part at {1e3 * self._nearest_m:.3g} mm, at least {1e3 * _NEAREST_CABLE_M:g} "
+            "are needed: it would lie in the part",
+        )
 
     @property
     def _nearest_m(self) -> float:
@@ -120,11 +132,17 @@ class PassingTable:
     def __post_init__(self) -> None:
         require(math.hypot(*self.moment_am2) <= _LARGEST_AM2, "moment_am2", f"must be within {_LARGEST_AM2:g} A m2")
         require(math.hypot(*self.place_m) <= _FARTHEST_M, "place_m", f"must be within {_FARTHEST_M:g} m")
-        require(1e-3 <= math.hypot(*self.velocity_mps) <= _FASTEST_MPS, "velocity_mps",
-                f"must be 0.001 to {_FASTEST_MPS:g} m/s: what never moves is part of [field]")
+        require(
+            1e-3 <= math.hypot(*self.velocity_mps) <= _FASTEST_MPS,
+            "velocity_mps",
+            f"must be 0.001 to {_FASTEST_MPS:g} m/s: what never moves is part of [field]",
+        )
         require(0.0 <= self.at_s <= _LONGEST_S, "at_s", f"must be 0 to {_LONGEST_S:g}")
-        require(self.nearest_m >= _NEAREST_MAGNET_M, "place_m",
-                f"leads it past at {self.nearest_m:.3g} m; at less than {_NEAREST_MAGNET_M:g} m a magnet is no dipole")
+        require(
+            self.nearest_m >= _NEAREST_MAGNET_M,
+            "place_m",
+            f"leads it past at {self.nearest_m:.3g} m; at less than {_NEAREST_MAGNET_M:g} m a magnet is no dipole",
+        )
 
     @property
     def nearest_m(self) -> float:
@@ -156,8 +174,11 @@ def _check_times(key: str, rows: Sequence[Sequence[float]]) -> None:
     require(1 <= len(rows) <= _MOST_ROWS, key, f"needs 1 to {_MOST_ROWS} rows, each of a time and what is then")
     times_s = [row[0] for row in rows]
     require(times_s[0] >= 0.0 and times_s[-1] <= _LONGEST_S, key, f"has times from 0 to {_LONGEST_S:g} s")
-    require(all(before <= after for before, after in pairwise(times_s)), key,
-            "goes back in time: each row is at the time of the one before, a step, or later")
+    require(
+        all(before <= after for before, after in pairwise(times_s)),
+        key,
+        "goes back in time: each row is at the time of the one before, a step, or later",
+    )
 
 
 def _first_change_s(rows: Sequence[Sequence[float]]) -> float:

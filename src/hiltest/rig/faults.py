@@ -52,8 +52,11 @@ class Absence:
 
     def __post_init__(self) -> None:
         check_span(self.after_s)
-        require(self.back_after_s is None or self.after_s < self.back_after_s, "back_after_s",
-                "counts from the opening of the port too: it must be above after_s")
+        require(
+            self.back_after_s is None or self.after_s < self.back_after_s,
+            "back_after_s",
+            "counts from the opening of the port too: it must be above after_s",
+        )
 
     def holds(self, since_s: float) -> bool:
         """Return whether it is gone at a time since the opening of the port."""
@@ -111,10 +114,17 @@ class Faults:
         for key in ("lose", "double", "flip", "split"):
             require(0.0 <= getattr(self, key) <= 1.0, key, "is a probability, 0 to 1")
         require(self.lose + self.double + self.flip <= 1.0, "lose", "and double and flip are more than 1 together")
-        require(self.of_line or bool(self.of_board), "seed", "names no fault: write one of lose, double, flip, split, "
-                "late, stall, disappear, baud, full_output, sensor, held_line and reset beside it, or take it out")
-        require(self.full_output is None or self.direction != "to-host", "full_output",
-                'is of the way to the board: direction "to-host" has none')
+        require(
+            self.of_line or bool(self.of_board),
+            "seed",
+            "names no fault: write one of lose, double, flip, split, "
+            "late, stall, disappear, baud, full_output, sensor, held_line and reset beside it, or take it out",
+        )
+        require(
+            self.full_output is None or self.direction != "to-host",
+            "full_output",
+            'is of the way to the board: direction "to-host" has none',
+        )
 
     @property
     def of_line(self) -> bool:

@@ -96,7 +96,8 @@ def parse_rig(path: Path, content: bytes) -> Rig:
         for table, entries in read.items()
     }
     derived = {
-        "path": str(path), "sha256": sha256(content).hexdigest(),
+        "path": str(path),
+        "sha256": sha256(content).hexdigest(),
         "units": _units(source, {**read, "tolerances": tolerances}),
         "tolerances": {
             name: {"absolute": entry.absolute, "relative": entry.relative} for name, entry in tolerances.items()

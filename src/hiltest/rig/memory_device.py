@@ -71,12 +71,19 @@ class MemoryDevice:
     """Samples for hiltest's calibrators, on a virtual board as of the start of the latest solution."""
 
     def __post_init__(self) -> None:
-        require(bool(self.values), "values", 'names no quantity; write hard_iron = { path = "sfg.MagCal.fV", '
-                'unit = "uT" } or others under [device.memory.values]')
+        require(
+            bool(self.values),
+            "values",
+            'names no quantity; write hard_iron = { path = "sfg.MagCal.fV", '
+            'unit = "uT" } or others under [device.memory.values]',
+        )
         if self.server is not None:
             match = _SERVER.fullmatch(self.server)
-            require(match is not None and 0 < int(match["port"]) < 1 << 16, "server",
-                    'is host:port of a GDB server, such as "localhost:3333"')
+            require(
+                match is not None and 0 < int(match["port"]) < 1 << 16,
+                "server",
+                'is host:port of a GDB server, such as "localhost:3333"',
+            )
 
     @property
     def address(self) -> tuple[str, int] | None:

@@ -39,7 +39,10 @@ def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> Reg
     from hiltest.world import MagneticDistortion
 
     return Mag3110(
-        world, MagneticDistortion(truth.soft_iron, truth.hard_iron_ut), seed=seed, noise_ut=truth.mag3110_noise_ut,
+        world,
+        MagneticDistortion(truth.soft_iron, truth.hard_iron_ut),
+        seed=seed,
+        noise_ut=truth.mag3110_noise_ut,
         drift=_drift(gain_percent=truth.drift.mag3110_gain_percent_per_degc),
     )
 
@@ -50,8 +53,12 @@ def _fxos8700cq(world: World, truth: SimulatedWorld, seed: int, part: Part) -> F
 
     drift = truth.drift
     return Fxos8700cq(
-        world, MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut("fxos8700cq")), seed=seed,
-        address=part.address, name="shield" if part.bus == 1 else "onboard", errors=_accelerometer_errors(truth),
+        world,
+        MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut("fxos8700cq")),
+        seed=seed,
+        address=part.address,
+        name="shield" if part.bus == 1 else "onboard",
+        errors=_accelerometer_errors(truth),
         noise=Fxos8700cqNoise(magnetometer_ut=truth.fxos8700cq_noise_ut),
         magnetometer_drift=_drift(
             offset=drift.fxos8700cq_zero_flux_ut_per_degc, gain_percent=drift.fxos8700cq_gain_percent_per_degc
@@ -63,9 +70,12 @@ def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> 
     from hiltest.sensors import Fxas21002c
 
     return Fxas21002c(
-        world, seed=seed, bias_dps=truth.gyroscope_bias_dps,
+        world,
+        seed=seed,
+        bias_dps=truth.gyroscope_bias_dps,
         drift=_drift(offset=truth.drift.gyroscope_bias_dps_per_degc),
-        noise_density=1e-3 * truth.gyroscope_noise_mdps_per_rthz, response=truth.gyroscope_response,
+        noise_density=1e-3 * truth.gyroscope_noise_mdps_per_rthz,
+        response=truth.gyroscope_response,
     )
 
 
@@ -75,17 +85,23 @@ def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> 
 PARTS: Mapping[str, Part] = {
     "mag3110": Part(1, 0x0E, _mag3110, {"magnetometer": "MAG3110"}, magnetometer_range_ut=2000.0),
     "fxos8700cq": Part(
-        1, 0x1E, _fxos8700cq,
+        1,
+        0x1E,
+        _fxos8700cq,
         {"magnetometer": "FXOS8700CQ magnetometer", "accelerometer": "FXOS8700CQ accelerometer"},
-        ("PTB9", "PTB23"), 1200.0,
+        ("PTB9", "PTB23"),
+        1200.0,
     ),
     "fxas21002c": Part(1, 0x20, _fxas21002c, {"gyroscope": "FXAS21002C"}, ("PTA2", None)),
     "onboard-fxos8700cq": Part(
-        0, 0x1D, _fxos8700cq,
+        0,
+        0x1D,
+        _fxos8700cq,
         {"magnetometer": "on-board FXOS8700CQ magnetometer", "accelerometer": "on-board FXOS8700CQ accelerometer"},
-        ("PTC6", "PTC13"), 1200.0,
+        ("PTC6", "PTC13"),
+        1200.0,
     ),
-}  # fmt: skip
+}
 
 
 def sensor_names() -> dict[str, list[str]]:
@@ -104,7 +120,8 @@ def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
     gain_x, gain_y, gain_z = truth.accelerometer_gain_error_percent
     row_x, row_y, row_z = truth.accelerometer_cross_axis_percent
     return AccelerometerErrors(
-        (x / 1000.0, y / 1000.0, z / 1000.0), (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0),
+        (x / 1000.0, y / 1000.0, z / 1000.0),
+        (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0),
         (scaled(row_x, 1e-2), scaled(row_y, 1e-2), scaled(row_z, 1e-2)),
         _drift(offset=scaled(truth.drift.accelerometer_offset_mg_per_degc, 1e-3)),
     )

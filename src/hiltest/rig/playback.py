@@ -30,9 +30,12 @@ class PlayedSensor:
 
     def __post_init__(self) -> None:
         words = self.axes.split()
-        require(all(map(_AXIS.fullmatch, words)) and sorted(word[-1] for word in words) == ["x", "y", "z"], "axes",
-                f"{self.axes!r} must be each of x, y and z once, with a sign where it points the other way, such as "
-                "'-y -x -z'")
+        require(
+            all(map(_AXIS.fullmatch, words)) and sorted(word[-1] for word in words) == ["x", "y", "z"],
+            "axes",
+            f"{self.axes!r} must be each of x, y and z once, with a sign where it points the other way, such as "
+            "'-y -x -z'",
+        )
 
     @property
     def signed_axes(self) -> tuple[tuple[int, int], ...]:
@@ -67,14 +70,18 @@ class PlaybackFile:
         require(self.rate_hz is None or self.time is None, "rate_hz", "excludes time: one of them says the times")
         for sensor, unit in UNITS.items():
             written_unit = self.sensor(sensor).unit
-            require(written_unit is None or factor_of(written_unit, unit) is not None, sensor,
-                    f"unit {written_unit!r} is none of {', '.join(unit_words(unit))}; a factor may stand before it, "
-                    f"such as '0.1 {unit}'")
+            require(
+                written_unit is None or factor_of(written_unit, unit) is not None,
+                sensor,
+                f"unit {written_unit!r} is none of {', '.join(unit_words(unit))}; a factor may stand before it, "
+                f"such as '0.1 {unit}'",
+            )
 
     def sensor(self, key: str) -> PlayedSensor:
         """Return the settings of a sensor of `UNITS`."""
-        return {"magnetometer": self.magnetometer, "accelerometer": self.accelerometer,
-                "gyroscope": self.gyroscope}[key]
+        return {"magnetometer": self.magnetometer, "accelerometer": self.accelerometer, "gyroscope": self.gyroscope}[
+            key
+        ]
 
 
 def factor_of(written: str, unit: str) -> float | None:

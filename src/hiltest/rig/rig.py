@@ -53,9 +53,10 @@ _CHECKED_BY = ("limits", "information", "tolerances", "units", "full_only", "cyc
 # Keys that are recorded separately from the digest, because a command line option may change them.
 _KEPT_APART = ("seed",)
 _KEPT_APART_OF = {
-    "procedure": ("poses", "cost_reference"), "board": ("port", "timing", "firmware"),
+    "procedure": ("poses", "cost_reference"),
+    "board": ("port", "timing", "firmware"),
     "field": ("latitude_deg", "longitude_deg", "altitude_m"),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,36 +105,61 @@ class Rig:
     """Digest of the file."""
 
     def __post_init__(self) -> None:
-        require((self.world is None) == (self.board.kind != "virtual"), "world",
-                'is the truth of a board of kind "virtual": there with it, absent with any other')
+        require(
+            (self.world is None) == (self.board.kind != "virtual"),
+            "world",
+            'is the truth of a board of kind "virtual": there with it, absent with any other',
+        )
         simulated = self.turntable.kind == "simulated"
-        require(simulated == (self.board.kind == "virtual"), "turntable",
-                'kind "simulated" goes with a board of kind "virtual", "operator" and "grbl" with others')
-        require(self.procedure.accelerometer_calibration == "none" or self.faces is not None, "faces",
-                'is missing: procedure.accelerometer_calibration "six-position" needs to know how true they are')
+        require(
+            simulated == (self.board.kind == "virtual"),
+            "turntable",
+            'kind "simulated" goes with a board of kind "virtual", "operator" and "grbl" with others',
+        )
+        require(
+            self.procedure.accelerometer_calibration == "none" or self.faces is not None,
+            "faces",
+            'is missing: procedure.accelerometer_calibration "six-position" needs to know how true they are',
+        )
         of_board = self.faults.of_board if self.faults else ()
-        require(self.world is not None or not of_board, "faults",
-                'sensor, held_line and reset happen to a board of kind "virtual" alone')
+        require(
+            self.world is not None or not of_board,
+            "faults",
+            'sensor, held_line and reset happen to a board of kind "virtual" alone',
+        )
         sensor = self.faults.sensor if self.faults else None
-        require(self.world is None or sensor is None or sensor.part in self.world.fitted, "faults",
-                "has a fault of a sensor that world.fitted does not name")
+        require(
+            self.world is None or sensor is None or sensor.part in self.world.fitted,
+            "faults",
+            "has a fault of a sensor that world.fitted does not name",
+        )
         if self.world is not None and self.magnetometer_part is not None:
             part, world = self.magnetometer_part, self.world
             reading_ut = world.largest_reading_ut(part, self.field.strength_ut)
             range_ut = PARTS[part].magnetometer_range_ut or 0.0
-            require(reading_ut < range_ut, "world",
-                    f"{' with '.join(('hard_iron_ut', *world.disturbances))} makes {part} read up to {reading_ut:.0f} "
-                    f"uT; its axes stop at {range_ut:.0f}")
+            require(
+                reading_ut < range_ut,
+                "world",
+                f"{' with '.join(('hard_iron_ut', *world.disturbances))} makes {part} read up to {reading_ut:.0f} "
+                f"uT; its axes stop at {range_ut:.0f}",
+            )
             self._check_noise("magnetometer_noise_ut", self.sensors.magnetometer_noise_ut, world.noise_ut(part), "uT")
-            self._check_noise("gyroscope_noise_mdps_per_rthz", self.sensors.gyroscope_noise_mdps_per_rthz,
-                              world.gyroscope_noise_mdps_per_rthz, "mdps/rtHz")
+            self._check_noise(
+                "gyroscope_noise_mdps_per_rthz",
+                self.sensors.gyroscope_noise_mdps_per_rthz,
+                world.gyroscope_noise_mdps_per_rthz,
+                "mdps/rtHz",
+            )
 
     def _check_noise(self, key: str, declared: float, simulated: float, unit: str) -> None:
         """Refuse a declared noise that differs from this world's; a world without noise is not compared."""
         agrees = simulated == 0.0 or declared / MOST_NOISE_RATIO <= simulated <= declared * MOST_NOISE_RATIO
-        require(agrees, "sensors",
-                f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: they may differ by a factor of "
-                f"{MOST_NOISE_RATIO:g}; the residual of a fit is compared with the declared one")
+        require(
+            agrees,
+            "sensors",
+            f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: they may differ by a factor of "
+            f"{MOST_NOISE_RATIO:g}; the residual of a fit is compared with the declared one",
+        )
 
     @property
     def own_language(self) -> Device | None:
@@ -274,13 +300,17 @@ def build_world(rig: Rig) -> World:
         world.temperature_degc, world.temperature_end_degc, world.temperature_ramp_s, world.temperature_time_constant_s
     )
     return World(
-        _earth_field(rig), mounting_yaw_deg=_true_yaw_deg(rig, world), temperature=temperature,
+        _earth_field(rig),
+        mounting_yaw_deg=_true_yaw_deg(rig, world),
+        temperature=temperature,
         covered=Cap(covered.axis, covered.fraction) if covered else None,
         disturbances=Disturbances(
             current=world.current.in_world() if world.current else None,
             passing=world.passing.in_world() if world.passing else None,
             cable=world.cable.in_world() if world.cable else None,
-        ) if world.disturbances else None,
+        )
+        if world.disturbances
+        else None,
     )
 
 

@@ -71,8 +71,11 @@ class BoardPlace:
         require(self.kind == "virtual" or self.firmware is None, "firmware", 'belongs to a board of kind "virtual"')
         require(self.kind == "real" or self.port is None, "port", 'belongs to a board of kind "real"')
         require(self.kind == "real" or self.cycle_model is None, "cycle_model", 'belongs to a board of kind "real"')
-        require(self.cycle_model is None or re.fullmatch(r"[a-z0-9/.+-]+", self.cycle_model) is not None, "cycle_model",
-                'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/2"')
+        require(
+            self.cycle_model is None or re.fullmatch(r"[a-z0-9/.+-]+", self.cycle_model) is not None,
+            "cycle_model",
+            'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/2"',
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +108,11 @@ class LocalField:
         place = {"latitude_deg": (self.latitude_deg, 90.0), "longitude_deg": (self.longitude_deg, 180.0)}
         for key, (value, most) in place.items():
             require(value is None or abs(value) <= most, key, f"must be within -{most:g} to {most:g}")
-        require((self.latitude_deg is None) == (self.longitude_deg is None), "longitude_deg",
-                "and latitude_deg are a place together: write both, or none")
+        require(
+            (self.latitude_deg is None) == (self.longitude_deg is None),
+            "longitude_deg",
+            "and latitude_deg are a place together: write both, or none",
+        )
         # Range of the World Magnetic Model.
         require(-1_000.0 <= self.altitude_m <= 850_000.0, "altitude_m", "must be within -1000 to 850000")
         require(self.strength_ut > 0.0, "strength_ut", "must be above 0")
@@ -158,8 +164,11 @@ class SensorChoice:
 
     def __post_init__(self) -> None:
         require(self.magnetometer_noise_ut >= 0.0, "magnetometer_noise_ut", "must not be negative")
-        require(0.0 < self.gyroscope_noise_mdps_per_rthz <= _NOISIEST_MDPS, "gyroscope_noise_mdps_per_rthz",
-                f"must be above 0 and at most {_NOISIEST_MDPS:g}: with more, a board in a hand would count as still")
+        require(
+            0.0 < self.gyroscope_noise_mdps_per_rthz <= _NOISIEST_MDPS,
+            "gyroscope_noise_mdps_per_rthz",
+            f"must be above 0 and at most {_NOISIEST_MDPS:g}: with more, a board in a hand would count as still",
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,10 +213,16 @@ class TurntableSettings:
     def __post_init__(self) -> None:
         require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
         require(0.0 < self.tumble_s <= 600.0, "tumble_s", "must be above 0 and at most 600")
-        require((self.kind == "grbl") == (self.port is not None), "port",
-                'names the serial port of a turntable of kind "grbl", and only of that')
-        require(self.kind == "simulated" or self.covered is None, "covered",
-                'confines a tumble of kind "simulated"; another table is not simulated')
+        require(
+            (self.kind == "grbl") == (self.port is not None),
+            "port",
+            'names the serial port of a turntable of kind "grbl", and only of that',
+        )
+        require(
+            self.kind == "simulated" or self.covered is None,
+            "covered",
+            'confines a tumble of kind "simulated"; another table is not simulated',
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,23 +263,38 @@ class Procedure:
         for key, values in (("headings_deg", headings_deg), ("tilts_deg", self.tilts_deg)):
             require(len(set(values)) == len(values), key, "has the same one twice: its errors would count twice")
         require((0.0, 0.0) in self.tilts_deg, "tilts_deg", "must contain the level one, [0, 0]")
-        require(all(abs(pitch) < 90.0 for pitch, _ in self.tilts_deg), "tilts_deg",
-                "must keep pitch within -90 to 90: beyond, heading turns round")
+        require(
+            all(abs(pitch) < 90.0 for pitch, _ in self.tilts_deg),
+            "tilts_deg",
+            "must keep pitch within -90 to 90: beyond, heading turns round",
+        )
         require(1 <= self.readings_per_pose <= 512, "readings_per_pose", "must be 1 to 512, as the firmware averages")
         require(self.calibration_points >= 9, "calibration_points", "must be at least 9, the unknowns of an ellipsoid")
-        require(self.calibration_points <= self.tumble_points <= 512, "tumble_points",
-                "must be from calibration_points to 512, what the firmware stores")
-        require(self.dpi == "none" or self.tumble_points >= DPI_PAIRS_MINIMUM, "tumble_points",
-                f"must be at least {DPI_PAIRS_MINIMUM}, the pairs that the calibration against gravity needs: write "
-                'tumble_points = 300, or dpi = "none" beside it to go without')
+        require(
+            self.calibration_points <= self.tumble_points <= 512,
+            "tumble_points",
+            "must be from calibration_points to 512, what the firmware stores",
+        )
+        require(
+            self.dpi == "none" or self.tumble_points >= DPI_PAIRS_MINIMUM,
+            "tumble_points",
+            f"must be at least {DPI_PAIRS_MINIMUM}, the pairs that the calibration against gravity needs: write "
+            'tumble_points = 300, or dpi = "none" beside it to go without',
+        )
         require(2.0 <= self.gyroscope_rest_s <= 20.0, "gyroscope_rest_s", "must be 2 to 20")
         require(36.0 <= self.gyroscope_turn_dps <= 90.0, "gyroscope_turn_dps", "must be 36 to 90")
-        require(self.accelerometer_calibration != "none" or not self.untrimmed_calibrations, "untrimmed_calibrations",
-                "has nothing to leave out while accelerometer_calibration is none")
+        require(
+            self.accelerometer_calibration != "none" or not self.untrimmed_calibrations,
+            "untrimmed_calibrations",
+            "has nothing to leave out while accelerometer_calibration is none",
+        )
         for written in self.further_calibrations:
             points = number_of_points(written)
-            require(points is not None and 9 <= points <= self.tumble_points, "further_calibrations",
-                    f"names {written!r}; write a calibrator and its points, 9 to tumble_points, such as direct@100")
+            require(
+                points is not None and 9 <= points <= self.tumble_points,
+                "further_calibrations",
+                f"names {written!r}; write a calibrator and its points, 9 to tumble_points, such as direct@100",
+            )
 
     def known_angle_poses(self, which: Literal["all", "level"] | None = None) -> tuple[Pose, ...]:
         """Return the poses of the known angles in order: tilt by tilt, as listed."""

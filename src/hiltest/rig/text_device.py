@@ -28,8 +28,11 @@ class TextValue:
 
     def __post_init__(self) -> None:
         require(self.scale != 0.0, "scale", "must not be 0")
-        require(self.scale is not None or str(self.unit).lower() not in COUNTS, "unit",
-                f"{self.unit!r} needs a scale: what one count is in the quantity's unit")
+        require(
+            self.scale is not None or str(self.unit).lower() not in COUNTS,
+            "unit",
+            f"{self.unit!r} needs a scale: what one count is in the quantity's unit",
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -51,8 +54,11 @@ class TextCommands:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            require(all(ord(letter) < 0x100 for letter in getattr(self, field.name)), field.name,
-                    "has a character that is no byte: those up to U+00FF are")
+            require(
+                all(ord(letter) < 0x100 for letter in getattr(self, field.name)),
+                field.name,
+                "has a character that is no byte: those up to U+00FF are",
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,21 +90,32 @@ class SimulatedWorld:
     """Disturbances of the field over time: a current on the board, a passing magnet, a moved cable."""
 
     def __post_init__(self) -> None:
-        require(self.playback is None or not self.disturbances, "playback",
-                f"has its own field: {', '.join(self.disturbances)} cannot disturb it")
+        require(
+            self.playback is None or not self.disturbances,
+            "playback",
+            f"has its own field: {', '.join(self.disturbances)} cannot disturb it",
+        )
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
         require(all(sigma >= 0.0 for sigma in self.fxos8700cq_noise_ut), "fxos8700cq_noise_ut", "must not be negative")
         require(self.gyroscope_noise_mdps_per_rthz >= 0.0, "gyroscope_noise_mdps_per_rthz", "must not be negative")
-        require(all(self.accelerometer_cross_axis_percent[axis][axis] == 0.0 for axis in range(3)),
-                "accelerometer_cross_axis_percent",
-                "has a number on its diagonal: that is accelerometer_gain_error_percent")
+        require(
+            all(self.accelerometer_cross_axis_percent[axis][axis] == 0.0 for axis in range(3)),
+            "accelerometer_cross_axis_percent",
+            "has a number on its diagonal: that is accelerometer_gain_error_percent",
+        )
         require(len(self.face_errors_deg) in (0, 6), "face_errors_deg", "needs a row for each of the six faces")
         self._check_temperature()
         volume = _relative_volume(self.soft_iron)
-        require(abs(volume) >= _SMALLEST_VOLUME, "soft_iron",
-                "is singular: it maps every field into a plane, and no calibration can undo that")
-        require(volume > 0.0 or bool(self.mirrored), "soft_iron",
-                "mirrors the field: its determinant is negative; write mirrored = true beside it if it is meant to")
+        require(
+            abs(volume) >= _SMALLEST_VOLUME,
+            "soft_iron",
+            "is singular: it maps every field into a plane, and no calibration can undo that",
+        )
+        require(
+            volume > 0.0 or bool(self.mirrored),
+            "soft_iron",
+            "mirrors the field: its determinant is negative; write mirrored = true beside it if it is meant to",
+        )
         strangers = [part for part in self.fitted if part not in PARTS]
         require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(PARTS)}")
 
@@ -114,10 +125,16 @@ class SimulatedWorld:
             "temperature_time_constant_s": self.temperature_time_constant_s,
         }
         durations = {key: duration_s for key, duration_s in courses.items() if duration_s is not None}
-        require((self.temperature_end_degc is None) == (not durations), "temperature_end_degc",
-                "goes with temperature_ramp_s or temperature_time_constant_s: how the temperature gets there")
-        require(len(durations) < 2, "temperature_ramp_s",
-                "excludes temperature_time_constant_s: one of them says the course")
+        require(
+            (self.temperature_end_degc is None) == (not durations),
+            "temperature_end_degc",
+            "goes with temperature_ramp_s or temperature_time_constant_s: how the temperature gets there",
+        )
+        require(
+            len(durations) < 2,
+            "temperature_ramp_s",
+            "excludes temperature_time_constant_s: one of them says the course",
+        )
         for key, duration_s in durations.items():
             require(duration_s > 0.0, key, "must be above 0")
 

@@ -60,8 +60,15 @@ class FirstWorse:
 
 
 def first_worse(
-    good: str, bad: str, build: Sequence[str], *, firmware: str, out: Path, options: Sequence[str],
-    runs: Sequence[str] = (), measures: Sequence[str] = (),
+    good: str,
+    bad: str,
+    build: Sequence[str],
+    *,
+    firmware: str,
+    out: Path,
+    options: Sequence[str],
+    runs: Sequence[str] = (),
+    measures: Sequence[str] = (),
 ) -> FirstWorse:
     """Find the first commit that made a measurement worse than at a good one.
 
@@ -93,9 +100,17 @@ def first_worse(
     _check_order(str(folder), good, bad, *commits)
     with sole_command(out), _working_tree(str(folder), out.resolve() / _TREE, commits[0]) as tree:
         bisection = Bisection(
-            str(folder), str(tree), prefix, str(out.resolve()), tuple(build), firmware, tuple(options), tuple(runs),
-            digest_of_bench((*options, *runs)), tuple(measures),
-        )  # fmt: skip
+            str(folder),
+            str(tree),
+            prefix,
+            str(out.resolve()),
+            tuple(build),
+            firmware,
+            tuple(options),
+            tuple(runs),
+            digest_of_bench((*options, *runs)),
+            tuple(measures),
+        )
         forget_judged(out)
         good_commit = judge(bisection, "good: ")
         if good_commit.found is not Found.NOT_WORSE:
@@ -155,14 +170,20 @@ def _bisect(bisection: Bisection, good: str, bad: str) -> None:
     git(bisection.tree, "bisect", "start", bad, good)
     step = [sys.executable, "-m", "hiltest.runs.judged_commit", bisection.out]
     done = subprocess.run(
-        ["git", "-C", bisection.tree, "bisect", "run", *step], stdout=subprocess.PIPE, text=True, errors="replace",
-        check=False, env=environment_outside_git(),
-    )  # fmt: skip
+        ["git", "-C", bisection.tree, "bisect", "run", *step],
+        stdout=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        check=False,
+        env=environment_outside_git(),
+    )
     remaining = _remaining_commits(bisection)
     skipped = {judged.commit for judged in judged_commits(Path(bisection.out)) if judged.found is Found.SKIPPED}
     if any(commit not in skipped for commit in remaining[1:]):
-        raise HiltestError(f"git bisect run ended with {done.returncode}: {last_words(done.stdout)}; the same command "
-                           f"goes on with what {bisection.out} has")  # fmt: skip
+        raise HiltestError(
+            f"git bisect run ended with {done.returncode}: {last_words(done.stdout)}; the same command "
+            f"goes on with what {bisection.out} has"
+        )
 
 
 def _remaining_commits(bisection: Bisection) -> list[str]:

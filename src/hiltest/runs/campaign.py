@@ -94,8 +94,15 @@ class SeedResult:
 
 
 def run_seeds(
-    seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fail: int, baseline: str | None = None,
-    against: str | None = None, jobs: int | str | None = None, coverage: str | None = None,
+    seeds: Sequence[int],
+    options: Sequence[str],
+    out: Path,
+    *,
+    may_fail: int,
+    baseline: str | None = None,
+    against: str | None = None,
+    jobs: int | str | None = None,
+    coverage: str | None = None,
 ) -> int:
     """Run the suites once per seed, several at a time; write ``seeds.json``.
 
@@ -141,8 +148,9 @@ def run_seeds(
         make_folder(out)
         refuse_file(Path(coverage))
     if against is not None:
-        older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, jobs,
-                         "seeds of the older firmware")  # fmt: skip
+        older = _run_all(
+            seeds, older_options(options, against), out / OLDER_FOLDER, jobs, "seeds of the older firmware"
+        )
         if code := next((result.exit_code for result in older if result.exit_code in _NOT_BEGUN), 0):
             return code
         gate = _older_gate(older, out / OLDER_FOLDER)
@@ -179,9 +187,12 @@ def _conclude(
     sentence = campaign_sentence(results, spreads, may_fail=may_fail, comparison=comparison)
     verdict = Verdict(_word(results, may_fail=may_fail, comparison=comparison), code, sentence, complete=True)
     page = campaign_markdown(
-        verdict, [SeedLine(result.seed, result.exit_code, result.sentence) for result in results],
-        spreads, comparison, {measurement.cycle_model for result in results for measurement in result.measurements},
-    )  # fmt: skip
+        verdict,
+        [SeedLine(result.seed, result.exit_code, result.sentence) for result in results],
+        spreads,
+        comparison,
+        {measurement.cycle_model for result in results for measurement in result.measurements},
+    )
     write_atomically(out / CAMPAIGN_FILE, page)
     if comparison is not None:
         print_changes(standard_output(), comparison)
@@ -303,9 +314,7 @@ def evidence_of_all(results: Sequence[SeedResult], file: str) -> Evidence:
     return replace(whole, faults=(*whole.faults, *faults))
 
 
-def campaign_exit_code(
-    results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None = None
-) -> int:
+def campaign_exit_code(results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None = None) -> int:
     """Return the exit code: a code of any seed but 0 and 1, then 1 unless allowed, then that of the comparison."""
     codes = [result.exit_code for result in results]
     for code in _WORST_FIRST:
@@ -327,7 +336,8 @@ def campaign_sentence(
     if may_fail and (inexcusable := _inexcusable_seeds(results)):
         allowed += f", but only by a limit (not: {_seed_list(inexcusable)})"
     headings = [
-        f"{spread.name} median {spread.median:.2f}, worst {spread.max:.2f} {spread.unit}" for spread in spreads
+        f"{spread.name} median {spread.median:.2f}, worst {spread.max:.2f} {spread.unit}"
+        for spread in spreads
         if (named := identify(spread.name)).kind is WORST_HEADING and named.subject != UNCALIBRATED
     ]
     word = _word(results, may_fail=may_fail, comparison=comparison).upper()
@@ -367,7 +377,12 @@ def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
                 failed.setdefault(measurement.name, []).append(result.seed)
     return [
         Spread(
-            name, units[name], len(numbers), min(numbers), statistics.median(numbers), max(numbers),
+            name,
+            units[name],
+            len(numbers),
+            min(numbers),
+            statistics.median(numbers),
+            max(numbers),
             tuple(failed.get(name, ())),
         )
         for name, numbers in sorted(values.items())
@@ -380,7 +395,12 @@ def _result(seed: int, exit_code: int, last_line: str, folder: Path) -> SeedResu
             stored = read_record(folder)
             run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
             return SeedResult(
-                seed, exit_code, run.verdict.sentence, run.measurements, _firmware_and_rig(run), evidence,
+                seed,
+                exit_code,
+                run.verdict.sentence,
+                run.measurements,
+                _firmware_and_rig(run),
+                evidence,
                 excusable=missed_only_limits(run),
             )
         except ConfigError as error:

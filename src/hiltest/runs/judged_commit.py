@@ -131,9 +131,13 @@ def git(tree: str, *arguments: str) -> str:
     """
     try:
         done = subprocess.run(
-            ["git", "-C", tree, *arguments], capture_output=True, text=True, errors="replace", check=False,
+            ["git", "-C", tree, *arguments],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
             env=environment_outside_git(),
-        )  # fmt: skip
+        )
     except OSError as error:
         raise ConfigError(f"cannot start git: {error.strerror}; install it") from error
     if done.returncode:
@@ -207,8 +211,10 @@ def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[F
         return result, ("it cannot be compared: " if result is Found.SKIPPED else "") + reasons(comparison)
     if worse := worse_in(comparison, measures):
         return Found.WORSE, join_words([entry(difference) for difference in worse], _NAMED_AT_MOST)
-    named = {pattern: [difference for difference in comparison.differences if fnmatchcase(difference.name, pattern)]
-             for pattern in measures}  # fmt: skip
+    named = {
+        pattern: [difference for difference in comparison.differences if fnmatchcase(difference.name, pattern)]
+        for pattern in measures
+    }
     decide = {difference.name: difference for matches in named.values() for difference in matches}.values()
     seeds = len(comparison.base.seeds) or 1
     without = [
@@ -225,9 +231,11 @@ def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[F
 def worse_in(comparison: Comparison, measures: Sequence[str]) -> list[Difference]:
     """Return the measurements that got worse among those that decide, in order of concern."""
     worse = comparison.differences_with(Change.WORSE)
-    return [difference for difference in worse if not measures or any(
-        fnmatchcase(difference.name, pattern) for pattern in measures
-    )]
+    return [
+        difference
+        for difference in worse
+        if not measures or any(fnmatchcase(difference.name, pattern) for pattern in measures)
+    ]
 
 
 class _CannotBeJudged(Exception):
@@ -251,9 +259,15 @@ def _build_firmware(bisection: Bisection, commit: str) -> tuple[Path, bool]:
     with log.open("wb") as output:
         try:
             code = subprocess.run(
-                bisection.build[0] if shell else bisection.build, shell=shell, cwd=folder, check=False,
-                stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, env=environment_outside_git(),
-            ).returncode  # fmt: skip
+                bisection.build[0] if shell else bisection.build,
+                shell=shell,
+                cwd=folder,
+                check=False,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=environment_outside_git(),
+            ).returncode
         except OSError as error:
             raise _CannotBeJudged(f"its build does not start: {bisection.build[0]}: {error.strerror}") from error
     if code:
@@ -289,12 +303,21 @@ def _run(bisection: Bisection, commit: str, firmware: Path) -> tuple[str, bool, 
     if _has_whole_record(folder):
         return bisection.shown(folder), True, ""
     options = (
-        *bisection.options, f"--hil-firmware={firmware}", f"--hil-label={commit[:_DIGITS]}", *UNJUDGED, *UNCOVERED,
-    )  # fmt: skip
+        *bisection.options,
+        f"--hil-firmware={firmware}",
+        f"--hil-label={commit[:_DIGITS]}",
+        *UNJUDGED,
+        *UNCOVERED,
+    )
     done = run_command(
-        *bisection.runs, f"--out={folder}", "--", *options, folder=folder, cwd=Path(bisection.here),
+        *bisection.runs,
+        f"--out={folder}",
+        "--",
+        *options,
+        folder=folder,
+        cwd=Path(bisection.here),
         environment=environment_outside_git(),
-    )  # fmt: skip
+    )
     if done.returncode < 0 or done.returncode == ExitCode.INTERRUPTED:
         raise KeyboardInterrupt
     last_line = printable(last_words(done.stderr or done.stdout).removeprefix("ERROR: "))
@@ -335,9 +358,9 @@ def _progress(bisection: Bisection) -> str:
     before = list(judged_commits(Path(bisection.out)))  # begins with the good and the bad commit
     good = git(bisection.tree, "for-each-ref", "--format=^%(refname)", "refs/bisect/good-*").split()
     variables = dict(
-        line.split("=", 1) for line in git(bisection.tree, "rev-list", "--bisect-vars", "refs/bisect/bad", *good)
-        .splitlines()
-    )  # fmt: skip
+        line.split("=", 1)
+        for line in git(bisection.tree, "rev-list", "--bisect-vars", "refs/bisect/bad", *good).splitlines()
+    )
     remaining = int(variables["bisect_steps"]) + 1
     done = len(before) - 1
     took_s = [judged.seconds for judged in before if judged.seconds and judged.record]

@@ -100,9 +100,7 @@ def run_command(
     """Run ``hiltest run`` without a base, so that its record replaces the one in a folder."""
     remove_runs(folder)  # the record of an earlier command must not pass for this one's
     command = [sys.executable, "-m", "hiltest", "run", *arguments]
-    return subprocess.run(
-        command, cwd=cwd, capture_output=True, text=True, check=False, env=_environment(environment)
-    )  # fmt: skip
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, env=_environment(environment))
 
 
 def remove_runs(folder: Path) -> None:

@@ -136,9 +136,21 @@ def run_suites(
     # The packaged suites may lie inside another project's tree; the root is the folder of the command nevertheless.
     code = pytest.main(
         [
-            str(suites(folder)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
-            f"--rootdir={folder}", "--tb=short", "--no-header", "-rN", "-W", no_warning,
-            f"--junit-xml={out / _JUNIT_FILE}", f"--hil-out={out}", *options,
+            str(suites(folder)),
+            "-p",
+            "hiltest",
+            "-p",
+            "no:cacheprovider",
+            "--import-mode=importlib",
+            f"--rootdir={folder}",
+            "--tb=short",
+            "--no-header",
+            "-rN",
+            "-W",
+            no_warning,
+            f"--junit-xml={out / _JUNIT_FILE}",
+            f"--hil-out={out}",
+            *options,
         ],
         plugins=[command, _CollectionFreezer()],
     )

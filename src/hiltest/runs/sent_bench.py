@@ -102,8 +102,10 @@ def sent_bench(
             try:
                 total += path.stat().st_size
                 if total > LARGEST_BYTES:
-                    raise ConfigError(f"{path}: with this file more than {LARGEST_BYTES >> 20} MiB would go to the "
-                                      f"workers: keep in {folder / 'hil'} what the runs need")  # fmt: skip
+                    raise ConfigError(
+                        f"{path}: with this file more than {LARGEST_BYTES >> 20} MiB would go to the "
+                        f"workers: keep in {folder / 'hil'} what the runs need"
+                    )
                 archive.writestr(str(path.relative_to("/")), path.read_bytes())
             except (OSError, UnicodeError) as error:
                 raise ConfigError(f"cannot send {path} to the workers: {error}") from error
@@ -157,9 +159,9 @@ def _value(option: str) -> str:
 def _rig_files(folder: Path, options: Sequence[str], environment: Mapping[str, str]) -> Iterator[Path]:
     """Yield the existing files that the rig names; errors are left to the run to report."""
     flag = "--hil-rig="
-    named = [
-        option.removeprefix(flag) for option in options if option.startswith(flag)
-    ] or [environment.get("HIL_RIG", "")]
+    named = [option.removeprefix(flag) for option in options if option.startswith(flag)] or [
+        environment.get("HIL_RIG", "")
+    ]
     with suppress(ConfigError, OSError):
         rig = load_rig(rig_file(folder, named[-1] or None))
         playback = rig.world.playback if rig.world else None
@@ -188,13 +190,19 @@ def run_there(bench: SentBench, seed: int) -> RemoteResult:
         out = Path(root) / "record"
         mine = {name: value for name, value in os.environ.items() if name not in _READ}
         done = run_command(
-            f"--seed={seed}", f"--out={out}", *coverage_in(out, covers=bench.covers),
-            "--", *(_relocate(option, root) for option in bench.options), folder=out, cwd=cwd,
+            f"--seed={seed}",
+            f"--out={out}",
+            *coverage_in(out, covers=bench.covers),
+            "--",
+            *(_relocate(option, root) for option in bench.options),
+            folder=out,
+            cwd=cwd,
             environment={**mine, **{name: _relocate(value, root) for name, value in bench.environment.items()}},
-        )  # fmt: skip
+        )
         files = {
             str(path.relative_to(out)): path.read_bytes().replace(root.encode(), b"")
-            for path in out.rglob("*") if path.is_file()
+            for path in out.rglob("*")
+            if path.is_file()
         }
         return RemoteResult(done.returncode, last_words(done.stderr or done.stdout).replace(root, ""), files)
 

@@ -98,8 +98,10 @@ def _check_apart(benches: Mapping[str, Rig]) -> None:
         if rig.turntable.kind == "operator":
             raise ConfigError(f"{rig.path}: an operator turns one board at a time; run it by itself")
         if rig.board.kind == "real" and rig.board.port is None:
-            raise ConfigError(f"{rig.where('board', 'kind')}: board.port: name the port of each of several boards: "
-                              "hiltest ports lists them")  # fmt: skip
+            raise ConfigError(
+                f"{rig.where('board', 'kind')}: board.port: name the port of each of several boards: "
+                "hiltest ports lists them"
+            )
         for port in filter(None, (rig.board.port, rig.turntable.port)):
             if (other := ports.setdefault(port, name)) != name:
                 raise ConfigError(f"{name} and {other} are on one port, {port}: correct one of the rigs")

@@ -352,9 +352,11 @@ class Fxos8700cq(RegisterDevice):
 
     def _field_counts(self, sigma_ut: float, offsets: Counts, instant_s: float, noise: Vector) -> Counts:
         recorded = self._world.recorded(
-            Sensed.MAGNETOMETER, instant_s, part=f"{self._name} magnetometer",
+            Sensed.MAGNETOMETER,
+            instant_s,
+            part=f"{self._name} magnetometer",
             limit=_MAGNETOMETER_LIMIT / _COUNTS_PER_UT,
-        )  # fmt: skip
+        )
         if recorded is None:
             field_ut = self._world.field_at_part_ut(self._distortion, instant_s)
             x, y, z = self._magnetometer_drift.apply(field_ut, self._world.temperature_degc(instant_s))

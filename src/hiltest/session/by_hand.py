@@ -57,11 +57,16 @@ class ByHand:
             upload_pairs(board, self._tumble.points, self._tumble.accelerometer)
             return self._tumble
         tumble = collect()
-        self._keep(tumble={
-            "points": tumble.points.tolist(), "accelerometer": tumble.accelerometer.tolist(),
-            "taken": tumble.taken.tolist(), "field_ut": tumble.field_ut, "overruns": tumble.overruns,
-            "duration_s": tumble.duration_s,
-        })
+        self._keep(
+            tumble={
+                "points": tumble.points.tolist(),
+                "accelerometer": tumble.accelerometer.tolist(),
+                "taken": tumble.taken.tolist(),
+                "field_ut": tumble.field_ut,
+                "overruns": tumble.overruns,
+                "duration_s": tumble.duration_s,
+            }
+        )
         return tumble
 
     def faces(self) -> tuple[list[StillPose], int]:
@@ -71,10 +76,18 @@ class ByHand:
     def keep_faces(self, faces: Sequence[StillPose], die_temperature_degc: int) -> None:
         """Write the six faces through to the disk, unless they are there already."""
         if not self._faces[0]:
-            self._keep(degc=die_temperature_degc, faces=[
-                [int(face.face), face.readings, [face.magnetometer.tolist(), _list(face.magnetometer_spread)],
-                 [face.accelerometer.tolist(), _list(face.accelerometer_spread)]] for face in faces
-            ])
+            self._keep(
+                degc=die_temperature_degc,
+                faces=[
+                    [
+                        int(face.face),
+                        face.readings,
+                        [face.magnetometer.tolist(), _list(face.magnetometer_spread)],
+                        [face.accelerometer.tolist(), _list(face.accelerometer_spread)],
+                    ]
+                    for face in faces
+                ],
+            )
 
     def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, tuple[Achieved, AverageReply]], str]:
         """Return the known angles that the previous run measured with the same calibrations, and a remark.
@@ -99,12 +112,19 @@ class ByHand:
         """Write a known angle through to the disk."""
         achieved, answer = measured
         reached = [achieved.heading_deg, achieved.pitch_deg, achieved.roll_deg, achieved.uncertainty_deg]
-        self._keep(pose=index, there=reached, answer={
-            "n": answer.n, "overruns": answer.overruns, "magnetometer": _statistic_data(answer.magnetometer),
-            "accelerometer": _statistic_data(answer.accelerometer), "headings": {
-                slot: [heading.status.name, _angles(heading.attitude)] for slot, heading in answer.headings.items()
+        self._keep(
+            pose=index,
+            there=reached,
+            answer={
+                "n": answer.n,
+                "overruns": answer.overruns,
+                "magnetometer": _statistic_data(answer.magnetometer),
+                "accelerometer": _statistic_data(answer.accelerometer),
+                "headings": {
+                    slot: [heading.status.name, _angles(heading.attitude)] for slot, heading in answer.headings.items()
+                },
             },
-        })
+        )
 
     def _keep(self, **content: object) -> None:
         if not self._begun:
@@ -126,8 +146,11 @@ class ByHand:
         except (LookupError, TypeError, ValueError):
             self._tumble, self._faces, self._poses, self._held = None, ([], 0), {}, {}
             return f"begins anew: the journal of {run}, is damaged"
-        steps = [*(["the six faces"] if self._faces[0] else []), *(["the tumble"] if self._tumble else []),
-                 *([format_count(len(self._poses), "known angle")] if self._poses else [])]
+        steps = [
+            *(["the six faces"] if self._faces[0] else []),
+            *(["the tumble"] if self._tumble else []),
+            *([format_count(len(self._poses), "known angle")] if self._poses else []),
+        ]
         for entry in entries[1:]:  # written again, since this run may be stopped before it reaches them
             self._keep(**{name: value for name, value in entry.items() if name != "kind"})
         return f"goes on with {run}: {', '.join(steps)} taken over" if steps else ""
@@ -136,19 +159,27 @@ class ByHand:
         if "tumble" in entry:
             stored = entry["tumble"]
             self._tumble = Tumble(
-                np.array(stored["points"], dtype=np.int16), np.array(stored["accelerometer"], dtype=np.int16),
-                float(stored["field_ut"]), int(stored["overruns"]), float(stored["duration_s"]),
+                np.array(stored["points"], dtype=np.int16),
+                np.array(stored["accelerometer"], dtype=np.int16),
+                float(stored["field_ut"]),
+                int(stored["overruns"]),
+                float(stored["duration_s"]),
                 np.array(stored["taken"], dtype=np.intp),
             )
             if not self._tumble.points.shape == self._tumble.accelerometer.shape == (len(self._tumble.taken), 3):
                 raise ValueError("a tumble of other shapes")
         elif "faces" in entry:
-            faces = [(Face(face), int(readings), _statistic(magnetometer), _statistic(accelerometer))
-                     for face, readings, magnetometer, accelerometer in entry["faces"]]
-            self._faces = [
-                StillPose(field.mean, field.spread, gravity.mean, gravity.spread, readings, face)
-                for face, readings, field, gravity in faces
-            ], int(entry["degc"])
+            faces = [
+                (Face(face), int(readings), _statistic(magnetometer), _statistic(accelerometer))
+                for face, readings, magnetometer, accelerometer in entry["faces"]
+            ]
+            self._faces = (
+                [
+                    StillPose(field.mean, field.spread, gravity.mean, gravity.spread, readings, face)
+                    for face, readings, field, gravity in faces
+                ],
+                int(entry["degc"]),
+            )
         elif "held" in entry:
             self._held, self._poses = dict(entry["held"]), {}
         elif "pose" in entry:
@@ -169,8 +200,11 @@ def _angles(attitude: Pose | None) -> list[float] | None:
 
 def _answer(stored: Mapping[str, Any]) -> AverageReply:
     return AverageReply(
-        int(stored["n"]), _statistic(stored["magnetometer"]), _statistic(stored["accelerometer"]),
-        int(stored["overruns"]), {
+        int(stored["n"]),
+        _statistic(stored["magnetometer"]),
+        _statistic(stored["accelerometer"]),
+        int(stored["overruns"]),
+        {
             int(slot): SlotHeading(Status[status], None if angles is None else Pose(*map(float, angles)))
             for slot, (status, angles) in stored["headings"].items()
         },

@@ -169,7 +169,10 @@ class Recording:
 
         calibrators = findings.board.calibrators if findings.board else ()
         unmet = unmet_limits(
-            rig.limits_of(findings.suite), rig.units, findings.measurements, calibrators,
+            rig.limits_of(findings.suite),
+            rig.units,
+            findings.measurements,
+            calibrators,
             gate_only=bool(self._hil.choice.left_out.tests),
             places={name: rig.where("limits", name) for name in rig.limits},
         )
@@ -201,10 +204,16 @@ class Recording:
 
         terminal.ensure_newline()
         terminal.write_line("")
-        terminal.write(summary(
-            self.run, self._recorder.folder, verbose=config.get_verbosity() > 0, width=terminal._tw.fullwidth,
-            colour=terminal.hasmarkup, options=self._hil.settings.as_run_options(),
-        ))
+        terminal.write(
+            summary(
+                self.run,
+                self._recorder.folder,
+                verbose=config.get_verbosity() > 0,
+                width=terminal._tw.fullwidth,
+                colour=terminal.hasmarkup,
+                options=self._hil.settings.as_run_options(),
+            )
+        )
         if self._summary_remark:
             terminal.write_line(self._summary_remark)
         terminal.write(annotation(self.run.verdict))
@@ -233,9 +242,14 @@ def rig_record(rig: Rig) -> RigRecord:
     declared = rig.mounting
     mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
     return RigRecord(
-        rig.name, str(rig.path), rig.sha256, mounting, conditions_sha256(rig),
+        rig.name,
+        str(rig.path),
+        rig.sha256,
+        mounting,
+        conditions_sha256(rig),
         {name: (tolerance.absolute, tolerance.relative) for name, tolerance in rig.tolerances.items()},
-        rig.procedure.cost_reference, str(rig.faults or ""),
+        rig.procedure.cost_reference,
+        str(rig.faults or ""),
     )
 
 
@@ -250,25 +264,51 @@ def board_record(board: Board | CompassBoard) -> BoardRecord:
 
     if isinstance(board, CompassBoard):
         return BoardRecord(
-            kind=str(board.kind), description=board.description, firmware=board.firmware or "not offered", version="",
-            protocol_version=0, build_id=board.elf_build_id, unique_id="", firmware_sha256=board.firmware_sha256,
-            compiler="", placement="", core_clock_hz=board.core_clock_hz, cycle_model=board.cycle_model,
-            clock=board.clock, calibrators=(), sensors=(), compiler_flags=board.compiler_flags,
+            kind=str(board.kind),
+            description=board.description,
+            firmware=board.firmware or "not offered",
+            version="",
+            protocol_version=0,
+            build_id=board.elf_build_id,
+            unique_id="",
+            firmware_sha256=board.firmware_sha256,
+            compiler="",
+            placement="",
+            core_clock_hz=board.core_clock_hz,
+            cycle_model=board.cycle_model,
+            clock=board.clock,
+            calibrators=(),
+            sensors=(),
+            compiler_flags=board.compiler_flags,
             elf_build_id=board.elf_build_id,
         )
     identity = board.identity
     return BoardRecord(
-        kind=str(board.kind), description=board.description, firmware=identity.name, version=identity.version,
-        protocol_version=identity.protocol_version, build_id=identity.build_id, unique_id=identity.unique_id.hex(),
-        firmware_sha256=board.firmware_sha256, compiler=identity.compiler, placement=identity.placement,
-        core_clock_hz=identity.core_clock_hz, cycle_model=board.cycle_model, clock=board.clock,
+        kind=str(board.kind),
+        description=board.description,
+        firmware=identity.name,
+        version=identity.version,
+        protocol_version=identity.protocol_version,
+        build_id=identity.build_id,
+        unique_id=identity.unique_id.hex(),
+        firmware_sha256=board.firmware_sha256,
+        compiler=identity.compiler,
+        placement=identity.placement,
+        core_clock_hz=identity.core_clock_hz,
+        cycle_model=board.cycle_model,
+        clock=board.clock,
         calibrators=tuple(identity.calibrators),
         sensors=tuple(
             SensorRecord(
-                sensor.name, sensor.kind.name.lower(), sensor.bus, sensor.address, bool(sensor.present),
-                bool(sensor.selected)
+                sensor.name,
+                sensor.kind.name.lower(),
+                sensor.bus,
+                sensor.address,
+                bool(sensor.present),
+                bool(sensor.selected),
             )
             for sensor in board.sensors
         ),
-        compiler_flags=board.compiler_flags, elf_build_id=board.elf_build_id,
+        compiler_flags=board.compiler_flags,
+        elf_build_id=board.elf_build_id,
     )

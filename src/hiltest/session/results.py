@@ -95,7 +95,8 @@ def properties_of(measurement: Measurement) -> list[tuple[str, object]]:
     name = f"hil.{measurement.name}"
     shown = measurement.rounded()
     properties: list[tuple[str, object]] = [
-        (name, "" if shown.value is None else shown.value), (f"{name}.unit", shown.unit),
+        (name, "" if shown.value is None else shown.value),
+        (f"{name}.unit", shown.unit),
         (f"{name}.outcome", str(shown.outcome)),
     ]
     if shown.limit is not None:
@@ -137,8 +138,10 @@ class TestLog:
 
         worst = max(reports, key=_badness)
         return TestResult(
-            id=self._test_id(nodeid), outcome=_outcome(worst),
-            duration_s=round(sum(report.duration for report in reports), 6), reason=_reason(worst),
+            id=self._test_id(nodeid),
+            outcome=_outcome(worst),
+            duration_s=round(sum(report.duration for report in reports), 6),
+            reason=_reason(worst),
             trace=next((getattr(report, TRACE) for report in reports if hasattr(report, TRACE)), ""),
         )
 

@@ -128,9 +128,11 @@ class HilSession:
             from hiltest.session.tape import open_record
 
             record = self.settings.record
-            self._tape = LIVE if record is None else open_record(
-                record, self.settings, self.rig, holds_limits=self.must_meet_every_limit
-            )  # fmt: skip
+            self._tape = (
+                LIVE
+                if record is None
+                else open_record(record, self.settings, self.rig, holds_limits=self.must_meet_every_limit)
+            )
         return self._tape
 
     @property
@@ -302,9 +304,15 @@ class HilSession:
             try:
                 opening: Callable[..., Board | CompassBoard] = open_compass if self.rig.own_language else open_board
                 opened = opening(
-                    self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
-                    transcript=self._traces.transcript, base=self.settings.base,
-                    watches_execution=self.settings.coverage is not None, tape=self.tape, on_chip=self.on_chip,
+                    self.rig,
+                    firmware=self.settings.firmware,
+                    port=self.settings.port,
+                    seed=self.settings.seed,
+                    transcript=self._traces.transcript,
+                    base=self.settings.base,
+                    watches_execution=self.settings.coverage is not None,
+                    tape=self.tape,
+                    on_chip=self.on_chip,
                 )
                 self._board = opened
                 if opened.execution is not None:
@@ -333,11 +341,17 @@ class HilSession:
 
         identity = self._board.identity
         calibration = self.calibration.sha256 if self.calibration else ""
-        return ByHand(self.claim_folder(), {
-            "firmware": f"{identity.name} {identity.version} {identity.build_id}", "board": identity.unique_id.hex(),
-            "rig": conditions_sha256(self.rig), "choice of poses": str(self.settings.poses or self.rig.procedure.poses),
-            "calibration file": calibration, "set of tests": self.settings.suite,
-        })
+        return ByHand(
+            self.claim_folder(),
+            {
+                "firmware": f"{identity.name} {identity.version} {identity.build_id}",
+                "board": identity.unique_id.hex(),
+                "rig": conditions_sha256(self.rig),
+                "choice of poses": str(self.settings.poses or self.rig.procedure.poses),
+                "calibration file": calibration,
+                "set of tests": self.settings.suite,
+            },
+        )
 
     def _connect_here(self) -> None:
         """Open the board; if a worker will do so, only check it before an older firmware runs for minutes."""
@@ -458,9 +472,14 @@ class HilSession:
             raise ValueError(f"{name} is measured in {unit!r}, and its limit in {rig.path} is in {unit_of_limit!r}")
         kind = self._board.origin if self._board else rig.board.kind
         return check(
-            name, value, unit=unit, limit=rig.limits.get(name) or limit,
-            information=rig.information.get(name), could_offer=kind == "virtual",
-            uncertainty=rig.guard_band_deg(name), **more,
+            name,
+            value,
+            unit=unit,
+            limit=rig.limits.get(name) or limit,
+            information=rig.information.get(name),
+            could_offer=kind == "virtual",
+            uncertainty=rig.guard_band_deg(name),
+            **more,
         )
 
     def keep(self, item: pytest.Item, measurement: Measurement) -> None:
@@ -493,8 +512,12 @@ class HilSession:
             self.coverage = self._source.coverage(self._board.execution.code())
         return [
             *(
-                self.check(f"firmware.{name}", None if isinstance(used, str) else used, unit="B",
-                           not_offered=used if isinstance(used, str) else "")
+                self.check(
+                    f"firmware.{name}",
+                    None if isinstance(used, str) else used,
+                    unit="B",
+                    not_offered=used if isinstance(used, str) else "",
+                )
                 for name, used in memory_use.items()
             ),
             self.check("board.virtual_seconds", seconds, unit="s"),
@@ -543,7 +566,8 @@ class HilSession:
         return [
             f"{board.description}; {board.firmware_line}",
             f"rig {self._rig_line()}; cycles by {board.cycle_model} at {board.core_clock_hz / 1e6:g} MHz",
-            *([self.by_hand.remark] if self.by_hand and self.by_hand.remark else []), *base,
+            *([self.by_hand.remark] if self.by_hand and self.by_hand.remark else []),
+            *base,
         ]
 
     def _rig_line(self) -> str:

@@ -46,9 +46,10 @@ class Replay(NamedTuple):
         run = self.run
         return requested._replace(
             sources={**requested.sources, "rig": requested.sources["rig"] if requested.rig is not None else "recorded"},
-            seed=run.seed, poses=requested.poses or run.poses,  # type: ignore[arg-type]
+            seed=run.seed,
+            poses=requested.poses or run.poses,  # type: ignore[arg-type]
             suite=run.suite if requested.sources["suite"] == "default" else requested.suite,  # type: ignore[arg-type]
-        )  # fmt: skip
+        )
 
     def rig(self, named: Path | None) -> Rig:
         """Return the recorded rig, or another one with the same conditions, such as one with other limits.
@@ -87,7 +88,13 @@ def open_replay(path: Path) -> Replay:
 def open_record(path: Path, settings: Settings, rig: Rig, *, holds_limits: bool) -> Recorder:
     """Return the recorder of a run, which writes the file from the first byte to the board on."""
     about = RecordedRun(
-        hiltest.__version__, utc_now(), str(rig.path), rig.path.read_text(encoding="utf-8"), holds_limits,
-        settings.seed, settings.poses, settings.suite,
-    )  # fmt: skip
+        hiltest.__version__,
+        utc_now(),
+        str(rig.path),
+        rig.path.read_text(encoding="utf-8"),
+        holds_limits,
+        settings.seed,
+        settings.poses,
+        settings.suite,
+    )
     return Recorder(path, asdict(about))

@@ -39,8 +39,12 @@ class Worker:
         self._board: dict[str, Any] | None = None
         # The session sends this dictionary at its end.
         self._output: dict[str, Any] = {
-            "found": pack(Found()), "left_out": ([], ""), "deselected": False, "usage_error": "", "coverage": "",
-        }  # fmt: skip
+            "found": pack(Found()),
+            "left_out": ([], ""),
+            "deselected": False,
+            "usage_error": "",
+            "coverage": "",
+        }
         hil.config.workeroutput[_OUTPUT] = self._output  # type: ignore[attr-defined]
 
     # This hook is the first, so that pytest-xdist sees the group.
@@ -90,7 +94,8 @@ class Worker:
         if uses_hiltest(item):
             hil = self._hil
             description = {
-                "rig": hil.rig_if_needed is not None, "only_benchmarks": hil.choice.only_benchmarks,
+                "rig": hil.rig_if_needed is not None,
+                "only_benchmarks": hil.choice.only_benchmarks,
                 "folder": str(hil.folder.path),
             }
             setattr(report, BENCH, {**description, **self._bench_data()})

@@ -44,8 +44,10 @@ class BoardCalibrators:
         self._functions = dict(self._table())
         self.names = tuple(self._functions)
         sram = self._board.processor.memory.sram
-        in_sram = all(sram.base <= self._board.image.symbols[function].address < sram.base + sram.size
-                      for function in self._functions.values())  # fmt: skip
+        in_sram = all(
+            sram.base <= self._board.image.symbols[function].address < sram.base + sram.size
+            for function in self._functions.values()
+        )
         self.cycle_model = f"{self._board.processor.profile.name}@{'sram' if in_sram else 'flash'}"
         # The firmware subtracts the same from each count.
         self._empty = self._call("magnetometer_empty", np.zeros((1, 3)), None)[1] if self.names else 0
@@ -98,8 +100,9 @@ class BoardCalibrators:
         points = np.ascontiguousarray(counts, dtype="<i2")
         ends = [points.min(axis=0), points.max(axis=0)] if anchor is None else [anchor, anchor]
         result = bytearray(_FIT.size)
-        arguments = Structure(Address(points), np.array([len(points)], "<u2"), np.array(ends, "<i2").ravel(),
-                          np.zeros(1, "<u2"))  # fmt: skip
+        arguments = Structure(
+            Address(points), np.array([len(points)], "<u2"), np.array(ends, "<i2").ravel(), np.zeros(1, "<u2")
+        )
         cost = self._board.call(function, arguments, result)
         return _fit(_FIT.unpack(result)), cost.cycles
 

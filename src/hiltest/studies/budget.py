@@ -68,8 +68,10 @@ def _curve(board: Board, name: str, points: int, readings: Array) -> list[float 
         enough -= 1
     return [
         *(_error_within(efforts, errors, budget) for budget in BUDGETS),
-        errors[-1], efforts[-1].cycles, efforts[enough - 1].cycles,
-    ]  # fmt: skip
+        errors[-1],
+        efforts[-1].cycles,
+        efforts[enough - 1].cycles,
+    ]
 
 
 def _error_within(efforts: Sequence[Effort], errors: Sequence[float], budget: int) -> float:
@@ -84,7 +86,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     means, lowest = numbers.mean(axis=0), numbers.min(axis=0)
     rows = tuple(
         (name, budget, float(means[k, place]) if lowest[k, place] >= 0.0 else None)
-        for k, name in enumerate(NAMES) for place, budget in enumerate(BUDGETS)
+        for k, name in enumerate(NAMES)
+        for place, budget in enumerate(BUDGETS)
     )
     columns = (Column("calibrator"), Column("cycles", "cycle"), Column("mean error", "deg"))
     errors, cycles, enough = (dict(zip(NAMES, means[:, k].tolist(), strict=True)) for k in (-3, -2, -1))
@@ -93,21 +96,33 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         f"within 5 % of their best {', '.join(f'{name} takes {enough[name]:.0f}' for name in _OTHERS)}, in the mean of "
         f"{len(numbers)} instances."
     )
-    return Conclusion(sentence, tuple(_measurements(errors, cycles)), Table("study.budget", columns, rows),
-                      tuple(_printed_figures(plan, cycles, enough)))  # fmt: skip
+    return Conclusion(
+        sentence,
+        tuple(_measurements(errors, cycles)),
+        Table("study.budget", columns, rows),
+        tuple(_printed_figures(plan, cycles, enough)),
+    )
 
 
 _OTHERS = {
-    "iterative": "FSFLK", "gradient-descent": "gradient descent", "gauss-newton": "Gauss-Newton",
-}  # fmt: skip
+    "iterative": "FSFLK",
+    "gradient-descent": "gradient descent",
+    "gauss-newton": "Gauss-Newton",
+}
 
 
 def _measurements(errors: dict[str, float], cycles: dict[str, float]) -> list[Measurement]:
     measurements = []
     for name in NAMES:
         measurements.append(check(f"study.budget.{name}.mean_error", errors[name], unit="deg"))
-        measurements.append(check(f"study.budget.{name}.mean_cycles", cycles[name], unit="cycle",
-                                  cycle_model=board_calibrators().cycle_model))  # fmt: skip
+        measurements.append(
+            check(
+                f"study.budget.{name}.mean_cycles",
+                cycles[name],
+                unit="cycle",
+                cycle_model=board_calibrators().cycle_model,
+            )
+        )
     return measurements
 
 
@@ -120,15 +135,21 @@ def _printed_figures(plan: Plan, cycles: dict[str, float], enough: dict[str, flo
     }
     return [
         PrintedFigure(
-            f"cycles of its own calibrator for {plan.points} points", "Mucciaccia, 4.3", f"{theirs}",
-            f"{ours:.0f}", bool(abs(ours - theirs) < 0.1 * theirs),
+            f"cycles of its own calibrator for {plan.points} points",
+            "Mucciaccia, 4.3",
+            f"{theirs}",
+            f"{ours:.0f}",
+            bool(abs(ours - theirs) < 0.1 * theirs),
             "34 sums are kept in registers, in two passes, where the thesis has 54; the matrix is solved in assembly",
         ),
         *(
             PrintedFigure(
-                f"how many times faster than {called}", "Mucciaccia, 4.4 and Figure 22", f"more than {_TIMES:g}",
+                f"how many times faster than {called}",
+                "Mucciaccia, 4.4 and Figure 22",
+                f"more than {_TIMES:g}",
                 f"{enough[name] / ours:.1f} to within 5 % of its best error, {cycles[name] / ours:.1f} to its end",
-                enough[name] > _TIMES * ours, why[name],
+                enough[name] > _TIMES * ours,
+                why[name],
             )
             for name, called in _OTHERS.items()
         ),
@@ -145,10 +166,17 @@ def draw(run: Run) -> Figure:
             lines[str(name)].append((float(cycles or 0) / 1000.0, float(error)))
     every = [error for line in lines.values() for _, error in line]
     figure = Figure(
-        title="Mean error over the cycles that there are", description=run.verdict.sentence, x_label="thousand cycles",
-        y_label="rms over the sphere [deg]", x_range=(BUDGETS[0] / 1100.0, BUDGETS[-1] / 900.0),
-        y_range=(min(every) / 1.3, max(every) * 1.3), width=560.0, height=360.0, log_x=True, log_y=True,
-    )  # fmt: skip
+        title="Mean error over the cycles that there are",
+        description=run.verdict.sentence,
+        x_label="thousand cycles",
+        y_label="rms over the sphere [deg]",
+        x_range=(BUDGETS[0] / 1100.0, BUDGETS[-1] / 900.0),
+        y_range=(min(every) / 1.3, max(every) * 1.3),
+        width=560.0,
+        height=360.0,
+        log_x=True,
+        log_y=True,
+    )
     for index, (name, line) in enumerate(lines.items()):
         style, mark = series(index)
         figure.series(name, line, style, mark)
@@ -158,5 +186,11 @@ def draw(run: Run) -> Figure:
 STUDY = Study(
     name="budget",
     question="What does each calibrator on the board make of the same points in the clock cycles that there are?",
-    conditions=1, instances=100, points=_POINTS, block=5, measure=measure, conclude=conclude, draw=draw,
-)  # fmt: skip
+    conditions=1,
+    instances=100,
+    points=_POINTS,
+    block=5,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
+)

@@ -52,8 +52,13 @@ class Candidate:
 def measure(plan: Plan, block: Block) -> Numbers:
     """Return direction error [deg], whether the fit is an ellipsoid, and cycles, for each instance and calibrator."""
     conditions, board = plan.given or Conditions(), board_calibrators()
-    model = Model(plan.seed, plan.points, conditions.noise_ut, occluded=1.0 - conditions.coverage_percent / 100.0,
-                  field_ut=conditions.field_ut)  # fmt: skip
+    model = Model(
+        plan.seed,
+        plan.points,
+        conditions.noise_ut,
+        occluded=1.0 - conditions.coverage_percent / 100.0,
+        field_ut=conditions.field_ut,
+    )
     drawn = draw_instances(model, block.first, block.count)
     numbers: list[float | int] = []
     for k in range(block.count):
@@ -80,16 +85,30 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         if choice is not None:
             marks[choice.name] = mark
     columns = (
-        Column("calibrator"), Column("median", "deg"), Column("p95", "deg"), Column("p95, at least", "deg"),
-        Column("p95, at most", "deg"), Column("ellipsoids", "%"), Column("cycles", "cycle"),
+        Column("calibrator"),
+        Column("median", "deg"),
+        Column("p95", "deg"),
+        Column("p95, at least", "deg"),
+        Column("p95, at most", "deg"),
+        Column("ellipsoids", "%"),
+        Column("cycles", "cycle"),
         Column("cycles, at most", "cycle"),
         Column("choice"),
-    )  # fmt: skip
+    )
     rows = tuple(
-        (candidate.name, candidate.median_deg, candidate.high_deg, candidate.at_least_deg, candidate.at_most_deg,
-         candidate.ellipsoids_percent, candidate.cycles, candidate.most_cycles, marks.get(candidate.name, ""))
+        (
+            candidate.name,
+            candidate.median_deg,
+            candidate.high_deg,
+            candidate.at_least_deg,
+            candidate.at_most_deg,
+            candidate.ellipsoids_percent,
+            candidate.cycles,
+            candidate.most_cycles,
+            marks.get(candidate.name, ""),
+        )
         for candidate in candidates
-    )  # fmt: skip
+    )
     sentence = f"{_conditions(plan, conditions)}: {_advice(best, second, too_dear)}."
     measurements = tuple(_measurements(candidates, board.cycle_model))
     return Conclusion(sentence, measurements, Table("study.choose", columns, rows), ())
@@ -101,8 +120,16 @@ def _candidate(name: str, numbers: Array) -> Candidate:
     # Too few instances leave an end unknown: the extreme of all instances replaces it.
     at_least = float(errors_deg.min()) if low_end is None else low_end
     at_most = float(errors_deg.max()) if high_end is None else high_end
-    return Candidate(name, float(np.median(errors_deg)), high, at_least, at_most, 100.0 * float(ellipsoids.mean()),
-                     int(np.quantile(cycles, 0.5, method="lower")), int(cycles.max()))  # fmt: skip
+    return Candidate(
+        name,
+        float(np.median(errors_deg)),
+        high,
+        at_least,
+        at_most,
+        100.0 * float(ellipsoids.mean()),
+        int(np.quantile(cycles, 0.5, method="lower")),
+        int(cycles.max()),
+    )
 
 
 def chosen(candidates: Sequence[Candidate]) -> Candidate | None:
@@ -115,9 +142,10 @@ def chosen(candidates: Sequence[Candidate]) -> Candidate | None:
     if not candidates:
         return None
     best = min(candidates, key=lambda candidate: candidate.high_deg)
-    return min((
-        candidate for candidate in candidates if candidate.high_deg <= best.at_most_deg
-    ), key=lambda candidate: candidate.cycles)
+    return min(
+        (candidate for candidate in candidates if candidate.high_deg <= best.at_most_deg),
+        key=lambda candidate: candidate.cycles,
+    )
 
 
 def _conditions(plan: Plan, conditions: Conditions) -> str:
@@ -132,48 +160,63 @@ def _advice(best: Candidate | None, second: Candidate | None, too_dear: Sequence
     if best is None:
         return f"none; the cheapest is {min(too_dear, key=lambda candidate: candidate.most_cycles)}"
     more = chosen([candidate for candidate in too_dear if candidate.high_deg < best.at_least_deg])
-    return (
-        f"take {best}; {f'next is {second}' if second else 'no other is within the budget'}"
-        + (f"; for more cycles {more}" if more else "")
+    return f"take {best}; {f'next is {second}' if second else 'no other is within the budget'}" + (
+        f"; for more cycles {more}" if more else ""
     )
 
 
 def _measurements(candidates: Sequence[Candidate], cycle_model: str) -> list[Measurement]:
     return [
-        measurement for candidate in candidates for measurement in (
+        measurement
+        for candidate in candidates
+        for measurement in (
             check(f"study.choose.{candidate.name}.p95", candidate.high_deg, unit="deg"),
             check(
                 f"study.choose.{candidate.name}.cycles", candidate.most_cycles, unit="cycle", cycle_model=cycle_model
             ),
         )
-    ]  # fmt: skip
+    ]
 
 
 def draw(run: Run) -> Figure:
     """Draw error against cycles, each calibrator's median and 95th percentile."""
     table = run.table("study.choose")
     assert table is not None
-    entries = [(str(row[0]), float(row[6] or 0.0), float(row[1] or 0.0), float(row[2] or 0.0), str(row[8]))
-             for row in table.rows]  # fmt: skip
+    entries = [
+        (str(row[0]), float(row[6] or 0.0), float(row[1] or 0.0), float(row[2] or 0.0), str(row[8]))
+        for row in table.rows
+    ]
     cycles = [entry[1] for entry in entries]
     figure = Figure(
-        title="Error against cycles", description=run.verdict.sentence, x_label="cycles of one calibration, median",
-        y_label="direction error, median to p95 [deg]", x_range=(min(cycles) / 1.5, max(cycles) * 1.5),
-        y_range=(min(entry[2] for entry in entries) / 1.3, max(entry[3] for entry in entries) * 1.3), width=560.0,
+        title="Error against cycles",
+        description=run.verdict.sentence,
+        x_label="cycles of one calibration, median",
+        y_label="direction error, median to p95 [deg]",
+        x_range=(min(cycles) / 1.5, max(cycles) * 1.5),
+        y_range=(min(entry[2] for entry in entries) / 1.3, max(entry[3] for entry in entries) * 1.3),
+        width=560.0,
         height=360.0,
-        log_x=True, log_y=True,
-    )  # fmt: skip
+        log_x=True,
+        log_y=True,
+    )
     for index, (name, x, median, high, choice) in enumerate(entries):
         style, mark = series(index)
         figure.bars([(x, median, high)], style)
-        figure.series(f"{name}, {choice}" if choice else name, [(x, median)], mark=mark or Mark.DOT,
-                      mark_style=f"{style} filled")  # fmt: skip
+        figure.series(
+            f"{name}, {choice}" if choice else name, [(x, median)], mark=mark or Mark.DOT, mark_style=f"{style} filled"
+        )
     return figure
 
 
 STUDY = Study(
     name="choose",
     question="Which calibrator of the board for my noise, my number of points, my coverage and my cycles?",
-    conditions=1, instances=400, points=100, block=20, measure=measure, conclude=conclude, draw=draw,
+    conditions=1,
+    instances=400,
+    points=100,
+    block=20,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
     most_points=MOST_POINTS,
-)  # fmt: skip
+)

@@ -23,14 +23,15 @@ _AGREES = 2.0
 _WHY = {
     "offset": "the thesis says neither how many points there are nor how large the offsets; those move the figure",
     "sensitivity": "with the model that gives Table 2 noise takes most of it, and the table is nearly level: its "
-                   "definition or its model must be another",
-}  # fmt: skip
+    "definition or its model must be another",
+}
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
     """Return the number of ellipsoids in a block, and over these the sums of the compensated shares [%]."""
-    drawn = draw_instances(Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition),
-                           block.first, block.count)  # fmt: skip
+    drawn = draw_instances(
+        Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition), block.first, block.count
+    )
     parts = compensated(drawn, fit_quadrics(drawn.points_ut))
     return parts.shape[1], *(100.0 * parts.sum(axis=1)).tolist()
 
@@ -70,20 +71,40 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
     offset, calibrated, sensitivity = (sums[:, 1:] / np.maximum(sums[:, :1], 1.0)).T.tolist()
     table = Table(
         "study.compensation",
-        (Column("noise", "uT"), Column("instances"), Column("offset", "%"), Column("offset calibrated", "%"),
-         Column("offset printed", "%"), Column("sensitivity", "%"), Column("sensitivity printed", "%")),
-        tuple(zip(NOISE_UT, map(int, sums[:, 0]), offset, calibrated, OFFSET_PRINTED, sensitivity, SENSITIVITY_PRINTED,
-                  strict=True)),
-    )  # fmt: skip
+        (
+            Column("noise", "uT"),
+            Column("instances"),
+            Column("offset", "%"),
+            Column("offset calibrated", "%"),
+            Column("offset printed", "%"),
+            Column("sensitivity", "%"),
+            Column("sensitivity printed", "%"),
+        ),
+        tuple(
+            zip(
+                NOISE_UT,
+                map(int, sums[:, 0]),
+                offset,
+                calibrated,
+                OFFSET_PRINTED,
+                sensitivity,
+                SENSITIVITY_PRINTED,
+                strict=True,
+            )
+        ),
+    )
     printed = tuple(
         _printed_figure(quantity, number, noise_ut, printed_value, measured_value)
-        for quantity, number, printed_values, measured_values in (("offset", 2, OFFSET_PRINTED, offset),
-                                             ("sensitivity", 3, SENSITIVITY_PRINTED, sensitivity))
+        for quantity, number, printed_values, measured_values in (
+            ("offset", 2, OFFSET_PRINTED, offset),
+            ("sensitivity", 3, SENSITIVITY_PRINTED, sensitivity),
+        )
         for noise_ut, printed_value, measured_value in zip(NOISE_UT, printed_values, measured_values, strict=True)
-    )  # fmt: skip
-    agree = {quantity: sum(
-        figure.reproduced for figure in printed if figure.figure.startswith(quantity)
-    ) for quantity in _WHY}
+    )
+    agree = {
+        quantity: sum(figure.reproduced for figure in printed if figure.figure.startswith(quantity))
+        for quantity in _WHY
+    }
     sentence = (
         f"At {plan.points} points {agree['offset']} of {len(NOISE_UT)} figures of Table 2 (offset) come out within "
         f"{_AGREES:g} percentage points, and {agree['sensitivity']} of {len(NOISE_UT)} of Table 3 (sensitivity)."
@@ -92,8 +113,11 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
 
 
 def _measurements(plan: Plan, agree: dict[str, int]) -> list[Measurement]:
-    values = {"offset_reproduced": agree["offset"], "sensitivity_reproduced": agree["sensitivity"],
-              "points": plan.points}  # fmt: skip
+    values = {
+        "offset_reproduced": agree["offset"],
+        "sensitivity_reproduced": agree["sensitivity"],
+        "points": plan.points,
+    }
     return [check(f"study.compensation.{name}", value, unit="") for name, value in values.items()]
 
 
@@ -103,9 +127,13 @@ def _printed_figure(
     reproduced = abs(measured_value - printed_value) <= _AGREES
     why = f"within {_AGREES:g} percentage points" if reproduced else _WHY[quantity]
     return PrintedFigure(
-        f"{quantity} error compensated at {noise_ut:g} uT", f"Mucciaccia, Table {number}", f"{printed_value:.2f} %",
-        f"{measured_value:.2f} %", reproduced, why,
-    )  # fmt: skip
+        f"{quantity} error compensated at {noise_ut:g} uT",
+        f"Mucciaccia, Table {number}",
+        f"{printed_value:.2f} %",
+        f"{measured_value:.2f} %",
+        reproduced,
+        why,
+    )
 
 
 def draw(run: Run) -> Figure:
@@ -114,10 +142,15 @@ def draw(run: Run) -> Figure:
     assert table is not None
     columns = {column.name: [float(cell or 0) for cell in table.column(column.name)] for column in table.columns}
     figure = Figure(
-        title="Error compensated", description=run.verdict.sentence, x_label="noise [uT]", y_label="compensated [%]",
-        x_range=(0.0, NOISE_UT[-1] + 1.0), y_range=(min(0.0, *columns["sensitivity"]), 105.0), width=560.0,
+        title="Error compensated",
+        description=run.verdict.sentence,
+        x_label="noise [uT]",
+        y_label="compensated [%]",
+        x_range=(0.0, NOISE_UT[-1] + 1.0),
+        y_range=(min(0.0, *columns["sensitivity"]), 105.0),
+        width=560.0,
         height=360.0,
-    )  # fmt: skip
+    )
     for place, quantity in enumerate(_WHY):
         points, printed = (
             list(zip(NOISE_UT, columns[name], strict=True)) for name in (quantity, f"{quantity} printed")
@@ -132,5 +165,11 @@ def draw(run: Run) -> Figure:
 STUDY = Study(
     name="compensation",
     question="How much of offset and of sensitivity error does the direct fit take out, as noise grows?",
-    conditions=len(NOISE_UT), instances=10_000, points=100, block=1000, measure=measure, conclude=conclude, draw=draw,
+    conditions=len(NOISE_UT),
+    instances=10_000,
+    points=100,
+    block=1000,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
 )

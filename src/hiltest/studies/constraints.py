@@ -21,8 +21,12 @@ from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigur
 
 # Surfaces that the points of a condition lie on, except for noise; on the first only a cap, so that noise decides.
 SURFACES = (
-    "ellipsoid", "one-sheet hyperboloid", "two-sheet hyperboloid", "elliptic paraboloid", "hyperbolic paraboloid",
-)  # fmt: skip
+    "ellipsoid",
+    "one-sheet hyperboloid",
+    "two-sheet hyperboloid",
+    "elliptic paraboloid",
+    "hyperbolic paraboloid",
+)
 METHODS = {"gradient-descent": fit_gradient_descent, "li": fit_li}
 _NOISE = (0.2, 0.05, 0.05, 0.05, 0.05)
 _CAP = 0.15  # of the sphere
@@ -143,28 +147,47 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         for k, method in enumerate(METHODS):
             figures = clouds[:, 1 + _FIGURES * k : 1 + _FIGURES * (k + 1)]
             fitted = figures[figures[:, 0] == 1]
-            rows.append((
-                surface, method, len(clouds), len(fitted), int((fitted[:, 2] * fitted[:, 3]).sum()),
-                *(float(np.median(fitted[:, column])) if len(fitted) else None for column in (4, 1)),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    surface,
+                    method,
+                    len(clouds),
+                    len(fitted),
+                    int((fitted[:, 2] * fitted[:, 3]).sum()),
+                    *(float(np.median(fitted[:, column])) if len(fitted) else None for column in (4, 1)),
+                )
+            )
     fits, better = (sum(int(row[column] or 0) for row in rows) for column in (3, 4))
     total, both_positive = sum(map(len, by_surface)), int(sum(clouds[:, 0].sum() for clouds in by_surface))
-    columns = (Column("surface"), Column("constrained fit"), Column("clouds"), Column("ellipsoids"),
-               Column("bettered"), Column("error left"), Column("line leaves at"))  # fmt: skip
+    columns = (
+        Column("surface"),
+        Column("constrained fit"),
+        Column("clouds"),
+        Column("ellipsoids"),
+        Column("bettered"),
+        Column("error left"),
+        Column("line leaves at"),
+    )
     values = {"clouds": total, "fits": fits, "bettered": better, "determinant_fails": both_positive}
     printed = (
         PrintedFigure(
             "constrained fits with a better ellipsoid on the line to the unconstrained one",
-            "Mucciaccia, 3.3.2 and 4.2", "all", f"{better} of {fits}", better == fits,
+            "Mucciaccia, 3.3.2 and 4.2",
+            "all",
+            f"{better} of {fits}",
+            better == fits,
             "the positive definite shapes are an open convex set, and along the line the error falls strictly",
         ),
         PrintedFigure(
-            "clouds where bisecting on the determinant finds the border", "Mucciaccia, 4.2.1", "all",
-            f"{total - both_positive} of {total}", not both_positive,
+            "clouds where bisecting on the determinant finds the border",
+            "Mucciaccia, 4.2.1",
+            "all",
+            f"{total - both_positive} of {total}",
+            not both_positive,
             "with two negative eigenvalues the determinant is positive at both ends; the smallest eigenvalue has one "
             "zero",
         ),
-    )  # fmt: skip
+    )
     sentence = (
         f"{better} of {fits} constrained fits have a better ellipsoid on the line to the unconstrained fit; the "
         f"determinant does not find the border in {both_positive} of {total} clouds."
@@ -178,17 +201,23 @@ def draw(run: Run) -> Figure:
     table = run.table("study.constraints")
     assert table is not None
     figure = Figure(
-        title="Error after one step along the line", description=run.verdict.sentence,
+        title="Error after one step along the line",
+        description=run.verdict.sentence,
         x_label=", ".join(f"{number} {surface}" for number, surface in enumerate(SURFACES, 1)),
-        y_label="of the constrained fit's, median", x_range=(0.5, len(SURFACES) + 0.5), y_range=(0.0, 1.05),
-        x_ticks=tuple(float(number) for number in range(1, len(SURFACES) + 1)), width=700.0, height=360.0,
-    )  # fmt: skip
+        y_label="of the constrained fit's, median",
+        x_range=(0.5, len(SURFACES) + 0.5),
+        y_range=(0.0, 1.05),
+        x_ticks=tuple(float(number) for number in range(1, len(SURFACES) + 1)),
+        width=700.0,
+        height=360.0,
+    )
     for k, method in enumerate(METHODS):
         style, mark = series(k)
         points = [
             (SURFACES.index(str(row[0])) + 1.0 + 0.1 * (2 * k - 1), float(row[5]))
-            for row in table.rows if row[1] == method and row[5] is not None
-        ]  # fmt: skip
+            for row in table.rows
+            if row[1] == method and row[5] is not None
+        ]
         figure.series(method, points, mark=mark or Mark.DOT, mark_style=f"{style} filled")
     return figure
 
@@ -196,5 +225,11 @@ def draw(run: Run) -> Figure:
 STUDY = Study(
     name="constraints",
     question="Does a fit that is kept to ellipsoids leave a better ellipsoid on the way to the unconstrained one?",
-    conditions=len(SURFACES), instances=60, points=30, block=20, measure=measure, conclude=conclude, draw=draw,
-)  # fmt: skip
+    conditions=len(SURFACES),
+    instances=60,
+    points=30,
+    block=20,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
+)

@@ -66,9 +66,10 @@ def _errors_deg(random: np.random.Generator) -> list[float]:
     true_deg = attitudes_deg(judged_down, judged_field)
     errors: list[float] = []
     for corrected_down, corrected in (
-        (readings_down, readings), (gravity_fit.corrected(readings_down), norm_fit.corrected(readings)),
+        (readings_down, readings),
+        (gravity_fit.corrected(readings_down), norm_fit.corrected(readings)),
         (gravity_fit.corrected(readings_down), dpi_fit.corrected(readings)),
-    ):  # fmt: skip
+    ):
         off_deg = (attitudes_deg(corrected_down, corrected) - true_deg + 180.0) % 360.0 - 180.0
         errors += np.abs(off_deg).max(axis=0).tolist()
     left_deg = rotation_left_deg(dpi_fit, magnetometer.response)
@@ -126,8 +127,9 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
 def _measurements(median: Array) -> list[Measurement]:
     return [
         check(f"study.dpi.{method}.{angle}", float(median[k, j]), unit="deg")
-        for k, method in enumerate(METHODS) for j, angle in enumerate(ANGLES)
-    ]  # fmt: skip
+        for k, method in enumerate(METHODS)
+        for j, angle in enumerate(ANGLES)
+    ]
 
 
 def _remaining_rotation(instances: Array) -> PrintedFigure:
@@ -136,12 +138,14 @@ def _remaining_rotation(instances: Array) -> PrintedFigure:
     # Noise turns a calibration by its deviation divided by the root of the number of samples.
     noise_deg = float(np.degrees(_NOISE)) / np.sqrt(_SAMPLES)
     return PrintedFigure(
-        "rotation that dpi leaves", "Coelho and Hemerly, 6", "that of the accelerometer's axes",
+        "rotation that dpi leaves",
+        "Coelho and Hemerly, 6",
+        "that of the accelerometer's axes",
         f"{np.median(remaining):.3f} deg, {np.median(own):.3f} of the accelerometer, {apart:.3f} apart in the median",
         bool(apart < 10.0 * noise_deg),
         f"an ellipsoid does not show how the accelerometer is turned, and the magnetometer is turned with it; noise "
         f"alone makes {noise_deg:.3f} deg of each axis",
-    )  # fmt: skip
+    )
 
 
 def draw(run: Run) -> Figure:
@@ -151,22 +155,35 @@ def draw(run: Run) -> Figure:
     values = [[float(cell or 0) for cell in row[1:]] for row in table.rows]
     every = [value for row in values for value in row]
     figure = Figure(
-        title="Largest errors: heading, pitch, roll", description=run.verdict.sentence,
+        title="Largest errors: heading, pitch, roll",
+        description=run.verdict.sentence,
         x_label="1 heading, 2 pitch, 3 roll",
-        y_label="largest error [deg]", x_range=(0.5, 3.5), y_range=(0.7 * min(every), 1.4 * max(every)),
-        x_ticks=(1.0, 2.0, 3.0), width=560.0, height=360.0, log_y=True,
-    )  # fmt: skip
+        y_label="largest error [deg]",
+        x_range=(0.5, 3.5),
+        y_range=(0.7 * min(every), 1.4 * max(every)),
+        x_ticks=(1.0, 2.0, 3.0),
+        width=560.0,
+        height=360.0,
+        log_y=True,
+    )
     for k, method in enumerate(METHODS):
         style, mark = series(k)
         places = [j + 1.0 + 0.15 * (k - 1) for j in range(len(ANGLES))]
         figure.bars(zip(places, values[k][::2], values[k][1::2], strict=True), style)
-        figure.series(method, list(zip(places, values[k][::2], strict=True)), mark=mark or Mark.DOT,
-                      mark_style=f"{style} filled")  # fmt: skip
+        figure.series(
+            method, list(zip(places, values[k][::2], strict=True)), mark=mark or Mark.DOT, mark_style=f"{style} filled"
+        )
     return figure
 
 
 STUDY = Study(
     name="dpi",
     question="Fits of norms leave a rotation between the sensors: what of it is left once gravity is taken in?",
-    conditions=1, instances=400, points=0, block=20, measure=measure, conclude=conclude, draw=draw,
-)  # fmt: skip
+    conditions=1,
+    instances=400,
+    points=0,
+    block=20,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
+)

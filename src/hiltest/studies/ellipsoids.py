@@ -33,13 +33,23 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
     total, instances = sum(counts), plan.instances * len(counts)
     table = Table(
         "study.ellipsoids",
-        (Column("noise", "uT"), Column("instances"), Column("non_ellipsoids"), Column("per million"),
-         Column("at least"), Column("at most")),
+        (
+            Column("noise", "uT"),
+            Column("instances"),
+            Column("non_ellipsoids"),
+            Column("per million"),
+            Column("at least"),
+            Column("at most"),
+        ),
         tuple(_row(noise_ut, count, plan.instances) for noise_ut, count in zip(NOISE_UT, counts, strict=True)),
-    )  # fmt: skip
+    )
     summary = f"{number(total)} of {number(instances)} quadrics are no ellipsoids at {number(plan.points)} points"
-    return Conclusion(f"{summary}.", tuple(_measurements(plan, total, instances)), table,
-                      (_judge_always(plan, total, instances), _judge_nearly_always(plan, counts)))  # fmt: skip
+    return Conclusion(
+        f"{summary}.",
+        tuple(_measurements(plan, total, instances)),
+        table,
+        (_judge_always(plan, total, instances), _judge_nearly_always(plan, counts)),
+    )
 
 
 def _measurements(plan: Plan, total: int, instances: int) -> list[Measurement]:
@@ -65,18 +75,24 @@ def _judge_always(plan: Plan, total: int, instances: int) -> PrintedFigure:
         at_most = _MILLION * interval(0, instances)[1]
         why = f"{_POINTS_UNKNOWN}; at {plan.points} the 95 % interval of the share ends at {at_most:.3g} in a million"
     return PrintedFigure(
-        "quadrics that are no ellipsoids, of 20 noise levels with 1 000 000 instances each", "Mucciaccia, 4.2.2", "0",
-        f"{number(total)} of {number(instances)}", not total, why,
-    )  # fmt: skip
+        "quadrics that are no ellipsoids, of 20 noise levels with 1 000 000 instances each",
+        "Mucciaccia, 4.2.2",
+        "0",
+        f"{number(total)} of {number(instances)}",
+        not total,
+        why,
+    )
 
 
 def _judge_nearly_always(plan: Plan, counts: Sequence[int]) -> PrintedFigure:
-    share, noise_ut = min((100.0 - 100.0 * count / plan.instances, noise_ut)
-                          for count, noise_ut in zip(counts, NOISE_UT, strict=True))  # fmt: skip
+    share, noise_ut = min(
+        (100.0 - 100.0 * count / plan.instances, noise_ut) for count, noise_ut in zip(counts, NOISE_UT, strict=True)
+    )
     reproduced = share > 99.9
     why = f"the fewest, at {noise_ut:g} uT, are {'more' if reproduced else 'not more'}; {_POINTS_UNKNOWN}"
-    return PrintedFigure("share of adequate results", "Mucciaccia, 5.1", "more than 99.9 %", f"{share:.4f} %",
-                         reproduced, why)  # fmt: skip
+    return PrintedFigure(
+        "share of adequate results", "Mucciaccia, 5.1", "more than 99.9 %", f"{share:.4f} %", reproduced, why
+    )
 
 
 def draw(run: Run) -> Figure:
@@ -88,19 +104,33 @@ def draw(run: Run) -> Figure:
     )
     share, low, high = ([100.0 * value / _MILLION for value in column] for column in (share, low, high))
     figure = Figure(
-        title="Quadrics that are no ellipsoids", description=run.verdict.sentence, x_label="noise [uT]",
-        y_label="of instances [%]", x_range=(0.0, noise[-1] + noise[0]), y_range=(0.0, 1.05 * max(high)), width=560.0,
+        title="Quadrics that are no ellipsoids",
+        description=run.verdict.sentence,
+        x_label="noise [uT]",
+        y_label="of instances [%]",
+        x_range=(0.0, noise[-1] + noise[0]),
+        y_range=(0.0, 1.05 * max(high)),
+        width=560.0,
         height=360.0,
-    )  # fmt: skip
+    )
     figure.bars(zip(noise, low, high, strict=True), "series-0")
-    figure.series("measured, with its 95 % interval", list(zip(noise, share, strict=True)), mark=Mark.DOT,
-                  mark_style="series-0 filled")  # fmt: skip
+    figure.series(
+        "measured, with its 95 % interval",
+        list(zip(noise, share, strict=True)),
+        mark=Mark.DOT,
+        mark_style="series-0 filled",
+    )
     return figure
 
 
 STUDY = Study(
     name="ellipsoids",
     question="The direct fit has no constraint: how often is its quadric no ellipsoid, as noise grows?",
-    conditions=len(NOISE_UT), instances=_MILLION, points=100, block=50_000, measure=measure, conclude=conclude,
+    conditions=len(NOISE_UT),
+    instances=_MILLION,
+    points=100,
+    block=50_000,
+    measure=measure,
+    conclude=conclude,
     draw=draw,
-)  # fmt: skip
+)

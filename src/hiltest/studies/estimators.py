@@ -40,18 +40,27 @@ class Condition:
 # Noise with few and many points; then variations of only the number of points, the coverage and the soft iron.
 CONDITIONS = (
     *(Condition(noise_ut, points) for points in (100, 1000) for noise_ut in (0.3, 1.0, 2.5, 5.0)),
-    Condition(1.0, 30), Condition(1.0, 300),
-    Condition(1.0, occluded=0.0), Condition(1.0, occluded=0.75),
-    Condition(1.0, stretch=0.2), Condition(1.0, stretch=0.8),
-)  # fmt: skip
+    Condition(1.0, 30),
+    Condition(1.0, 300),
+    Condition(1.0, occluded=0.0),
+    Condition(1.0, occluded=0.75),
+    Condition(1.0, stretch=0.2),
+    Condition(1.0, stretch=0.8),
+)
 JUDGED = CONDITIONS.index(Condition(2.5, 1000))
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
     """Return direction error [deg] and whether the fit is an ellipsoid, for each instance and calibrator."""
     condition = CONDITIONS[block.condition]
-    model = Model(plan.seed, condition.points, condition.noise_ut, stream=block.condition,
-                  stretch=condition.stretch, occluded=condition.occluded)  # fmt: skip
+    model = Model(
+        plan.seed,
+        condition.points,
+        condition.noise_ut,
+        stream=block.condition,
+        stretch=condition.stretch,
+        occluded=condition.occluded,
+    )
     drawn = draw_instances(model, block.first, block.count)
     numbers: list[float | int] = []
     for k in range(block.count):
@@ -73,18 +82,32 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     rows: list[tuple[Cell, ...]] = []
     for condition, numbers in zip(CONDITIONS, numbers_by_condition, strict=True):
         for index, name in enumerate(NAMES):
-            rows.append((
-                name, condition.noise_ut, condition.points, 100.0 * condition.occluded, condition.stretch,
-                *quantile_and_interval(numbers[:, index, 0], _MEDIAN),
-                *quantile_and_interval(numbers[:, index, 0], _HIGH),
-                100.0 * float(numbers[:, index, 1].mean()),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    name,
+                    condition.noise_ut,
+                    condition.points,
+                    100.0 * condition.occluded,
+                    condition.stretch,
+                    *quantile_and_interval(numbers[:, index, 0], _MEDIAN),
+                    *quantile_and_interval(numbers[:, index, 0], _HIGH),
+                    100.0 * float(numbers[:, index, 1].mean()),
+                )
+            )
     columns = (
-        Column("calibrator"), Column("noise", "uT"), Column("points"), Column("left out, up to", "%"),
-        Column("stretch"), Column("median", "deg"), Column("median, at least", "deg"),
-        Column("median, at most", "deg"), Column("p95", "deg"), Column("p95, at least", "deg"),
-        Column("p95, at most", "deg"), Column("ellipsoids", "%"),
-    )  # fmt: skip
+        Column("calibrator"),
+        Column("noise", "uT"),
+        Column("points"),
+        Column("left out, up to", "%"),
+        Column("stretch"),
+        Column("median", "deg"),
+        Column("median, at least", "deg"),
+        Column("median, at most", "deg"),
+        Column("p95", "deg"),
+        Column("p95, at least", "deg"),
+        Column("p95, at most", "deg"),
+        Column("ellipsoids", "%"),
+    )
     medians = dict(zip(NAMES, np.median(numbers_by_condition[JUDGED][:, :, 0], axis=0).tolist(), strict=True))
     best = min(medians, key=medians.__getitem__)
     judged = CONDITIONS[JUDGED]
@@ -95,7 +118,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     )
     table = Table("study.estimators", columns, tuple(rows))
     measurements = tuple(_measurements(numbers_by_condition[JUDGED]))
-    return Conclusion(sentence, measurements, table, tuple(_printed_figures(medians)))  # fmt: skip
+    return Conclusion(sentence, measurements, table, tuple(_printed_figures(medians)))
 
 
 def quantile_and_interval(errors: Array, share: float) -> tuple[float, float | None, float | None]:
@@ -109,9 +132,10 @@ def quantile_and_interval(errors: Array, share: float) -> tuple[float, float | N
 def _measurements(judged: Array) -> list[Measurement]:
     return [
         check(f"study.estimators.{name}.{quantile}", float(np.quantile(judged[:, index, 0], share)), unit="deg")
-        for index, name in enumerate(NAMES) if name not in (UNCALIBRATED, SPHERE)
+        for index, name in enumerate(NAMES)
+        if name not in (UNCALIBRATED, SPHERE)
         for quantile, share in (("median", _MEDIAN), ("p95", _HIGH))
-    ]  # fmt: skip
+    ]
 
 
 def _printed_figures(medians: dict[str, float]) -> list[PrintedFigure]:
@@ -119,13 +143,18 @@ def _printed_figures(medians: dict[str, float]) -> list[PrintedFigure]:
     others = {name: medians[name] for name in ("iterative", "li", "taubin")}
     return [
         PrintedFigure(
-            "the algebraic distance is statistically better than the Euclidean", "Mucciaccia, 2.1.3", "better",
-            f"direct {direct:.2f} deg, least squares of the Euclidean distance {geometric:.2f} deg", direct < geometric,
+            "the algebraic distance is statistically better than the Euclidean",
+            "Mucciaccia, 2.1.3",
+            "better",
+            f"direct {direct:.2f} deg, least squares of the Euclidean distance {geometric:.2f} deg",
+            direct < geometric,
             "noise that is added after the distortion is as large along every axis, and least squares of the Euclidean "
             "distance is then the maximum likelihood; it would be so for noise before the distortion",
         ),
         PrintedFigure(
-            "any algorithm on the algebraic distance has the same result", "Mucciaccia, 3.3.1 and 4.2.2", "the same",
+            "any algorithm on the algebraic distance has the same result",
+            "Mucciaccia, 3.3.1 and 4.2.2",
+            "the same",
             f"direct {direct:.2f} deg, " + ", ".join(f"{name} {error:.2f}" for name, error in others.items()),
             all(abs(error - direct) < 0.01 * direct for error in others.values()),
             "only with the same normalisation: direct holds the trace, iterative the norm of the coefficients, li "
@@ -147,12 +176,18 @@ def draw(run: Run) -> Figure:
             lines[str(name)].append((float(noise or 0), float(median or 0)))
     every = [point for line in lines.values() for point in line]
     figure = Figure(
-        title=f"Direction error, {judged.points} points", description=run.verdict.sentence, x_label="noise [uT]",
+        title=f"Direction error, {judged.points} points",
+        description=run.verdict.sentence,
+        x_label="noise [uT]",
         y_label="median of the rms over the sphere [deg]",
         x_range=(min(x for x, _ in every) / 1.1, max(x for x, _ in every) * 1.1),
         y_range=(min(y for _, y in every) / 1.2, max(y for _, y in every) * 1.2),
-        x_ticks=sorted({x for x, _ in every}), width=560.0, height=360.0, log_x=True, log_y=True,
-    )  # fmt: skip
+        x_ticks=sorted({x for x, _ in every}),
+        width=560.0,
+        height=360.0,
+        log_x=True,
+        log_y=True,
+    )
     for index, (name, line) in enumerate(lines.items()):
         style, mark = series(index)
         figure.series(name, line, style, mark)
@@ -162,5 +197,11 @@ def draw(run: Run) -> Figure:
 STUDY = Study(
     name="estimators",
     question="How far do directions err after each calibrator, as noise, points, coverage and soft iron change?",
-    conditions=len(CONDITIONS), instances=200, points=0, block=20, measure=measure, conclude=conclude, draw=draw,
-)  # fmt: skip
+    conditions=len(CONDITIONS),
+    instances=200,
+    points=0,
+    block=20,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
+)

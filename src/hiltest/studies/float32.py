@@ -56,8 +56,11 @@ def measure(plan: Plan, block: Block) -> Numbers:
                 single, double = about_zero(counts), reference("direct")(counts)
             else:
                 single, double = board.calibrate(name, counts)[0], reference(name)(counts)
-            numbers += [*(drawn.direction_error_deg(k, fit, model.field_ut) for fit in (single, double)),
-                        direction_difference_rms_deg(single, double), int(single.status != double.status)]  # fmt: skip
+            numbers += [
+                *(drawn.direction_error_deg(k, fit, model.field_ut) for fit in (single, double)),
+                direction_difference_rms_deg(single, double),
+                int(single.status != double.status),
+            ]
     return numbers
 
 
@@ -100,8 +103,9 @@ def _solve_normal_equations(equations: NDArray[np.float32]) -> NDArray[np.float3
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Compute medians and 95th percentiles, and compare float32's effect with that of noise."""
-    by_ratio = [np.concatenate([np.reshape(block, (-1, len(names()), _NUMBERS)) for block in blocks])
-             for blocks in by_condition]  # fmt: skip
+    by_ratio = [
+        np.concatenate([np.reshape(block, (-1, len(names()), _NUMBERS)) for block in blocks]) for blocks in by_condition
+    ]
     rows: list[tuple[Cell, ...]] = []
     for ratio, numbers in zip(RATIOS, by_ratio, strict=True):
         for index, name in enumerate(names()):
@@ -111,10 +115,16 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
             stable = added <= _STABLE * quantiles[-1]
             rows.append((name, ratio, *quantiles, added, 100.0 * float(differs.mean()), stable))
     columns = (
-        Column("calibrator"), Column("hard iron / field"), Column("float32 median", "deg"),
-        Column("float64 median", "deg"), Column("float32 p95", "deg"), Column("float64 p95", "deg"),
-        Column("apart p95", "deg"), Column("other status", "%"), Column("stable"),
-    )  # fmt: skip
+        Column("calibrator"),
+        Column("hard iron / field"),
+        Column("float32 median", "deg"),
+        Column("float64 median", "deg"),
+        Column("float32 p95", "deg"),
+        Column("float64 p95", "deg"),
+        Column("apart p95", "deg"),
+        Column("other status", "%"),
+        Column("stable"),
+    )
     board = names()[:-1]
     held = {name: [bool(row[-1]) for row in rows if row[0] == name] for name in names()}
     worst = max(float(row[6] or 0.0) for row in rows if row[0] in board)
@@ -141,17 +151,24 @@ def _printed_figures(medians_deg: Sequence[float], *, stable: bool) -> tuple[Pri
     measured = f"{ABOUT_ZERO} in the median {', '.join(parts)} times the field"
     return (
         PrintedFigure(
-            "Two-Step in single precision as hard iron grows", "INDUSCON 2018", "unstable",
-            measured, not stable,
+            "Two-Step in single precision as hard iron grows",
+            "INDUSCON 2018",
+            "unstable",
+            measured,
+            not stable,
             "its least squares are of squares about the sensor's zero, as these are; the board's calibrators sum about "
             "the middle of the points",
         ),
         PrintedFigure(
-            "float32 for a sensor of 10 bits", "Mucciaccia, 4.3", "suffices", measured, stable,
+            "float32 for a sensor of 10 bits",
+            "Mucciaccia, 4.3",
+            "suffices",
+            measured,
+            stable,
             "squares of squares have four times the bits of a reading: it suffices about the middle of the points, and "
             "about zero for little hard iron",
         ),
-    )  # fmt: skip
+    )
 
 
 def draw(run: Run) -> Figure:
@@ -164,10 +181,17 @@ def draw(run: Run) -> Figure:
     direct = [(float(row[1] or 0.0), float(row[3] or 0.0)) for row in table.rows if row[0] == "direct"]
     every = [y for line in (*lines.values(), direct) for _, y in line if y > 0.0]
     figure = Figure(
-        title="What float32 adds", description=run.verdict.sentence, x_label="hard iron / field",
-        y_label="angle to float64, p95 [deg]", x_range=(-0.5, RATIOS[-1] + 0.5),
-        y_range=(min(every) / 1.5, max(every) * 1.5), x_ticks=RATIOS, width=560.0, height=360.0, log_y=True,
-    )  # fmt: skip
+        title="What float32 adds",
+        description=run.verdict.sentence,
+        x_label="hard iron / field",
+        y_label="angle to float64, p95 [deg]",
+        x_range=(-0.5, RATIOS[-1] + 0.5),
+        y_range=(min(every) / 1.5, max(every) * 1.5),
+        x_ticks=RATIOS,
+        width=560.0,
+        height=360.0,
+        log_y=True,
+    )
     for index, (name, line) in enumerate(lines.items()):
         style, mark = series(index)
         figure.series(name, line, style, mark)
@@ -178,6 +202,12 @@ def draw(run: Run) -> Figure:
 STUDY = Study(
     name="float32",
     question="Which calibrators of the board stay stable in single precision as hard iron grows?",
-    conditions=len(RATIOS), instances=200, points=100, block=20, measure=measure, conclude=conclude, draw=draw,
+    conditions=len(RATIOS),
+    instances=200,
+    points=100,
+    block=20,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
     most_points=MOST_POINTS,
-)  # fmt: skip
+)

@@ -28,21 +28,27 @@ ACCELEROMETER = len(OFFSETS)
 #: Readings of the paper's magnetometer deviate from the norm by .626 of it, as with an offset as large as the field.
 JUDGED = OFFSETS.index(1.0)
 _NOISE = 0.04  # of the field: the remaining deviation in Table 2 after a calibration
-_PLACES = (*((method, "six faces") for method in (UNCALIBRATED, LSTSQ, "merayo", "frosio")),
-           *((method, "60 attitudes") for method in ("merayo", "frosio")))  # fmt: skip
+_PLACES = (
+    *((method, "six faces") for method in (UNCALIBRATED, LSTSQ, "merayo", "frosio")),
+    *((method, "60 attitudes") for method in ("merayo", "frosio")),
+)
 _FACES = np.concatenate([np.eye(3), -np.eye(3)])
 _SAMPLES_A_FACE = 50
 _ACCELEROMETER_NOISE = 0.005  # of gravity
 _ASKEW_DEG = 0.3  # error of a face that is set by hand, about each axis
 # Values of Table 1: x, y, z and all axes; of Table 2: before and after subtracting the mean.
 _TABLE_1 = {
-    UNCALIBRATED: (0.06343, 0.03357, 0.04977, 0.08734), LSTSQ: (0.00640, 0.00620, 0.02745, 0.02886),
-    "merayo": (0.08447, 0.03284, 0.03312, 0.09649), "frosio": (0.04743, 0.08435, 0.03339, 0.10237),
-}  # fmt: skip
+    UNCALIBRATED: (0.06343, 0.03357, 0.04977, 0.08734),
+    LSTSQ: (0.00640, 0.00620, 0.02745, 0.02886),
+    "merayo": (0.08447, 0.03284, 0.03312, 0.09649),
+    "frosio": (0.04743, 0.08435, 0.03339, 0.10237),
+}
 _TABLE_2 = {
-    UNCALIBRATED: (0.62576, 0.24736), "li": (0.05010, 0.04122), "merayo": (0.04220, 0.03997),
+    UNCALIBRATED: (0.62576, 0.24736),
+    "li": (0.05010, 0.04122),
+    "merayo": (0.04220, 0.03997),
     "frosio": (None, 0.04372),
-}  # fmt: skip
+}
 _SHARE = 0.95
 
 
@@ -134,8 +140,9 @@ def _correct_faces(method: str, samples: Array, faces: Array, expected: Array) -
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Compute medians over the fits, count missing fits, and compare both with the paper's tables."""
-    numbers_by_condition = [np.concatenate([np.asarray(block) for block in blocks]).reshape(plan.instances, -1)
-             for blocks in by_condition]  # fmt: skip
+    numbers_by_condition = [
+        np.concatenate([np.asarray(block) for block in blocks]).reshape(plan.instances, -1) for blocks in by_condition
+    ]
     norms = np.array(
         [numbers[:, :-1].reshape(plan.instances, len(METHODS), 2) for numbers in numbers_by_condition[:ACCELEROMETER]]
     )
@@ -143,34 +150,61 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     axes = numbers_by_condition[ACCELEROMETER].reshape(plan.instances, len(_PLACES), 3)
     all_axes = np.concatenate([axes, np.linalg.norm(axes, axis=-1, keepdims=True)], axis=-1)
     rows: list[tuple[Cell, ...]] = [
-        ("magnetometer", offset, method, _median(rms[:, k, 0]), _median(rms[:, k, 1]),
-         _percent_without_fit(rms[:, k, 0]), _percent_without_fit(rms[:, k, 1]))
-        for offset, rms in zip(OFFSETS, norms, strict=True) for k, method in enumerate(METHODS)
-    ]  # fmt: skip
+        (
+            "magnetometer",
+            offset,
+            method,
+            _median(rms[:, k, 0]),
+            _median(rms[:, k, 1]),
+            _percent_without_fit(rms[:, k, 0]),
+            _percent_without_fit(rms[:, k, 1]),
+        )
+        for offset, rms in zip(OFFSETS, norms, strict=True)
+        for k, method in enumerate(METHODS)
+    ]
     rows += [
-        (f"accelerometer, {place}", None, method, _median(
-            all_axes[:, k, 3]
-        ), None, _percent_without_fit(all_axes[:, k, 3]), None)
+        (
+            f"accelerometer, {place}",
+            None,
+            method,
+            _median(all_axes[:, k, 3]),
+            None,
+            _percent_without_fit(all_axes[:, k, 3]),
+            None,
+        )
         for k, (method, place) in enumerate(_PLACES)
     ]
     columns = (
-        Column("sensor"), Column("offset / field"), Column("calibration"), Column("rms"), Column("rms less mean"),
-        Column("without a fit", "%"), Column("without a fit less mean", "%"),
-    )  # fmt: skip
+        Column("sensor"),
+        Column("offset / field"),
+        Column("calibration"),
+        Column("rms"),
+        Column("rms less mean"),
+        Column("without a fit", "%"),
+        Column("without a fit less mean", "%"),
+    )
     frosio = METHODS.index("frosio")
-    lost, lost_less_mean = _percent_without_fit(
-        norms[JUDGED][:, frosio, 0]
-    ), _percent_without_fit(norms[JUDGED][:, frosio, 1])
+    lost, lost_less_mean = (
+        _percent_without_fit(norms[JUDGED][:, frosio, 0]),
+        _percent_without_fit(norms[JUDGED][:, frosio, 1]),
+    )
     sentence = (
         f"With an offset as large as the field frosio has no fit in {lost:.0f} % of {plan.instances} instances, and in "
         f"{lost_less_mean:.0f} % once the mean is subtracted; what li has to solve differs in {differing} of "
         f"{plan.instances * ACCELEROMETER} in exact arithmetic."
     )
-    printed = (*_table_1(all_axes), *_table_2(norms[JUDGED]), _judge_convergence(norms), _judge_improvement(
-        norms[JUDGED], differing
-    ))
-    return Conclusion(sentence, tuple(_measurements(norms[JUDGED], all_axes, differing)),
-                      Table("study.imu", columns, tuple(rows)), printed)  # fmt: skip
+    printed = (
+        *_table_1(all_axes),
+        *_table_2(norms[JUDGED]),
+        _judge_convergence(norms),
+        _judge_improvement(norms[JUDGED], differing),
+    )
+    return Conclusion(
+        sentence,
+        tuple(_measurements(norms[JUDGED], all_axes, differing)),
+        Table("study.imu", columns, tuple(rows)),
+        printed,
+    )
 
 
 def _median(rms: Array) -> float | None:
@@ -184,8 +218,10 @@ def _percent_without_fit(rms: Array) -> float:
 
 
 def _measurements(judged: Array, all_axes: Array, differing: int) -> list[Measurement]:
-    measurements = [check("study.imu.li_differs", differing, unit=""),
-             check("study.imu.lstsq_rms", float(np.median(all_axes[:, 1, 3])), unit="g")]  # fmt: skip
+    measurements = [
+        check("study.imu.li_differs", differing, unit=""),
+        check("study.imu.lstsq_rms", float(np.median(all_axes[:, 1, 3])), unit="g"),
+    ]
     for k, method in enumerate(CALIBRATORS, 1):
         measurements.append(check(f"study.imu.{method}.without_fit", _percent_without_fit(judged[:, k, 0]), unit="%"))
         measurements.append(check(f"study.imu.{method}.rms_less_mean", _median(judged[:, k, 1]), unit=""))
@@ -200,24 +236,38 @@ def _judge_figure(figure: str, paper: str, printed_value: float, rms: Array, why
     low, high = np.quantile(fitted, [(1.0 - _SHARE) / 2.0, (1.0 + _SHARE) / 2.0])
     reproduced = bool(low <= printed_value <= high)
     why = f"{100 * _SHARE:g} % of instances lie within {low:.4f} and {high:.4f}"
-    return PrintedFigure(figure, paper, f"{printed_value:.5f}", f"{np.median(fitted):.5f}", reproduced,
-                         why if reproduced else f"{why}; {why_not}")  # fmt: skip
+    return PrintedFigure(
+        figure,
+        paper,
+        f"{printed_value:.5f}",
+        f"{np.median(fitted):.5f}",
+        reproduced,
+        why if reproduced else f"{why}; {why_not}",
+    )
 
 
 def _table_1(all_axes: Array) -> list[PrintedFigure]:
     why_not = dict.fromkeys(_TABLE_1, "one board's errors are not known") | {
         LSTSQ: "two of the paper's axes agree within 3 %, the third is four times as far off: not noise, but how one "
-               "face was held",
-        **dict.fromkeys(("merayo", "frosio"), "these are of 60 attitudes: from the six faces, which do not determine "
-                        "nine unknowns, there is no fit at all, and the paper does not say which it took"),
-    }  # fmt: skip
+        "face was held",
+        **dict.fromkeys(
+            ("merayo", "frosio"),
+            "these are of 60 attitudes: from the six faces, which do not determine "
+            "nine unknowns, there is no fit at all, and the paper does not say which it took",
+        ),
+    }
     columns = {(method, place): all_axes[:, k] for k, (method, place) in enumerate(_PLACES)}
     return [
-        _judge_figure(f"accelerometer, {method}, {axis}", "Puc, Podobnik and Munih, Table 1", printed_value,
-                columns[method, "60 attitudes" if method in CALIBRATORS else "six faces"][:, j], why_not[method])
+        _judge_figure(
+            f"accelerometer, {method}, {axis}",
+            "Puc, Podobnik and Munih, Table 1",
+            printed_value,
+            columns[method, "60 attitudes" if method in CALIBRATORS else "six faces"][:, j],
+            why_not[method],
+        )
         for method, figures in _TABLE_1.items()
         for j, (axis, printed_value) in enumerate(zip(("x", "y", "z", "all axes"), figures, strict=True))
-    ]  # fmt: skip
+    ]
 
 
 def _table_2(judged: Array) -> list[PrintedFigure]:
@@ -227,10 +277,9 @@ def _table_2(judged: Array) -> list[PrintedFigure]:
             f"norm, {method}, {when}", "Puc, Podobnik and Munih, Table 2", printed_value, judged[:, k, j], why_not
         )
         for k, (method, figures) in enumerate(_TABLE_2.items())
-        for j,
-        (when, printed_value) in enumerate(zip(("before", "less mean"), figures, strict=True))
+        for j, (when, printed_value) in enumerate(zip(("before", "less mean"), figures, strict=True))
         if printed_value is not None
-    ]  # fmt: skip
+    ]
 
 
 def _judge_convergence(norms: Array) -> PrintedFigure:
@@ -239,10 +288,13 @@ def _judge_convergence(norms: Array) -> PrintedFigure:
     shares = ", ".join(f"{share:.0f} % at {offset:g}" for offset, share in zip(OFFSETS, lost, strict=True))
     large = [share for offset, share in zip(OFFSETS, lost, strict=True) if offset > 1.0]
     return PrintedFigure(
-        "large offsets with which frosio converges", "Puc, Podobnik and Munih, 3.2", "none",
-        f"without a fit: {shares} of the field; less mean at most {after:.0f} %", min(large) == 100.0,
+        "large offsets with which frosio converges",
+        "Puc, Podobnik and Munih, 3.2",
+        "none",
+        f"without a fit: {shares} of the field; less mean at most {after:.0f} %",
+        min(large) == 100.0,
         "it starts at an offset of 0, outside the sphere of the points once the offset is larger than the field",
-    )  # fmt: skip
+    )
 
 
 def _judge_improvement(judged: Array, differing: int) -> PrintedFigure:
@@ -254,13 +306,15 @@ def _judge_improvement(judged: Array, differing: int) -> PrintedFigure:
         better[method] = float(np.median(before[both] / after[both]) - 1.0) if both.any() else 0.0
     moved = abs(better["li"])
     return PrintedFigure(
-        "what subtracting the mean improves", "Puc, Podobnik and Munih, 3.2", "all methods",
+        "what subtracting the mean improves",
+        "Puc, Podobnik and Munih, 3.2",
+        "all methods",
         f"rms in the median li {100 * better['li']:.2g} %, merayo {100 * better['merayo']:.2g} %",
         differing > 0 or moved > 1e-9,
         "li eliminates the terms that an origin changes: in exact arithmetic its problem is the same, and other "
         "figures come of rounding or of other samples; merayo holds the norm of all coefficients, and frosio starts "
         "at the origin",
-    )  # fmt: skip
+    )
 
 
 def draw(run: Run) -> Figure:
@@ -268,10 +322,15 @@ def draw(run: Run) -> Figure:
     table = run.table("study.imu")
     assert table is not None
     figure = Figure(
-        title="Instances without a fit by frosio", description=run.verdict.sentence, x_label="offset / field",
-        y_label="of instances [%]", x_range=(-0.1, OFFSETS[-1] + 0.1), y_range=(-3.0, 105.0), width=560.0,
+        title="Instances without a fit by frosio",
+        description=run.verdict.sentence,
+        x_label="offset / field",
+        y_label="of instances [%]",
+        x_range=(-0.1, OFFSETS[-1] + 0.1),
+        y_range=(-3.0, 105.0),
+        width=560.0,
         height=360.0,
-    )  # fmt: skip
+    )
     rows = [row for row in table.rows if row[2] == "frosio" and isinstance(row[1], float)]
     for index, (text, column) in enumerate((("as read", 5), ("less mean", 6))):
         style, mark = series(index)
@@ -282,6 +341,12 @@ def draw(run: Run) -> Figure:
 STUDY = Study(
     name="imu",
     question="What do least squares and fits of norms leave of the errors of an IMU, and what does subtracting the "
-             "mean change?",
-    conditions=len(OFFSETS) + 1, instances=200, points=200, block=20, measure=measure, conclude=conclude, draw=draw,
-)  # fmt: skip
+    "mean change?",
+    conditions=len(OFFSETS) + 1,
+    instances=200,
+    points=200,
+    block=20,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
+)

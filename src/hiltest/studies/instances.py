@@ -89,8 +89,9 @@ class _KernelModel(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_uint64) for name in ("seed", "stream", "points")),
         *((name, ctypes.c_double) for name in ("field", "hard_iron", "stretch", "occluded", "noise")),
-        ("quantiles", ctypes.c_void_p), ("cosines", ctypes.c_void_p),
-    )  # fmt: skip
+        ("quantiles", ctypes.c_void_p),
+        ("cosines", ctypes.c_void_p),
+    )
 
 
 @cache
@@ -105,8 +106,13 @@ def draw_instances(model: Model, first: int, count: int) -> Instances:
     unit = (parameters >> np.uint64(11)).astype(np.float64) * 2.0**-53
     axes, cap = _rotations(parameters[7]), _rotations(parameters[8])
     e = (1.0 - model.stretch) + (2.0 * model.stretch) * unit[:3]
-    iron = [[axes[i][0] * e[0] * axes[j][0] + axes[i][1] * e[1] * axes[j][1] + axes[i][2] * e[2] * axes[j][2]
-             for j in range(3)] for i in range(3)]  # fmt: skip
+    iron = [
+        [
+            axes[i][0] * e[0] * axes[j][0] + axes[i][1] * e[1] * axes[j][1] + axes[i][2] * e[2] * axes[j][2]
+            for j in range(3)
+        ]
+        for i in range(3)
+    ]
     hard = 2.0 * model.hard_iron_ut * unit[3:6] - model.hard_iron_ut
     span = 2.0 - 2.0 * (model.occluded * unit[6])
 
@@ -210,8 +216,15 @@ def _kernel_model(model: Model) -> _KernelModel:
     # The functions that made both tables cache them, so that the pointers stay valid.
     tables: tuple[Any, ...] = (normal_quantiles().ctypes.data, cosines().ctypes.data)
     return _KernelModel(
-        model.seed, model.stream, model.points, model.field_ut, model.hard_iron_ut, model.stretch, model.occluded,
-        model.noise_ut, *tables,
+        model.seed,
+        model.stream,
+        model.points,
+        model.field_ut,
+        model.hard_iron_ut,
+        model.stretch,
+        model.occluded,
+        model.noise_ut,
+        *tables,
     )
 
 

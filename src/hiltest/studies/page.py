@@ -19,11 +19,17 @@ def page(study: Study, run: Run) -> str:
     table = run.table(f"study.{study.name}")
     assert table is not None
     return render(
-        "study.html.j2", package="hiltest.studies", study=study, run=run, figure=study.draw(run),
-        header=PRINTED_HEADER, printed=list(printed_rows(study, run)),
+        "study.html.j2",
+        package="hiltest.studies",
+        study=study,
+        run=run,
+        figure=study.draw(run),
+        header=PRINTED_HEADER,
+        printed=list(printed_rows(study, run)),
         columns=[f"{column.name} [{column.unit}]" if column.unit else column.name for column in table.columns],
-        rows=[[_text(cell) for cell in row] for row in table.rows], version=__version__,
-    )  # fmt: skip
+        rows=[[_text(cell) for cell in row] for row in table.rows],
+        version=__version__,
+    )
 
 
 def printed_rows(study: Study, run: Run) -> Iterator[tuple[str, ...]]:

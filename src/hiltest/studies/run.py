@@ -61,10 +61,15 @@ def run_study(
     try:
         done = _saved_blocks(plan, journal.path)
         began_s, began_utc = time.monotonic(), utc_now()
-        journal.announce({
-            "schema": "hiltest.study-blocks/1", "hiltest": __version__, "plan": asdict(plan), "started_utc": began_utc,
-            "environment": asdict(describe_host()),
-        })  # fmt: skip
+        journal.announce(
+            {
+                "schema": "hiltest.study-blocks/1",
+                "hiltest": __version__,
+                "plan": asdict(plan),
+                "started_utc": began_utc,
+                "environment": asdict(describe_host()),
+            }
+        )
         journal.begin()
         (folder / PAGE_FILE).unlink(missing_ok=True)
         for number, numbers in _measure_blocks(plan, done, jobs, progress, asked_to_end):
@@ -142,8 +147,10 @@ def _record(plan: Plan, done: Mapping[int, Numbers], began_utc: str, took_s: flo
     printed = Table(
         f"study.{study.name}.printed",
         tuple(Column(name) for name in ("figure", "paper", "printed", "measured", "reproduced", "why")),
-        tuple((figure.figure, figure.paper, figure.printed, figure.measured, figure.reproduced, figure.why)
-              for figure in conclusion.printed),
-    )  # fmt: skip
+        tuple(
+            (figure.figure, figure.paper, figure.printed, figure.measured, figure.reproduced, figure.why)
+            for figure in conclusion.printed
+        ),
+    )
     findings.tables = {table.name: table for table in (conclusion.table, printed)}
     return findings.finish(Verdict(WORDS[ExitCode.OK], ExitCode.OK, conclusion.sentence, complete=True), utc_now())

@@ -17,8 +17,10 @@ from hiltest.trend.series import Point as At
 _HEIGHT = 170.0
 _FEW = 60  # largest number of points whose marks can be distinguished
 _STEPS = {
-    Change.BETTER: ("better", Mark.PLUS), Change.WORSE: ("worse", Mark.CROSS), Change.CHANGED: ("moved", Mark.DIAMOND),
-}  # fmt: skip
+    Change.BETTER: ("better", Mark.PLUS),
+    Change.WORSE: ("worse", Mark.CROSS),
+    Change.CHANGED: ("moved", Mark.DIAMOND),
+}
 _MARGIN = 0.08  # of the range, above and below
 # The axis writes six digits: in a smaller range every tick would have the same number.
 _LEAST_RANGE = 2e-3
@@ -40,19 +42,26 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
     """
     scale, unit = _scale(measured)
     drawn = Figure(
-        title=f"{measured.name}{unit and f' [{unit}]'}{more}", description=_plot_description(measured), x_label="",
+        title=f"{measured.name}{unit and f' [{unit}]'}{more}",
+        description=_plot_description(measured),
+        x_label="",
         y_label="",
-        x_range=(0.5, len(names) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(len(names)),
-        width=width, height=_HEIGHT,
-    )  # fmt: skip
+        x_range=(0.5, len(names) + 0.5),
+        y_range=_y_range(measured, scale),
+        x_ticks=_run_ticks(len(names)),
+        width=width,
+        height=_HEIGHT,
+    )
     for line_series in measured.series:
         _draw(drawn, line_series, scale)
     for change, (style, mark) in _STEPS.items():
         at = [
             (step.after + 1.0, point.value / scale)
-            for line_series in measured.series for step in line_series.change_points
-            for point in line_series.points if point.entry == step.after and step.difference.change is change
-        ]  # fmt: skip
+            for line_series in measured.series
+            for step in line_series.change_points
+            for point in line_series.points
+            if point.entry == step.after and step.difference.change is change
+        ]
         drawn.marks(at, f"step {style}", mark, radius=6.0)
     drawn.sheet = _sheet(measured, names)
     return drawn
@@ -66,15 +75,18 @@ def _sheet(measured: Measured, names: Sequence[str]) -> Sheet:
     spread = ("lowest", "highest") if any(point.low < point.high for point in points) else ()
     numbers = [(point.value, point.low, point.high)[: 1 + len(spread)] for point in points]
     return Sheet(
-        measured.name, ("run", measured.unit or "value", *spread),
+        measured.name,
+        ("run", measured.unit or "value", *spread),
         [[names[point.entry], *map(format_number, values)] for point, values in zip(points, numbers, strict=True)],
     )
 
 
 def change_point_key() -> list[KeyEntry]:
     """Return the key of the marks of change points."""
-    return [KeyEntry(f"change point: {change}", mark=mark, mark_style=f"step {style}")
-            for change, (style, mark) in _STEPS.items()]
+    return [
+        KeyEntry(f"change point: {change}", mark=mark, mark_style=f"step {style}")
+        for change, (style, mark) in _STEPS.items()
+    ]
 
 
 def _draw(drawn: Figure, measured: Series, scale: float) -> None:
@@ -91,9 +103,7 @@ def _draw(drawn: Figure, measured: Series, scale: float) -> None:
         drawn.marks(points, f"{style} filled", mark, radius=2.5)
 
 
-def _limit_lines(
-    points: Sequence[At], side: str, scale: float, y_range: tuple[float, float]
-) -> Iterator[list[Point]]:
+def _limit_lines(points: Sequence[At], side: str, scale: float, y_range: tuple[float, float]) -> Iterator[list[Point]]:
     """Yield a level line for each stretch of runs with the same limit, if it lies within the plot."""
     for value, stretch in groupby(points, key=lambda point: point.limit and getattr(point.limit, side)):
         if value is not None and y_range[0] <= value / scale <= y_range[1]:
@@ -146,7 +156,8 @@ def _plot_description(measured: Measured) -> str:
     last = max((line_series.points[-1] for line_series in measured.series), key=lambda point: point.entry)
     words = (
         f"From {format_number(first.value)} in run {first.entry + 1} to "
-        + f"{format_number(last.value)} {measured.unit}".rstrip() + f" in run {last.entry + 1}"
+        + f"{format_number(last.value)} {measured.unit}".rstrip()
+        + f" in run {last.entry + 1}"
     )
     words += f", limit {measured.limit}" if measured.limit else ""
     if len(measured.series) > 1:

@@ -105,7 +105,8 @@ def _entries(path: Path, entry_name: str) -> Iterator[RunEntry]:
         evidence = evidence_in(file)
         knows_limits = any(
             measurement.limit
-            for measurements in evidence.measurements.values() for measurement in measurements.values()
+            for measurements in evidence.measurements.values()
+            for measurement in measurements.values()
         )
         when_utc = _time(evidence.side.saved_utc, path)
         yield _check_size(RunEntry(entry_name, when_utc, _set_file(evidence, entry_name), knows_limits), path)

@@ -42,8 +42,16 @@ def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
     level = [measured for measured in trend.measured if not measured.change_points]
     groups = _plots(trend, "With a change point", stepped), _plots(trend, "Without a change point", level)
     return render(
-        "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, sentence=words.sentence(trend),
-        counted=remark[:1].upper() + remark[1:], words=words, numbers=numbers, build=build, revision=revision,
+        "trend.html.j2",
+        package="hiltest.trend",
+        trend=trend,
+        skipped=skipped,
+        sentence=words.sentence(trend),
+        counted=remark[:1].upper() + remark[1:],
+        words=words,
+        numbers=numbers,
+        build=build,
+        revision=revision,
         revised=any(entry.evidence.side.revision for entry in trend.entries),
         key=[*_line_key(trend), *(change_point_key() if trend.change_points else [])],
         groups=[group for group in groups if group.panels],
@@ -121,14 +129,16 @@ def _series(series: Series) -> dict[str, Any]:
     points = series.points
     spread = any(point.low < point.high for point in points)
     return {
-        "line": series.line, "cycle_model": series.cycle_model, "entries": [point.entry for point in points],
+        "line": series.line,
+        "cycle_model": series.cycle_model,
+        "entries": [point.entry for point in points],
         "values": [point.value for point in points],
         "lowest": [point.low for point in points] if spread else None,
         "highest": [point.high for point in points] if spread else None,
         "limits": [_limit(stretch) for _, stretch in groupby(points, key=lambda point: point.limit)],
         "failed": [point.entry for point in points if point.outcome == Outcome.FAIL],
         "steps": [_step(change_point) for change_point in series.change_points],
-    }  # fmt: skip
+    }
 
 
 def _limit(stretch: Iterator[Point]) -> dict[str, Any]:
@@ -140,7 +150,12 @@ def _limit(stretch: Iterator[Point]) -> dict[str, Any]:
 def _step(step: ChangePoint) -> dict[str, Any]:
     difference = step.difference
     return {
-        "before": step.before, "after": step.after, "change": difference.change, "base": difference.base,
+        "before": step.before,
+        "after": step.after,
+        "change": difference.change,
+        "base": difference.base,
         "new": difference.new,
-        "delta": difference.delta, "interval": difference.interval, "tolerance": asdict(difference.tolerance),
-    }  # fmt: skip
+        "delta": difference.delta,
+        "interval": difference.interval,
+        "tolerance": asdict(difference.tolerance),
+    }

@@ -155,9 +155,15 @@ def conditions_of(entry: RunEntry) -> TrendLine:
     if conditions is None:
         return TrendLine(side.rig, "", "", side.cycle_model, (), "", calibrated=False, seeds=seeds)
     return TrendLine(
-        side.rig, conditions.rig_sha256, conditions.board, side.cycle_model, conditions.sensors, conditions.poses,
-        calibrated=conditions.calibrated, seeds=seeds,
-    )  # fmt: skip
+        side.rig,
+        conditions.rig_sha256,
+        conditions.board,
+        side.cycle_model,
+        conditions.sensors,
+        conditions.poses,
+        calibrated=conditions.calibrated,
+        seeds=seeds,
+    )
 
 
 @dataclass(frozen=True, slots=True)

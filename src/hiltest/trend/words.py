@@ -69,10 +69,16 @@ def _row(measured: Measured, unit: str) -> tuple[str, ...]:
     points = sorted((point for series in measured.series for point in series.points), key=lambda point: point.entry)
     steps = measured.change_points
     return (
-        measured.name, str(len(points)), format_number(points[0].value), format_number(points[-1].value),
-        format_number(min(point.low for point in points)), format_number(max(point.high for point in points)), unit,
-        str(measured.limit or ""), f"{len(steps)}, last in run {steps[-1].after + 1}" if steps else "",
-    )  # fmt: skip
+        measured.name,
+        str(len(points)),
+        format_number(points[0].value),
+        format_number(points[-1].value),
+        format_number(min(point.low for point in points)),
+        format_number(max(point.high for point in points)),
+        unit,
+        str(measured.limit or ""),
+        f"{len(steps)}, last in run {steps[-1].after + 1}" if steps else "",
+    )
 
 
 def between(trend: Trend, step: ChangePoint) -> str:
@@ -133,6 +139,9 @@ def _sources_of_number(evidence: Evidence, measurement: str) -> dict[str, str]:
     if measurement in evidence.builds:
         return {"build": evidence.builds[measurement]}
     return {
-        "firmware": side.firmware, "version": side.version, "build": side.build_id, "compiler": side.compiler,
+        "firmware": side.firmware,
+        "version": side.version,
+        "build": side.build_id,
+        "compiler": side.compiler,
         "made for": revision(side.revision) or "?",
     }

@@ -15,8 +15,15 @@ if TYPE_CHECKING:
 
 __all__ = ["Baseline", "Evidence", "baseline_of", "decide", "evidence_of", "read_baseline", "read_evidence"]
 
-__getattr__ = when_used(__name__, {
-    "Baseline": "baseline", "Evidence": "evidence", "baseline_of": "baseline", "decide": "verdict",
-    "evidence_of": "evidence", "read_baseline": "baseline_file",
-    "read_evidence": "evidence_reader",
-})  # fmt: skip
+__getattr__ = when_used(
+    __name__,
+    {
+        "Baseline": "baseline",
+        "Evidence": "evidence",
+        "baseline_of": "baseline",
+        "decide": "verdict",
+        "evidence_of": "evidence",
+        "read_baseline": "baseline_file",
+        "read_evidence": "evidence_reader",
+    },
+)

@@ -99,8 +99,13 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
     if not rows:
         raise ConfigError(f"{evidence.name}: it has no number at all; a baseline is a run that measured something")
     return Baseline(
-        SCHEMA, saved_utc, kept_side(evidence, saved_utc), evidence.conditions, seeds, rows,
-        passed=_passed_tests(evidence)
+        SCHEMA,
+        saved_utc,
+        kept_side(evidence, saved_utc),
+        evidence.conditions,
+        seeds,
+        rows,
+        passed=_passed_tests(evidence),
     )
 
 
@@ -116,7 +121,12 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
     builds = {row.name: row.build_id for row in baseline.measurements if row.build_id is not None}
     in_force = {row.name: row.tolerance for row in baseline.measurements if row.tolerance is not None}
     return Evidence(
-        side, baseline.conditions, measurements, is_baseline=True, builds=builds, in_force=in_force,
+        side,
+        baseline.conditions,
+        measurements,
+        is_baseline=True,
+        builds=builds,
+        in_force=in_force,
         tests={seed: dict.fromkeys(baseline.passed, TestOutcome.PASSED) for seed in baseline.seeds},
     )
 
@@ -124,9 +134,15 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
 def renewed(baseline: Baseline, before: Baseline) -> Baseline:
     """Return a baseline that replaces another one and continues its history."""
     entry = Accepted(
-        "*", "renewed", baseline.saved_utc, baseline.side.build_id, None, None, before.side.build_id,
+        "*",
+        "renewed",
+        baseline.saved_utc,
+        baseline.side.build_id,
+        None,
+        None,
+        before.side.build_id,
         baseline.side.revision,
-    )  # fmt: skip
+    )
     return replace(baseline, history=(*before.history, entry))
 
 
@@ -166,10 +182,14 @@ def _row(evidence: Evidence, name: str, seeds: Sequence[Seed]) -> BaselineRow | 
     failed = tuple(
         seed for seed, measurement in by_seed.items() if measurement is not None and measurement.outcome is Outcome.FAIL
     )
-    limit = next((
-        measurement.limit
-        for measurement in by_seed.values() if measurement is not None and measurement.limit is not None
-    ), None)
+    limit = next(
+        (
+            measurement.limit
+            for measurement in by_seed.values()
+            if measurement is not None and measurement.limit is not None
+        ),
+        None,
+    )
     return BaselineRow(name, first.unit, first.cycle_model, values, failed, limit, evidence.in_force.get(name))
 
 
@@ -178,9 +198,7 @@ def _measurement(row: BaselineRow, index: int, seed: Seed) -> Measurement:
     return Measurement(row.name, row.values[index], row.unit, row.limit, outcome=outcome, cycle_model=row.cycle_model)
 
 
-def accept(
-    baseline: Baseline, run: Evidence, patterns: Sequence[str], *, because: str, when_utc: str
-) -> Baseline:
+def accept(baseline: Baseline, run: Evidence, patterns: Sequence[str], *, because: str, when_utc: str) -> Baseline:
     """Move the named measurements of a run into a baseline, and leave all others unchanged.
 
     Parameters
@@ -212,11 +230,17 @@ def accept(
         return baseline
     history = [
         Accepted(
-            name, because, when_utc, run.side.build_id, _mean(rows.get(name)), _mean(row),
-            _build_id(rows.get(name), baseline), run.side.revision,
+            name,
+            because,
+            when_utc,
+            run.side.build_id,
+            _mean(rows.get(name)),
+            _mean(row),
+            _build_id(rows.get(name), baseline),
+            run.side.revision,
         )
         for name, row in sorted(moved.items())
-    ]  # fmt: skip
+    ]
     from_run = {name: row and replace(row, build_id=run.side.build_id) for name, row in moved.items()}
     after = replace(baseline, saved_utc=when_utc, history=(*baseline.history, *history))
     return _replace_rows(after, rows | from_run, run_rows, run)

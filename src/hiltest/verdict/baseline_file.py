@@ -72,8 +72,9 @@ def _add_silent_fields(before: Any) -> Any:
         return before
     return before | {
         kind: [{**item, **{name: item.get(name) for name in silent}} for item in before[kind]]
-        for kind, silent in _SILENT.items() if kind in before
-    }  # fmt: skip
+        for kind, silent in _SILENT.items()
+        if kind in before
+    }
 
 
 def baseline_in(file: JsonFile) -> Baseline:
@@ -161,8 +162,10 @@ def add_unknown_fields(written: Any, read: Any) -> Any:
             before[str(item.get("name"))].append(item)
     return [
         next((old for old in before[str(item.get("name"))] if _contains(old, item)), item)
-        if isinstance(item, Mapping) else item for item in written
-    ]  # fmt: skip
+        if isinstance(item, Mapping)
+        else item
+        for item in written
+    ]
 
 
 def _contains(old: Any, new: Any) -> bool:

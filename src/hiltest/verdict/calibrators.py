@@ -44,7 +44,8 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
     by_name = {measurement.name: measurement for measurement in measurements}
     names = [
         measurement.subject
-        for measurement in measurements if measurement.kind is WORST_HEADING and not has_no_number(measurement)
+        for measurement in measurements
+        if measurement.kind is WORST_HEADING and not has_no_number(measurement)
     ]
     results = [_calibrator_result(name, by_name) for name in names if name != UNCALIBRATED]
     order = cheapest_first({result.name: result.cycles for result in results})
@@ -69,8 +70,11 @@ def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:
 
 def _calibrator_result(name: str, by_name: dict[str, Measurement]) -> CalibratorResult:
     return CalibratorResult(
-        name, by_name[f"heading.{name}.max"], centred=by_name.get(f"heading.{name}.max_centred"),
-        cycles=by_name.get(f"cycles.{name}.total"), from_flash=by_name.get(FROM_FLASH.format(name)),
+        name,
+        by_name[f"heading.{name}.max"],
+        centred=by_name.get(f"heading.{name}.max_centred"),
+        cycles=by_name.get(f"cycles.{name}.total"),
+        from_flash=by_name.get(FROM_FLASH.format(name)),
     )
 
 

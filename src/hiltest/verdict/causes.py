@@ -63,9 +63,12 @@ ADVICE = {
 """The next step for each cause."""
 
 OF_SOURCE = {
-    Source.CONSTANT_TURN: Cause.CONSTANT_OFFSET, Source.OFFSET: Cause.HARD_IRON, Source.SCALE: Cause.SCALE,
-    Source.SOFT_IRON: Cause.SOFT_IRON, Source.ROTATION: Cause.ROTATION,
-}  # fmt: skip
+    Source.CONSTANT_TURN: Cause.CONSTANT_OFFSET,
+    Source.OFFSET: Cause.HARD_IRON,
+    Source.SCALE: Cause.SCALE,
+    Source.SOFT_IRON: Cause.SOFT_IRON,
+    Source.ROTATION: Cause.ROTATION,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,9 +127,8 @@ class HeadingSymptoms:
         """True if gravity causes most of the error; if that is unknown, whether it is out of its own limits."""
         if self.accelerometer_makes_more is not None:
             return self.accelerometer_makes_more
-        return (
-            _exceeds(self.accelerometer_norm_rms_mg, self.accelerometer_limit_mg)
-            or _exceeds(self.tilt_error_deg, self.tilt_limit_deg)
+        return _exceeds(self.accelerometer_norm_rms_mg, self.accelerometer_limit_mg) or _exceeds(
+            self.tilt_error_deg, self.tilt_limit_deg
         )
 
     @property

@@ -74,7 +74,8 @@ def chances_of(pairs: Sequence[Pairs], board: str, tolerances: Mapping[str, Tole
     """
     chances = {pair.name: chance_of(pair, board, tolerances) for pair in pairs}
     sharing = sum(
-        chance.noise is not None and chance.noise.reaches(chance.floor)
+        chance.noise is not None
+        and chance.noise.reaches(chance.floor)
         and (chance.shared or not identify(name).decided_by)
         for name, chance in chances.items()
     )
@@ -114,7 +115,13 @@ def _comparison(
 ) -> Comparison:
     failed = (*(() if new.may_miss else _missed_limits(new, differences)), *new.failed)
     comparison = Comparison(
-        base, new.side, differences, reasons, "", failed=failed, unjudged=tuple(_unevaluated_limits(new)),
+        base,
+        new.side,
+        differences,
+        reasons,
+        "",
+        failed=failed,
+        unjudged=tuple(_unevaluated_limits(new)),
         chosen=new.chosen,
         base_kind=kind,
     )
@@ -192,9 +199,12 @@ def pairs_of(base: Evidence, new: Evidence) -> list[Pairs]:
             name for name, measurement in new.measurements[seed].items() if not measurement.volatile and name not in was
         )
     pairs = (
-        Pairs(name, _values_on(
-            base.measurements, name, seeds
-        ), _values_on(new.measurements, name, seeds), base.in_force.get(name))
+        Pairs(
+            name,
+            _values_on(base.measurements, name, seeds),
+            _values_on(new.measurements, name, seeds),
+            base.in_force.get(name),
+        )
         for name in sorted(filter(is_compared, names))
     )
     return [pair for pair in pairs if not pair.is_nothing]
@@ -228,8 +238,10 @@ def add_accuracy(difference: Difference, base: _Measured, new: _Measured) -> Dif
     pairs = [
         (was.value, now.value)
         for seed in base.keys() & new.keys()
-        if (was := base[seed].get(name)) and (now := new[seed].get(name))
-        and was.value is not None and now.value is not None
+        if (was := base[seed].get(name))
+        and (now := new[seed].get(name))
+        and was.value is not None
+        and now.value is not None
     ]
     if not pairs:
         return difference

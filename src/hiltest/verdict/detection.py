@@ -74,8 +74,10 @@ def detection(written: str, base: Evidence, new: Evidence | None = None) -> Dete
     units = {name: unit for name, unit in _units(base).items() if name in numbers}
     size, unit = _parse_size(written, sorted({unit for unit in units.values() if unit}))
     others = _numbers(new) if new else {}
-    runs = {name: [list(by_seed.values()) for by_seed in (values, others.get(name, {})) if by_seed]
-            for name, values in numbers.items()}  # fmt: skip
+    runs = {
+        name: [list(by_seed.values()) for by_seed in (values, others.get(name, {})) if by_seed]
+        for name, values in numbers.items()
+    }
     estimates = {name: deviation_of_runs(sides, deviation_of(name)) for name, sides in runs.items()}
     deviations = {name: deviation.value if deviation else 0.0 for name, (deviation, _) in estimates.items()}
     board = base.conditions.board
@@ -83,8 +85,10 @@ def detection(written: str, base: Evidence, new: Evidence | None = None) -> Dete
     sharing = sum(_shares_false_alarms(name, units[name], base) and bool(deviations[name]) for name in numbers)
     moving = sum(_shares_false_alarms(name, units[name], base) and bool(paired.get(name)) for name in numbers)
     tolerances = {name: base.in_force.get(name) or tolerance_of(name, base.tolerances) for name in numbers}
-    floors = {name: max(tolerance.absolute, tolerance.relative * abs(fmean(numbers[name].values())))
-              for name, tolerance in tolerances.items()}  # fmt: skip
+    floors = {
+        name: max(tolerance.absolute, tolerance.relative * abs(fmean(numbers[name].values())))
+        for name, tolerance in tolerances.items()
+    }
     # As in a comparison, noise replaces the catalogue's tolerance on a real board if that is smaller.
     replaced = {
         name: deviations[name] > floors[name] and tolerance == tolerance_of(name, {})
@@ -131,7 +135,8 @@ def _numbers(side: Evidence) -> _Numbers:
 def _units(side: Evidence) -> dict[str, str]:
     return {
         name: measurement.unit
-        for measurements in side.measurements.values() for name, measurement in measurements.items()
+        for measurements in side.measurements.values()
+        for name, measurement in measurements.items()
     }
 
 

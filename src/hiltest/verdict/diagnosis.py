@@ -137,22 +137,23 @@ def _source(suspect: _Suspect, maximum: Measurement) -> tuple[bool, ErrorSource 
     if suspect.evidence is None:
         return False, None
     arithmetic, largest = suspect.measurement("heading.float32_error"), value_of(maximum) or 0.0
-    if _fails(arithmetic) and (
-        not _fails(maximum) or (value_of(arithmetic) or 0.0) >= _MAKES_MOST * largest
-    ):
+    if _fails(arithmetic) and (not _fails(maximum) or (value_of(arithmetic) or 0.0) >= _MAKES_MOST * largest):
         # The known angles show a large source even if the calibrator has no reference.
         return True, suspect.evidence.arithmetic_source(suspect.name) or suspect.evidence.field_source(suspect.name)
     return False, suspect.evidence.field_source(suspect.name)
 
 
 def _is_moved(suspect: _Suspect, source: ErrorSource) -> bool:
-    predicted = value_of(suspect.measurement("fit.residual_predicted")) or next((
-        value_of(measurement)
-        for name, measurement in sorted(suspect.measurements.items()) if name.endswith(".residual_predicted")
-    ), None)
+    predicted = value_of(suspect.measurement("fit.residual_predicted")) or next(
+        (
+            value_of(measurement)
+            for name, measurement in sorted(suspect.measurements.items())
+            if name.endswith(".residual_predicted")
+        ),
+        None,
+    )
     return bool(
-        suspect.evidence and predicted
-        and suspect.evidence.is_stale(suspect.name, source, GOOD_FIT_FACTOR * predicted)
+        suspect.evidence and predicted and suspect.evidence.is_stale(suspect.name, source, GOOD_FIT_FACTOR * predicted)
     )
 
 
@@ -163,8 +164,9 @@ def _symptoms(
     norm, tilt = measurements.get("accelerometer.norm_rms"), measurements.get("accelerometer.tilt_error")
     coverage = value_of(measurements.get("tumble.coverage"))
     centred, bias = suspect.measurement("heading.max_centred"), suspect.measurement("heading.bias")
-    residual, predicted = value_of(suspect.measurement("fit.residual")), value_of(
-        suspect.measurement("fit.residual_predicted")
+    residual, predicted = (
+        value_of(suspect.measurement("fit.residual")),
+        value_of(suspect.measurement("fit.residual_predicted")),
     )
     # Without a declared mounting only the centred error can be compared with the limit.
     max_deg = value_of(centred if maximum.outcome is Outcome.UNSET else maximum)
@@ -174,23 +176,28 @@ def _symptoms(
     of_fields = None if suspect.name in _AGAINST_GRAVITY else suspect.evidence
     gravity = of_fields and of_fields.accelerometer_source(suspect.name)
     return HeadingSymptoms(
-        max_deg=max_deg, max_limit_deg=maximum_of(maximum), bias_deg=value_of(bias),
+        max_deg=max_deg,
+        max_limit_deg=maximum_of(maximum),
+        bias_deg=value_of(bias),
         bias_limit_deg=None if bias is None or bias.outcome is Outcome.UNSET else maximum_of(bias),
         max_centred_deg=value_of(centred),
-        residual_percent=residual or 0.0, residual_predicted_percent=predicted or 0.0,
-        accelerometer_norm_rms_mg=value_of(norm) or 0.0, accelerometer_limit_mg=maximum_of(norm),
-        tilt_error_deg=value_of(tilt) or 0.0, tilt_limit_deg=maximum_of(tilt),
+        residual_percent=residual or 0.0,
+        residual_predicted_percent=predicted or 0.0,
+        accelerometer_norm_rms_mg=value_of(norm) or 0.0,
+        accelerometer_limit_mg=maximum_of(norm),
+        tilt_error_deg=value_of(tilt) or 0.0,
+        tilt_limit_deg=maximum_of(tilt),
         fit=fit_status(suspect.name, measurements),
         coverage_percent=100.0 if coverage is None else coverage,
         wrong_axes=suspect.has_wrong_axes,
-        accelerometer_makes_more=gravity[0] if gravity else None, source=source.source if source else None,
-        is_arithmetic=is_arithmetic, is_stale=is_stale,
+        accelerometer_makes_more=gravity[0] if gravity else None,
+        source=source.source if source else None,
+        is_arithmetic=is_arithmetic,
+        is_stale=is_stale,
     )
 
 
-def _words(
-    suspect: _Suspect, cause: Cause, source: ErrorSource | None, *, same_as: str, is_arithmetic: bool
-) -> str:
+def _words(suspect: _Suspect, cause: Cause, source: ErrorSource | None, *, same_as: str, is_arithmetic: bool) -> str:
     evidence = suspect.evidence
     if cause is Cause.NONE:
         return ""
@@ -222,14 +229,17 @@ def _turned_axes(suspect: _Suspect) -> list[str]:
 
 
 def _fit_details(suspect: _Suspect, cause: Cause) -> list[str]:
-    residual, predicted = value_of(suspect.measurement("fit.residual")), value_of(
-        suspect.measurement("fit.residual_predicted")
+    residual, predicted = (
+        value_of(suspect.measurement("fit.residual")),
+        value_of(suspect.measurement("fit.residual_predicted")),
     )
     if cause not in _OF_THE_FIT or residual is None or predicted is None:
         return []
     sphere = fit_status(suspect.name, suspect.measurements) is not FitStatus.ELLIPSOID
-    return [*(["only a sphere was fitted"] if sphere else []),
-            f"residual {residual:.2f} %, noise predicts {predicted:.2f} %"]
+    return [
+        *(["only a sphere was fitted"] if sphere else []),
+        f"residual {residual:.2f} %, noise predicts {predicted:.2f} %",
+    ]
 
 
 def _append_details(cause: Cause, details: list[str]) -> str:

@@ -62,11 +62,20 @@ def difference(
     changes = moves(pairs.name, base, new)
     smallest = chance.smallest_change if seeds and not is_direction(pairs.name) else None
     return Difference(
-        name=pairs.name, unit=latest.unit, change=change, sense=better,
-        base=mean_value(base or values_of(pairs.base)), new=mean_value(new or values_of(pairs.new)),
-        delta=mean_value(changes), interval=_round_interval(mean_interval(changes)),
-        seeds=len(seeds), tolerance=chance.shown, limit=latest.limit, outcome=str(latest.outcome),
-        cycle_model=latest.cycle_model, seen=round_significant(smallest, _SEEN_DIGITS),
+        name=pairs.name,
+        unit=latest.unit,
+        change=change,
+        sense=better,
+        base=mean_value(base or values_of(pairs.base)),
+        new=mean_value(new or values_of(pairs.new)),
+        delta=mean_value(changes),
+        interval=_round_interval(mean_interval(changes)),
+        seeds=len(seeds),
+        tolerance=chance.shown,
+        limit=latest.limit,
+        outcome=str(latest.outcome),
+        cycle_model=latest.cycle_model,
+        seen=round_significant(smallest, _SEEN_DIGITS),
         note="; ".join(filter(None, (remark, _not_offered(pairs), _limit_changed(pairs), edited))),
     )
 
@@ -134,9 +143,7 @@ def _paired_change(
     return change, "; ".join(filter(None, (again, remark)))
 
 
-def _mean_change(
-    base: Sequence[float], new: Sequence[float], better: Better, chance: Chance
-) -> tuple[Change, str]:
+def _mean_change(base: Sequence[float], new: Sequence[float], better: Better, chance: Chance) -> tuple[Change, str]:
     tolerance = chance.tolerance
     if better is not Better.NEITHER:
         before, after = _costs(base, better), _costs(new, better)

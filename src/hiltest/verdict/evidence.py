@@ -95,7 +95,11 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
     side = Side(file=file, sha256=sha256, saved_utc=run.finished_utc, revision=run.revision)
     if board is not None:
         side = replace(
-            side, firmware=board.firmware, version=board.version, build_id=board.build_id, compiler=board.compiler,
+            side,
+            firmware=board.firmware,
+            version=board.version,
+            build_id=board.build_id,
+            compiler=board.compiler,
             cycle_model=board.cycle_model,
         )
     name_of_rig = f"{rig.name} with faults ({rig.faults})" if rig and rig.faults else rig.name if rig else ""
@@ -104,8 +108,13 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
     of_rig = _tolerances("rig.tolerances", run.rig.tolerances if run.rig else {}, name)
     fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
     return Evidence(
-        side, _conditions(run), {run.seed: {measurement.name: measurement for measurement in run.measurements}}, of_rig,
-        () if run.verdict.complete else (fault,), run.chosen, failed_by_itself(run),
+        side,
+        _conditions(run),
+        {run.seed: {measurement.name: measurement for measurement in run.measurements}},
+        of_rig,
+        () if run.verdict.complete else (fault,),
+        run.chosen,
+        failed_by_itself(run),
         in_force=_tolerances("tolerances", run.tolerances, name),
         tests={run.seed: {test.id: test.outcome for test in run.tests}},  # the last attempt counts
     )
@@ -137,15 +146,25 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         faults.append(f"{file}: one run stands there twice, which says nothing about noise; name each run once")
     digest = sha256_of("".join(run.side.sha256 for run in runs).encode()).hexdigest()
     side = replace(
-        first.side, file=file, sha256=digest, seeds=tuple(seed for run in runs for seed in run.side.seeds),
+        first.side,
+        file=file,
+        sha256=digest,
+        seeds=tuple(seed for run in runs for seed in run.side.seeds),
         saved_utc=max(run.side.saved_utc for run in runs),
         revision=first.side.revision if len({run.side.revision for run in runs}) == 1 else None,
     )
     chosen = any(run.chosen for run in runs)
     failed = tuple(f"{why} {_seeds_in_words(run)}" for run in runs for why in run.failed)
     return Evidence(
-        side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed,
-        in_force={name: tolerance for run in reversed(runs) for name, tolerance in run.in_force.items()}, tests=tests,
+        side,
+        first.conditions,
+        measurements,
+        first.tolerances,
+        tuple(faults),
+        chosen,
+        failed,
+        in_force={name: tolerance for run in reversed(runs) for name, tolerance in run.in_force.items()},
+        tests=tests,
     )
 
 
@@ -169,13 +188,19 @@ def as_one_run(evidence: Evidence) -> Evidence:
     A measurement or test that one of the runs lacks is omitted; a mean is missing if one of its numbers is.
     """
     runs = list(evidence.measurements.values())
-    measurements = {
-        name: [run[name] for run in runs] for name in runs[0] if all(name in run for run in runs)
-    } if runs else {}
+    measurements = (
+        {name: [run[name] for run in runs] for name in runs[0] if all(name in run for run in runs)} if runs else {}
+    )
     tests = list(evidence.tests.values())
-    by_test = {
-        test: [outcomes[test] for outcomes in tests] for test in tests[0] if all(test in outcomes for outcomes in tests)
-    } if tests else {}
+    by_test = (
+        {
+            test: [outcomes[test] for outcomes in tests]
+            for test in tests[0]
+            if all(test in outcomes for outcomes in tests)
+        }
+        if tests
+        else {}
+    )
     return replace(
         evidence,
         measurements={None: {name: _mean_measurement(values) for name, values in measurements.items()}} if runs else {},
@@ -206,18 +231,32 @@ def allow_misses(campaign: Evidence) -> Evidence:
 def _conditions(run: Run) -> Conditions | None:
     if run.board is None:
         # Such a run is complete only if no test needed a board; its numbers are then valid.
-        return Conditions(
-            board=NO_BOARD, rig_sha256=run.rig.conditions_sha256 if run.rig else "", calibrators=(), sensors=(),
-            protocol_version=0, compiler_flags=(), poses=run.poses, suite=run.suite,
-            calibrated=run.calibration is not None,
-        ) if run.verdict.complete else None
+        return (
+            Conditions(
+                board=NO_BOARD,
+                rig_sha256=run.rig.conditions_sha256 if run.rig else "",
+                calibrators=(),
+                sensors=(),
+                protocol_version=0,
+                compiler_flags=(),
+                poses=run.poses,
+                suite=run.suite,
+                calibrated=run.calibration is not None,
+            )
+            if run.verdict.complete
+            else None
+        )
     recording = run.board.recording
     return Conditions(
         board=f"{run.board.kind} of {recording.sha256[:8]}" if recording else run.board.kind,
         rig_sha256=run.rig.conditions_sha256 if run.rig else "",
-        calibrators=run.board.calibrators, sensors=tuple(sensor.name for sensor in run.board.sensors if sensor.present),
-        protocol_version=run.board.protocol_version, compiler_flags=tuple(run.board.compiler_flags.split()),
-        poses=run.poses, suite=run.suite, calibrated=run.calibration is not None,
+        calibrators=run.board.calibrators,
+        sensors=tuple(sensor.name for sensor in run.board.sensors if sensor.present),
+        protocol_version=run.board.protocol_version,
+        compiler_flags=tuple(run.board.compiler_flags.split()),
+        poses=run.poses,
+        suite=run.suite,
+        calibrated=run.calibration is not None,
     )
 
 

@@ -101,5 +101,3 @@ def _seeds_may_fail(file: Path) -> bool:
     except ConfigError:
         return False
     return isinstance(content, dict) and content.get("exit_code") == 0
-
-

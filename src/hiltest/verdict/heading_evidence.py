@@ -67,7 +67,10 @@ class HeadingEvidence:
         """Estimate the axes of both sensors."""
         calibrated = [calibrations.magnetometer for name, calibrations in self.held.items() if name != _UNCALIBRATED]
         return sensor_axes(
-            self.field, self.gravity, self.magnetometer, self.accelerometer,
+            self.field,
+            self.gravity,
+            self.magnetometer,
+            self.accelerometer,
             hard_iron=calibrated[0].hard_iron if calibrated else None,
         )
 
@@ -135,12 +138,14 @@ class HeadingEvidence:
 
     def _errors_deg(self, gravity: Reals, field: Reals) -> Reals | None:
         try:
-            return np.array([
-                heading_error_deg(tilt_heading(*measured).heading_deg, tilt_heading(*true).heading_deg)
-                for measured, true in zip(
-                    zip(gravity, field, strict=True), zip(self.gravity, self.field, strict=True), strict=True
-                )
-            ])
+            return np.array(
+                [
+                    heading_error_deg(tilt_heading(*measured).heading_deg, tilt_heading(*true).heading_deg)
+                    for measured, true in zip(
+                        zip(gravity, field, strict=True), zip(self.gravity, self.field, strict=True), strict=True
+                    )
+                ]
+            )
         except DegenerateFieldError:
             return None
 
@@ -149,31 +154,41 @@ def read_heading_evidence(tables: Mapping[str, Table]) -> HeadingEvidence | None
     """Return the evidence in the tables of a run; None if they are incomplete."""
     needed = [tables.get(f"heading.{name}") for name in ("known", "means", "calibrations")]
     true_vectors, means, calibrations = needed
-    if true_vectors is None or means is None or calibrations is None or len(
-        true_vectors.rows
-    ) != len(means.rows) or not true_vectors.rows:
+    if (
+        true_vectors is None
+        or means is None
+        or calibrations is None
+        or len(true_vectors.rows) != len(means.rows)
+        or not true_vectors.rows
+    ):
         return None
     points, results = tables.get("tumble.points"), tables.get("calibration.results")
-    point_counts = {} if results is None else dict(
-        zip(results.column("calibrator"), results.column_if_any("points"), strict=True)
+    point_counts = (
+        {} if results is None else dict(zip(results.column("calibrator"), results.column_if_any("points"), strict=True))
     )
     return HeadingEvidence(
-        field=_vectors(true_vectors, "field"), gravity=_vectors(true_vectors, "gravity"),
-        magnetometer=_vectors(means, "magnetometer"), accelerometer=_vectors(means, "accelerometer"),
+        field=_vectors(true_vectors, "field"),
+        gravity=_vectors(true_vectors, "gravity"),
+        magnetometer=_vectors(means, "magnetometer"),
+        accelerometer=_vectors(means, "accelerometer"),
         held={
-            str(name): _read_calibrations(row) for name, row in
-            zip(calibrations.column("calibration"), _numbers(calibrations, _calibration_columns()), strict=True)
+            str(name): _read_calibrations(row)
+            for name, row in zip(
+                calibrations.column("calibration"), _numbers(calibrations, _calibration_columns()), strict=True
+            )
         },
         points=np.zeros((0, 3)) if points is None else _numbers(points, list("xyz")),
         fitted={str(name): int(n) for name, n in point_counts.items() if isinstance(n, int | float)},
-    )  # fmt: skip
+    )
 
 
 def _calibration_columns() -> list[str]:
     pairs = [f"{row}{column}" for row in "xyz" for column in "xyz"]
     return [
-        *(f"soft_iron_{pair}" for pair in pairs), *(f"hard_iron_{axis}" for axis in "xyz"),
-        *(f"gain_{pair}" for pair in pairs), *(f"offset_{axis}" for axis in "xyz"),
+        *(f"soft_iron_{pair}" for pair in pairs),
+        *(f"hard_iron_{axis}" for axis in "xyz"),
+        *(f"gain_{pair}" for pair in pairs),
+        *(f"offset_{axis}" for axis in "xyz"),
     ]
 
 

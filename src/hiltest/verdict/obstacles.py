@@ -33,9 +33,12 @@ def obstacles(
         return unlike
     # Other conditions have other tests, so missing tests are no reason of their own.
     missing = () if unlike or new.chosen else _missing_tests(base, new, together=together)
-    return (*unlike, *missing, *_tests_broken_in_base(
-        base, new, differences
-    ), *_missing_measurements(base, new, differences))
+    return (
+        *unlike,
+        *missing,
+        *_tests_broken_in_base(base, new, differences),
+        *_missing_measurements(base, new, differences),
+    )
 
 
 def _side_differences(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
@@ -183,11 +186,16 @@ def _missing_measurements(base: Evidence, new: Evidence, differences: Sequence[D
     was, now = base.conditions, new.conditions
     other_poses = was is not None and now is not None and was.poses != now.poses
     counted_otherwise = base.side.cycle_model != new.side.cycle_model
-    gone = [] if other_poses else [
-        difference for difference in differences
-        if difference.change is Change.GONE
-        and not (counted_otherwise and difference.cycle_model and difference.new is not None)
-    ]  # fmt: skip
+    gone = (
+        []
+        if other_poses
+        else [
+            difference
+            for difference in differences
+            if difference.change is Change.GONE
+            and not (counted_otherwise and difference.cycle_model and difference.new is not None)
+        ]
+    )
     for difference in gone[:_NAMED_AT_MOST]:
         why = f" ({difference.note})" if difference.note else ""
         accept = _accept(base, new, difference.name)

@@ -80,9 +80,7 @@ def next_step(measurement: Measurement, tables: Mapping[str, Table]) -> str:
 
 def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
     """Return the errors of the firmware's calibrated vectors and of its calibration alone as a sentence, or nothing."""
-    parts = [
-        f"{words} {value:.2f} deg" for name, words in _PARTS.items() if (value := worst_deg.get(name)) is not None
-    ]
+    parts = [f"{words} {value:.2f} deg" for name, words in _PARTS.items() if (value := worst_deg.get(name)) is not None]
     words = ", ".join(parts)
     return f"{words[0].upper()}{words[1:]}." if words else ""
 

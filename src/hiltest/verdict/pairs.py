@@ -62,8 +62,11 @@ class Pairs:
         If the limit was edited, seeds that crossed neither the old nor the new limit are omitted.
         """
         return [
-            seed for seed, now in self.new.items()
-            if now is not None and is_out(now) and not is_out(was := self.base[seed])
+            seed
+            for seed, now in self.new.items()
+            if now is not None
+            and is_out(now)
+            and not is_out(was := self.base[seed])
             and (not has_number(now) if was is None else _crossed_limit(was, now))
         ]
 

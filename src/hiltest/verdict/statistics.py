@@ -43,6 +43,7 @@ def moved_alone(base: Sequence[float], new: Sequence[float], tolerance: Toleranc
     sizes = [min(abs(before), abs(after)) for before, after in zip(base, new, strict=True)]
     usual = max(median(moves), tolerance.absolute)
     return [
-        index for index, (move, size) in enumerate(zip(moves, sizes, strict=True))
+        index
+        for index, (move, size) in enumerate(zip(moves, sizes, strict=True))
         if move > FAR * max(usual, tolerance.relative * size)
     ]

@@ -102,9 +102,10 @@ def summarise(run: Run | Findings) -> Summary:
     tables = run.tables if isinstance(run, Findings) else {table.name: table for table in run.tables}
     named = [result.name for result in results]
     causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}
-    failures = [_failure(measurement, run, causes) for measurement in _sort_failures(
-        failed, reference.name if reference else ""
-    )]
+    failures = [
+        _failure(measurement, run, causes)
+        for measurement in _sort_failures(failed, reference.name if reference else "")
+    ]
     unset = [measurement for measurement in measurements if measurement.outcome in UNDECIDED]
     near = [measurement for measurement in unset if measurement.outcome is Outcome.CANNOT_TELL]
     unmeasured = [measurement for measurement in unset if broken and measurement.value is None and not measurement.test]
@@ -115,12 +116,16 @@ def summarise(run: Run | Findings) -> Summary:
         broken=broken,
         unset=tuple(measurement for measurement in unset if measurement not in unmeasured),
         unmeasured=tuple(unmeasured),
-        advice=tuple(dict.fromkeys((
-            *(ADVICE[cause.cause] for cause in causes.values()),
-            *(next_step(failure.measurement, tables) for failure in failures if not failure.cause),
-            *([_OF_DOUBT] if near else []),
-            *([_OF_UNSET] if len(unset) > len(near) and not failed and not broken else []),
-        ))),
+        advice=tuple(
+            dict.fromkeys(
+                (
+                    *(ADVICE[cause.cause] for cause in causes.values()),
+                    *(next_step(failure.measurement, tables) for failure in failures if not failure.cause),
+                    *([_OF_DOUBT] if near else []),
+                    *([_OF_UNSET] if len(unset) > len(near) and not failed and not broken else []),
+                )
+            )
+        ),
         reference=reference.name if reference else "",
         calibrators=tuple(
             CalibratorLine(result, _ratio(run, result, reference))
@@ -132,9 +137,10 @@ def summarise(run: Run | Findings) -> Summary:
 
 
 def _distinct_causes(causes: Sequence[Diagnosis]) -> tuple[str, ...]:
-    return tuple({cause.cause: cause.words for cause in reversed(causes)}[kind] for kind in dict.fromkeys(
-        cause.cause for cause in causes
-    ))
+    return tuple(
+        {cause.cause: cause.words for cause in reversed(causes)}[kind]
+        for kind in dict.fromkeys(cause.cause for cause in causes)
+    )
 
 
 def unmeasured_in_words(unmeasured: Sequence[Measurement]) -> str:
@@ -182,9 +188,11 @@ def ratio_in_words(result: CalibratorResult, reference: CalibratorResult) -> str
 def close_to_limit(measurements: Sequence[Measurement]) -> tuple[Measurement, ...]:
     """Return the measurements close to a limit: cycles that may exceed it first, then the nearest."""
     near = [(measurement, _room(measurement)) for measurement in measurements if measurement.outcome is Outcome.PASS]
-    close = [(measurement, room) for measurement, room in near if measurement.may_exceed_limit or (
-        room is not None and room <= CLOSE
-    )]
+    close = [
+        (measurement, room)
+        for measurement, room in near
+        if measurement.may_exceed_limit or (room is not None and room <= CLOSE)
+    ]
     close.sort(key=lambda pair: (not pair[0].may_exceed_limit, 0.0 if pair[1] is None else pair[1]))
     return tuple(measurement for measurement, _ in close[:CLOSE_AT_MOST])
 
@@ -217,10 +225,15 @@ def _sort_failures(failed: Sequence[Measurement], reference: str) -> list[Measur
     Failures that belong to no calibrator follow the reference's: a wrong accelerometer explains all later headings.
     """
     order, kinds = list(Section), list(KINDS)
-    by_kind = sorted(failed, key=lambda failure: (
-        order.index(failure.section), failure.subject,
-        kinds.index(failure.kind.name) if failure.kind else len(kinds), failure.name,
-    ))  # fmt: skip
+    by_kind = sorted(
+        failed,
+        key=lambda failure: (
+            order.index(failure.section),
+            failure.subject,
+            kinds.index(failure.kind.name) if failure.kind else len(kinds),
+            failure.name,
+        ),
+    )
     first = {failure.subject: failure for failure in reversed(by_kind) if failure.section in _OF_CALIBRATORS}
 
     def rank(failure: Measurement) -> int:

@@ -40,9 +40,7 @@ _OTHERWISE = {
 }
 
 
-def decide(
-    findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = (), cut_short: bool = False
-) -> Verdict:
+def decide(findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = (), cut_short: bool = False) -> Verdict:
     """Decide a run.
 
     Parameters
@@ -68,7 +66,9 @@ def decide(
     word = WORDS[ExitCode(code)] if is_known else f"exit code {code}"
     not_met = left_out and not findings.chosen
     return Verdict(
-        outcome=word, exit_code=code, sentence=_sentence(findings, word, left_out),
+        outcome=word,
+        exit_code=code,
+        sentence=_sentence(findings, word, left_out),
         complete=not (pytest_exit in PYTEST_WINS or cut_short or not_met or _bench_failures(findings)),
     )
 
@@ -101,13 +101,26 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     summary = summarise(findings)
     poses = findings.tables.get(POSES_TABLE)
     reached = "" if summary.failures or summary.broken else _best_results(summary, len(poses.rows) if poses else 0)
-    return " ".join(filter(None, (
-        f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken),
-        _cause_sentence(summary.causes),
-        _not_evaluated(summary, findings, word), _as_sentence(unmeasured_in_words(summary.unmeasured)), reached,
-        *(f"{test.outcome.capitalize()}: {_end_with_period(test.reason)}" for test in _bench_failures(findings)[:1]),
-        _left_out_words(left_out), against_base,
-    )))
+    return " ".join(
+        filter(
+            None,
+            (
+                f"{word}.",
+                failures_in_words(summary.failures),
+                tests_in_words(summary.broken),
+                _cause_sentence(summary.causes),
+                _not_evaluated(summary, findings, word),
+                _as_sentence(unmeasured_in_words(summary.unmeasured)),
+                reached,
+                *(
+                    f"{test.outcome.capitalize()}: {_end_with_period(test.reason)}"
+                    for test in _bench_failures(findings)[:1]
+                ),
+                _left_out_words(left_out),
+                against_base,
+            ),
+        )
+    )
 
 
 def headline(verdict: Verdict, summary: Summary) -> str:
@@ -154,9 +167,14 @@ def _best_results(summary: Summary, poses: int) -> str:
     others = [
         result for result in results if result is not lead and ratios[result.name] and result.maximum.value is not None
     ]
-    beside = [
-        parts_in_words({result.name: value_of(result.maximum) for result in results}), costs_in_words(results),
-    ] if lead.name == FIRMWARE else []  # fmt: skip
+    beside = (
+        [
+            parts_in_words({result.name: value_of(result.maximum) for result in results}),
+            costs_in_words(results),
+        ]
+        if lead.name == FIRMWARE
+        else []
+    )
     against = _compare_calibrators(others[0], lead) if others else ""
     return " ".join(filter(None, (_accuracy_and_cost(lead, poses), *beside, against)))
 
@@ -189,8 +207,7 @@ def failures_in_words(failures: Sequence[Failure]) -> str:
     if not failures:
         return ""
     named = [
-        f"{failure.measurement.name} {_value(failure.measurement)}"
-        + held_to(failure.measurement, failure.was)
+        f"{failure.measurement.name} {_value(failure.measurement)}" + held_to(failure.measurement, failure.was)
         for failure in failures
     ]
     return f"{join_words(named, _NAMED_AT_MOST)}."
@@ -270,8 +287,13 @@ def _has_red_test(findings: Findings) -> bool:
 
 
 def unmet_limits(
-    limits: Mapping[str, Limit], units: Mapping[str, str], measured: Collection[str], calibrators: Sequence[str],
-    *, gate_only: bool = False, places: Mapping[str, str] | None = None,
+    limits: Mapping[str, Limit],
+    units: Mapping[str, str],
+    measured: Collection[str],
+    calibrators: Sequence[str],
+    *,
+    gate_only: bool = False,
+    places: Mapping[str, str] | None = None,
 ) -> list[Measurement]:
     """Return a measurement without a value for every limit of the rig without a measurement.
 
@@ -291,10 +313,15 @@ def unmet_limits(
     stands = places or {}
     return [
         Measurement(
-            name, None, units.get(name, ""), limit=limit, outcome=Outcome.UNSET,
+            name,
+            None,
+            units.get(name, ""),
+            limit=limit,
+            outcome=Outcome.UNSET,
             note=_unmet_reason(name, calibrators, gate_only, stands.get(name, "")),
         )
-        for name, limit in limits.items() if name not in measured
+        for name, limit in limits.items()
+        if name not in measured
     ]
 
 

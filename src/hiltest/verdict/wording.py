@@ -135,12 +135,16 @@ def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
 
 def reasons(comparison: Comparison) -> str:
     """Return the reasons of a comparison's answer: failures, obstacles, and changes."""
-    worse = {
-        entry(difference) for difference in comparison.differences_with(Change.WORSE)
-    } if comparison.evaluated else set()
+    worse = (
+        {entry(difference) for difference in comparison.differences_with(Change.WORSE)}
+        if comparison.evaluated
+        else set()
+    )
     parts = [
         _name_first("failed: ", [text for text in comparison.failed if text not in worse]),
-        _first_obstacle(comparison), _name_first("not evaluated: ", comparison.unjudged), *_counts(comparison),
+        _first_obstacle(comparison),
+        _name_first("not evaluated: ", comparison.unjudged),
+        *_counts(comparison),
     ]
     return "; ".join(filter(None, parts)) or "nothing measured"
 
@@ -164,9 +168,7 @@ def model_names(models: Iterable[str]) -> str:
 
 def models_shown(comparison: Comparison) -> set[str]:
     """Return the cycle models of all cycles that a comparison shows: of changes, and of values out of a limit."""
-    return {
-        diff.cycle_model for diff in comparison.differences if diff.change in SHOWN or diff.outcome == Outcome.FAIL
-    }
+    return {diff.cycle_model for diff in comparison.differences if diff.change in SHOWN or diff.outcome == Outcome.FAIL}
 
 
 def format_seeds(seeds: Sequence[Seed]) -> str:
@@ -208,9 +210,11 @@ def _counts(comparison: Comparison, *, named: bool = True) -> list[str]:
 
 def _count_and_names(change: Change, differences: Sequence[Difference]) -> str:
     count = f"{len(differences)} {change}"
-    return _name_first(
-        f"{count}: ", [entry(difference) for difference in differences]
-    ) if change in (Change.WORSE, Change.BETTER) else count
+    return (
+        _name_first(f"{count}: ", [entry(difference) for difference in differences])
+        if change in (Change.WORSE, Change.BETTER)
+        else count
+    )
 
 
 def _name_first(before: str, texts: Sequence[str]) -> str:

@@ -18,7 +18,14 @@ if TYPE_CHECKING:
 
 __all__ = ["FirmwareImage", "TimingProfile", "VirtualCortexM4", "VirtualK64F", "load_image", "load_profile"]
 
-__getattr__ = when_used(__name__, {
-    "FirmwareImage": "program.elf", "TimingProfile": "model.timing", "VirtualCortexM4": "board.cortex_m4",
-    "VirtualK64F": "board.k64f", "load_image": "program.elf", "load_profile": "model.profile_file",
-})  # fmt: skip
+__getattr__ = when_used(
+    __name__,
+    {
+        "FirmwareImage": "program.elf",
+        "TimingProfile": "model.timing",
+        "VirtualCortexM4": "board.cortex_m4",
+        "VirtualK64F": "board.k64f",
+        "load_image": "program.elf",
+        "load_profile": "model.profile_file",
+    },
+)

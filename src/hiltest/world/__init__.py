@@ -10,5 +10,11 @@ from hiltest.world.temperature import Temperature
 from hiltest.world.world import World, WorldState
 
 __all__ = [
-    "EarthField", "MagneticDistortion", "NoiseSource", "Temperature", "Vector", "World", "WorldState",
-]  # fmt: skip
+    "EarthField",
+    "MagneticDistortion",
+    "NoiseSource",
+    "Temperature",
+    "Vector",
+    "World",
+    "WorldState",
+]

@@ -63,9 +63,12 @@ class Playback(Restorable):
     """
 
     def __init__(
-        self, name: str, tracks: Mapping[Sensed, Track], resampling: Resampling = Resampling.NEAREST,
+        self,
+        name: str,
+        tracks: Mapping[Sensed, Track],
+        resampling: Resampling = Resampling.NEAREST,
         notes: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.name = name
         self._notes = notes
         self.tracks = tracks

@@ -73,7 +73,8 @@ class Spiral:
         board = pose_from_rotation(tilted @ _field_frame(self.field).T)
         pose = Pose(
             round(board.heading_deg - self.mounting_yaw_deg, _DECIMALS),
-            round(board.pitch_deg, _DECIMALS), round(board.roll_deg, _DECIMALS),
+            round(board.pitch_deg, _DECIMALS),
+            round(board.roll_deg, _DECIMALS),
         )
         if time_s >= self.end_s:
             return pose, (0.0, 0.0, 0.0)

@@ -176,8 +176,11 @@ class World(Restorable):
         planned = segment.angles(segment.start_s)[0]
         last = self._segments[-1]
         present = last.angles(min(segment.start_s, last.end_s))[0]
-        steps = (planned.heading_deg - present.heading_deg, planned.pitch_deg - present.pitch_deg,
-                 planned.roll_deg - present.roll_deg)
+        steps = (
+            planned.heading_deg - present.heading_deg,
+            planned.pitch_deg - present.pitch_deg,
+            planned.roll_deg - present.roll_deg,
+        )
         if segment.start_s < last.start_s or any(abs(wrap_180(step)) > _SAME_PLACE_DEG for step in steps):
             raise ValueError(f"a move from {planned} at {segment.start_s:g} s does not go on from {present}")
         self._append(segment, normal_angles(segment.angles(segment.end_s)[0]))

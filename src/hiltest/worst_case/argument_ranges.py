@@ -114,8 +114,10 @@ class ArgumentRanges:
         self._pieces: list[list[str | Range]] = [_pieces(text) for text in texts]
         self._open = [piece for pieces in self._pieces for piece in pieces if isinstance(piece, Range)]
         if not self._open:
-            raise ConfigError(f"{function}: no argument leaves a number open; write LOW..HIGH for one, or "
-                              "int16:100:LOW..HIGH for a hundred by address")  # fmt: skip
+            raise ConfigError(
+                f"{function}: no argument leaves a number open; write LOW..HIGH for one, or "
+                "int16:100:LOW..HIGH for a hundred by address"
+            )
         if len(self._open) > _MOST_NUMBERS:
             raise ConfigError(f"{function}: {len(self._open)} numbers are left open, and no RAM holds them")
         self.bounds = np.array([(range_.low, range_.high) for range_ in self._open], dtype=np.float64)
@@ -165,8 +167,12 @@ class ArgumentRanges:
             result = self._board.call(self._function, *map(parse_argument, texts))
         except BoardFault as fault:
             raise BoardFault(
-                f"{fault.cause} ({self._function} was called with {' '.join(texts)})", pc=fault.pc,
-                function=fault.function, location=fault.location, registers=fault.registers, ending=fault.ending,
+                f"{fault.cause} ({self._function} was called with {' '.join(texts)})",
+                pc=fault.pc,
+                function=fault.function,
+                location=fault.location,
+                registers=fault.registers,
+                ending=fault.ending,
             ) from fault
         returns, value = self._returns, result.value
         counts = returns is None or (value is not None and returns.low <= value <= returns.high)

@@ -94,17 +94,17 @@ class WorstCase:
         return Call(profile.cycles, profile.value, counts=True), profile.cycle_model
 
 
-def case_of(
-    result: Found[Any], saved_input: Mapping[str, Any], elf: Path, function: str, seed: int
-) -> WorstCase:
+def case_of(result: Found[Any], saved_input: Mapping[str, Any], elf: Path, function: str, seed: int) -> WorstCase:
     """Return the worst case of a search; the input is called again, to record the memories that it ran from."""
     case = WorstCase(
         SCHEMA, function, result.call.cycles, "", elf.name, digest(elf), __version__, seed, result.calls, **saved_input
     )
     call, cycle_model = case.replayed(elf)
     if call.cycles != case.cycles:
-        raise ConfigError(f"{function} takes {call.cycles} cycles now, and took {case.cycles}: what it does depends on "
-                          "the clock, so its worst case cannot be kept")  # fmt: skip
+        raise ConfigError(
+            f"{function} takes {call.cycles} cycles now, and took {case.cycles}: what it does depends on "
+            "the clock, so its worst case cannot be kept"
+        )
     return replace(case, cycle_model=cycle_model)
 
 

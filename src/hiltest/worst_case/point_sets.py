@@ -20,11 +20,13 @@ _WORLD = (
     (25.0, 65.0),  # the earth's field, from the South Atlantic to the poles [uT]
     (0.0, 2.0),  # noise of a point on each axis, five times that of the default rig's part [uT]
     (0.1, 1.0),  # share of the sphere that the points cover: a cap about an axis
-    (-1.0, 1.0), (0.0, 2.0 * np.pi),  # that axis: its third coordinate, and its azimuth
-    *((0.6, 1.4),) * 3, *((-0.25, 0.25),) * 3,  # symmetric soft iron, diagonal and off-diagonal: never singular
+    (-1.0, 1.0),
+    (0.0, 2.0 * np.pi),  # that axis: its third coordinate, and its azimuth
+    *((0.6, 1.4),) * 3,
+    *((-0.25, 0.25),) * 3,  # symmetric soft iron, diagonal and off-diagonal: never singular
     *((-100.0, 100.0),) * 3,  # hard iron, as in the studies [uT]
     (0.0, 1e6),  # index of the set of random numbers
-)  # fmt: skip
+)
 
 
 class PointSets:

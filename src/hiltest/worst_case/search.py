@@ -104,9 +104,7 @@ class _ExploredError(Exception):
 
 
 class _Search(Generic[Input]):
-    def __init__(
-        self, problem: Problem[Input], budget: Budget, progress: Progress
-    ) -> None:
+    def __init__(self, problem: Problem[Input], budget: Budget, progress: Progress) -> None:
         self._problem, self._budget, self._progress = problem, budget, progress
         self._began_s = time.monotonic()
         self._calls, self._refused_cycles = 0, -1
@@ -143,9 +141,16 @@ class _Search(Generic[Input]):
 
         with suppress(_ExploredError):  # it ends by itself when all members are equal
             differential_evolution(
-                fitness, self._problem.bounds, init=low + (high - low) * random.random((_POPULATION, len(low))),
-                maxiter=_EXPLORED, mutation=(0.4, 0.9), recombination=0.7, tol=0.0, polish=False, seed=random,
-            )  # fmt: skip
+                fitness,
+                self._problem.bounds,
+                init=low + (high - low) * random.random((_POPULATION, len(low))),
+                maxiter=_EXPLORED,
+                mutation=(0.4, 0.9),
+                recombination=0.7,
+                tol=0.0,
+                polish=False,
+                seed=random,
+            )
         return max(tried, key=lambda pair: pair[1].rank)
 
     def climb(self, start: Input, call: Call, random: np.random.Generator) -> None:
@@ -168,9 +173,7 @@ class _Search(Generic[Input]):
         return Found(*self._worst, refused, self._calls, time.monotonic() - self._began_s)
 
 
-def search(
-    problem: Problem[Input], *, seed: int, budget: Budget, progress: Progress
-) -> Found[Input]:
+def search(problem: Problem[Input], *, seed: int, budget: Budget, progress: Progress) -> Found[Input]:
     """Search for the input with the most cycles.
 
     Parameters

@@ -16,12 +16,32 @@ from .direct_stream import MONOMIALS
 #: The six products, and the two factors that each sum of a higher degree is formed of.
 PRODUCTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 FACTORS: dict[str, tuple[str, str]] = {
-    "xxx": ("xx", "x"), "xxy": ("xx", "y"), "xxz": ("xx", "z"), "xyy": ("yy", "x"), "xyz": ("yz", "x"),
-    "xzz": ("xz", "z"), "yyy": ("yy", "y"), "yyz": ("yy", "z"), "yzz": ("yz", "z"), "zzz": ("zz", "z"),
-    "xxxx": ("xx", "xx"), "xxxy": ("xx", "xy"), "xxxz": ("xx", "xz"), "xxyy": ("xy", "xy"), "xxyz": ("xy", "xz"),
-    "xxzz": ("xz", "xz"), "xyyy": ("yy", "xy"), "xyyz": ("yy", "xz"), "xyzz": ("xz", "yz"), "xzzz": ("zz", "xz"),
-    "yyyy": ("yy", "yy"), "yyyz": ("yy", "yz"), "yyzz": ("yz", "yz"), "yzzz": ("zz", "yz"), "zzzz": ("zz", "zz"),
-}  # fmt: skip
+    "xxx": ("xx", "x"),
+    "xxy": ("xx", "y"),
+    "xxz": ("xx", "z"),
+    "xyy": ("yy", "x"),
+    "xyz": ("yz", "x"),
+    "xzz": ("xz", "z"),
+    "yyy": ("yy", "y"),
+    "yyz": ("yy", "z"),
+    "yzz": ("yz", "z"),
+    "zzz": ("zz", "z"),
+    "xxxx": ("xx", "xx"),
+    "xxxy": ("xx", "xy"),
+    "xxxz": ("xx", "xz"),
+    "xxyy": ("xy", "xy"),
+    "xxyz": ("xy", "xz"),
+    "xxzz": ("xz", "xz"),
+    "xyyy": ("yy", "xy"),
+    "xyyz": ("yy", "xz"),
+    "xyzz": ("xz", "yz"),
+    "xzzz": ("zz", "xz"),
+    "yyyy": ("yy", "yy"),
+    "yyyz": ("yy", "yz"),
+    "yyzz": ("yz", "yz"),
+    "yzzz": ("zz", "yz"),
+    "zzzz": ("zz", "zz"),
+}
 #: Points that the kernel sums at once, and its largest K.
 BLOCK_POINTS = 100
 LARGEST_SHIFT = 8

@@ -42,8 +42,10 @@ def keep_record(folder: Path, value: float, witness: str = "", *, finish: bool =
     recorder.begin()
     for test in TESTS:
         note(folder, witness and "begun", test)
-        recorder.add([check(f"{test}.value", value, unit="deg", limit=Limit(max=9.0), test=test)],
-                       [Table(f"{test}.rows", (Column("n"),), ((value,),))])
+        recorder.add(
+            [check(f"{test}.value", value, unit="deg", limit=Limit(max=9.0), test=test)],
+            [Table(f"{test}.rows", (Column("n"),), ((value,),))],
+        )
         recorder.finish_test(TestResult(test, TestOutcome.PASSED, 0.1, reason="ü"))
         note(folder, witness and "finished", test)
     if finish:

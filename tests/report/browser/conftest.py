@@ -125,7 +125,8 @@ def cut_short(findings: Callable[..., Findings], good: list[Measurement]) -> Run
 def hostile(findings: Callable[..., Findings]) -> Run:
     """Names that would be markup, or would turn or hide what stands around them."""
     made = findings(
-        check(f"heading.{HOSTILE}.max", 1.0, unit=HOSTILE, limit=Limit(max=2)), check(HOSTILE, 1.0, unit="uT"),
+        check(f"heading.{HOSTILE}.max", 1.0, unit=HOSTILE, limit=Limit(max=2)),
+        check(HOSTILE, 1.0, unit="uT"),
         tests=(TestResult(HOSTILE, TestOutcome.FAILED, 1, reason=HOSTILE, trace="javascript:alert(1)"),),
     )
     assert made.board is not None
@@ -170,9 +171,10 @@ def finished(made: Findings) -> Run:
 
 def stream_measurements() -> list[Measurement]:
     cycles = {"cycles_mean": 246.03, "cycles_max": 255.0, "fit_cycles": 3503}
-    return [check("heading.slow-stream.max", 2.42, unit="deg"), *(
-        check(f"stream.slow-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
-    )]
+    return [
+        check("heading.slow-stream.max", 2.42, unit="deg"),
+        *(check(f"stream.slow-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()),
+    ]
 
 
 def imu_measurements() -> list[Measurement]:
@@ -180,8 +182,10 @@ def imu_measurements() -> list[Measurement]:
         "accelerometer.norm_rms": (0.44, "mg", Limit(max=1.0)),
         "accelerometer.tilt_error": (0.12, "deg", Limit(max=0.5)),
         "gyroscope.noise_density": (24.4, "mdps/rtHz", Limit(22.5, 27.5)),
-        "gyroscope.scale_error": (-0.01, "%", Limit.within(0.1)), "fusion.heading.rms": (1.2, "deg", Limit(max=0.9)),
-        "gyroscope.uncorrected_error": (2.1, "dps", None), "heading.uncalibrated.max": (11.5, "deg", None),
+        "gyroscope.scale_error": (-0.01, "%", Limit.within(0.1)),
+        "fusion.heading.rms": (1.2, "deg", Limit(max=0.9)),
+        "gyroscope.uncorrected_error": (2.1, "dps", None),
+        "heading.uncalibrated.max": (11.5, "deg", None),
         "tumble.coverage": (85.9, "%", None),
     }
     return [check(name, value, unit=unit, limit=limit) for name, (value, unit, limit) in limited.items()]
@@ -213,13 +217,28 @@ def motion() -> Table:
 
 def compared() -> Comparison:
     numbers = {
-        Change.BETTER: (200.0, 150.0), Change.WORSE: (11_061.0, 11_161.0), Change.NEW: (None, 3.0),
-        Change.GONE: (3.0, None), Change.UNCHANGED: (1.0, 1.0), Change.CHANGED: (30.0, 90.0),
+        Change.BETTER: (200.0, 150.0),
+        Change.WORSE: (11_061.0, 11_161.0),
+        Change.NEW: (None, 3.0),
+        Change.GONE: (3.0, None),
+        Change.UNCHANGED: (1.0, 1.0),
+        Change.CHANGED: (30.0, 90.0),
     }
     differences = tuple(
         Difference(
-            f"cycles.{change}.total", "cycle", change, Better.LOWER, base, new,
-            None if base is None or new is None else new - base, None, 1, EXACT, Limit(max=12_500), "pass", "m",
+            f"cycles.{change}.total",
+            "cycle",
+            change,
+            Better.LOWER,
+            base,
+            new,
+            None if base is None or new is None else new - base,
+            None,
+            1,
+            EXACT,
+            Limit(max=12_500),
+            "pass",
+            "m",
         )
         for change, (base, new) in numbers.items()
     )

@@ -144,9 +144,7 @@ def test_the_keyboard_reaches_the_results_and_every_box_that_scrolls(
         assert all(each == ["scroll", 0] for each in wide)
 
 
-def test_on_paper_everything_is_unfolded_and_dark_on_light(
-    browser: Browser, everything: Run, tmp_path: Path
-) -> None:
+def test_on_paper_everything_is_unfolded_and_dark_on_light(browser: Browser, everything: Run, tmp_path: Path) -> None:
     page = browser.new_page(color_scheme="dark")
     page.goto(written(everything, tmp_path).as_uri())
     folded = "[...document.querySelectorAll('details:not([open]) tr')]"

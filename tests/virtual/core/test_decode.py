@@ -28,7 +28,7 @@ from .decoder import (
     operation_name,
     random_instructions,
     row_name,
-)  # fmt: skip
+)
 from .unicorn_oracle import NOP, Unicorn
 
 ADDRESS = 0x1002  # not a multiple of four, so that Align(PC, 4) matters
@@ -38,9 +38,17 @@ TRANSFERS = ("", "direct", "indirect")
 
 # Fields that the cycle model reads and that have one name in both decoders.
 COSTS = (
-    "size", "words", "address_registers", "loaded_registers", "core_writes", "fp_reads", "fp_writes", "fp_addend",
-    "uses_fpu", "conditional",
-)  # fmt: skip
+    "size",
+    "words",
+    "address_registers",
+    "loaded_registers",
+    "core_writes",
+    "fp_reads",
+    "fp_writes",
+    "fp_addend",
+    "uses_fpu",
+    "conditional",
+)
 
 # Instances of each encoding and random pairs of halfwords; all of them outside an IT block and inside.
 QUICK = (25, 8_000)
@@ -174,24 +182,41 @@ CAPSTONE_KNOWS_LESS: tuple[Reason, ...] = (
 
 # Costs that differ: the field, the reason, and where.
 COSTS_DIFFER: tuple[tuple[str, str, Callable[[Trial], bool]], ...] = (
-    ("core_writes", "capstone leaves out the base that STMDB, VPUSH and VPOP write back",
-     lambda t: t.operation in ("STM", "VSTM", "VLDM") and t.decoded.core_writes == 1 << t.decoded.n),
-    ("core_writes", "capstone takes the value of STRBT and STRHT as written",
-     lambda t: t.text.startswith(("strbt", "strht"))),
+    (
+        "core_writes",
+        "capstone leaves out the base that STMDB, VPUSH and VPOP write back",
+        lambda t: t.operation in ("STM", "VSTM", "VLDM") and t.decoded.core_writes == 1 << t.decoded.n,
+    ),
+    (
+        "core_writes",
+        "capstone takes the value of STRBT and STRHT as written",
+        lambda t: t.text.startswith(("strbt", "strht")),
+    ),
     ("core_writes", "capstone lets SVC write the LR, which the exception's entry does", lambda t: t.operation == "SVC"),
-    ("core_writes", "capstone lets B write the PC if it has a condition, and not without one",
-     lambda t: t.operation == "B" and t.first != 0x46FF),
+    (
+        "core_writes",
+        "capstone lets B write the PC if it has a condition, and not without one",
+        lambda t: t.operation == "B" and t.first != 0x46FF,
+    ),
     ("core_writes", "MOV PC, PC is decoded as the branch that it is", lambda t: t.first == 0x46FF),
     ("transfer", "MOV PC, PC is decoded as the branch that it is", lambda t: t.first == 0x46FF),
-    ("fp_writes", "capstone leaves out what VLDM loads, but not what VPOP loads",
-     lambda t: t.text.startswith(("vldm", "fldm")) and t.decoded.fp_writes == _list_of_singles(t.decoded)),
-    ("fp_writes", "capstone takes what VPUSH stores as written",
-     lambda t: t.operation == "VSTM" and t.decoded.fp_writes == 0),
-    ("fp_reads", "capstone lets VMOV of half a d register read both halves, in both directions",
-     lambda t: t.text.startswith("vmov.32")),
-    ("fp_writes", "capstone lets VMOV of half a d register write both halves",
-     lambda t: t.text.startswith("vmov.32")),
-)  # fmt: skip
+    (
+        "fp_writes",
+        "capstone leaves out what VLDM loads, but not what VPOP loads",
+        lambda t: t.text.startswith(("vldm", "fldm")) and t.decoded.fp_writes == _list_of_singles(t.decoded),
+    ),
+    (
+        "fp_writes",
+        "capstone takes what VPUSH stores as written",
+        lambda t: t.operation == "VSTM" and t.decoded.fp_writes == 0,
+    ),
+    (
+        "fp_reads",
+        "capstone lets VMOV of half a d register read both halves, in both directions",
+        lambda t: t.text.startswith("vmov.32"),
+    ),
+    ("fp_writes", "capstone lets VMOV of half a d register write both halves", lambda t: t.text.startswith("vmov.32")),
+)
 
 
 def _list_of_singles(decoded: Any) -> int:
@@ -348,12 +373,29 @@ def test_second_halfword_of_a_short_instruction_is_not_looked_at() -> None:
 
 # Neither capstone's text nor Unicorn tells these from instructions that must not have the PC as an operand.
 WITH_PC = {
-    "44f9": "ADD_I", "449f": "ADD_PC", "46f9": "MOV_I", "46cf": "MOV_PC", "4905": "LDR_L", "a1ff": "MOV_I",
+    "44f9": "ADD_I",
+    "449f": "ADD_PC",
+    "46f9": "MOV_I",
+    "46cf": "MOV_PC",
+    "4905": "LDR_L",
+    "a1ff": "MOV_I",
     "bd02": "LDM",
-    "f60f79ff": "MOV_I", "f6af79ff": "MOV_I", "f852fb04": "LDR_W", "f8dff004": "LDR_L", "f89f1005": "LDRB_L",
-    "f8bf1006": "LDRH_L", "f99f1006": "LDRSB_L", "f9bf1006": "LDRSH_L", "f91ff008": "NOP", "e9df1202": "LDRD",
-    "e9138002": "LDM", "e8dff001": "TBB", "e8dff011": "TBH", "eef1fa10": "VMRS", "eddf0a02": "VLDR",
-}  # fmt: skip
+    "f60f79ff": "MOV_I",
+    "f6af79ff": "MOV_I",
+    "f852fb04": "LDR_W",
+    "f8dff004": "LDR_L",
+    "f89f1005": "LDRB_L",
+    "f8bf1006": "LDRH_L",
+    "f99f1006": "LDRSB_L",
+    "f9bf1006": "LDRSH_L",
+    "f91ff008": "NOP",
+    "e9df1202": "LDRD",
+    "e9138002": "LDM",
+    "e8dff001": "TBB",
+    "e8dff011": "TBH",
+    "eef1fa10": "VMRS",
+    "eddf0a02": "VLDR",
+}
 
 
 def test_an_instruction_that_may_have_the_pc_as_an_operand_is_defined() -> None:

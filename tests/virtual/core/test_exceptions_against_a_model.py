@@ -49,17 +49,37 @@ def state_of_model(model: Model) -> dict[str, Any]:
     """Return everything that is compared."""
     registers, nvic, ceiling = model.registers, model.nvic, model.ceiling
     return {
-        "r": registers.general, "lr": registers.link, "pc": registers.pc, "xpsr": registers.xpsr,
-        "msp": registers.main_stack, "psp": registers.process_stack, "control": registers.control,
+        "r": registers.general,
+        "lr": registers.link,
+        "pc": registers.pc,
+        "xpsr": registers.xpsr,
+        "msp": registers.main_stack,
+        "psp": registers.process_stack,
+        "control": registers.control,
         "masks": [registers.primask, registers.faultmask, registers.basepri],
-        "floats": registers.floats, "fpscr": registers.fpscr, "lazy": model.lazy_frame,
-        "chained": model.is_chained, "saved": model.is_chained and model.is_saved, "cycles": model.cycles,
-        "pending": nvic.pending, "enabled": nvic.enabled, "lines": nvic.lines, "active": nvic.active,
-        "taken": nvic.taken, "new": nvic.newly_pending, "cfsr": model.cfsr, "hfsr": model.hfsr, "bfar": model.bfar,
-        "ceiling": ceiling, "asleep": nvic.ceiling(registers, without_primask=True), "urgent": nvic.most_urgent(),
-        "next": nvic.next_exception(ceiling), "priority": nvic.execution_priority(ceiling), "event": model.event,
+        "floats": registers.floats,
+        "fpscr": registers.fpscr,
+        "lazy": model.lazy_frame,
+        "chained": model.is_chained,
+        "saved": model.is_chained and model.is_saved,
+        "cycles": model.cycles,
+        "pending": nvic.pending,
+        "enabled": nvic.enabled,
+        "lines": nvic.lines,
+        "active": nvic.active,
+        "taken": nvic.taken,
+        "new": nvic.newly_pending,
+        "cfsr": model.cfsr,
+        "hfsr": model.hfsr,
+        "bfar": model.bfar,
+        "ceiling": ceiling,
+        "asleep": nvic.ceiling(registers, without_primask=True),
+        "urgent": nvic.most_urgent(),
+        "next": nvic.next_exception(ceiling),
+        "priority": nvic.execution_priority(ceiling),
+        "event": model.event,
         "ram": model.memories.read(RAM, RAM_BYTES),
-    }  # fmt: skip
+    }
 
 
 def state_in_c(machine: Machine) -> dict[str, Any]:
@@ -67,18 +87,37 @@ def state_in_c(machine: Machine) -> dict[str, Any]:
     core, call = machine.core, machine.call
     ceiling = call("machine_ceiling", False)
     return {
-        "r": list(core.r[0:13]), "lr": core.r[14], "pc": core.r[15], "xpsr": call("machine_xpsr"),
-        "msp": call("machine_stack_pointer", False), "psp": call("machine_stack_pointer", True),
-        "control": core.control, "masks": [core.primask, core.faultmask, core.basepri],
-        "floats": list(core.s), "fpscr": core.fpscr, "lazy": core.lazy_frame,
-        "chained": core.is_chained, "saved": core.is_chained and core.is_saved, "cycles": core.cycles,
-        "pending": machine.members("pending"), "enabled": machine.members("enabled"),
-        "lines": machine.members("lines"), "active": machine.active, "taken": machine.members("taken"),
-        "new": core.newly_pending, "cfsr": core.cfsr, "hfsr": core.hfsr, "bfar": core.bfar,
-        "ceiling": ceiling, "asleep": call("machine_ceiling", True), "urgent": call("machine_most_urgent", IDLE),
-        "next": call("machine_next_exception", ceiling), "priority": call("machine_execution_priority", ceiling),
-        "event": core.event, "ram": bytes(machine.ram),
-    }  # fmt: skip
+        "r": list(core.r[0:13]),
+        "lr": core.r[14],
+        "pc": core.r[15],
+        "xpsr": call("machine_xpsr"),
+        "msp": call("machine_stack_pointer", False),
+        "psp": call("machine_stack_pointer", True),
+        "control": core.control,
+        "masks": [core.primask, core.faultmask, core.basepri],
+        "floats": list(core.s),
+        "fpscr": core.fpscr,
+        "lazy": core.lazy_frame,
+        "chained": core.is_chained,
+        "saved": core.is_chained and core.is_saved,
+        "cycles": core.cycles,
+        "pending": machine.members("pending"),
+        "enabled": machine.members("enabled"),
+        "lines": machine.members("lines"),
+        "active": machine.active,
+        "taken": machine.members("taken"),
+        "new": core.newly_pending,
+        "cfsr": core.cfsr,
+        "hfsr": core.hfsr,
+        "bfar": core.bfar,
+        "ceiling": ceiling,
+        "asleep": call("machine_ceiling", True),
+        "urgent": call("machine_most_urgent", IDLE),
+        "next": call("machine_next_exception", ceiling),
+        "priority": call("machine_execution_priority", ceiling),
+        "event": core.event,
+        "ram": bytes(machine.ram),
+    }
 
 
 class Pair:
@@ -297,10 +336,24 @@ class Pair:
 
 
 ACTIONS = {
-    Pair.look: 30, Pair.leave: 24, Pair.pend: 14, Pair.set_enabled: 6, Pair.fault: 4, Pair.use_floats: 6,
-    Pair.set_masks: 4, Pair.set_line: 4, Pair.unpend: 3, Pair.set_priority: 3, Pair.compute: 3, Pair.move_stack: 2,
-    Pair.set_up: 2, Pair.spoil_frame: 2, Pair.wake: 3, Pair.set_grouping: 1, Pair.set_floating_control: 1,
-}  # fmt: skip
+    Pair.look: 30,
+    Pair.leave: 24,
+    Pair.pend: 14,
+    Pair.set_enabled: 6,
+    Pair.fault: 4,
+    Pair.use_floats: 6,
+    Pair.set_masks: 4,
+    Pair.set_line: 4,
+    Pair.unpend: 3,
+    Pair.set_priority: 3,
+    Pair.compute: 3,
+    Pair.move_stack: 2,
+    Pair.set_up: 2,
+    Pair.spoil_frame: 2,
+    Pair.wake: 3,
+    Pair.set_grouping: 1,
+    Pair.set_floating_control: 1,
+}
 
 
 @pytest.mark.parametrize("prices", PROFILES, ids=["whole profile", "few rows", "other prices"])

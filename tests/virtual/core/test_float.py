@@ -51,15 +51,22 @@ class Operation:
 
 def _to_fixed(code: int, bits: int, fraction: int, signed: bool, truncates: bool = True) -> Operation:
     return Operation(
-        f"float to {'s' if signed else 'u'}{bits} #{fraction}{'' if truncates else ' rounded'}", code, "float_to_fixed",
-        lambda function, a, _b, _c, fpscr: function(a, bits, fraction, signed, truncates, fpscr))
+        f"float to {'s' if signed else 'u'}{bits} #{fraction}{'' if truncates else ' rounded'}",
+        code,
+        "float_to_fixed",
+        lambda function, a, _b, _c, fpscr: function(a, bits, fraction, signed, truncates, fpscr),
+    )
 
 
 def _from_fixed(code: int, bits: int, fraction: int, signed: bool, nearest: bool = True) -> Operation:
     return Operation(
-        f"{'s' if signed else 'u'}{bits} #{fraction} to float{'' if nearest else ' rounded'}", code, "float_from_fixed",
-        lambda function, a, _b, _c, fpscr: function(a, bits, fraction, signed, nearest, fpscr), "integer",
-        nearest=nearest)
+        f"{'s' if signed else 'u'}{bits} #{fraction} to float{'' if nearest else ' rounded'}",
+        code,
+        "float_from_fixed",
+        lambda function, a, _b, _c, fpscr: function(a, bits, fraction, signed, nearest, fpscr),
+        "integer",
+        nearest=nearest,
+    )
 
 
 def _fixed_code(code: int, bits: int, fraction: int, signed: bool) -> int:
@@ -70,46 +77,129 @@ def _fixed_code(code: int, bits: int, fraction: int, signed: bool) -> int:
 
 BINARY = {"add": 0xEE30_0A81, "subtract": 0xEE30_0AC1, "multiply": 0xEE20_0A81, "divide": 0xEE80_0A81}
 ARITHMETIC = [
-    *(Operation(name, code, f"float_{name}", lambda function, a, b, _c, fpscr: function(a, b, fpscr))
-      for name, code in BINARY.items()),
+    *(
+        Operation(name, code, f"float_{name}", lambda function, a, b, _c, fpscr: function(a, b, fpscr))
+        for name, code in BINARY.items()
+    ),
     Operation("square root", 0xEEB1_0AE0, "float_square_root", lambda function, a, _b, _c, fpscr: function(a, fpscr)),
-    Operation("multiply and add", 0xEEA0_0A81, "float_multiply_add",
-              lambda function, a, b, c, fpscr: function(c, a, b, fpscr)),
+    Operation(
+        "multiply and add", 0xEEA0_0A81, "float_multiply_add", lambda function, a, b, c, fpscr: function(c, a, b, fpscr)
+    ),
 ]
 COMPARISONS = [
     Operation("compare", 0xEEF4_0A41, "float_compare", lambda function, a, b, _c, fpscr: function(a, b, False, fpscr)),
-    Operation("compare, signaling", 0xEEF4_0AC1, "float_compare",
-              lambda function, a, b, _c, fpscr: function(a, b, True, fpscr)),
+    Operation(
+        "compare, signaling",
+        0xEEF4_0AC1,
+        "float_compare",
+        lambda function, a, b, _c, fpscr: function(a, b, True, fpscr),
+    ),
 ]
 CONVERSIONS = [
-    Operation("to half", 0xEEB3_0A60, "float_to_half", lambda function, a, _b, _c, fpscr: function(a, fpscr),
-              mask=0xFFFF),
-    Operation("from half", 0xEEB2_0A60, "float_from_half",
-              lambda function, a, _b, _c, fpscr: function(a & 0xFFFF, fpscr), "half"),
+    Operation(
+        "to half", 0xEEB3_0A60, "float_to_half", lambda function, a, _b, _c, fpscr: function(a, fpscr), mask=0xFFFF
+    ),
+    Operation(
+        "from half",
+        0xEEB2_0A60,
+        "float_from_half",
+        lambda function, a, _b, _c, fpscr: function(a & 0xFFFF, fpscr),
+        "half",
+    ),
     _to_fixed(0xEEBD_0AE0, 32, 0, True),
     _to_fixed(0xEEBC_0AE0, 32, 0, False),
     _to_fixed(0xEEBD_0A60, 32, 0, True, truncates=False),
     _to_fixed(0xEEBC_0A60, 32, 0, False, truncates=False),
     _from_fixed(0xEEB8_0AE0, 32, 0, True, nearest=False),
     _from_fixed(0xEEB8_0A60, 32, 0, False, nearest=False),
-    *(_to_fixed(_fixed_code(0xEEBE_0A40, bits, fraction, signed), bits, fraction, signed)
-      for signed in (False, True) for bits, fraction in ((32, 1), (32, 13), (32, 32), (16, 0), (16, 7), (16, 16))),
-    *(_from_fixed(_fixed_code(0xEEBA_0A40, bits, fraction, signed), bits, fraction, signed)
-      for signed in (False, True) for bits, fraction in ((32, 9), (32, 32), (16, 0), (16, 7), (16, 16))),
+    *(
+        _to_fixed(_fixed_code(0xEEBE_0A40, bits, fraction, signed), bits, fraction, signed)
+        for signed in (False, True)
+        for bits, fraction in ((32, 1), (32, 13), (32, 32), (16, 0), (16, 7), (16, 16))
+    ),
+    *(
+        _from_fixed(_fixed_code(0xEEBA_0A40, bits, fraction, signed), bits, fraction, signed)
+        for signed in (False, True)
+        for bits, fraction in ((32, 9), (32, 32), (16, 0), (16, 7), (16, 16))
+    ),
 ]
 OPERATIONS = ARITHMETIC + COMPARISONS + CONVERSIONS
 
 SPECIAL = np.array(
-    [0, 1, 2, 3, 0x400000, 0x7FFFFE, 0x7FFFFF, 0x800000, 0x800001, 0x800002, 0xFFFFFF, 0x1000000,  # around the tiniest
-     0x33800000, 0x34000000, 0x34000001, 0x3EFFFFFF, 0x3F000000, 0x3F000001, 0x3F7FFFFF, 0x3F800000, 0x3F800001,
-     0x3FC00000, 0x3FFFFFFF, 0x40000000, 0x40200000, 0x4B000000, 0x4B7FFFFF, 0x4B800000,  # halves, 2^23 and around
-     0x46FFFE00, 0x46FFFF00, 0x47000000, 0x477FFF00, 0x477FFF80, 0x47800000,  # limits of 16 bits
-     0x4EFFFFFF, 0x4F000000, 0x4F000001, 0x4F7FFFFF, 0x4F800000, 0x4F800001,  # of 32 bits
-     0x33000000, 0x33000001, 0x33C00000, 0x387FC000, 0x387FE000, 0x387FF000, 0x38800000,  # tiny halves
-     0x477FE000, 0x477FEFFF, 0x477FF000, 0x47FFE000, 0x47FFEFFF, 0x47FFF000, 0x48000000,  # large halves
-     0x1F800000, 0x20000000, 0x5F800000, 0x5F7FFFFF, 0x7EFFFFFF, 0x7F000000, 0x7F7FFFFE, 0x7F7FFFFF,  # squares, largest
-     0x7F800000, 0x7F800001, 0x7FA12345, 0x7FBFFFFF, 0x7FC00000, 0x7FC00001, 0x7FE54321, 0x7FFFFFFF],  # infinity, NaNs
-    dtype=np.uint32)
+    [
+        0,
+        1,
+        2,
+        3,
+        0x400000,
+        0x7FFFFE,
+        0x7FFFFF,
+        0x800000,
+        0x800001,
+        0x800002,
+        0xFFFFFF,
+        0x1000000,  # around the tiniest
+        0x33800000,
+        0x34000000,
+        0x34000001,
+        0x3EFFFFFF,
+        0x3F000000,
+        0x3F000001,
+        0x3F7FFFFF,
+        0x3F800000,
+        0x3F800001,
+        0x3FC00000,
+        0x3FFFFFFF,
+        0x40000000,
+        0x40200000,
+        0x4B000000,
+        0x4B7FFFFF,
+        0x4B800000,  # halves, 2^23 and around
+        0x46FFFE00,
+        0x46FFFF00,
+        0x47000000,
+        0x477FFF00,
+        0x477FFF80,
+        0x47800000,  # limits of 16 bits
+        0x4EFFFFFF,
+        0x4F000000,
+        0x4F000001,
+        0x4F7FFFFF,
+        0x4F800000,
+        0x4F800001,  # of 32 bits
+        0x33000000,
+        0x33000001,
+        0x33C00000,
+        0x387FC000,
+        0x387FE000,
+        0x387FF000,
+        0x38800000,  # tiny halves
+        0x477FE000,
+        0x477FEFFF,
+        0x477FF000,
+        0x47FFE000,
+        0x47FFEFFF,
+        0x47FFF000,
+        0x48000000,  # large halves
+        0x1F800000,
+        0x20000000,
+        0x5F800000,
+        0x5F7FFFFF,
+        0x7EFFFFFF,
+        0x7F000000,
+        0x7F7FFFFE,
+        0x7F7FFFFF,  # squares, largest
+        0x7F800000,
+        0x7F800001,
+        0x7FA12345,
+        0x7FBFFFFF,
+        0x7FC00000,
+        0x7FC00001,
+        0x7FE54321,
+        0x7FFFFFFF,
+    ],  # infinity, NaNs
+    dtype=np.uint32,
+)
 
 
 def random_floats(random: np.random.Generator, count: int) -> Words:
@@ -177,16 +267,32 @@ class Reference:
 
     def apply(self, code: int, operands: Words) -> Words:
         """Return rows of s0 and FPSCR for rows of s1, s2, s0 and FPSCR."""
-        return np.concatenate([
-            self._apply(code, operands[first:first + self.ROWS]) for first in range(0, len(operands), self.ROWS)])
+        return np.concatenate(
+            [self._apply(code, operands[first : first + self.ROWS]) for first in range(0, len(operands), self.ROWS)]
+        )
 
     def _apply(self, code: int, operands: Words) -> Words:
         loop = [
-            0x68C3, 0xEEE1, 0x3A10,  # ldr r3, [r0, #12]; vmsr fpscr, r3
-            0xEDD0, 0x0A00, 0xED90, 0x1A01, 0xED90, 0x0A02,  # vldr s1, [r0]; vldr s2, [r0, #4]; vldr s0, [r0, #8]
-            code >> 16, code & 0xFFFF,
-            0xEEF1, 0x3A10, 0xED81, 0x0A00, 0x604B,  # vmrs r3, fpscr; vstr s0, [r1]; str r3, [r1, #4]
-            0x3010, 0x3108, 0x3A01, 0xD1EB,  # adds r0, #16; adds r1, #8; subs r2, #1; bne
+            0x68C3,
+            0xEEE1,
+            0x3A10,  # ldr r3, [r0, #12]; vmsr fpscr, r3
+            0xEDD0,
+            0x0A00,
+            0xED90,
+            0x1A01,
+            0xED90,
+            0x0A02,  # vldr s1, [r0]; vldr s2, [r0, #4]; vldr s0, [r0, #8]
+            code >> 16,
+            code & 0xFFFF,
+            0xEEF1,
+            0x3A10,
+            0xED81,
+            0x0A00,
+            0x604B,  # vmrs r3, fpscr; vstr s0, [r1]; str r3, [r1, #4]
+            0x3010,
+            0x3108,
+            0x3A01,
+            0xD1EB,  # adds r0, #16; adds r1, #8; subs r2, #1; bne
         ]
         end = self.CODE + 2 * len(loop)
         self.emulator.mem_write(self.CODE, np.array(loop, "<u2").tobytes())
@@ -274,12 +380,18 @@ def _half_as_float(a: NDArray[np.float32], _b: NDArray[np.float32]) -> NDArray[n
 
 @pytest.mark.parametrize(
     ("name", "with_numpy"),
-    [("add", np.add), ("subtract", np.subtract), ("multiply", np.multiply), ("divide", np.divide),
-     ("square root", lambda a, _b: np.sqrt(a)),
-     ("to half", lambda a, _b: a.astype(np.float16)),
-     ("from half", _half_as_float),
-     ("s32 #0 to float rounded", lambda a, _b: a.view(np.int32).astype(np.float32)),
-     ("u32 #0 to float rounded", lambda a, _b: a.view(np.uint32).astype(np.float32))])
+    [
+        ("add", np.add),
+        ("subtract", np.subtract),
+        ("multiply", np.multiply),
+        ("divide", np.divide),
+        ("square root", lambda a, _b: np.sqrt(a)),
+        ("to half", lambda a, _b: a.astype(np.float16)),
+        ("from half", _half_as_float),
+        ("s32 #0 to float rounded", lambda a, _b: a.view(np.int32).astype(np.float32)),
+        ("u32 #0 to float rounded", lambda a, _b: a.view(np.uint32).astype(np.float32)),
+    ],
+)
 def test_results_that_are_rounded_to_nearest_are_those_of_numpy(
     name: str, with_numpy: Callable[[NDArray[np.float32], NDArray[np.float32]], NDArray[np.floating[Any]]]
 ) -> None:

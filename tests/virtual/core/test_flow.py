@@ -23,8 +23,14 @@ from .decoder import instances, operation_name, random_instructions
 ADDRESS = 0x1002
 SP, PC, NONE = 13, 15, lib.NO_REGISTER
 REGISTERS = {f"r{number}": number for number in range(16)} | {
-    "sb": 9, "sl": 10, "fp": 11, "ip": 12, "sp": SP, "lr": 14, "pc": PC
-}  # fmt: skip
+    "sb": 9,
+    "sl": 10,
+    "fp": 11,
+    "ip": 12,
+    "sp": SP,
+    "lr": 14,
+    "pc": PC,
+}
 IT_OF_ONE = b"\x18\xbf"  # IT NE
 
 OWN_CONDITION = re.compile(r"cbn?z .*|b(eq|ne|hs|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)(\.w)? .*")
@@ -106,11 +112,13 @@ def expected(text: str, writes: int, in_it_block: bool) -> dict[str, Any]:
     if in_it_block and changed.is_sum:
         changed = changed._replace(is_sum=False)
     return changed._asdict() | {
-        "flow": getattr(lib, f"FLOW_{flow}"), "target": target,
+        "flow": getattr(lib, f"FLOW_{flow}"),
+        "target": target,
         "entry_size": ENTRY_SIZES[text.split()[0]] if flow == "TABLE" else 0,
-        "conditional": OWN_CONDITION.fullmatch(text) is not None and not in_it_block, "in_it_block": in_it_block,
+        "conditional": OWN_CONDITION.fullmatch(text) is not None and not in_it_block,
+        "in_it_block": in_it_block,
         "begins_it_block": re.match(r"it[te]* ", text) is not None,
-    }  # fmt: skip
+    }
 
 
 def trials(of_each: int, pairs: int) -> Iterator[tuple[str, bytes, Any, Any]]:

@@ -43,9 +43,7 @@ def test_random_programs_stay_within_the_machine(fuzzer: Path) -> None:
 
 
 @pytest.mark.ci
-def test_a_program_does_the_same_on_arm64(
-    fuzzer: Path, require_tool: Callable[[str], str], tmp_path: Path
-) -> None:
+def test_a_program_does_the_same_on_arm64(fuzzer: Path, require_tool: Callable[[str], str], tmp_path: Path) -> None:
     program = tmp_path / "fuzz_programs"
     sources = [*sorted(SOURCES.glob("*.c")), Path(__file__).with_name("fuzz_programs.c")]
     compiler = require_tool("aarch64-linux-gnu-gcc")

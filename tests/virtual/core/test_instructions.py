@@ -58,10 +58,21 @@ int uc_free(void *context);
 """
 # What Unicorn calls a fault: numbers of QEMU's exceptions and of Unicorn's errors. 8 is a branch to EXC_RETURN, which
 # in Thread mode is an address like any other (B1.5.8), and nothing executes there.
-_EXCEPTIONS = {1: "UNDEFINED_INSTRUCTION", 3: "EXECUTE_NEVER", 4: "UNALIGNED", 7: "BREAKPOINT",
-               8: "EXECUTE_NEVER", 17: "NO_COPROCESSOR", 18: "INVALID_STATE"}  # fmt: skip
-_ERRORS = {unicorn.UC_ERR_READ_UNMAPPED: "DATA_BUS", unicorn.UC_ERR_WRITE_UNMAPPED: "DATA_BUS",
-           unicorn.UC_ERR_FETCH_UNMAPPED: "INSTRUCTION_BUS", unicorn.UC_ERR_INSN_INVALID: "UNDEFINED_INSTRUCTION"}
+_EXCEPTIONS = {
+    1: "UNDEFINED_INSTRUCTION",
+    3: "EXECUTE_NEVER",
+    4: "UNALIGNED",
+    7: "BREAKPOINT",
+    8: "EXECUTE_NEVER",
+    17: "NO_COPROCESSOR",
+    18: "INVALID_STATE",
+}
+_ERRORS = {
+    unicorn.UC_ERR_READ_UNMAPPED: "DATA_BUS",
+    unicorn.UC_ERR_WRITE_UNMAPPED: "DATA_BUS",
+    unicorn.UC_ERR_FETCH_UNMAPPED: "INSTRUCTION_BUS",
+    unicorn.UC_ERR_INSN_INVALID: "UNDEFINED_INSTRUCTION",
+}
 RAN = "ran"
 # Unicorn stops or goes elsewhere at these; tests of their own show what the core does. What is undefined is compared in
 # test_decode.py.
@@ -154,7 +165,8 @@ class Core:
         self._machine = self._ffi.gc(self._library.machine_create(False), self._library.machine_destroy)
         self.code, self.data = (
             self._library.machine_add_memory(self._machine, base, size, True)
-            for base, size in ((CODE, CODE_SIZE), (DATA, DATA_SIZE)))
+            for base, size in ((CODE, CODE_SIZE), (DATA, DATA_SIZE))
+        )
         self._core = self._library.machine_core(self._machine)
         self._core.deadline = 2**62
         self._after = np.zeros(len(COMPARED), np.uint32)
@@ -271,18 +283,21 @@ def random_instances(chance: np.random.Generator, encoding: Encoding, count: int
     """
     table = encodings()
     special_cases = [
-        (other.mask, other.value) for other in table[:table.index(encoding)]
-        if other.size == encoding.size and other.mask & ~encoding.mask
+        (other.mask, other.value)
+        for other in table[: table.index(encoding)]
+        if other.size == encoding.size
+        and other.mask & ~encoding.mask
         and not (other.value ^ encoding.value) & other.mask & encoding.mask
-    ]  # fmt: skip
+    ]
     instances: list[int] = []
     for _ in range(TRIALS):
         drawn = chance.integers(0, 1 << 8 * encoding.size, count) & ~encoding.mask | encoding.value
         instances += [
-            bits for bits in drawn.tolist()
+            bits
+            for bits in drawn.tolist()
             if not any(bits & mask == value for mask, value in special_cases)
             and operation(bits, encoding.size)[0] not in _APART
-        ]  # fmt: skip
+        ]
         if not instances or len(instances) >= count:
             break
     return instances[:count]
@@ -301,8 +316,11 @@ def explanation(name: str, decoded: Any, it_state: int, fpscr: int, outcomes: tu
     """Return why the core does something else than Unicorn, by the architecture manual (DDI 0403E); or nothing."""
     if outcomes in (("UNALIGNED", RAN), ("UNALIGNED", "DATA_BUS")):
         exclusive = name.startswith(("STREX", "LDREX"))
-        return ("B2.3.7: exclusive accesses are aligned, which is checked before the monitor" if exclusive else
-                "A3.2.1: LDM, STM, LDRD, STRD and transfers of the FPU are aligned")  # fmt: skip
+        return (
+            "B2.3.7: exclusive accesses are aligned, which is checked before the monitor"
+            if exclusive
+            else "A3.2.1: LDM, STM, LDRD, STRD and transfers of the FPU are aligned"
+        )
     if name in ("LDRD", "LDRD_W") and (name == "LDRD_W" or decoded.mode) and decoded.n in (decoded.d, decoded.a):
         return "A7.7.50: write-back into a register that is loaded is UNPREDICTABLE"
     if name == "MRS" and (decoded.immediate == _CONTROL or decoded.immediate >= _NON_SECURE):

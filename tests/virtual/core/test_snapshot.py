@@ -24,9 +24,27 @@ DEVICE = 0x40000000
 PROFILE = load_profile("cortex-m4-trm/2")
 # What a program may see of the core.
 FIELDS = (
-    "cycles", "instructions", "device_loads", "other_stack", "control", "primask", "faultmask", "basepri", "negative",
-    "zero", "carry", "overflow", "saturated", "ge", "it_state", "thumb", "fpscr", "event", "fpu_enabled", "lazy_frame",
-)  # fmt: skip
+    "cycles",
+    "instructions",
+    "device_loads",
+    "other_stack",
+    "control",
+    "primask",
+    "faultmask",
+    "basepri",
+    "negative",
+    "zero",
+    "carry",
+    "overflow",
+    "saturated",
+    "ge",
+    "it_state",
+    "thumb",
+    "fpscr",
+    "event",
+    "fpu_enabled",
+    "lazy_frame",
+)
 
 
 class Program:

@@ -126,14 +126,19 @@ def shipped_values(name: str) -> dict[str, int]:
 def random_values(chance: random.Random) -> dict[str, int]:
     """Return values of all rows, now and then without the one that a profile need not have."""
     values = {
-        "flash_clocks": chance.choice((1, 2, 5, 7)), "flash_line_bytes": 2 ** chance.randint(2, 6),
-        "flash_read_ahead": chance.randrange(2), "cache_entry_bytes": 2 ** chance.randint(2, 6),
-        "cache_ways": chance.choice((1, 2, 4, 5, 16)), "cache_sets": 2 ** chance.randint(0, 6),
-        "flash_uncertainty": 15, "unaligned": chance.randint(0, 3),
+        "flash_clocks": chance.choice((1, 2, 5, 7)),
+        "flash_line_bytes": 2 ** chance.randint(2, 6),
+        "flash_read_ahead": chance.randrange(2),
+        "cache_entry_bytes": 2 ** chance.randint(2, 6),
+        "cache_ways": chance.choice((1, 2, 4, 5, 16)),
+        "cache_sets": 2 ** chance.randint(0, 6),
+        "flash_uncertainty": 15,
+        "unaligned": chance.randint(0, 3),
     } | {
         f"{place}_{count}": chance.choice((0, 3, 50, 150, 1000))
-        for place in ("lower", "upper", "flash_lower") for count in ("single", "multiple")
-    }  # fmt: skip
+        for place in ("lower", "upper", "flash_lower")
+        for count in ("single", "multiple")
+    }
     assert values.keys() == {*MEMORY_ROWS, *MEMORY_RULES}
     return values if chance.random() < 0.8 else {name: value for name, value in values.items() if name != "unaligned"}
 
@@ -172,11 +177,25 @@ def test_halves_of_a_cycle_are_waited_for_together() -> None:
     assert access() == 0
 
 
-@pytest.mark.parametrize(("row", "value"), [
-    ("", 1), ("flash", 1), ("cache_ways", 0), ("cache_ways", 17), ("cache_sets", 128), ("cache_sets", 3),
-    ("flash_clocks", 0), ("flash_clocks", 1001), ("flash_line_bytes", 2), ("flash_line_bytes", 24),
-    ("cache_entry_bytes", 2), ("flash_read_ahead", 2), ("unaligned", -1), ("lower_single", 1001),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("row", "value"),
+    [
+        ("", 1),
+        ("flash", 1),
+        ("cache_ways", 0),
+        ("cache_ways", 17),
+        ("cache_sets", 128),
+        ("cache_sets", 3),
+        ("flash_clocks", 0),
+        ("flash_clocks", 1001),
+        ("flash_line_bytes", 2),
+        ("flash_line_bytes", 24),
+        ("cache_entry_bytes", 2),
+        ("flash_read_ahead", 2),
+        ("unaligned", -1),
+        ("lower_single", 1001),
+    ],
+)
 def test_a_row_that_is_none_or_out_of_range_is_refused_and_changes_nothing(row: str, value: int) -> None:
     model = NewModel(shipped_values(PROFILES[1]))
     before = bytes(model.ffi.buffer(model.waits))

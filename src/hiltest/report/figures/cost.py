@@ -21,8 +21,14 @@ _WIDTH = panel_width(2, 2)
 # Cycles for N points according to the thesis: its own calibrator, and the library's with one iteration per point.
 _THESIS = (("thesis: 168 N + 2600", 168.0, 2600.0), ("thesis: 2860 N", 2860.0, 0.0))
 _CURVE_COLUMNS = {
-    "calibrator": "calibrator", "points": "of points", "kind": "effort in", "effort": "effort", "cycles": "cycles",
-    "fit": "fit", "mean_error": "mean error [deg]", "max_error": "worst error [deg]",
+    "calibrator": "calibrator",
+    "points": "of points",
+    "kind": "effort in",
+    "effort": "effort",
+    "cycles": "cycles",
+    "fit": "fit",
+    "mean_error": "mean error [deg]",
+    "max_error": "worst error [deg]",
 }
 
 
@@ -57,8 +63,12 @@ def _accuracy_figure(run: Run) -> Figure | None:
             f"{cost.name}: {error:.2f} degrees for {format_number(cost.cycles or 0)} cycles"
             for cost, _, error, _ in rated
         ),
-        x_label="thousand cycles", y_label="worst heading error [deg]", x_range=(min(xs) / 1.5, max(xs) * 1.5),
-        y_range=(0.0, top), log_x=True, width=_WIDTH,
+        x_label="thousand cycles",
+        y_label="worst heading error [deg]",
+        x_range=(min(xs) / 1.5, max(xs) * 1.5),
+        y_range=(0.0, top),
+        log_x=True,
+        width=_WIDTH,
     )
     for cost, x, error, limit in rated:
         style, mark = _series(run, cost.name)
@@ -74,9 +84,13 @@ def _sizes_figure(run: Run, table: Table) -> Figure | None:
     """Draw the cycles of one calibration over its points."""
     sizes = numbers(table, "n")
     curves = {
-        column.name: [(n, count / 1000.0) for n, count in zip(sizes, numbers(table, column.name), strict=True)
-                      if _is_positive(n) and _is_positive(count)]
-        for column in table.columns if column.name != "n"
+        column.name: [
+            (n, count / 1000.0)
+            for n, count in zip(sizes, numbers(table, column.name), strict=True)
+            if _is_positive(n) and _is_positive(count)
+        ]
+        for column in table.columns
+        if column.name != "n"
     }
     curves = {name: points for name, points in curves.items() if points}
     points = [point for curve in curves.values() for point in curve]
@@ -86,10 +100,15 @@ def _sizes_figure(run: Run, table: Table) -> Figure | None:
         title="Cycles of one calibration over its points",
         description="; ".join(
             f"{name}: {format_number(1000.0 * points[0][1])} cycles for {points[0][0]:g} points to "
-            f"{format_number(1000.0 * points[-1][1])} for {points[-1][0]:g}" for name, points in curves.items()
+            f"{format_number(1000.0 * points[-1][1])} for {points[-1][0]:g}"
+            for name, points in curves.items()
         ),
-        x_label="points n", y_label="thousand cycles", x_range=(0.0, 1.05 * max(n for n, _ in points)),
-        y_range=_axis_range([y for _, y in points]), log_y=True, width=_WIDTH,
+        x_label="points n",
+        y_label="thousand cycles",
+        x_range=(0.0, 1.05 * max(n for n, _ in points)),
+        y_range=_axis_range([y for _, y in points]),
+        log_y=True,
+        width=_WIDTH,
     )
     for name, points in curves.items():
         style, mark = _series(run, name)
@@ -119,12 +138,14 @@ def budget_group(run: Run) -> FigureGroup | None:
         return None
     columns = [written(table.column_if_any(name)) for name in _CURVE_COLUMNS]
     return FigureGroup(
-        "budget", "Error against cycle budget",
+        "budget",
+        "Error against cycle budget",
         "Each calibrator with more and more effort on the same points: a closed form with more of them, one that "
         "iterates with more sweeps, a streaming calibrator with more points received. Mean over the known angles. "
         "Hollow: only a sphere was fitted, no ellipsoid. Upright lines: the cycles that the thesis counts for its own "
         "calibrator and for the library's.",
-        figures, short="Budget",
+        figures,
+        short="Budget",
         numbers=[Sheet("Every effort", list(_CURVE_COLUMNS.values()), list(zip(*columns, strict=True)))],
     )
 
@@ -146,9 +167,11 @@ def budget_figures(run: Run) -> list[Figure]:
     drawn = {points: curves for points, curves in sorted(figures.items()) if any(c.points for c in curves.values())}
     points_drawn = [point for curves in drawn.values() for curve in curves.values() for point in curve.points]
     thesis = [cycles / 1000.0 for points in drawn for _, cycles in _thesis(points)]
-    frame = [
-        _axis_range([*(x for x, _ in points_drawn), *thesis]), _axis_range([y for _, y in points_drawn])
-    ] if points_drawn else []
+    frame = (
+        [_axis_range([*(x for x, _ in points_drawn), *thesis]), _axis_range([y for _, y in points_drawn])]
+        if points_drawn
+        else []
+    )
     return [_budget_figure(run, points, curves, frame, panel_width(len(drawn), 3)) for points, curves in drawn.items()]
 
 
@@ -179,9 +202,16 @@ def _budget_figure(
     run: Run, points: float, curves: Mapping[str, _Curve], frame: Sequence[Point], width: float
 ) -> Figure:
     figure = Figure(
-        title=f"{points:g} points", description="; ".join(curve.describe_end(name) for name, curve in curves.items()),
-        x_label="thousand cycles", y_label="mean error [deg]", x_range=frame[0], y_range=frame[1], width=width,
-        height=300.0, log_x=True, log_y=True,
+        title=f"{points:g} points",
+        description="; ".join(curve.describe_end(name) for name, curve in curves.items()),
+        x_label="thousand cycles",
+        y_label="mean error [deg]",
+        x_range=frame[0],
+        y_range=frame[1],
+        width=width,
+        height=300.0,
+        log_x=True,
+        log_y=True,
     )
     for words, cycles in _thesis(points):
         figure.upright(cycles / 1000.0, f"{words} = {format_number(cycles)}", "thesis")

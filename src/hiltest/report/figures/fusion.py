@@ -27,10 +27,12 @@ def fusion_group(run: Run) -> FigureGroup | None:
     headings = [f"{column.name.replace('_', ' ')} [{column.unit}]" for column in table.columns]
     limits = limit_figure(run.measurements, Section.FUSION, "Share of each fusion limit")
     return FigureGroup(
-        "fusion", "Fusion during a motion",
+        "fusion",
+        "Fusion during a motion",
         "Heading while the board was turned and tilted, less the true heading; all three began with the same attitude.",
         [drawn_figure for drawn_figure in (figure, limits) if drawn_figure],
-        numbers=[Sheet("Heading, and the errors", headings, [written(row) for row in table.rows])], short="Fusion",
+        numbers=[Sheet("Heading, and the errors", headings, [written(row) for row in table.rows])],
+        short="Fusion",
     )
 
 
@@ -46,8 +48,11 @@ def motion_figure(run: Run) -> Figure | None:
     figure = Figure(
         title="Heading error over time",
         description="; ".join(f"{words}: at most {_largest(lines[name]):.2f} degrees" for name, words, _ in shown),
-        x_label="time [s]", y_label="error [deg]", x_range=(0.0, max(ends_s, 0.1)),
-        y_range=(-1.05 * (largest or 0.1), 1.05 * (largest or 0.1)), width=panel_width(2, 2),
+        x_label="time [s]",
+        y_label="error [deg]",
+        x_range=(0.0, max(ends_s, 0.1)),
+        y_range=(-1.05 * (largest or 0.1), 1.05 * (largest or 0.1)),
+        width=panel_width(2, 2),
     )
     for name, words, style in shown:
         figure.series(words, lines[name], style)

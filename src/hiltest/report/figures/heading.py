@@ -34,15 +34,24 @@ def heading_group(run: Run) -> FigureGroup | None:
     limits = {name: upper_limit(run.measurement(f"heading.{name}.max")) for name in errors}
     sizes = [abs(error) for series in errors.values() for error in series if math.isfinite(error)]
     top = 1.15 * max([*sizes, *filter(None, limits.values()), 0.1])
-    return FigureGroup(
-        "heading", "Heading error at known angles",
-        "The heading that the board answered, less the angle that the turntable was set to. Only the mounting that the "
-        "rig declares is subtracted.",
-        [_panel(name, _poses(table, series), limits[name], top, panel_width(len(errors), _MOST))
-         for name, series in errors.items()],
-        most=_MOST, caption="Error [deg] over heading [deg], on the same axes for each calibrator",
-        numbers=[_sheet(table, errors)], short="Heading error",
-    ) if errors else None
+    return (
+        FigureGroup(
+            "heading",
+            "Heading error at known angles",
+            "The heading that the board answered, less the angle that the turntable was set to. Only the mounting that "
+            "the rig declares is subtracted.",
+            [
+                _panel(name, _poses(table, series), limits[name], top, panel_width(len(errors), _MOST))
+                for name, series in errors.items()
+            ],
+            most=_MOST,
+            caption="Error [deg] over heading [deg], on the same axes for each calibrator",
+            numbers=[_sheet(table, errors)],
+            short="Heading error",
+        )
+        if errors
+        else None
+    )
 
 
 def _poses(table: Table, errors: Sequence[float]) -> list[_Pose]:
@@ -56,8 +65,13 @@ def _panel(name: str, poses: Sequence[_Pose], limit: float | None, top: float, w
     figure = Figure(
         title=f"{name}: {words}",
         description=f"{len(poses)} poses, {'no limit' if limit is None else f'limit {limit:g} degrees'}",
-        x_label="", y_label="", x_range=(0, 360), y_range=(-top, top), x_ticks=(0, 90, 180, 270, 360),
-        width=width, height=170.0,
+        x_label="",
+        y_label="",
+        x_range=(0, 360),
+        y_range=(-top, top),
+        x_ticks=(0, 90, 180, 270, 360),
+        width=width,
+        height=170.0,
     )
     figure.limit(limit)
     figure.level(0, "zero")
@@ -78,6 +92,7 @@ def _sheet(table: Table, errors: dict[str, list[float]]) -> Sheet:
     poses = zip(*(written(table.column_if_any(name)) for name in ("heading", "pitch", "roll")), strict=True)
     signed = ([f"{error:+.2f}" if math.isfinite(error) else "" for error in series] for series in errors.values())
     return Sheet(
-        "Heading error at each pose [deg]", ["heading", "pitch", "roll", *errors],
+        "Heading error at each pose [deg]",
+        ["heading", "pitch", "roll", *errors],
         [[*pose, *cells] for pose, cells in zip(poses, zip(*signed, strict=True), strict=True)],
     )

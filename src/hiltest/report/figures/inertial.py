@@ -23,7 +23,9 @@ def accelerometer_group(run: Run) -> FigureGroup | None:
         "Accelerometer",
         "Every heading rests on the direction of gravity. Tilt error: pitch and roll that the board answered at the "
         "known angles, less what the turntable was set to.",
-        limits, _tilt_figure(run), _faces_figure(run),
+        limits,
+        _tilt_figure(run),
+        _faces_figure(run),
     )
 
 
@@ -31,8 +33,11 @@ def gyroscope_group(run: Run) -> FigureGroup | None:
     """Return the section; None without a measurement in it."""
     limits = limit_figure(run.measurements, Section.GYROSCOPE, "Share of each gyroscope limit")
     return _group(
-        "Gyroscope", "Bias from an earlier rest than the one it is checked on, scale and axes from whole turns of the "
-        "table.", limits, _rest_figure(run), _noise_figure(run),
+        "Gyroscope",
+        "Bias from an earlier rest than the one it is checked on, scale and axes from whole turns of the table.",
+        limits,
+        _rest_figure(run),
+        _noise_figure(run),
     )
 
 
@@ -47,9 +52,17 @@ def _tilt_figure(run: Run) -> Figure | None:
         return None
     heading = numbers(table, "heading")
     errors = {
-        name: [(h, answered - set_to) for h, answered, set_to in zip(
-            heading, numbers(table, f"answered_{name}"), numbers(table, name), strict=True,
-        ) if math.isfinite(h + answered - set_to)] for name in ("pitch", "roll")
+        name: [
+            (h, answered - set_to)
+            for h, answered, set_to in zip(
+                heading,
+                numbers(table, f"answered_{name}"),
+                numbers(table, name),
+                strict=True,
+            )
+            if math.isfinite(h + answered - set_to)
+        ]
+        for name in ("pitch", "roll")
     }
     largest = {name: max((abs(error) for _, error in points), default=0.0) for name, points in errors.items()}
     if not any(errors.values()):
@@ -59,8 +72,12 @@ def _tilt_figure(run: Run) -> Figure | None:
     figure = Figure(
         title="Tilt error at the known angles",
         description="; ".join(f"{name}: at most {error:.2f} degrees" for name, error in largest.items()),
-        x_label="heading [deg]", y_label="error [deg]", x_range=(0, 360), y_range=(-top, top),
-        x_ticks=(0, 90, 180, 270, 360), width=panel_width(3, 3),
+        x_label="heading [deg]",
+        y_label="error [deg]",
+        x_range=(0, 360),
+        y_range=(-top, top),
+        x_ticks=(0, 90, 180, 270, 360),
+        width=panel_width(3, 3),
     )
     figure.limit(limit)
     figure.level(0, "zero")
@@ -81,10 +98,13 @@ def _faces_figure(run: Run) -> RowFigure | None:
     mean = sum(lengths) / len(lengths)
     off_mg = [1000.0 * (length / mean - 1.0) for length in lengths]
     reach = 2.1 * max(0.1, *map(abs, off_mg))
-    return RowFigure("Gravity magnitude per face before calibration, deviation from the mean", [
-        Row(_face_up(face), f"{off:+.2f} mg", 0.5 + off / reach, Mark.DOT, "level filled", start=0.5)
-        for face, off in zip(faces, off_mg, strict=True)
-    ])
+    return RowFigure(
+        "Gravity magnitude per face before calibration, deviation from the mean",
+        [
+            Row(_face_up(face), f"{off:+.2f} mg", 0.5 + off / reach, Mark.DOT, "level filled", start=0.5)
+            for face, off in zip(faces, off_mg, strict=True)
+        ],
+    )
 
 
 def _face_up(counts: tuple[float, ...]) -> str:
@@ -95,12 +115,16 @@ def _face_up(counts: tuple[float, ...]) -> str:
 def _rest_figure(run: Run) -> RowFigure | None:
     """Draw the rate at rest before and after the bias was subtracted."""
     measured = {
-        words: run.measurement(name) for words, name in
-        (("before calibration", "gyroscope.uncorrected_error"), ("bias subtracted", "gyroscope.bias_error"))
+        words: run.measurement(name)
+        for words, name in (
+            ("before calibration", "gyroscope.uncorrected_error"),
+            ("bias subtracted", "gyroscope.bias_error"),
+        )
     }
     values = {
         words: (abs(measurement.value), f"{abs(measurement.value):.3g} {measurement.unit}")
-        for words, measurement in measured.items() if measurement is not None and measurement.value is not None
+        for words, measurement in measured.items()
+        if measurement is not None and measurement.value is not None
     }
     return bars("Rate at rest", values) if len(values) == len(measured) else None
 

@@ -16,7 +16,8 @@ _WIDTH, _ROW, _LEFT, _RIGHT = 380.0, 42.0, 4.0, 376.0
 _TEXT, _BAR, _THICK = 15.0, 28.0, 8.0  # below the top of a row: text line, middle of the bar; height of the bar
 _ROOM = 0.75  # part of the width that a limit allows; the rest shows how far a value is beyond it
 _KEY = (
-    KeyEntry("within its limit", "", Mark.DOT, "level filled"), KeyEntry("beyond it", "", Mark.CROSS, "over"),
+    KeyEntry("within its limit", "", Mark.DOT, "level filled"),
+    KeyEntry("beyond it", "", Mark.CROSS, "over"),
     KeyEntry("limit", "end"),
 )
 
@@ -63,8 +64,10 @@ class RowFigure:
 def bars(title: str, values: Mapping[str, tuple[float, str]]) -> RowFigure:
     """Draw numbers that are not negative as bars, by name, each with its text."""
     most = max(value for value, _ in values.values()) or 1.0
-    rows = [Row(name, text, 0.96 * value / most, Mark.DOT, "level filled", start=0.0)
-            for name, (value, text) in values.items()]
+    rows = [
+        Row(name, text, 0.96 * value / most, Mark.DOT, "level filled", start=0.0)
+        for name, (value, text) in values.items()
+    ]
     return RowFigure(title, rows)
 
 
@@ -86,9 +89,13 @@ def _limit_row(measurement: Measurement) -> Row | None:
     shares = [(side - low) / (high - low) for side in (limit.min, limit.max) if side is not None]
     zone = (shares[0], shares[1]) if len(shares) == 2 else (0.0, shares[0]) if limit.min is None else (shares[0], 1.0)
     return Row(
-        measurement.name, f"{format_with_unit(value, measurement.unit)}, {limit}",
-        at=(value - low) / (high - low), mark=Mark.DOT if held else Mark.CROSS,
-        style="level filled" if held else "over", zone=zone, ends=shares,
+        measurement.name,
+        f"{format_with_unit(value, measurement.unit)}, {limit}",
+        at=(value - low) / (high - low),
+        mark=Mark.DOT if held else Mark.CROSS,
+        style="level filled" if held else "over",
+        zone=zone,
+        ends=shares,
     )
 
 

@@ -52,10 +52,13 @@ def samples_group(run: Run) -> FigureGroup | None:
     ]
     sheets = [_calibration_sheet(results)] if results and corrected else []
     return FigureGroup(
-        "samples", "Magnetometer samples",
+        "samples",
+        "Magnetometer samples",
         "Samples that the board collected while it was tumbled: as the sensor gave them, and as each calibrator "
         f"corrects them. Samples on a sphere do not say that the heading is right.{_coverage_in_words(run)}",
-        panels, most=_MOST, caption="y over x: raw in counts, calibrated in units of the field's magnitude",
+        panels,
+        most=_MOST,
+        caption="y over x: raw in counts, calibrated in units of the field's magnitude",
         numbers=[*sheets, Sheet("Raw samples [count]", "xyz", [written(row) for row in samples.tolist()])],
         short="Samples",
     )
@@ -81,8 +84,15 @@ def _calibrations(results: Table) -> Iterator[_Calibration]:
 def _plot_along_z(title: str, words: str, samples: Array, width: float) -> Figure:
     reach = 1.15 * max(1.0, float(np.abs(samples[:, :2]).max()))
     figure = Figure(
-        title=title, description=f"{len(samples)} samples seen along z, {words}", x_label="", y_label="",
-        x_range=(-reach, reach), y_range=(-reach, reach), width=width, equal_axes=True, key=[SAMPLE],
+        title=title,
+        description=f"{len(samples)} samples seen along z, {words}",
+        x_label="",
+        y_label="",
+        x_range=(-reach, reach),
+        y_range=(-reach, reach),
+        width=width,
+        equal_axes=True,
+        key=[SAMPLE],
     )
     figure.dots(samples[:, :2].tolist(), "samples")
     return figure
@@ -117,7 +127,11 @@ def coverage_map(corrected: Array, shown: Array, hole: Hole | None) -> Figure:
     figure = _sphere_map(
         f"coverage: {100.0 * covered.mean():.0f} % of the sphere{words}",
         "Directions of the calibrated samples on an equal-area map; marked where none is near",
-        KeyEntry("no sample near", "uncovered"), SPHERE[~covered], shown, 460.0, 260.0,
+        KeyEntry("no sample near", "uncovered"),
+        SPHERE[~covered],
+        shown,
+        460.0,
+        260.0,
     )
     if named is not None:
         figure.marks(_map_points(np.array([named.direction])), "series-3 hollow", Mark.CROSS, radius=6.0)
@@ -140,18 +154,37 @@ def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
         f"largest uncovered cap: {radius_deg:.0f}° radius",
         f"Directions of {len(corrected)} calibrated samples on an equal-area map: sine of the elevation over azimuth; "
         "the largest cap without one is marked",
-        KeyEntry("largest uncovered cap", "uncovered"), cap, corrected, width, height, labelled=False,
+        KeyEntry("largest uncovered cap", "uncovered"),
+        cap,
+        corrected,
+        width,
+        height,
+        labelled=False,
     )
 
 
 def _sphere_map(
-    title: str, description: str, entry: KeyEntry, marked: Array, shown: Array, width: float, height: float, *,
+    title: str,
+    description: str,
+    entry: KeyEntry,
+    marked: Array,
+    shown: Array,
+    width: float,
+    height: float,
+    *,
     labelled: bool = True,
 ) -> Figure:
     labels = ("azimuth in the sensor's axes [deg]", "sine of the elevation") if labelled else ("", "")
     figure = Figure(
-        title, description, *labels, x_range=(-180, 180), y_range=(-1, 1), x_ticks=(-180, -90, 0, 90, 180),
-        width=width, height=height, key=[SAMPLE, entry],
+        title,
+        description,
+        *labels,
+        x_range=(-180, 180),
+        y_range=(-1, 1),
+        x_ticks=(-180, -90, 0, 90, 180),
+        width=width,
+        height=height,
+        key=[SAMPLE, entry],
     )
     figure.dots(_map_points(marked), "uncovered")
     figure.dots(_map_points(shown), "samples")

@@ -344,9 +344,11 @@ class VirtualK64F(VirtualCortexM4):
 
 
 def board_for(
-    elf: str | Path | bytes | FirmwareImage, *, profile: str | TimingProfile = DEFAULT_PROFILE,
+    elf: str | Path | bytes | FirmwareImage,
+    *,
+    profile: str | TimingProfile = DEFAULT_PROFILE,
     memory: str | None = None,
-) -> VirtualCortexM4:  # fmt: skip
+) -> VirtualCortexM4:
     """Return a board that can call functions of an image: a `VirtualK64F` if the image fits the MK64FN1M0.
 
     If other memories are named or needed, the board is a `VirtualCortexM4`, which has the same parameters.

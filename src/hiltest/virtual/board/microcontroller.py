@@ -70,9 +70,13 @@ class Microcontroller(Restorable):
     """
 
     def __init__(
-        self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False,
+        self,
+        processor: Processor,
+        i2c: Sequence[Sequence[I2cDevice]],
+        *,
+        strict: bool = False,
         flash_file: str | Path | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._processor = processor
         self.flash = FlashArray(processor, flash_file)
         self._chip = mk64f12()
@@ -116,12 +120,19 @@ class Microcontroller(Restorable):
         self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
         masters = [I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)]
         return [
-            *self.uarts, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
-            Gpio(processor.machine, list(self.ports.values())), *masters, FlashControl(self._processor.machine),
-            CheckValue(modules["CRC"]), self.random_numbers,
+            *self.uarts,
+            self.timers,
+            self.watchdog,
+            self.reset_control,
+            *self.ports.values(),
+            Gpio(processor.machine, list(self.ports.values())),
+            *masters,
+            FlashControl(self._processor.machine),
+            CheckValue(modules["CRC"]),
+            self.random_numbers,
             FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
             *dma_pages(processor.machine, modules["DMA"], modules["DMAMUX"], self.timers),
-        ]  # fmt: skip
+        ]
 
     def _uart(self, number: int) -> Uart:
         clock = self.clocks.core if number < _WITH_FIFO else self.clocks.bus

@@ -76,8 +76,9 @@ def place(buffer: Any, reserve: Callable[[int], int], write: Callable[[int, Any]
         return address
     targets = {
         offset: place(member.buffer, reserve, write)
-        for offset, member in buffer.layout() if isinstance(member, Address)
-    }  # fmt: skip
+        for offset, member in buffer.layout()
+        if isinstance(member, Address)
+    }
     address = reserve(buffer.size)
     write(address, bytes(buffer.size))
     for offset, member in buffer.layout():

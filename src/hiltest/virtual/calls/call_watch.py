@@ -87,9 +87,15 @@ class CallWatch:
         calls = self.calls(function)
         watched, (_, abandoned, came_back) = self.functions[function], self._before[function]
         return summarise_calls(
-            function, calls, self.cycles, abandoned=watched.abandoned - abandoned, open_calls=watched.open,
-            came_back=watched.came_back - came_back, lost=watched.lost, ended_in=self._ended_in(function, calls),
-        )  # fmt: skip
+            function,
+            calls,
+            self.cycles,
+            abandoned=watched.abandoned - abandoned,
+            open_calls=watched.open,
+            came_back=watched.came_back - came_back,
+            lost=watched.lost,
+            ended_in=self._ended_in(function, calls),
+        )
 
     def _ended_in(self, function: str, calls: Sequence[Call]) -> tuple[str, ...]:
         """Return the other functions that returned in place of a function."""

@@ -107,9 +107,14 @@ class _Scratch:
 
 
 def call_function(
-    processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool, clock_hz: float,
+    processor: Processor,
+    symbol: str,
+    arguments: Sequence[Argument],
+    *,
+    booted: bool,
+    clock_hz: float,
     timeout_s: float,
-) -> CallResult:  # fmt: skip
+) -> CallResult:
     """Call a function; see `VirtualCortexM4.call`."""
     function = find_function(processor.image, symbol)
     registers = processor.registers

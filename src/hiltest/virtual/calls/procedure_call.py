@@ -66,8 +66,12 @@ class ArgumentRegisters:
 
 
 def assign(
-    symbol: str, signature: Signature | None, arguments: Sequence[Argument], place: Callable[[Any], int],
-    *, hard_float: bool,
+    symbol: str,
+    signature: Signature | None,
+    arguments: Sequence[Argument],
+    place: Callable[[Any], int],
+    *,
+    hard_float: bool,
 ) -> tuple[list[int], list[int]]:
     """Distribute arguments over core words (registers, then stack) and float registers.
 
@@ -172,8 +176,9 @@ def result(kind: str, core: Sequence[int], floating: Sequence[int], *, hard_floa
         return None
     if kind in ("float", "double"):
         low, high = (floating if hard_float else core)[:2]
-        value: float = struct.unpack(*(("<f", struct.pack("<I", low)) if kind == "float"
-                                       else ("<d", struct.pack("<II", low, high))))[0]  # fmt: skip
+        value: float = struct.unpack(
+            *(("<f", struct.pack("<I", low)) if kind == "float" else ("<d", struct.pack("<II", low, high)))
+        )[0]
         return value
     bits = 64 if kind in _WIDE else 32
     word = (core[0] | core[1] << 32) if kind in _WIDE else core[0]

@@ -72,9 +72,11 @@ class SliceRecorder:
         if ended is None:
             return None
         calls = sorted(
-            (call, name) for name, function in self._functions.items() for call in function.calls
+            (call, name)
+            for name, function in self._functions.items()
+            for call in function.calls
             if call.entered in ended
-        )  # fmt: skip
+        )
         slices = tuple(Slice(name, ended[call.entered], call.cycles) for call, name in calls)
         return RecordedSolution(slices, ended=max(call.returned for call, _ in calls))
 

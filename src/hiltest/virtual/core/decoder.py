@@ -22,9 +22,7 @@ def decode(address: int, code: bytes) -> Iterator[Any]:
     """
     decoded, it_state = ffi.new("struct machine_instruction[]", _AT_ONCE), ffi.new("uint8_t *")
     begin, place = ffi.from_buffer(code), 0
-    while count := lib.machine_decode(
-        address + place, begin + place, len(code) - place, it_state, decoded, _AT_ONCE
-    ):
+    while count := lib.machine_decode(address + place, begin + place, len(code) - place, it_state, decoded, _AT_ONCE):
         for index in range(count):
             yield ffi.new("struct machine_instruction *", decoded[index])  # a copy, because `decoded` is reused
         place = decoded[count - 1].address + decoded[count - 1].size - address

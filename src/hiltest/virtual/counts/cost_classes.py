@@ -43,20 +43,35 @@ class Stall(StrEnum):
 
 
 WORK_OF_ROW = {
-    "data": Work.INTEGER, "divide": Work.INTEGER, "it": Work.INTEGER, "it_skipped": Work.INTEGER,
-    "load": Work.LOAD_STORE, "store": Work.LOAD_STORE, "store_register_offset": Work.LOAD_STORE,
-    "multiple_base": Work.LOAD_STORE, "exclusive": Work.LOAD_STORE, "fp_load": Work.LOAD_STORE,
+    "data": Work.INTEGER,
+    "divide": Work.INTEGER,
+    "it": Work.INTEGER,
+    "it_skipped": Work.INTEGER,
+    "load": Work.LOAD_STORE,
+    "store": Work.LOAD_STORE,
+    "store_register_offset": Work.LOAD_STORE,
+    "multiple_base": Work.LOAD_STORE,
+    "exclusive": Work.LOAD_STORE,
+    "fp_load": Work.LOAD_STORE,
     "fp_store": Work.LOAD_STORE,
-    "branch": Work.BRANCH, "table_branch": Work.BRANCH,
-    "barrier": Work.SYSTEM, "system": Work.SYSTEM,
-    "fp": Work.FLOATING_POINT, "fp_accumulate": Work.FLOATING_POINT, "fp_divide": Work.FLOATING_POINT,
+    "branch": Work.BRANCH,
+    "table_branch": Work.BRANCH,
+    "barrier": Work.SYSTEM,
+    "system": Work.SYSTEM,
+    "fp": Work.FLOATING_POINT,
+    "fp_accumulate": Work.FLOATING_POINT,
+    "fp_divide": Work.FLOATING_POINT,
     "fp_move_pair": Work.FLOATING_POINT,
-}  # fmt: skip
+}
 """Work of each instruction row of a timing profile."""
 
 STALL_NUMBERS = {
-    Stall.TAKEN_BRANCH: lib.STALL_TAKEN_BRANCH, Stall.FP_RESULT: lib.STALL_FP_RESULT,
-    Stall.DIVISION: lib.STALL_DIVISION, Stall.LOAD_USE: lib.STALL_LOAD_USE,
-    Stall.STORE_BUFFER: lib.STALL_STORE_BUFFER, Stall.ADDRESS: lib.STALL_ADDRESS, Stall.FETCH: lib.STALL_FETCH,
-}  # fmt: skip
+    Stall.TAKEN_BRANCH: lib.STALL_TAKEN_BRANCH,
+    Stall.FP_RESULT: lib.STALL_FP_RESULT,
+    Stall.DIVISION: lib.STALL_DIVISION,
+    Stall.LOAD_USE: lib.STALL_LOAD_USE,
+    Stall.STORE_BUFFER: lib.STALL_STORE_BUFFER,
+    Stall.ADDRESS: lib.STALL_ADDRESS,
+    Stall.FETCH: lib.STALL_FETCH,
+}
 """Number of each stall in the core's results."""

@@ -53,7 +53,10 @@ Loop = tuple[int, int]
 
 
 def placements(
-    name: str, loops: Mapping[Loop, int], executed: Mapping[int, FetchTally], image: FirmwareImage,
+    name: str,
+    loops: Mapping[Loop, int],
+    executed: Mapping[int, FetchTally],
+    image: FirmwareImage,
     text_at: Callable[[int], str],
 ) -> Iterator[LoopPlacement]:
     """Yield the loops of a function in which instructions wait to be fetched.
@@ -77,10 +80,15 @@ def placements(
         late = sum(tally.late for tally in wide)
         if late:
             yield LoopPlacement(
-                name, image.location_at(loop[0]), *loop, loops[loop],
+                name,
+                image.location_at(loop[0]),
+                *loop,
+                loops[loop],
                 sum(tally.executions for tally in wide if tally.misplaced),
-                sum(tally.executions for tally in wide), late, _advice(loop, tallies, text_at),
-            )  # fmt: skip
+                sum(tally.executions for tally in wide),
+                late,
+                _advice(loop, tallies, text_at),
+            )
 
 
 def _advice(loop: Loop, tallies: list[FetchTally], text_at: Callable[[int], str]) -> str:

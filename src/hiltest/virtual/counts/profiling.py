@@ -109,9 +109,12 @@ class CallProfile(CallResult):
 
 
 def profile_call(
-    board: VirtualCortexM4, function: str, *arguments: Argument, timeout_s: float = HANG_S,
+    board: VirtualCortexM4,
+    function: str,
+    *arguments: Argument,
+    timeout_s: float = HANG_S,
     clock_hz: float | None = None,
-) -> CallProfile:  # fmt: skip
+) -> CallProfile:
     """Call one function of an image, and count its cycles in detail.
 
     Parameters
@@ -242,19 +245,28 @@ class _Sums:
         executed = ([result.executed], nothing) if result.executed else None
         addresses = tuple(sorted(self._address_costs(), key=lambda cost: (-cost.cycles, cost.address)))
         return CallProfile(
-            result.value, result.cycles, result.instructions, result.clock_hz, function, self._cycle_model,
-            self._work, self._stalls, sum(path.asleep_cycles for path in self._paths),
+            result.value,
+            result.cycles,
+            result.instructions,
+            result.clock_hz,
+            function,
+            self._cycle_model,
+            self._work,
+            self._stalls,
+            sum(path.asleep_cycles for path in self._paths),
             functions=tuple(sorted(self._function_costs(), key=lambda cost: (-cost.self_cycles, cost.name))),
             lines=tuple(sorted(_line_costs(addresses), key=lambda cost: (-cost.cycles, cost.location))),
-            addresses=addresses, stacks=tuple(sorted(self._stacks(), key=lambda cost: (-cost.cycles, cost.functions))),
+            addresses=addresses,
+            stacks=tuple(sorted(self._stacks(), key=lambda cost: (-cost.cycles, cost.functions))),
             band=range_where_it_ran(self._timing, self._cycle_model, result.cycles, executed),
             memory_cycles=memory_cycles if self._timing.memory else None,
             loops=tuple(self._placements(LEAST_SHARE * result.cycles)),
-        )  # fmt: skip
+        )
 
     def _placements(self, least: float) -> list[LoopPlacement]:
         loops = [
-            loop for function, turns in self._loops.items()
+            loop
+            for function, turns in self._loops.items()
             for loop in placements(self._names[function], turns, self._fetched[function], self._image, self._text_at)
         ]
         return sorted((loop for loop in loops if loop.cycles >= least), key=lambda loop: (-loop.cycles, loop.address))
@@ -278,9 +290,14 @@ class _Sums:
     def _address_costs(self) -> Iterator[AddressCost]:
         for (function, address), tally in self._addresses.items():
             yield AddressCost(
-                address, self._text_at(address), self._owners.name(function), self._image.location_at(address),
-                tally.executions, tally.cycles, tally.stall_cycles,
-            )  # fmt: skip
+                address,
+                self._text_at(address),
+                self._owners.name(function),
+                self._image.location_at(address),
+                tally.executions,
+                tally.cycles,
+                tally.stall_cycles,
+            )
 
     def _function_costs(self) -> Iterator[FunctionCost]:
         own: dict[int, _Tally] = {}
@@ -296,9 +313,13 @@ class _Sums:
         names = self._names
         for function, tally in own.items():
             yield FunctionCost(
-                names[function], calls[function], inclusive[function], tally.cycles, tally.executions,
+                names[function],
+                calls[function],
+                inclusive[function],
+                tally.cycles,
+                tally.executions,
                 tally.stall_cycles,
-            )  # fmt: skip
+            )
 
     def _stacks(self) -> Iterator[StackCost]:
         for path in self._paths:

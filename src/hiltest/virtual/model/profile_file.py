@@ -87,9 +87,15 @@ MEMORY_RULES = {"unaligned": "added for each part but the first of an access at 
 #: Least value of rows, if it is more than 0. A branch to itself must take time, or it would never reach the event that
 #: ends it; a read of the flash brings whole words.
 AT_LEAST = {
-    "branch": 1, "fp_accumulate": 1, "fp_divide": 1, "flash_clocks": 1, "flash_line_bytes": 4, "cache_entry_bytes": 4,
-    "cache_ways": 1, "cache_sets": 1,
-}  # fmt: skip
+    "branch": 1,
+    "fp_accumulate": 1,
+    "fp_divide": 1,
+    "flash_clocks": 1,
+    "flash_line_bytes": 4,
+    "cache_entry_bytes": 4,
+    "cache_ways": 1,
+    "cache_sets": 1,
+}
 _DEAREST = 1000  # cycles: far more than any instruction takes, while sums stay within 32 bits
 _AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100, "cache_ways": 16, "cache_sets": 64}  # as core/waits.h
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
@@ -207,9 +213,7 @@ def _parse(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[st
     return name, rows, memory
 
 
-def _base(
-    place: str, name: str, base: Any, *, key: str = "base"
-) -> tuple[dict[str, CostRow], dict[str, CostRow]]:
+def _base(place: str, name: str, base: Any, *, key: str = "base") -> tuple[dict[str, CostRow], dict[str, CostRow]]:
     if not isinstance(base, str) or base not in shipped_profiles() or base == name:
         names = ", ".join(shipped_profile for shipped_profile in shipped_profiles() if shipped_profile != name)
         raise ConfigError(f"{place}: {key}: must be a profile that ships: {names}; not {shown(base)}")
@@ -218,7 +222,11 @@ def _base(
 
 
 def _table(
-    place: str, table: str, rows: Any, required: Mapping[str, str], base: dict[str, CostRow],
+    place: str,
+    table: str,
+    rows: Any,
+    required: Mapping[str, str],
+    base: dict[str, CostRow],
     optional: Mapping[str, str] | None = None,
 ) -> dict[str, CostRow]:
     if not isinstance(rows, dict):
@@ -230,7 +238,8 @@ def _table(
         raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_advice(table)}")
     return {
         row: _row(f"{place}: {table}.{row}", row, rows[row]) if row in rows else base[row]
-        for row in every if row in rows or row in base
+        for row in every
+        if row in rows or row in base
     }
 
 

@@ -50,7 +50,6 @@ class ChipRegister:
 
 @dataclass(frozen=True, slots=True)
 class ChipPeripheral:
-
     name: str
     base: int
     size: int
@@ -83,8 +82,13 @@ def pin_place(name: str) -> tuple[str, int]:
         If the part has no such pin.
     """
     letter, number = name[2:3], name[3:]
-    if not (name.startswith("PT") and letter and letter in _PORTS and re.fullmatch("0|[1-9][0-9]?", number)
-            and int(number) in _PINS):  # fmt: skip
+    if not (
+        name.startswith("PT")
+        and letter
+        and letter in _PORTS
+        and re.fullmatch("0|[1-9][0-9]?", number)
+        and int(number) in _PINS
+    ):
         raise ConfigError(f"the MK64FN1M0 has no pin {name!r}; write PTA0 to PTE31")
     return letter, int(number)
 

@@ -146,8 +146,10 @@ class Converter(Restorable):
         channel = control & _CHANNEL
         inside = {
             _TEMPERATURE: _SENSOR_V - _SENSOR_V_PER_DEGC * (self.temperature_degc() - _SENSOR_DEGC),
-            _BANDGAP: _BANDGAP_V, _VREFH: REFERENCE_V, _VREFL: 0.0,
-        }  # fmt: skip
+            _BANDGAP: _BANDGAP_V,
+            _VREFH: REFERENCE_V,
+            _VREFL: 0.0,
+        }
         volts = inside[channel] if channel in inside else self.volts(channel)
         full = 1 << (_PAIR_BITS[mode] - 1 if control & _DIFF else _BITS[mode])
         steps = math.floor(volts / REFERENCE_V * full + 0.5)

@@ -136,9 +136,11 @@ class PeripheralBus(Restorable):
     """
 
     def __init__(
-        self, processor: Processor, peripherals: Iterable[Peripheral],
+        self,
+        processor: Processor,
+        peripherals: Iterable[Peripheral],
         register_name: Callable[[int], str | None] | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._register_name = register_name
         self._pages = {peripheral.base >> 12: peripheral for peripheral in peripherals}
         self._open: dict[int, Peripheral] = {}  # by page: blocks that need no further check

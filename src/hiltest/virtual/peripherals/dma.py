@@ -32,6 +32,7 @@ def dma_pages(
     if not lib.machine_add_dma(machine.handle, ffi.new("struct machine_dma *", connections)[0]):
         raise MemoryError
     return [
-        DmaPage(machine, multiplexer.name, multiplexer.base), DmaPage(machine, module.name, module.base),
+        DmaPage(machine, multiplexer.name, multiplexer.base),
+        DmaPage(machine, module.name, module.base),
         DmaPage(machine, module.name, module.base + _DESCRIPTORS),
-    ]  # fmt: skip
+    ]

@@ -142,8 +142,7 @@ class CycleCounter(CoreDevice):
             begin = end - 4 * len(cycles)
             steps = [_successive(readings[at : at + 4]) for at in range(begin, end, 4)] if begin >= 0 else []
             if steps and all(
-                _match_step(four, step_cycles, overhead_cycles)
-                for four, step_cycles in zip(steps, cycles, strict=True)
+                _match_step(four, step_cycles, overhead_cycles) for four, step_cycles in zip(steps, cycles, strict=True)
             ):
                 return self._slices(steps)
         return None

@@ -73,7 +73,9 @@ class FlashControl(StoredRegisters):
             control = self.word(_PFB0CR + 4 * bank)
             switches = BankSwitches(
                 keeps_line=bool(control & _SEBE),
-                reads_ahead_code=ahead and bool(control & _IPE), reads_ahead_data=ahead and bool(control & _DPE),
-                caches_code=bool(control & _ICE), caches_data=bool(control & _DCE),
-            )  # fmt: skip
+                reads_ahead_code=ahead and bool(control & _IPE),
+                reads_ahead_data=ahead and bool(control & _DPE),
+                caches_code=bool(control & _ICE),
+                caches_data=bool(control & _DCE),
+            )
             self._controller.switch_flash_bank(bank, switches)

@@ -35,15 +35,25 @@ class ClockMode(Enum):
 
 _M = ClockMode
 _PATHS = {
-    _M.FEI: {_M.FEE, _M.FBI, _M.FBE}, _M.FEE: {_M.FEI, _M.FBI, _M.FBE},
-    _M.FBI: {_M.FEI, _M.FEE, _M.FBE, _M.BLPI}, _M.FBE: {_M.FEI, _M.FEE, _M.FBI, _M.BLPE, _M.PBE},
-    _M.PBE: {_M.FBE, _M.BLPE, _M.PEE}, _M.PEE: {_M.PBE}, _M.BLPI: {_M.FBI}, _M.BLPE: {_M.FBE, _M.PBE},
-}  # fmt: skip
+    _M.FEI: {_M.FEE, _M.FBI, _M.FBE},
+    _M.FEE: {_M.FEI, _M.FBI, _M.FBE},
+    _M.FBI: {_M.FEI, _M.FEE, _M.FBE, _M.BLPI},
+    _M.FBE: {_M.FEI, _M.FEE, _M.FBI, _M.BLPE, _M.PBE},
+    _M.PBE: {_M.FBE, _M.BLPE, _M.PEE},
+    _M.PEE: {_M.PBE},
+    _M.BLPI: {_M.FBI},
+    _M.BLPE: {_M.FBE, _M.PBE},
+}
 _LOW_POWER = {_M.FBI: _M.BLPI, _M.FBE: _M.BLPE, _M.PBE: _M.BLPE}  # with C2.LP set
 # By C1.CLKS, C1.IREFS and C6.PLLS, without C2.LP; other combinations are invalid.
 _SELECTED = {
-    (0, 1, 0): _M.FEI, (0, 0, 0): _M.FEE, (1, 1, 0): _M.FBI, (2, 0, 0): _M.FBE, (2, 0, 1): _M.PBE, (0, 0, 1): _M.PEE,
-}  # fmt: skip
+    (0, 1, 0): _M.FEI,
+    (0, 0, 0): _M.FEE,
+    (1, 1, 0): _M.FBI,
+    (2, 0, 0): _M.FBE,
+    (2, 0, 1): _M.PBE,
+    (0, 0, 1): _M.PEE,
+}
 _INTERNAL = {_M.FEI, _M.FBI, _M.BLPI}
 
 
@@ -133,9 +143,13 @@ class ClockGenerator(StoredRegisters):
         pll = mode in (ClockMode.PBE, ClockMode.PEE) or (mode is ClockMode.BLPE and self._bytes[_C6] & 0x40)
         crystal = self._bytes[_C2] & 4  # OSCINIT0 belongs to a crystal; an external clock needs no start
         return (
-            (0x40 if self._pll_runs else 0) | (0x20 if pll else 0) | (0x10 if mode in _INTERNAL else 0)
-            | mode.value[1] << 2 | (2 if crystal else 0) | self._fast
-        )  # fmt: skip
+            (0x40 if self._pll_runs else 0)
+            | (0x20 if pll else 0)
+            | (0x10 if mode in _INTERNAL else 0)
+            | mode.value[1] << 2
+            | (2 if crystal else 0)
+            | self._fast
+        )
 
     # -- rates --------------------------------------------------------------------------------
 

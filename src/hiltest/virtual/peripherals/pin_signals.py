@@ -21,9 +21,11 @@ class PinSignal(Restorable):
     """
 
     def __init__(
-        self, on_level: Callable[[bool], None], level: Callable[[], bool | None] = lambda: None,
+        self,
+        on_level: Callable[[bool], None],
+        level: Callable[[], bool | None] = lambda: None,
         on_heard: Callable[[], None] = lambda: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.on_level = on_level
         self.level = level
         self._on_heard = on_heard

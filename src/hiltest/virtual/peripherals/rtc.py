@@ -140,10 +140,16 @@ class RealTimeClock(Restorable):
         valid = not self._status & (_TIF | _TOF)
         current = self._interval << 24 | (self._correction & 0xFF) << 16
         answers = {
-            _TSR: self._seconds if valid else 0, _TPR: self._prescaler() if valid else 0, _TAR: self._alarm,
-            _TCR: current | self._compensation, _CR: self._control, _SR: self._status, _LR: self._lock,
-            _IER: self._enabled, **self._access,
-        }  # fmt: skip
+            _TSR: self._seconds if valid else 0,
+            _TPR: self._prescaler() if valid else 0,
+            _TAR: self._alarm,
+            _TCR: current | self._compensation,
+            _CR: self._control,
+            _SR: self._status,
+            _LR: self._lock,
+            _IER: self._enabled,
+            **self._access,
+        }
         return answers.get(offset & ~3, 0) >> 8 * (offset & 3)
 
     def write(self, offset: int, size: int, value: int) -> None:

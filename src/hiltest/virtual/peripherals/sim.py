@@ -155,10 +155,12 @@ class ClockGates(StoredRegisters):
         rates |= {
             self.pll_fll: {0: generator.fll_hz, 1: generator.pll_hz}.get(source, Fraction(IRC48M_HZ)),
             self.internal: generator.internal_hz if generator.internal_runs else Fraction(0),
-            self.fixed: generator.reference_hz, self.oscillator: Fraction(OSCILLATOR_HZ),
+            self.fixed: generator.reference_hz,
+            self.oscillator: Fraction(OSCILLATOR_HZ),
             self.rtc: Fraction(RTC_HZ if self._crystal_runs else 0),
-            self.low_power: Fraction(_LOW_POWER_OSCILLATOR_HZ), self.time: Fraction(PICOSECONDS),
-        }  # fmt: skip
+            self.low_power: Fraction(_LOW_POWER_OSCILLATOR_HZ),
+            self.time: Fraction(PICOSECONDS),
+        }
         selected = {2: self.rtc, 3: self.low_power}.get(self.options.word(_SOPT1) >> 18 & 3)
         rates[self.slow_external] = rates[selected] if selected else Fraction(0)
         nominal_core_hz = rates[self.core]  # time is counted in its cycles, even while the clock is stopped

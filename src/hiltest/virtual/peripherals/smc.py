@@ -21,8 +21,23 @@ _PE1, _ME, _F1, _F2, _F3, _LAST = 0x0, 0x4, 0x5, 0x6, 0x7, 0xA
 _REGSC, _ACKISO = 0x2, 0x08
 # LLWU_P0 to P15.
 _PINS = (
-    "E1", "E2", "E4", "A4", "A13", "B0", "C1", "C3", "C4", "C5", "C6", "C11", "D0", "D2", "D4", "D6",
-)  # fmt: skip
+    "E1",
+    "E2",
+    "E4",
+    "A4",
+    "A13",
+    "B0",
+    "C1",
+    "C3",
+    "C4",
+    "C5",
+    "C6",
+    "C11",
+    "D0",
+    "D2",
+    "D4",
+    "D6",
+)
 _MODULES = {58: 0, 46: 5, 47: 7}  # by interrupt: LPTMR, the RTC's alarm and its seconds
 # Interrupts that need no clock: PMC, LLWU, WDOG, I2C, UART, ADC, CMP, RTC, USB, MCG, LPTMR, ports.
 _ASYNCHRONOUS = {
@@ -183,9 +198,14 @@ class SystemModes(StoredRegisters):
     """
 
     def __init__(
-        self, module: ChipPeripheral, processor: Processor, clocks: ClockGates, oscillator: StoredRegisters,
-        unit: WakeUpUnit, wake_up: Callable[[int], None],
-    ) -> None:  # fmt: skip
+        self,
+        module: ChipPeripheral,
+        processor: Processor,
+        clocks: ClockGates,
+        oscillator: StoredRegisters,
+        unit: WakeUpUnit,
+        wake_up: Callable[[int], None],
+    ) -> None:
         self._processor = processor
         self._clocks = clocks
         self._oscillator = oscillator

@@ -72,9 +72,16 @@ class CallSummary:
 
 
 def summarise_calls(
-    function: str, calls: Sequence[Call], passed: int, *, abandoned: int = 0, open_calls: int = 0, came_back: int = 0,
-    lost: int = 0, ended_in: tuple[str, ...] = (),
-) -> CallSummary:  # fmt: skip
+    function: str,
+    calls: Sequence[Call],
+    passed: int,
+    *,
+    abandoned: int = 0,
+    open_calls: int = 0,
+    came_back: int = 0,
+    lost: int = 0,
+    ended_in: tuple[str, ...] = (),
+) -> CallSummary:
     """Compute the statistics of calls.
 
     Parameters
@@ -104,12 +111,20 @@ def summarise_calls(
     cycles = sorted(call.cycles for call in calls) if not refusal else []
     within = sum(call.cycles for call in calls if call.outermost)
     return CallSummary(
-        function, len(calls),
-        cycles[0] if cycles else None, median_low(cycles) if cycles else None, cycles[-1] if cycles else None,
+        function,
+        len(calls),
+        cycles[0] if cycles else None,
+        median_low(cycles) if cycles else None,
+        cycles[-1] if cycles else None,
         within / passed if passed > 0 and not refusal else None,
-        sum(call.interrupted > 0 for call in calls), sum(call.interrupts for call in calls),
-        sum(call.elsewhere for call in calls), abandoned, open_calls, ended_in, refusal,
-    )  # fmt: skip
+        sum(call.interrupted > 0 for call in calls),
+        sum(call.interrupts for call in calls),
+        sum(call.elsewhere for call in calls),
+        abandoned,
+        open_calls,
+        ended_in,
+        refusal,
+    )
 
 
 class Solution(NamedTuple):
@@ -175,6 +190,11 @@ def summarise_solutions(solutions: Sequence[Solution]) -> SolutionSummary:
         return SolutionSummary(0, None, None, None, None, None, None)
     cycles, slices = (sorted(column) for column in ([s.cycles for s in solutions], [s.slices for s in solutions]))
     return SolutionSummary(
-        len(solutions), cycles[0], median_low(cycles), cycles[-1], slices[0], slices[-1],
+        len(solutions),
+        cycles[0],
+        median_low(cycles),
+        cycles[-1],
+        slices[0],
+        slices[-1],
         max(solution.longest for solution in solutions),
-    )  # fmt: skip
+    )

@@ -183,9 +183,12 @@ class Processor:
         """Return a fault with function, line and registers."""
         function = self.image.function_at(pc)
         return BoardFault(
-            cause, pc=pc & ~1, function=function.name if function else "",
-            location=self.image.location_at(pc), registers=self.registers.snapshot(),
-        )  # fmt: skip
+            cause,
+            pc=pc & ~1,
+            function=function.name if function else "",
+            location=self.image.location_at(pc),
+            registers=self.registers.snapshot(),
+        )
 
     def _hang(self, cause: str, pc: int) -> BoardFault:
         """Return a hang, or in a fault's handler the fault."""

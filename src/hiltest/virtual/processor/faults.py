@@ -58,10 +58,12 @@ _SENTENCES = {
 
 def _data_access(machine: Machine, fault: Any) -> str:
     begin = {
-        lib.CAUSE_READ_UNMAPPED: "read of unmapped address", lib.CAUSE_WRITE_UNMAPPED: "write to unmapped address",
-        lib.CAUSE_WRITE_FLASH: "write to flash at address", lib.CAUSE_READ_REFUSED: "read of",
+        lib.CAUSE_READ_UNMAPPED: "read of unmapped address",
+        lib.CAUSE_WRITE_UNMAPPED: "write to unmapped address",
+        lib.CAUSE_WRITE_FLASH: "write to flash at address",
+        lib.CAUSE_READ_REFUSED: "read of",
         lib.CAUSE_WRITE_REFUSED: "write to",
-    }[fault.cause]  # fmt: skip
+    }[fault.cause]
     is_refused = fault.cause in (lib.CAUSE_READ_REFUSED, lib.CAUSE_WRITE_REFUSED)
     target = machine.refusal if is_refused else f"0x{fault.value or fault.address:08x}"
     if fault.value:

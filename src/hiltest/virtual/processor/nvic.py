@@ -17,9 +17,15 @@ INTERRUPTS = 86  # MK64F12
 IDLE = 256  # a lower priority than any exception's
 _WORD_BITS = 32
 _SYSTEM_NAMES = {
-    NMI: "NMI", HARD_FAULT: "HardFault", MEM_MANAGE: "MemManage", BUS_FAULT: "BusFault", USAGE_FAULT: "UsageFault",
-    SVCALL: "SVCall", PENDSV: "PendSV", SYSTICK: "SysTick",
-}  # fmt: skip
+    NMI: "NMI",
+    HARD_FAULT: "HardFault",
+    MEM_MANAGE: "MemManage",
+    BUS_FAULT: "BusFault",
+    USAGE_FAULT: "UsageFault",
+    SVCALL: "SVCall",
+    PENDSV: "PendSV",
+    SYSTICK: "SysTick",
+}
 
 
 def exception_name(exception: int) -> str:

@@ -12,9 +12,11 @@ _FRAME = ("R0", "R1", "R2", "R3", "R12", "LR", "PC", "XPSR")
 _ALIASES = {"SP": "R13", "LR": "R14", "PC": "R15"}
 # Fields of the structure, and the bits that each register has.
 _FIELDS = {
-    "PRIMASK": ("primask", 1), "FAULTMASK": ("faultmask", 1), "BASEPRI": ("basepri", 0xFF),
+    "PRIMASK": ("primask", 1),
+    "FAULTMASK": ("faultmask", 1),
+    "BASEPRI": ("basepri", 0xFF),
     "FPSCR": ("fpscr", 0xF7C0009F),
-}  # fmt: skip
+}
 
 _Access = tuple[Callable[[], int], Callable[[int], None]]
 
@@ -74,7 +76,6 @@ class RegisterGroup:
 
 
 class Register(RegisterGroup):
-
     def __init__(self, machine: Machine, name: str) -> None:
         super().__init__(machine, [name])
 

@@ -136,10 +136,19 @@ class RunningCalls:
             return
         for call in calls[0 : count[0]]:
             stack = None if call.stack == _ON_TWO_STACKS else call.stack
-            self._functions[call.function].calls.append(Call(
-                call.entered, call.returned, call.interrupted, call.interrupts, call.elsewhere, call.outermost,
-                call.ended_in, call.word, stack,
-            ))  # fmt: skip
+            self._functions[call.function].calls.append(
+                Call(
+                    call.entered,
+                    call.returned,
+                    call.interrupted,
+                    call.interrupts,
+                    call.elsewhere,
+                    call.outermost,
+                    call.ended_in,
+                    call.word,
+                    stack,
+                )
+            )
         lib.machine_forget_calls(self._handle)
 
     @contextmanager

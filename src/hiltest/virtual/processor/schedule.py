@@ -17,9 +17,12 @@ class Event:
     __slots__ = ("action", "at_cycle", "replan", "wakes")
 
     def __init__(
-        self, at_cycle: float, action: Callable[[], None] | None = None, wakes: bool = False,
+        self,
+        at_cycle: float,
+        action: Callable[[], None] | None = None,
+        wakes: bool = False,
         replan: Callable[[], float] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.at_cycle = at_cycle
         self.wakes = wakes
         self.replan = replan
@@ -51,9 +54,13 @@ class Schedule(Restorable):
         self._order = itertools.count()
 
     def call_at(
-        self, cycle: float, action: Callable[[], None], *, wakes: bool = True,
+        self,
+        cycle: float,
+        action: Callable[[], None],
+        *,
+        wakes: bool = True,
         replan: Callable[[], float] | None = None,
-    ) -> Event:  # fmt: skip
+    ) -> Event:
         """Call `action` when virtual time reaches a cycle.
 
         Parameters

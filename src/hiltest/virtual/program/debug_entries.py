@@ -5,9 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
-    "typedef", "const_type", "volatile_type", "restrict_type", "atomic_type",
-))  # fmt: skip
+QUALIFIERS = frozenset(
+    f"DW_TAG_{name}"
+    for name in (
+        "typedef",
+        "const_type",
+        "volatile_type",
+        "restrict_type",
+        "atomic_type",
+    )
+)
 POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rvalue_reference_type"})
 STRUCTURES = frozenset({"DW_TAG_structure_type", "DW_TAG_class_type"})
 # Attributes by which an entry refers to the entry that it repeats.

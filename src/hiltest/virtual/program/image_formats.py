@@ -87,9 +87,14 @@ def _elf(chunks: list[Chunk]) -> bytes:
     """Return an executable ELF for Arm with one segment for each chunk."""
     header_size, entry_size = 52, 32
     offset = header_size + entry_size * len(chunks)
-    header = _ELF + bytes((1, 1, 1)) + bytes(9) + struct.pack(
-        "<HHIIIIIHHHHHH", 2, 40, 1, 0, header_size, 0, 0x05000000, header_size, entry_size, len(chunks), 40, 0, 0
-    )  # fmt: skip
+    header = (
+        _ELF
+        + bytes((1, 1, 1))
+        + bytes(9)
+        + struct.pack(
+            "<HHIIIIIHHHHHH", 2, 40, 1, 0, header_size, 0, 0x05000000, header_size, entry_size, len(chunks), 40, 0, 0
+        )
+    )
     entries = b""
     for address, data in chunks:
         entries += struct.pack("<IIIIIIII", 1, offset, address, address, len(data), len(data), 5, 4)

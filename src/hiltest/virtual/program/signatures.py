@@ -19,10 +19,13 @@ _ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which all assemblers use
 _COMPLEX, _FLOAT = 0x03, 0x04  # DW_ATE_complex_float, DW_ATE_float
 # After these boolean, unsigned, unsigned_char and UTF, signed and signed_char; types below four bytes become a word.
 _BASE_TYPES = {
-    (_FLOAT, 4): "float", (_FLOAT, 8): "double",
-    **{(encoding, 4): "unsigned" for encoding in (0x02, 0x07, 0x08, 0x10)}, (0x07, 8): "unsigned64",
-    **{(encoding, 4): "signed" for encoding in (0x05, 0x06)}, (0x05, 8): "signed64",
-}  # fmt: skip
+    (_FLOAT, 4): "float",
+    (_FLOAT, 8): "double",
+    **{(encoding, 4): "unsigned" for encoding in (0x02, 0x07, 0x08, 0x10)},
+    (0x07, 8): "unsigned64",
+    **{(encoding, 4): "signed" for encoding in (0x05, 0x06)},
+    (0x05, 8): "signed64",
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,14 +104,16 @@ CHECKS = (
 
 #: Places that sequences run from, as users read them: the last three are flash with parts of its controller disabled.
 PLACES = {
-    "sram": "SRAM_L", "flash": "flash", "flash_without_cache": "cache off", "flash_without_prefetch": "prefetch off",
+    "sram": "SRAM_L",
+    "flash": "flash",
+    "flash_without_cache": "cache off",
+    "flash_without_prefetch": "prefetch off",
     "flash_alone": "all off",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredProfile:
-
     rows: dict[str, CostRow]
     """Measured rows. If the solution is no integer, the range of the row has both neighbours."""
     remarks: tuple[str, ...]
@@ -159,8 +161,10 @@ def _solve_equations(
     for equation in EQUATIONS:
         _solve_for(equation, clocks, about, exact, rows, remarks)
     for equation in CHECKS:
-        expected = equation.clocks + equation.times * exact[equation.row] + sum(
-            times * exact[row] for row, times in equation.others.items()
+        expected = (
+            equation.clocks
+            + equation.times * exact[equation.row]
+            + sum(times * exact[row] for row, times in equation.others.items())
         )
         if expected != equation.measured(clocks):
             remarks.append(
@@ -180,7 +184,11 @@ def _solve_equations(
 
 
 def _solve_for(
-    equation: Equation, clocks: Mapping[str, int], about: str, exact: dict[str, Fraction], rows: dict[str, CostRow],
+    equation: Equation,
+    clocks: Mapping[str, int],
+    about: str,
+    exact: dict[str, Fraction],
+    rows: dict[str, CostRow],
     remarks: list[str],
 ) -> None:
     rest = equation.clocks + sum(times * exact[row] for row, times in equation.others.items())
@@ -207,7 +215,9 @@ def _rule_rows(judgements: Iterable[Judgement], about: str) -> tuple[dict[str, C
     undecided |= {row: ", but ".join(values.values()) for row, values in agreed.items() if len(values) > 1}
     rows = {
         row: CostRow(value, (value, value), f"measured: {remark}; {about}")
-        for row, values in agreed.items() if row not in undecided for value, remark in values.items()
+        for row, values in agreed.items()
+        if row not in undecided
+        for value, remark in values.items()
     }
     return rows, [
         f"{remark}: {row} cannot say so, and keeps the base's value and range" for row, remark in undecided.items()

@@ -67,15 +67,25 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
 
     def fetch_waits(row: str) -> tuple[Candidate, ...]:
         """Return candidates for the waits in a long run, by a row."""
-        return (Candidate("none waits", {row: 0}), Candidate("one in three waits", {row: 1} | _EVERY_THIRD),
-                Candidate("one in two waits", {row: 1} | _EVERY_SECOND, in_rows=False))  # fmt: skip
+        return (
+            Candidate("none waits", {row: 0}),
+            Candidate("one in three waits", {row: 1} | _EVERY_THIRD),
+            Candidate("one in two waits", {row: 1} | _EVERY_SECOND, in_rows=False),
+        )
 
     third = row_is("fetch_late", "none waits", "one of the three waits")
-    folded = (Candidate("IT takes what it takes elsewhere", {"it_folded": value["it"]}),
-              Candidate("IT takes no time", {"it_folded": 0}))  # fmt: skip
-    refills = (Candidate("it refills as other branches do", {"refill_table": value["refill_indirect"]}),
-               *(Candidate(f"with its refill it takes {value['table_branch'] + refill}", {"refill_table": refill})
-                 for refill in (4, 5, 6) if refill != value["refill_indirect"]))  # fmt: skip
+    folded = (
+        Candidate("IT takes what it takes elsewhere", {"it_folded": value["it"]}),
+        Candidate("IT takes no time", {"it_folded": 0}),
+    )
+    refills = (
+        Candidate("it refills as other branches do", {"refill_table": value["refill_indirect"]}),
+        *(
+            Candidate(f"with its refill it takes {value['table_branch'] + refill}", {"refill_table": refill})
+            for refill in (4, 5, 6)
+            if refill != value["refill_indirect"]
+        ),
+    )
     unaligned = tuple(
         Candidate(says, {"load": value["load"] + more})
         for more, says in enumerate(("as at a word", "a clock more a load", "two clocks more a load"))
@@ -83,30 +93,56 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
     return (
         Question("load_and_three", "4 times LDR, 3 EOR.W at half a word, NOP", "fetch_late", third),
         Question("pair_and_three", "4 times VMOV of a pair, 3 UMAAL at half a word, 5 NOP", "fetch_late", third),
-        Question("load_and_two", "4 times LDR, 2 EOR.W at half a word, 2 NOP", "fetch_late", (
-            Candidate("none waits"), Candidate("the second waits", {"fetch_late": 1} | _EVERY_SECOND, in_rows=False),
-        )),
-        Question("integers_misplaced", "5 NOP around 48 EOR.W at half a word", "fetch_late_integer",
-                 fetch_waits("fetch_late_integer")),
-        Question("fp_misplaced", "5 NOP around 48 VADD at half a word", "fetch_late_fp",
-                 fetch_waits("fetch_late_fp")),
-        Question("load_compare_and_three", "4 times LDR.W, CMP, 3 EOR.W at half a word, 4 NOP", "fetch_late", (
-            Candidate("none waits behind the CMP"),
-            Candidate("one of the three waits", {"fetch_late": 1} | _PAST_NARROW, in_rows=False),
-        )),
-        Question("loop_misplaced", "MOVS, 16 turns of SUBS.W at half a word and BNE, 2 NOP", "target_misplaced",
-                 row_is("target_misplaced", "the branch to it waits for nothing", "the branch to it takes one more")),
-        Question("calls_misplaced", "5 NOP around 16 BL at half a word, to a BX LR", "return_misplaced",
-                 row_is("return_misplaced", "the return waits for nothing", "the return takes one more")),
-        Question("computed_address", "8 times ADDS, LDR from the address that it made", "address_use",
-                 row_is("address_use", "LDR waits for nothing", "LDR waits a clock")),
+        Question(
+            "load_and_two",
+            "4 times LDR, 2 EOR.W at half a word, 2 NOP",
+            "fetch_late",
+            (
+                Candidate("none waits"),
+                Candidate("the second waits", {"fetch_late": 1} | _EVERY_SECOND, in_rows=False),
+            ),
+        ),
+        Question(
+            "integers_misplaced",
+            "5 NOP around 48 EOR.W at half a word",
+            "fetch_late_integer",
+            fetch_waits("fetch_late_integer"),
+        ),
+        Question("fp_misplaced", "5 NOP around 48 VADD at half a word", "fetch_late_fp", fetch_waits("fetch_late_fp")),
+        Question(
+            "load_compare_and_three",
+            "4 times LDR.W, CMP, 3 EOR.W at half a word, 4 NOP",
+            "fetch_late",
+            (
+                Candidate("none waits behind the CMP"),
+                Candidate("one of the three waits", {"fetch_late": 1} | _PAST_NARROW, in_rows=False),
+            ),
+        ),
+        Question(
+            "loop_misplaced",
+            "MOVS, 16 turns of SUBS.W at half a word and BNE, 2 NOP",
+            "target_misplaced",
+            row_is("target_misplaced", "the branch to it waits for nothing", "the branch to it takes one more"),
+        ),
+        Question(
+            "calls_misplaced",
+            "5 NOP around 16 BL at half a word, to a BX LR",
+            "return_misplaced",
+            row_is("return_misplaced", "the return waits for nothing", "the return takes one more"),
+        ),
+        Question(
+            "computed_address",
+            "8 times ADDS, LDR from the address that it made",
+            "address_use",
+            row_is("address_use", "LDR waits for nothing", "LDR waits a clock"),
+        ),
         Question("compare_if_then", "8 times CMP of two bytes, IT, MOVEQ", "it_folded", folded),
         Question("if_then", "16 times IT, ADDEQ of two bytes", "it_folded", folded),
         Question("table_branch", "8 TBB to the next instruction", "refill_table", refills),
         Question("loads_one_off", "8 times LDR at +1, EOR.W; the default model prices none", "", unaligned),
         Question("loads_two_off", "8 times LDR at +2, EOR.W; the default model prices none", "", unaligned),
         Question("loads_three_off", "8 times LDR at +3, EOR.W; the default model prices none", "", unaligned),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True)
