@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from hiltest.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit
+from hiltest.session.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit
 
 __all__ = ["pytest_benchmark_group_stats", "pytest_benchmark_scale_unit"]

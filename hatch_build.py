@@ -11,7 +11,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from packaging.tags import sys_tags
 
-_BUILD = "src/hiltest/c_library.py"
+_BUILD = "src/hiltest/virtual/core/c_library.py"
 
 
 class NativeLibrariesHook(BuildHookInterface):

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hiltest.logs import read_samples
-from hiltest.recordings.lines import Lines
+from hiltest.interfaces.sensor_files.parsed_lines import Lines
+from hiltest.log_fitting import read_samples
 
 from .conftest import Report
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hiltest.device.packet_fields import Packet, layout
-from hiltest.device.packet_stream import batches
-from hiltest.device.packets import AltitudePacket, Release, decode, encode
+from hiltest.interfaces.packet_fields import Packet, layout
+from hiltest.interfaces.packet_stream import batches
+from hiltest.interfaces.packets import AltitudePacket, Release, decode, encode
 from hiltest.link.framing import stuff
 
 from .conftest import Report

@@ -8,9 +8,9 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from hiltest.measurement import EXACT, Better, Limit, check
-from hiltest.record.comparison import Change, Comparison, Difference, Side
-from hiltest.record.run import Column, Environment, Findings, Run, Table, Verdict
 from hiltest.report.render import html_report
+from hiltest.run_record.comparison import Change, Comparison, Difference, Side
+from hiltest.run_record.run import Column, Environment, Findings, Run, Table, Verdict
 
 from .conftest import Report
 

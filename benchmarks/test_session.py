@@ -29,9 +29,9 @@ from .conftest import Report
 # What a fresh process spends behind its imports: on the first board, then on the first and the second call.
 COLD = """
 import time
-from hiltest.bench_files import shipped
+from hiltest.rig.bench_files import shipped
 from hiltest.boards import VirtualBench, default_firmware, open_board
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
 marks = [time.perf_counter()]

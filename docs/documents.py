@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 import hiltest
-from hiltest.cli import every_command
+from hiltest.commands.cli import every_command
 from hiltest.documents import DOCUMENTS, schema_file
 from hiltest.json_schema import field_descriptions
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from hiltest.bench_files import shipped
 from hiltest.measurement import KINDS, NEXT_STEP, Allowance, Better, Kind, Limit, Section, identify
 from hiltest.measurement.deviations import DEVIATIONS
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.text import format_number
 
 PAGE = Path(__file__).with_suffix(".md")

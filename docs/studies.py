@@ -14,11 +14,11 @@ from tempfile import TemporaryDirectory
 from markupsafe import Markup
 
 import hiltest.report
-from hiltest.record.files import write_atomically
-from hiltest.record.reader import read_record
-from hiltest.record.run import Environment, Run
-from hiltest.record.run_json import to_json
 from hiltest.report.svg import Figure
+from hiltest.run_record.files import write_atomically
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Environment, Run
+from hiltest.run_record.run_json import to_json
 from hiltest.studies.run import run_study
 from hiltest.studies.study import Conditions, Plan, study_of
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 from tests.calibration.synthetic_rates import white
-from tests.device.test_packet_stream import RECORDING
 from tests.finished_run import Finished
-from tests.logs.recording import six_faces_and_turns, write
+from tests.interfaces.test_packet_stream import RECORDING
+from tests.log_fitting.recording import six_faces_and_turns, write
 
-from hiltest.cli import main
+from hiltest.commands.cli import main
 from hiltest.documents import schema_file
 from hiltest.procedures.golden_points import golden_points
 

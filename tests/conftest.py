@@ -194,8 +194,8 @@ def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory, shared_fold
         return
     from jsonschema import Draft202012Validator
 
-    from hiltest.record.reader import read_record
-    from hiltest.record.schema import SCHEMA_FILE
+    from hiltest.run_record.reader import read_record
+    from hiltest.run_record.schema import SCHEMA_FILE
 
     validator = Draft202012Validator(json.loads(SCHEMA_FILE.read_text(encoding="utf-8")))
     for path in records:

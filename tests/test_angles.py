@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hiltest.angles import (
+from hiltest.orientation.angles import (
     Pose,
     circular_mean_deg,
     heading_error_deg,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import rig_file, shipped, suites
 from hiltest.errors import ConfigError
+from hiltest.rig.bench_files import rig_file, shipped, suites
 
 
 @pytest.fixture

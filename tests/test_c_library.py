@@ -17,8 +17,8 @@ from build import BuildBackendException, ProjectBuilder
 from build.env import DefaultIsolatedEnv
 from elftools.elf.elffile import ELFFile
 
-from hiltest import c_library
-from hiltest.c_library import ZIG_REQUIREMENT, build_requirements, compiled, loaded
+from hiltest.virtual.core import c_library
+from hiltest.virtual.core.c_library import ZIG_REQUIREMENT, build_requirements, compiled, loaded
 
 ROOT = Path(__file__).parents[1]
 TEXT = "const char *source(void) { return HILTEST_SOURCE_SHA256; }\nint answer(void) { return %d; }\n"

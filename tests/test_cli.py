@@ -13,8 +13,8 @@ import pytest
 
 from hiltest import commands
 from hiltest.boards import default_firmware
-from hiltest.record.exit_codes import WORDS, ExitCode
-from hiltest.record.reader import read_record
+from hiltest.run_record.exit_codes import WORDS, ExitCode
+from hiltest.run_record.reader import read_record
 
 from . import in_process
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 from tests.command_files import run
-from tests.device.test_packet_stream import RECORDING
+from tests.interfaces.test_packet_stream import RECORDING
 from tests.serial_line import Line
 
-from hiltest.device.packet_csv import PacketRows
-from hiltest.device.packet_stream import batches
-from hiltest.device.packets import (
+from hiltest.interfaces.packet_csv import PacketRows
+from hiltest.interfaces.packet_stream import batches
+from hiltest.interfaces.packets import (
     KINDS,
     AnglesPacket,
     DebugPacket,
@@ -23,8 +23,8 @@ from hiltest.device.packets import (
     MainPacket,
     encode,
 )
-from hiltest.logs.rate_log import read_rate_log
-from hiltest.logs.samples import read_samples
+from hiltest.log_fitting.rate_log import read_rate_log
+from hiltest.log_fitting.samples import read_samples
 
 BURSTS = 41
 

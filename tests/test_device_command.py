@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from tests.command_files import run
-from tests.device.compiled import compile_c
-from tests.device.test_gdb_client import SOURCE, own_server
+from tests.interfaces.compiled import compile_c
+from tests.interfaces.test_gdb_client import SOURCE, own_server
 from tests.serial_line import Line
 
 ROOT = Path(__file__).parents[1]

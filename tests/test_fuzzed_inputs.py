@@ -17,46 +17,46 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from tests.device.test_packet_stream import RECORDING, WIRES
-from tests.device.test_text import SAMPLES, opened
 from tests.imu_calibration.conftest import some_calibration
+from tests.interfaces.test_packet_stream import RECORDING, WIRES
+from tests.interfaces.test_text import SAMPLES, opened
 from tests.link.test_trace_text import REQUESTS
-from tests.logs.recording import six_faces_and_turns, write
+from tests.log_fitting.recording import six_faces_and_turns, write
 from tests.totals import printed_totals
 
-from hiltest.bench_files import shipped
 from hiltest.boards import Declared, ReplayBoard, default_firmware, open_compass
 from hiltest.boards.gcode import GcodeError, Modals, read_block
 from hiltest.boards.served_recording import ServedRecording
-from hiltest.device.packet_csv import PacketRows
-from hiltest.device.packet_stream import batches
-from hiltest.device.packet_summary import summary_of
-from hiltest.device.packets import KINDS
-from hiltest.device.proposed_rig import chosen_kind, look_at, rig_text
-from hiltest.device.trial import Trial
 from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, HiltestError, ProtocolError
-from hiltest.imu_calibration.file import load_calibration, to_json
+from hiltest.interfaces.packet_csv import PacketRows
+from hiltest.interfaces.packet_stream import batches
+from hiltest.interfaces.packet_summary import summary_of
+from hiltest.interfaces.packets import KINDS
+from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
+from hiltest.interfaces.sensor_files.recorded_motion import read_playback
+from hiltest.interfaces.trial import Trial
 from hiltest.link import grbl
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame, stuff, unstuff
 from hiltest.link.request import decode_reply
 from hiltest.link.request_reading import read_request
 from hiltest.link.trace_text import trace_lines
 from hiltest.link.transcript import Direction, Transcript
-from hiltest.logs.imu_log import read_imu_log
-from hiltest.logs.intervals import listed_intervals
-from hiltest.logs.rate_log import read_rate_log
-from hiltest.logs.samples import read_samples
-from hiltest.profiling.arguments import parse_argument
-from hiltest.record.reader import read_record
-from hiltest.recordings.playback import read_playback
-from hiltest.replay.player import Player
-from hiltest.replay.recorded_run import read_transcript
-from hiltest.rig.file import load_rig, parse_rig
-from hiltest.rig.playback import PlaybackFile
-from hiltest.settings import file_name, label, seed
+from hiltest.log_fitting.imu_log import read_imu_log
+from hiltest.log_fitting.intervals import listed_intervals
+from hiltest.log_fitting.rate_log import read_rate_log
+from hiltest.log_fitting.samples import read_samples
+from hiltest.procedures.imu_calibration.calibration_file import load_calibration, to_json
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.recorded_motion import PlaybackFile
+from hiltest.rig.rig_file import load_rig, parse_rig
+from hiltest.run_record.reader import read_record
+from hiltest.session.settings import file_name, label, seed
 from hiltest.strict_json import parse_json
+from hiltest.tape.player import Player
+from hiltest.tape.recorded_run import read_transcript
 from hiltest.verdict.evidence_reader import read_evidence
 from hiltest.virtual.model.profile_file import load_profile, shipped_profiles
+from hiltest.virtual.profiling.arguments import parse_argument
 from hiltest.virtual.program.elf import FirmwareImage
 
 INPUTS = int(os.environ.get("HILTEST_FUZZED", "20000"))

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import pytest
 from tests.command_files import run
-from tests.device.compiled import compile_c
 from tests.foreign_elf import foreign_elf
+from tests.interfaces.compiled import compile_c
 
-from hiltest.device.quantities import Quantity
-from hiltest.device.variables import Variables
+from hiltest.interfaces.quantities import Quantity
+from hiltest.interfaces.variables import Variables
+from hiltest.measurement.units import unit_words
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
-from hiltest.units import unit_words
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.program.elf import load_image
 
 ROOT = Path(__file__).parents[1]

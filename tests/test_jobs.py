@@ -19,12 +19,12 @@ from zipfile import ZipFile
 import pytest
 from tests.command_files import run
 
-from hiltest import jobs
+from hiltest.campaigns import sent_bench as sent_bench_module
+from hiltest.campaigns.sent_bench import sent_bench
 from hiltest.errors import ConfigError, SchedulerError
-from hiltest.record.files import RUN_FILE
-from hiltest.record.reader import read_record
-from hiltest.runs import sent_bench as sent_bench_module
-from hiltest.runs.sent_bench import sent_bench
+from hiltest.run_record.files import RUN_FILE
+from hiltest.run_record.reader import read_record
+from hiltest.studies import jobs
 from hiltest.studies.run import BLOCKS_FILE, run_study
 from hiltest.studies.study import Plan
 

@@ -18,9 +18,9 @@ import pytest
 from tests.command_files import checked, folder_of_all_inputs, run
 from tests.finished_run import Finished
 
-from hiltest.bench_files import shipped
-from hiltest.cli import every_command
+from hiltest.commands.cli import every_command
 from hiltest.documents import DOCUMENTS, schema_file, schema_text
+from hiltest.rig.bench_files import shipped
 
 DOCS = Path(__file__).parents[1] / "docs"
 # What makes each command print its document, and its exit code where that is not 0.
@@ -58,7 +58,7 @@ PRINTING = {
     "trend": ("trend", "."),
     "worst": ("worst", "direct", "--calls", "20"),
 }
-# A run or a board of their own: in tests/runs/test_bisect.py, tests/flashing/test_flash_command.py,
+# A run or a board of their own: in tests/campaigns/test_bisect.py, tests/flashing/test_flash_command.py,
 # tests/boards/test_contributed_profile.py, and below.
 ELSEWHERE = {"bisect", "flash", "run", "timing check"}
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.heavy_imports import HEAVY
 
-from hiltest.cli import every_command
+from hiltest.commands.cli import every_command
 
 NOT_IMPORTED = {*HEAVY, "pytest", "_pytest"} - {"click"}
 # The command ends its process: what it imported is told as it does.
@@ -20,7 +20,7 @@ atexit.register(lambda: print("imported:", *sorted({NOT_IMPORTED!r} & sys.module
 """
 ALL_HELP = f"""
 {TELLING}
-from hiltest.cli import commands, every_command
+from hiltest.commands.cli import commands, every_command
 for name, _ in [("", None), *every_command()]:
     commands([*name.split(), "--help"], standalone_mode=False)
 """
@@ -47,7 +47,7 @@ def test_the_help_of_every_command_imports_nothing_heavy(tmp_path: Path) -> None
     ("words", "completed"), [("hiltest wo", "worst"), ("hiltest fit --sh", "--shape"), ("hiltest study bu", "budget")]
 )
 def test_shell_completion_imports_nothing_heavy(tmp_path: Path, words: str, completed: str) -> None:
-    program = f"{TELLING}\nfrom hiltest.cli import main\nmain()"
+    program = f"{TELLING}\nfrom hiltest.commands.cli import main\nmain()"
     last = str(len(words.split()) - 1)
     result = started(tmp_path, program, _HILTEST_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=last)
     assert result.stdout.split(",")[-1].strip() == completed
@@ -59,7 +59,7 @@ def test_what_a_run_does_without_texts_of_instructions_does_not_import_their_dec
 import sys
 from hiltest.boards import default_firmware
 from hiltest.virtual import VirtualK64F
-import hiltest.coverage, hiltest.session, hiltest.virtual.counts.profiling
+import hiltest.virtual.coverage, hiltest.session, hiltest.virtual.counts.profiling
 board = VirtualK64F(default_firmware())
 board.run_until(0.01)
 assert board.stack_bounds(["crc32"])["crc32"] >= 0

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from tests.calibration.synthetic_rates import flicker, white
 
-from hiltest.logs.rate_log import read_rate_log
+from hiltest.log_fitting.rate_log import read_rate_log
 
 from .in_process import hiltest
 

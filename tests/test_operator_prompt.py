@@ -13,8 +13,8 @@ from itertools import count
 import pytest
 
 from hiltest.errors import OperatorAbsentError
-from hiltest.operator_prompt import ask
 from hiltest.procedures.hand_poses import Question
+from hiltest.session.operator_prompt import ask
 
 END_OF_FILE = b"\x04"
 

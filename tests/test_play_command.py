@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from tests.command_files import run
 
-from hiltest.angles import Pose, rotation_body_from_ned, wrap_180
+from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_180
 from hiltest.world.earth_field import EarthField
 
 pytestmark = pytest.mark.slow

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.progress_line import ProgressLine, progress_text
+from hiltest.session.progress_line import ProgressLine, progress_text
 
 
 class Screen:

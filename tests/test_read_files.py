@@ -15,8 +15,8 @@ from tests.command_files import folder_of_inputs, run
 from tests.finished_run import Finished
 from tests.test_written_files import WRITING
 
-from hiltest.bench_files import shipped
-from hiltest.cli import every_command
+from hiltest.commands.cli import every_command
+from hiltest.rig.bench_files import shipped
 
 pytestmark = pytest.mark.slow
 

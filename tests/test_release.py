@@ -16,7 +16,7 @@ from elftools.elf.elffile import ELFFile
 from elftools.elf.gnuversions import GNUVerNeedSection
 
 from hiltest import __version__
-from hiltest.c_library import RELEASE_GLIBC
+from hiltest.virtual.core.c_library import RELEASE_GLIBC
 
 ROOT = Path(__file__).parents[1]
 WALL_LIMIT_S = 600.0  # for an installation that takes half a minute where nothing else runs

@@ -13,7 +13,7 @@ import pytest
 from tests.command_files import folder_of_all_inputs, run
 from tests.finished_run import Finished
 
-from hiltest.cli import every_command
+from hiltest.commands.cli import every_command
 
 pytestmark = pytest.mark.slow
 

@@ -8,8 +8,17 @@ from collections.abc import Callable
 import pytest
 
 from hiltest.measurement import Limit, Measurement, check
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import BoardRecord, Column, Environment, Findings, RigRecord, SensorRecord, Table, TestResult
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import (
+    BoardRecord,
+    Column,
+    Environment,
+    Findings,
+    RigRecord,
+    SensorRecord,
+    Table,
+    TestResult,
+)
 
 MODEL = "cortex-m4-trm/2@sram"
 HEADING_TEST = "hil/suites/test_heading.py::test_heading"

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, rotation_body_from_ned, sin_cos_deg
 from hiltest.boards import Board
 from hiltest.calibration.still_pose import FACES, Face, StillPose
-from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
 from hiltest.errors import ConfigError
-from hiltest.fixtures import Cycles
 from hiltest.link.accelerometer import FitAccelerometer
 from hiltest.link.poses import MAX_TRANSFER, ClearPoses, UploadPoses
+from hiltest.orientation.angles import Pose, rotation_body_from_ned, sin_cos_deg
 from hiltest.orientation.quaternions import from_pose, normalised, pose_of
 from hiltest.procedures import spread_poses
-from hiltest.profiling.image import ProfiledImage
+from hiltest.session.benchmark_hooks import BenchmarkCycles
+from hiltest.session.fixtures import Cycles
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.profiling import CallProfile
+from hiltest.virtual.profiling.image import ProfiledImage
 
 COUNTS_PER_G = 8192.0
 FIELD_UT, DIP_DEG = 48.5, 62.0

@@ -15,9 +15,7 @@ from hiltest.boards import Board
 from hiltest.calibration import REFERENCES
 from hiltest.calibration.accelerometer import NOMINAL
 from hiltest.calibration.quality import direction_difference_rms_deg
-from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
 from hiltest.errors import ConfigError
-from hiltest.fixtures import Cycles
 from hiltest.link.dpi import FitDpi
 from hiltest.link.messages import Calibrate
 from hiltest.link.replies import CalibrateReply, RunCost
@@ -34,10 +32,12 @@ from hiltest.procedures import (
     upload_points,
 )
 from hiltest.procedures.calibrate import fit_of
-from hiltest.profiling.image import ProfiledImage
+from hiltest.session.benchmark_hooks import BenchmarkCycles
+from hiltest.session.fixtures import Cycles
 from hiltest.virtual.calls.buffers import Address, Structure
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.profiling import CallProfile
+from hiltest.virtual.profiling.image import ProfiledImage
 
 pytestmark = pytest.mark.hil
 

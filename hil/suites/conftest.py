@@ -12,8 +12,6 @@ from hiltest.boards import Board
 from hiltest.calibration import FOR_COMPARISON
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.errors import ConfigError
-from hiltest.imu_calibration import ImuCalibration
-from hiltest.imu_calibration.on_board import store_calibration
 from hiltest.link.gyroscope import Axis
 from hiltest.procedures import (
     DPI,
@@ -47,9 +45,11 @@ from hiltest.procedures import (
     store_streams,
     store_untrimmed,
 )
+from hiltest.procedures.imu_calibration import ImuCalibration
+from hiltest.procedures.imu_calibration.on_board import store_calibration
 from hiltest.rig import Rig
-from hiltest.session import SESSION
-from hiltest.settings import Settings, resolve
+from hiltest.session.session import SESSION
+from hiltest.session.settings import Settings, resolve
 from hiltest.world import EarthField
 
 # What a later suite's numbers rest on comes first; suites of your own come last. A test of any

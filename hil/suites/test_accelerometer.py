@@ -6,7 +6,6 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.accelerometer import NOMINAL
-from hiltest.fixtures import Measure
 from hiltest.procedures import (
     UNCALIBRATED,
     AccelerometerRun,
@@ -14,6 +13,7 @@ from hiltest.procedures import (
     Turntable,
     measure_accelerometer_rest,
 )
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

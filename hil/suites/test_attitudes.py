@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.boards import Board
 from hiltest.calibration.accelerometer import NOMINAL
 from hiltest.errors import DeviceError
@@ -17,6 +16,7 @@ from hiltest.link.fusion import FusionRead, FusionRecords, FusionRun, FusionStar
 from hiltest.link.gyroscope import GetGyroscope, SetGyroscope
 from hiltest.link.messages import Average, ClearCalibration, SetCalibration
 from hiltest.link.replies import Status
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.orientation.quaternions import from_ned_axes, rotation_ned_from_body
 from hiltest.orientation.tilt_heading import DegenerateFieldError, tilt_heading
 from hiltest.procedures import Turntable

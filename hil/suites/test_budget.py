@@ -9,7 +9,6 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.errors import CalibrationError
-from hiltest.fixtures import Measure
 from hiltest.procedures import (
     UNCALIBRATED,
     CalibratorRun,
@@ -23,6 +22,7 @@ from hiltest.procedures import (
     largest_effort_within,
     upload_points,
 )
+from hiltest.session.fixtures import Measure
 
 pytestmark = [pytest.mark.hil, pytest.mark.full]
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from hiltest.boards import Board
-from hiltest.fixtures import Measure
-from hiltest.imu_calibration import ImuCalibration
-from hiltest.imu_calibration.on_board import NAME, field_norm_rms_percent, gyroscope_bias_error_dps
 from hiltest.measurement import Limit
 from hiltest.procedures import KnownAngles, MeasuredTurn, Turntable
+from hiltest.procedures.imu_calibration import ImuCalibration
+from hiltest.procedures.imu_calibration.on_board import NAME, field_norm_rms_percent, gyroscope_bias_error_dps
 from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

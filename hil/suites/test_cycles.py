@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import pytest
 
 from hiltest.boards import Board
-from hiltest.fixtures import Measure
 from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
@@ -20,6 +19,7 @@ from hiltest.procedures import (
     measure_fast_fit,
 )
 from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

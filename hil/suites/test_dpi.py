@@ -7,7 +7,6 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.dpi import fit_dpi
-from hiltest.fixtures import Measure
 from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.measurement import Limit
 from hiltest.procedures import (
@@ -20,6 +19,7 @@ from hiltest.procedures import (
     summarise,
 )
 from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

@@ -11,7 +11,6 @@ import pytest
 from hiltest.boards import Board
 from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.calibration.fit import MagnetometerFit
-from hiltest.fixtures import Measure
 from hiltest.procedures import (
     CalibratorRun,
     DrivenCalibrations,
@@ -27,6 +26,7 @@ from hiltest.procedures import (
     measure_driving,
 )
 from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

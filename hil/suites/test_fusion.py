@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import pytest
 
 from hiltest.boards import Board
-from hiltest.fixtures import Measure
 from hiltest.procedures import (
     AttitudeErrors,
     CalibratorRun,
@@ -20,6 +19,7 @@ from hiltest.procedures import (
     measure_fusion,
 )
 from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
 
 pytestmark = [pytest.mark.hil, pytest.mark.full]
 

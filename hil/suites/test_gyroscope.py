@@ -11,7 +11,6 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.noise_density import noise_density
-from hiltest.fixtures import Measure
 from hiltest.link.gyroscope import Axis
 from hiltest.procedures import (
     FittedTurns,
@@ -22,6 +21,7 @@ from hiltest.procedures import (
     measure_turn,
 )
 from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

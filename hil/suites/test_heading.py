@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from hiltest.fixtures import Measure
-from hiltest.imu_calibration.on_board import NAME as CALIBRATION_FILE
 from hiltest.measurement import Limit
 from hiltest.procedures import DPI, UNCALIBRATED, CalibratorRun, KnownAngles, Tumble, float32_error_deg
+from hiltest.procedures.imu_calibration.on_board import NAME as CALIBRATION_FILE
 from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
 from hiltest.world import EarthField
 
 pytestmark = pytest.mark.hil

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from hiltest.boards import Board
-from hiltest.fixtures import Measure
 from hiltest.measurement import Limit
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from hiltest.boards import Board
-from hiltest.fixtures import Measure
 from hiltest.measurement import Limit
 from hiltest.procedures import check_link
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

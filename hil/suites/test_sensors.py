@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose, wrap_180
 from hiltest.boards import Board
 from hiltest.boards.board import Stage
 from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
@@ -22,6 +21,7 @@ from hiltest.link.gyroscope import (
 )
 from hiltest.link.messages import Average, ClearCalibration, Read, Select, SetCalibration
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, SensorKind
+from hiltest.orientation.angles import Pose, wrap_180
 from hiltest.orientation.quaternions import normalised, pose_of
 from hiltest.procedures import Turntable
 from hiltest.procedures.rest import noise_counts, rest_gyroscope

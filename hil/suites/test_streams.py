@@ -7,8 +7,8 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.accelerometer import AccelerometerFit
-from hiltest.fixtures import Measure
 from hiltest.procedures import KnownAngles, StreamRun, heading_errors_deg
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 

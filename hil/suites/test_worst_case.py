@@ -8,11 +8,11 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.fit import FitStatus
-from hiltest.fixtures import Cycles, Measure
 from hiltest.link.messages import Calibrate
 from hiltest.procedures import upload_points
-from hiltest.profiling.arguments import parse_argument
-from hiltest.worst_case import WorstCase, load_worst_case
+from hiltest.session.fixtures import Cycles, Measure
+from hiltest.studies.worst_case import WorstCase, load_worst_case
+from hiltest.virtual.profiling.arguments import parse_argument
 
 pytestmark = pytest.mark.hil
 

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 from hiltest.exports import when_used
 
 if TYPE_CHECKING:
-    from hiltest import hookspecs
     from hiltest.boards import Board
-    from hiltest.fixtures import Measure
     from hiltest.measurement import Limit
     from hiltest.procedures import Turntable
-    from hiltest.profiling.image import ProfiledImage
     from hiltest.rig import Rig
+    from hiltest.session import hookspecs
+    from hiltest.session.fixtures import Measure
     from hiltest.virtual.board.k64f import VirtualK64F
+    from hiltest.virtual.profiling.image import ProfiledImage
 
 __version__ = "0.1.0"
 
@@ -29,11 +29,11 @@ __getattr__ = when_used(
     {
         "Board": "boards",
         "Limit": "measurement",
-        "Measure": "fixtures",
+        "Measure": "session.fixtures",
         "Rig": "rig",
         "Turntable": "procedures",
         "VirtualK64F": "virtual.board.k64f",
-        "hookspecs": "hookspecs",
+        "hookspecs": "session.hookspecs",
     },
 )
 
@@ -70,9 +70,9 @@ def cycles(
         If the ELF cannot be loaded, or the timing profile or the clock does not exist.
     """
     from hiltest.boards import default_firmware
-    from hiltest.profiling.image import ProfiledImage
     from hiltest.virtual.calls.call_clock import CALL_HZ
     from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
+    from hiltest.virtual.profiling.image import ProfiledImage
 
     path = default_firmware() if elf is None else Path(elf)
     at_hz = CALL_HZ if clock_hz is None else clock_hz

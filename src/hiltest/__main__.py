@@ -1,6 +1,6 @@
 """``python -m hiltest`` is the command ``hiltest``."""
 
-from hiltest.cli import main
+from hiltest.commands.cli import main
 
 if __name__ == "__main__":
     main()

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hiltest.imu_calibration.contents import ImuCalibration
+from hiltest.campaigns.bisection import FirstWorse
 from hiltest.json_schema import DescribedFields
-from hiltest.record.comparison import Comparison
-from hiltest.record.run import Verdict
-from hiltest.runs.bisection import FirstWorse
+from hiltest.procedures.imu_calibration.contents import ImuCalibration
+from hiltest.run_record.comparison import Comparison
+from hiltest.run_record.run import Verdict
 from hiltest.verdict.detection import Detection
 
 SCHEMAS = Path(__file__).with_name("schemas")
@@ -419,7 +419,7 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.ports/1": Ports,
     "hiltest.doctor/1": Examined,
     "hiltest.init/1": Copied,
-    "hiltest.device-try/1": Understood,
+    "hiltest.interfaces-try/1": Understood,
     "hiltest.serve/1": Served,
     "hiltest.imu-calibration/1": ImuCalibration,
     "hiltest.flash/1": Flashed,
@@ -435,9 +435,9 @@ DOCUMENTS: dict[str, type] = {
 
 def schema_file(schema: str) -> Path:
     """Return the path of a document's JSON Schema."""
-    from hiltest.logs.sample_fit_exports import SCHEMA_FILE as FIT
-    from hiltest.profiling.document import SCHEMA_FILE as PROFILE
-    from hiltest.record.schema import SCHEMA_FILE as RUN
+    from hiltest.log_fitting.sample_fit_exports import SCHEMA_FILE as FIT
+    from hiltest.run_record.schema import SCHEMA_FILE as RUN
+    from hiltest.virtual.profiling.document import SCHEMA_FILE as PROFILE
 
     elsewhere = {"hiltest.run/1": RUN, "hiltest.fit/1": FIT, "hiltest.profile/1": PROFILE}
     return elsewhere.get(schema) or SCHEMAS / f"{schema.partition('/')[0].removeprefix('hiltest.')}.schema.json"

@@ -22,7 +22,7 @@ def when_used(package: str, modules: Mapping[str, str]) -> Callable[[str], objec
         if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module = import_module(f"{package}.{modules[name]}")
-        value: object = module if modules[name] == name else getattr(module, name)
+        value: object = module if modules[name].rpartition(".")[2] == name else getattr(module, name)
         setattr(sys.modules[package], name, value)
         return value
 

@@ -12,8 +12,10 @@ from typing import Any
 
 import pytest
 
-from hiltest import hookspecs
-from hiltest.fixtures import (
+from hiltest.campaigns.gate import NOT_EVALUATED
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.session import hookspecs
+from hiltest.session.fixtures import (
     benchmark_cycles,
     board,
     compass,
@@ -25,10 +27,7 @@ from hiltest.fixtures import (
     rig,
     turntable,
 )
-from hiltest.plain_imports import import_plainly
-from hiltest.record.outcomes import TestOutcome
-from hiltest.runs.gate import NOT_EVALUATED
-from hiltest.session import SESSION, HilSession
+from hiltest.session.plain_imports import import_plainly
 from hiltest.session.results import (
     CAUSE,
     FAILED_LIMITS,
@@ -45,7 +44,8 @@ from hiltest.session.results import (
     unpack,
 )
 from hiltest.session.selection import MARKER, leave_out_full, only_looks, uses_board, uses_hiltest
-from hiltest.settings import add_options, resolve
+from hiltest.session.session import SESSION, HilSession
+from hiltest.session.settings import add_options, resolve
 
 __all__ = [
     "benchmark_cycles",
@@ -84,7 +84,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
         config.pluginmanager.register(Worker(hil) if hil.is_worker else Controller(hil), "hiltest-workers")
     if "pytest_benchmark.plugin" in sys.modules:
-        from hiltest.cycle_benchmarks.hooks import join_pytest_benchmark
+        from hiltest.session.benchmark_hooks import join_pytest_benchmark
 
         join_pytest_benchmark(config.pluginmanager)
 

@@ -16,12 +16,12 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
-from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
+from hiltest.boards.served_lines import PseudoTerminal
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 # It takes some 10 s; nothing may wait for ever.
 WALL_LIMIT_S = 90.0

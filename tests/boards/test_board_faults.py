@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from tests.patched_firmware import patched
 
-from hiltest.bench_files import shipped
 from hiltest.boards import Board, default_firmware, open_board
 from hiltest.boards.sample_checks import SAME_SAMPLES, longest_run
 from hiltest.errors import BoardResetError, DeviceError, ProtocolError, SensorAbsentError, SensorFaultError
@@ -20,10 +19,11 @@ from hiltest.link.messages import Average, Points, Read, Reset, Select, Sensors,
 from hiltest.link.poses import AddPose
 from hiltest.link.replies import SensorKind
 from hiltest.procedures import collect_tumble, open_table
+from hiltest.rig.bench_files import shipped
 from hiltest.rig.board_faults import BoardReset, HeldLine, SensorFault
 from hiltest.rig.faults import Faults
-from hiltest.rig.file import load_rig
 from hiltest.rig.parts import PARTS
+from hiltest.rig.rig_file import load_rig
 
 RIG = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
 BEGIN_S = 1.5

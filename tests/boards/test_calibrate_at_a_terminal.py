@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from hiltest.calibration.still_pose import FACES as ALL_FACES
-from hiltest.imu_calibration import ImuCalibration
-from hiltest.imu_calibration.file import load_calibration
+from hiltest.procedures.imu_calibration import ImuCalibration
+from hiltest.procedures.imu_calibration.calibration_file import load_calibration
 from hiltest.procedures.turntables import FACE_WORDS, LEVEL
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import rig_file
 from hiltest.boards import BoardKind, CompassBoard, open_compass
-from hiltest.device.kinds import open_interfaces
-from hiltest.device.packets import AnglesPacket, MainPacket, encode
-from hiltest.device.quantities import Quantity
 from hiltest.errors import ConfigError, DeviceSilentError, LinkLostError, VersionMismatchError
+from hiltest.interfaces.kinds import open_interfaces
+from hiltest.interfaces.packets import AnglesPacket, MainPacket, encode
+from hiltest.interfaces.quantities import Quantity
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.procedures.compass import frame_of
 from hiltest.procedures.settling import wait_until_settled
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import rig_file
+from hiltest.rig.rig_file import load_rig
 
 RIG = """
 schema = 1

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from hiltest.angles import Pose
-from hiltest.bench_files import shipped
+from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 pytestmark = pytest.mark.slow
 

@@ -15,14 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hiltest.boards  # noqa: F401  # makes hil:// known
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
 from hiltest.boards.gdb_server import GdbServer
 from hiltest.boards.gdb_session import GdbSession
-from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
+from hiltest.boards.served_lines import PseudoTerminal
 from hiltest.errors import BoardFault
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.debugger import Debugger
 from hiltest.virtual.board.k64f import VirtualK64F
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from hiltest.boards.lines import REFUSAL, PseudoTerminal, TcpLine, port_link
+from hiltest.boards.served_lines import REFUSAL, PseudoTerminal, TcpLine, port_link
 from hiltest.errors import ConfigError
 
 WALL_LIMIT_S = 10.0  # for what takes a millisecond

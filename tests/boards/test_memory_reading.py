@@ -9,21 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import rig_file
 from hiltest.boards import open_compass
 from hiltest.boards.memory_reading import memory_kind, open_memory
-from hiltest.device.memory import MemoryInterface
-from hiltest.device.quantities import Quantity
 from hiltest.errors import ConfigError, DebugServerError, VersionMismatchError
+from hiltest.interfaces.memory_interface import MemoryInterface
+from hiltest.interfaces.quantities import Quantity
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import rig_file
 from hiltest.rig.memory_device import MemoryDevice, MemoryValue
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 
-from ..device.compiled import compile_c
-from ..device.test_gdb_client import SOURCE, WALL_LIMIT_S, own_server, qemu_server
 from ..foreign_elf import foreign_elf
+from ..interfaces.compiled import compile_c
+from ..interfaces.test_gdb_client import SOURCE, WALL_LIMIT_S, own_server, qemu_server
 
 VALUES = {
     "hard_iron": MemoryValue("calibration.hard_iron", unit="uT"),

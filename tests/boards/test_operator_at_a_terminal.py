@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.calibration.still_pose import FACES
+from hiltest.orientation.angles import Pose
 from hiltest.procedures.turntables import FACE_WORDS
 from hiltest.rig import Rig
 

@@ -13,7 +13,7 @@ from hiltest.link.replies import SensorKind
 from hiltest.procedures import open_table
 from hiltest.procedures.sensor_log import UNITS, LogRow, log_sensors
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 KINDS = tuple(SensorKind)

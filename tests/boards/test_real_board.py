@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from tests.usb_tree import K64F, SECOND_K64F, UsbTree
 
-from hiltest.angles import Pose
 from hiltest.boards import BoardKind, RealBoard, open_board
-from hiltest.boards.lines import PseudoTerminal
+from hiltest.boards.served_lines import PseudoTerminal
 from hiltest.errors import (
     BenchError,
     BoardFault,
@@ -36,6 +35,7 @@ from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.replies import SensorKind
 from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S, RequestOutcome
 from hiltest.link.transcript import Direction, Transcript
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import (
     check_link,
     collect_tumble,

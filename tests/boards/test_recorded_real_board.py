@@ -13,18 +13,18 @@ from typing import Any
 import pytest
 from tests.finished_run import without_volatile
 
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
-from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
-from hiltest.rig.file import load_rig
+from hiltest.boards.served_lines import PseudoTerminal
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 pytestmark = pytest.mark.slow
 
 SUITE = """
 from pathlib import Path
 
-from hiltest.angles import Pose
+from hiltest.orientation.angles import Pose
 from hiltest.link.messages import Average, LinkStatistics
 
 

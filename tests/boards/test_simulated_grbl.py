@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose
 from hiltest.boards.simulated_grbl import BANNER, GrblTable
 from hiltest.boards.table_axes import CAPACITY, TableAxes
+from hiltest.orientation.angles import Pose
 from hiltest.world.earth_field import EarthField
 from hiltest.world.motion import BRAKE_S, MOVE_GRID_S, TURN_SPEED_DPS, MotionSegment
 from hiltest.world.world import World

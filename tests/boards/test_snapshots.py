@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench, default_firmware
 from hiltest.boards.bench import firmware_of
 from hiltest.errors import BenchError, SnapshotError
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.messages import Average, Identify, Sync
 from hiltest.link.request import Request
-from hiltest.rig.file import load_rig
+from hiltest.orientation.angles import Pose
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 
 RIGS = shipped() / "rigs"

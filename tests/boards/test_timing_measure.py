@@ -22,7 +22,6 @@ from hiltest.boards.real import RealBoard, is_silicon
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.procedures.sequences import measure_sequences
-from hiltest.profiling.timing_table import print_judgements, print_places
 from hiltest.rig import Rig
 from hiltest.virtual.board import cortex_m4
 from hiltest.virtual.board.k64f import VirtualK64F
@@ -31,6 +30,7 @@ from hiltest.virtual.core.library import lib
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, ROWS, load_profile
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.part.unique_id import VIRTUAL_UNIQUE_ID
+from hiltest.virtual.profiling.timing_table import print_judgements, print_places
 from hiltest.virtual.program.elf import load_image
 from hiltest.virtual.program.instruction_text import instruction_text
 from hiltest.virtual.silicon.measured_profile import CHECKS, EQUATIONS, PLAIN, WITH_RULES, MeasuredProfile, profile_text

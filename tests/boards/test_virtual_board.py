@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import serial
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.boards import BoardKind, Declared, VirtualBench, VirtualBoard, default_firmware, open_board
 from hiltest.errors import ConfigError, DeviceError, SensorAbsentError, VersionMismatchError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
@@ -18,6 +17,7 @@ from hiltest.link.gyroscope import GyroscopeRest
 from hiltest.link.messages import PROTOCOL_VERSION, Average, Calibrate, LinkStatistics, Read, Reset, Sync
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT, CycleSource, SensorKind
 from hiltest.link.transcript import Transcript
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.procedures import collect_tumble, measure_cycles, open_turntable, run_calibrators
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.calibration.accelerometer import (
     COUNTS_PER_G,
     CROSS_AXIS,
@@ -26,6 +25,7 @@ from hiltest.calibration.accelerometer import (
 )
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.still_pose import FACES, Face, StillPose
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 
 # Noiseless float64: rounding (2e-16) times the condition of the equations, below 1e4.
 EXACT = 1e-11

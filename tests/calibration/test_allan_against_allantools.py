@@ -12,8 +12,8 @@ import pytest
 
 from hiltest.calibration.allan import allan_curve, averages
 from hiltest.calibration.degrees_of_freedom import degrees_of_freedom, interval, noise_exponents
-from hiltest.logs.allan_page import to_json
-from hiltest.logs.rate_log import read_rate_log
+from hiltest.log_fitting.allan_page import to_json
+from hiltest.log_fitting.rate_log import read_rate_log
 
 from .synthetic_rates import Reals, flicker, random_walk, white
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.calibration.conditioning import CONDITION_SINGULAR, TRACELESS, CentredPoints, ellipsoid_condition
 from hiltest.calibration.quality import sphere_directions
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 
 from ..instances import instance
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hiltest.angles import Pose, rotation_rows
 from hiltest.calibration import FitStatus, fit_direct
 from hiltest.calibration.dpi import DpiFit, fit_dpi, fit_dpi_of_any_number
 from hiltest.calibration.quality import direction_error_rms_deg, rotation_left_deg
 from hiltest.orientation import tilt_heading
+from hiltest.orientation.angles import Pose, rotation_rows
 
 from ..dpi_instances import DpiInstance, dpi_instance
 

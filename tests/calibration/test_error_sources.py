@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.calibration.error_sources import Source, error_sources
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 
 from .test_sensor_axes import FIELD_NED, LEVEL, known
 

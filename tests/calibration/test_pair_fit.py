@@ -17,7 +17,7 @@ from hiltest.calibration.constant_dip import fit_constant_dip
 from hiltest.calibration.pair_fit import PAIR_METHODS, fit_joint, fit_norms, fit_turned, held_out_dip_deg
 from hiltest.calibration.quality import rotation_left_deg
 
-from ..device.conftest import shared_data  # noqa: F401  # a fixture
+from ..interfaces.conftest import shared_data  # noqa: F401  # a fixture
 from .still_pairs import (
     ALIGNED,
     DIP_DEG,

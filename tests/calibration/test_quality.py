@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.calibration import FitStatus, MagnetometerFit, fit_direct
 from hiltest.calibration.quality import (
     direction_difference_rms_deg,
@@ -19,6 +18,7 @@ from hiltest.calibration.quality import (
     rotation_left_deg,
     sphere_directions,
 )
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 
 from ..instances import instance
 

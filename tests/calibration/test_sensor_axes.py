@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.calibration.axes import ALL_AXES, RIGHT, Axes, linear_map
 from hiltest.calibration.sensor_axes import SensorAxes, sensor_axes
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 
 TILTS = ((0, 0), (20, 0), (-20, 0), (0, 20), (0, -20))
 LEVEL = ((0, 0),)

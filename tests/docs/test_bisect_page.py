@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
+from hiltest.campaigns.bisection import FirstWorse
+from hiltest.campaigns.judged_commit import JudgedCommit
 from hiltest.commands.bisect import SCHEMA, bisect
-from hiltest.runs.bisection import FirstWorse
-from hiltest.runs.judged_commit import JudgedCommit
 
 PAGE = (Path(__file__).parents[2] / "docs" / "bisect.md").read_text(encoding="utf-8")
 

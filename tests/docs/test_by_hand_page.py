@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.angles import Pose
-from hiltest.bench_files import shipped
 from hiltest.measurement import Limit, check
+from hiltest.orientation.angles import Pose
 from hiltest.procedures.compass_by_hand import SAY as NEW_RUN
 from hiltest.procedures.hand_poses import Wish, question_of, wish_of
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.verdict.verdict import decide
 
 from ..written_run import board, findings

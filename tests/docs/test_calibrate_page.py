@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.imu_calibration import AccelerometerPart, GyroscopePart, MagnetometerPart
-from hiltest.imu_calibration.contents import ACCELEROMETER_UNITS, GYROSCOPE_UNITS, MAGNETOMETER_UNITS, SCHEMA
-from hiltest.imu_calibration.file import load_calibration
-from hiltest.record.reader import read_record
+from hiltest.procedures.imu_calibration import AccelerometerPart, GyroscopePart, MagnetometerPart
+from hiltest.procedures.imu_calibration.calibration_file import load_calibration
+from hiltest.procedures.imu_calibration.contents import ACCELEROMETER_UNITS, GYROSCOPE_UNITS, MAGNETOMETER_UNITS, SCHEMA
+from hiltest.run_record.reader import read_record
 
 PAGE = (Path(__file__).parents[2] / "docs" / "calibrate.md").read_text(encoding="utf-8")
 (COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)

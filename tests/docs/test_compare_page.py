@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Tolerance
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.verdict.baseline_file import read_baseline
 
 ROOT = Path(__file__).parents[2]

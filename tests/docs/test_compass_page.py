@@ -10,11 +10,11 @@ from types import ModuleType
 
 import pytest
 
-from hiltest.device import kinds
-from hiltest.device.frames import FRAMES
-from hiltest.device.kinds import open_interfaces, sources_of
-from hiltest.device.quantities import Quantity, StreamInterface
-from hiltest.rig.file import load_rig
+from hiltest.interfaces import kinds
+from hiltest.interfaces.frames import FRAMES
+from hiltest.interfaces.kinds import open_interfaces, sources_of
+from hiltest.interfaces.quantities import Quantity, StreamInterface
+from hiltest.rig.rig_file import load_rig
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "compass.md").read_text(encoding="utf-8")

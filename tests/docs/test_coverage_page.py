@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.coverage.lcov import Coverage, from_lcov
+from hiltest.virtual.coverage.lcov import Coverage, from_lcov
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "coverage.md").read_text(encoding="utf-8")

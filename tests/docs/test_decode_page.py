@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from tests.command_files import run
 
-from hiltest.device.packets import KINDS
+from hiltest.interfaces.packets import KINDS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "decode.md").read_text(encoding="utf-8")
 RECORD, USE = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)

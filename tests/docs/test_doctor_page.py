@@ -16,13 +16,13 @@ from tests.boards.conftest import pty_board, rig  # noqa: F401  # fixtures
 from tests.command_files import run
 from tests.usb_tree import UsbTree
 
-from hiltest.bench_files import shipped
 from hiltest.boards import default_firmware
-from hiltest.doctor.board import BOARD_CHECKS
-from hiltest.doctor.earth import model_field, see_declared_field
-from hiltest.doctor.host import HOST_CHECKS
+from hiltest.doctor.board_checks import BOARD_CHECKS
+from hiltest.doctor.field_checks import model_field, see_declared_field
+from hiltest.doctor.host_checks import HOST_CHECKS
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "doctor.md").read_text(encoding="utf-8")

@@ -96,8 +96,8 @@ def test_a_log_that_supports_nothing_is_exported_nowhere(folder: Path) -> None:
 
 def test_the_verdicts_of_the_page_are_those_that_are_given() -> None:
     from hiltest.calibration.acceptance import Acceptance
-    from hiltest.logs import imu_accelerometer as accelerometer
-    from hiltest.logs import imu_gyroscope as gyroscope
+    from hiltest.log_fitting import imu_accelerometer as accelerometer
+    from hiltest.log_fitting import imu_gyroscope as gyroscope
 
     severity = list(Acceptance)
     rows = {
@@ -119,9 +119,9 @@ def test_the_verdicts_of_the_page_are_those_that_are_given() -> None:
 
 
 def test_the_table_tells_the_limits_that_decide() -> None:
-    from hiltest.logs import imu_accelerometer as accelerometer
-    from hiltest.logs import imu_gyroscope as gyroscope
-    from hiltest.logs import intervals
+    from hiltest.log_fitting import imu_accelerometer as accelerometer
+    from hiltest.log_fitting import imu_gyroscope as gyroscope
+    from hiltest.log_fitting import intervals
 
     cells = dict(re.findall(r"^\| (a \w+) \| (.*) \|$", PAGE, re.M))
     assert f"by more than {intervals._MOTION:g} times the quietest tenth" in cells["a rest"]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.settings import OPTIONS
+from hiltest.session.settings import OPTIONS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "gate.md").read_text(encoding="utf-8")

@@ -6,8 +6,8 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-from hiltest.rig.file import load_rig
-from hiltest.rig.playback import PlaybackFile, PlayedSensor
+from hiltest.rig.recorded_motion import PlaybackFile, PlayedSensor
+from hiltest.rig.rig_file import load_rig
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "playback.md").read_text(encoding="utf-8")

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.commands.profile import profile
-from hiltest.profiling.tables import _NAMES
 from hiltest.virtual.counts.cost_classes import Stall
+from hiltest.virtual.profiling.profile_tables import _NAMES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "profile.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^```sh\n(hiltest .*?)\n```", PAGE, re.M | re.S)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from hiltest.commands.options import EXIT_CODES
-from hiltest.settings import OPTIONS
+from hiltest.session.settings import OPTIONS
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

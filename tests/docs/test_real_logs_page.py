@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ..device.conftest import shared_data  # noqa: F401  # a fixture
-from ..logs.real_logs import magnetometers
+from ..interfaces.conftest import shared_data  # noqa: F401  # a fixture
+from ..log_fitting.real_logs import magnetometers
 
 PAGE = (Path(__file__).parents[2] / "docs" / "real-logs.md").read_text(encoding="utf-8")
 

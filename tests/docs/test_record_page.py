@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from hiltest.commands.report import report
-from hiltest.record import journal, schema
-from hiltest.record.comparison import Revision
-from hiltest.record.reader import read_record
-from hiltest.record.run import SCHEMA, Run
+from hiltest.run_record import journal, schema
+from hiltest.run_record.comparison import Revision
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import SCHEMA, Run
 
 PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text(encoding="utf-8")
 COMMANDS, LABELLED = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)

@@ -10,7 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from hiltest.rig.faults import Faults
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "rigs.md").read_text(encoding="utf-8")

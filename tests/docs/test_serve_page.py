@@ -15,7 +15,7 @@ import pytest
 from hiltest.boards.gcode import Refusal
 from hiltest.boards.simulated_grbl import HELP
 from hiltest.commands.serve import serve
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "serve.md").read_text(encoding="utf-8")

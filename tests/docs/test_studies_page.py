@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from hiltest.record.reader import read_record
-from hiltest.record.run import Cell, Run
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Cell, Run
 from hiltest.studies import NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"

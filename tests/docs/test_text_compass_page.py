@@ -15,10 +15,10 @@ import pytest
 from pydantic import TypeAdapter
 from tests.command_files import run
 
-from hiltest.device.quantities import Quantity
-from hiltest.device.text_table import text_interface
+from hiltest.interfaces.quantities import Quantity
+from hiltest.interfaces.text_table import text_interface
+from hiltest.measurement.units import conversion
 from hiltest.rig.text_device import TextDevice
-from hiltest.units import conversion
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "text-compass.md").read_text(encoding="utf-8")

@@ -13,16 +13,16 @@ from pathlib import Path
 
 from rich.console import Console
 
-from hiltest.bench_files import shipped
 from hiltest.boards import open_board
 from hiltest.boards.bench import default_firmware
 from hiltest.link.messages import Calibrate
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
-from hiltest.profiling.timing_table import print_judgements
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.text import format_number
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, ROWS, RULES, load_profile
+from hiltest.virtual.profiling.timing_table import print_judgements
 from hiltest.virtual.program.elf import load_image
 from hiltest.virtual.silicon.rule_candidates import judge, predicted_clocks, questions
 

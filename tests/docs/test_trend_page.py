@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, check
-from hiltest.record.run_json import write_run
-from hiltest.trend.outputs import SCHEMA
+from hiltest.report.trend.outputs import SCHEMA
+from hiltest.run_record.run_json import write_run
 
 from ..trend.runs import finished_run
 

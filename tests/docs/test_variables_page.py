@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import rig_file
-from hiltest.device.memory import read_descriptions
-from hiltest.device.quantities import Quantity
-from hiltest.device.variables import Variables, function_address
-from hiltest.rig.file import load_rig
-from hiltest.units import conversion
+from hiltest.interfaces.memory_interface import read_descriptions
+from hiltest.interfaces.quantities import Quantity
+from hiltest.interfaces.variables import Variables, function_address
+from hiltest.measurement.units import conversion
+from hiltest.rig.bench_files import rig_file
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.program.elf import load_image
 
 from ..foreign_elf import foreign_elf

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 PAGE = (Path(__file__).parents[2] / "docs" / "virtual-board.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)

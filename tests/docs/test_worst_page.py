@@ -11,9 +11,9 @@ import pytest
 from tests.command_files import run
 
 from hiltest.commands.worst import worst
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
+from hiltest.studies.worst_case import load_worst_case
 from hiltest.verdict.baseline_file import read_baseline
-from hiltest.worst_case import load_worst_case
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "worst.md").read_text(encoding="utf-8")

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from tests.usb_tree import UsbTree
 
-from hiltest.bench_files import shipped
 from hiltest.doctor.check import Check
+from hiltest.rig.bench_files import shipped
 
 from ..boards.conftest import pty_board, real_rig, rig, rig_without_shield  # noqa: F401  # fixtures
 
@@ -44,7 +44,7 @@ def as_nobody(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         yield
         return
     here = shipped()  # which nobody could not look for, where hiltest is installed in a folder of root's
-    monkeypatch.setattr("hiltest.doctor.host.shipped", lambda: here)
+    monkeypatch.setattr("hiltest.doctor.host_checks.shipped", lambda: here)
     groups = os.getgroups()
     os.setgroups([])
     os.setegid(NOBODY)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from hiltest.boards import Board, open_board
-from hiltest.doctor.board import (
+from hiltest.doctor.board_checks import (
     BOARD_CHECKS,
     see_accelerometer_noise,
     see_clock,

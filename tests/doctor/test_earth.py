@@ -9,11 +9,11 @@ from datetime import date
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards import Board, open_board
 from hiltest.doctor.check import Health
-from hiltest.doctor.earth import ModelField, model_field, see_declared_field, see_measured_field
+from hiltest.doctor.field_checks import ModelField, model_field, see_declared_field, see_measured_field
 from hiltest.link.messages import ClearCalibration, SetCalibration
+from hiltest.orientation.angles import Pose
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 
 HERE = ModelField(48.3, 62.4, 3.1, "WMM-2025")

@@ -16,18 +16,18 @@ from typing import Any
 import pytest
 from tests.usb_tree import K64F, SECOND_K64F, UsbTree
 
-from hiltest.doctor.board import BOARD_CHECKS
+from hiltest.doctor.board_checks import BOARD_CHECKS
 from hiltest.doctor.check import Check, Health, exit_code
 from hiltest.doctor.examination import examine
-from hiltest.doctor.host import HOST_CHECKS
+from hiltest.doctor.host_checks import HOST_CHECKS
 from hiltest.errors import SeveralBoardsError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
 from hiltest.link.messages import PROTOCOL_VERSION, Sync
 from hiltest.link.request import REPLY_BIT
-from hiltest.record.exit_codes import ExitCode
 from hiltest.rig import Rig
 from hiltest.rig.board_faults import BoardReset, SensorFault
 from hiltest.rig.faults import Faults
+from hiltest.run_record.exit_codes import ExitCode
 
 TODAY = date(2026, 6, 1)
 ByName = Callable[[Iterable[Check]], dict[str, Check]]

@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 from tests.usb_tree import K64F, UsbTree
 
-from hiltest.bench_files import shipped
 from hiltest.doctor.check import Health
-from hiltest.doctor.host import (
+from hiltest.doctor.host_checks import (
     HOST_CHECKS,
     RULES,
     HostPort,
@@ -25,6 +24,7 @@ from hiltest.doctor.host import (
     see_rules,
     see_volume,
 )
+from hiltest.rig.bench_files import shipped
 
 from .conftest import NOBODY, held_by_a_process
 

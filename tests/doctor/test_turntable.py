@@ -12,14 +12,14 @@ import pytest
 from tests.boards.test_simulated_grbl import Bench
 from tests.usb_tree import UsbTree
 
-from hiltest.angles import Pose
-from hiltest.bench_files import shipped
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
 from hiltest.doctor.check import Check, Health
-from hiltest.doctor.turntable import see_turntable
+from hiltest.doctor.turntable_checks import see_turntable
 from hiltest.link import grbl
-from hiltest.rig.file import load_rig
+from hiltest.orientation.angles import Pose
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 from .conftest import held_by_a_process
 from .test_examination import answering

@@ -18,7 +18,7 @@ from tests.patched_firmware import HANG, OVERFLOW, UNDEFINED, patched
 
 from hiltest.boards import default_firmware
 from hiltest.rig.faults import Faults
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hiltest.bench_files import shipped
 from hiltest.boards.bench import START_UP_S
 from hiltest.link.messages import Collect
 from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S
-from hiltest.sensors import Fxos8700cqNoise
+from hiltest.rig.bench_files import shipped
+from hiltest.world.sensors import Fxos8700cqNoise
 
 WALL_LIMIT_S = 120.0  # for what takes some 3 s on a machine of its own
 READINGS = 16

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.link.messages import PROTOCOL_VERSION
-from hiltest.record.reader import read_record
+from hiltest.run_record.reader import read_record
 
 from .firmware_edits import NEXT_PROTOCOL, FirmwareCopy
 

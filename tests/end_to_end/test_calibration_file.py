@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hiltest.bench_files import rig_file
 from hiltest.measurement import KINDS, Section, identify
+from hiltest.rig.bench_files import rig_file
 
 FILE = "imu_calibration.json"
 TASKS_STACK = "firmware.{task}.stack_most"

@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import open_board
 from hiltest.boards.board import Board
 from hiltest.link.messages import Calibrate
 from hiltest.procedures import golden_points, measure_dpi_cycles, upload_points
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,12 @@ from tests.end_to_end.short_run import DEADLINE_S, Ended, run_short, wrong_numbe
 from tests.link.requests import REQUESTS
 from tests.patched_firmware import HANG, patched
 
-from hiltest.bench_files import shipped
 from hiltest.boards import default_firmware, open_board
 from hiltest.errors import DeviceTimeoutError, SyncError
 from hiltest.link.request import Request
 from hiltest.link.session import ATTEMPTS
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.program.elf import load_image
 
 pytestmark = pytest.mark.slow

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.angles import wrap_180
+from hiltest.orientation.angles import wrap_180
 
-from ..device.conftest import shared_data  # noqa: F401  # a fixture
 from ..foreign_elf import foreign_elf
+from ..interfaces.conftest import shared_data  # noqa: F401  # a fixture
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "nxp-fusion-agm01.toml"
 WALL_LIMIT_S = 900  # a minute on an idle core

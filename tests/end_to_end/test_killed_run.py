@@ -17,9 +17,9 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.reader import read_record
-from hiltest.record.run import Run
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Run
 
 KILLS = int(os.environ.get("HILTEST_KILLS", "10"))
 TESTS = 150
@@ -130,10 +130,10 @@ class Killed:
 def _before(folder: Path) -> None:
     """Leave the record of an earlier run of the same tests in a folder, with a measurement that no other run has."""
     from hiltest.measurement import check
-    from hiltest.record.journal import Journal
-    from hiltest.record.recorder import Recorder
-    from hiltest.record.run import TestResult, Verdict
     from hiltest.report.render import write_reports
+    from hiltest.run_record.journal import Journal
+    from hiltest.run_record.recorder import Recorder
+    from hiltest.run_record.run import TestResult, Verdict
 
     (folder / "out").mkdir()
     recorder = Recorder(Journal(folder / "out"), suite="gate", poses="all")

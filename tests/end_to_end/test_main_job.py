@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards.bench import default_firmware
-from hiltest.record.files import RECORD_FILES
-from hiltest.record.journal import JOURNAL_FILE
-from hiltest.record.reader import read_record
+from hiltest.rig.bench_files import shipped
+from hiltest.run_record.files import RECORD_FILES
+from hiltest.run_record.journal import JOURNAL_FILE
+from hiltest.run_record.reader import read_record
 from hiltest.verdict.summary import summarise
 
 from ..finished_run import without_volatile

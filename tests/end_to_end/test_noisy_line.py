@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import Declared, RealBoard, VirtualBench, real
 from hiltest.boards.bench import START_UP_S
 from hiltest.boards.faulty_port import FaultyPort, with_faults
@@ -17,8 +16,9 @@ from hiltest.errors import BenchError
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.procedures import check_link
 from hiltest.procedures.link_checks import LinkCheck
+from hiltest.rig.bench_files import shipped
 from hiltest.rig.faults import Faults
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 from .firmware_edits import Edit, FirmwareCopy
 

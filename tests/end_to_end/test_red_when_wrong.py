@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 # The known angles and what their verdict needs; cycles and link have nothing to do with these causes.
 SUITES = ("--", "-k", "identity or accelerometer or heading")

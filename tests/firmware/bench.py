@@ -10,10 +10,10 @@ from pathlib import Path
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
 from hiltest.link.replies import Status
 from hiltest.rig import build_sensors, build_world
-from hiltest.rig.file import load_rig
-from hiltest.sensors.register_device import RegisterDevice
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.i2c_bus import I2cDevice
+from hiltest.world.sensors.register_device import RegisterDevice
 
 ROOT = Path(__file__).parents[2]
 ELF = ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"

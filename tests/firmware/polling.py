@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hiltest.sensors.register_device import RegisterDevice
+from hiltest.world.sensors.register_device import RegisterDevice
 
 from ..sensors.bus_master import read, write
 

@@ -12,16 +12,24 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from hiltest.angles import Pose, circular_mean_deg, heading_error_deg
 from hiltest.boards.bench import VirtualBench
-from hiltest.device.packet_fields import Packet
-from hiltest.device.packet_stream import PacketDecoder
-from hiltest.device.packets import Algorithm, AnglesPacket, AxisConvention, MagneticPacket7, MainPacket, Release, Shown
-from hiltest.device.quantities import Observation, Quantity
-from hiltest.device.text import TextInterface
-from hiltest.device.text_table import text_interface
+from hiltest.interfaces.packet_fields import Packet
+from hiltest.interfaces.packet_stream import PacketDecoder
+from hiltest.interfaces.packets import (
+    Algorithm,
+    AnglesPacket,
+    AxisConvention,
+    MagneticPacket7,
+    MainPacket,
+    Release,
+    Shown,
+)
+from hiltest.interfaces.quantities import Observation, Quantity
+from hiltest.interfaces.text_interface import TextInterface
+from hiltest.interfaces.text_table import text_interface
+from hiltest.orientation.angles import Pose, circular_mean_deg, heading_error_deg
 from hiltest.orientation.quaternions import from_pose
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.rig.text_device import TextDevice
 from hiltest.virtual.board.k64f import VirtualK64F
 

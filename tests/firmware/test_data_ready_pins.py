@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hiltest.boards import VirtualBench
 from hiltest.rig import build_sensors, build_world
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 from .polling import SAMPLE_BYTES, polled
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from hiltest.angles import Pose
-from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import Fxos8700cq
+from hiltest.orientation.angles import Pose
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.fxas21002c import Fxas21002c
+from hiltest.world.sensors.fxos8700cq import Fxos8700cq
 from hiltest.world.world import World
 
 from .polling import SAMPLE_BYTES, polled

@@ -8,10 +8,10 @@ import struct
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose, heading_error_deg
 from hiltest.link.fields import FieldReader
 from hiltest.link.fusion import FusionRead, FusionRecords, FusionRun, FusionStart, FusionSummary
 from hiltest.link.replies import Status
+from hiltest.orientation.angles import Pose, heading_error_deg
 from hiltest.orientation.quaternions import from_pose, normalised, pose_of
 
 from ..orientation.fusion_matrices import angle_between_deg

@@ -8,11 +8,11 @@ import struct
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.link.replies import Status
-from hiltest.rig.file import load_rig
-from hiltest.sensors.fxas21002c import Fxas21002c
+from hiltest.orientation.angles import Pose
+from hiltest.rig.rig_file import load_rig
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.fxas21002c import Fxas21002c
 from hiltest.world.world import World
 
 from .bench import AVERAGE, READ, REST, ROOT, SELECT, Bench, bench_with

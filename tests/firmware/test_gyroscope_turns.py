@@ -13,7 +13,7 @@ import pytest
 from hiltest.boards import Board, open_board
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeTurn, TurnsFit, TurnsStatus, fit_turns
 from hiltest.link.gyroscope import FitGyroscope
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 from .bench import COSTS_BY, ROOT
 

@@ -20,10 +20,10 @@ from hiltest.link.messages import Calibrate, ClearPoints, TimeRange, Upload
 from hiltest.link.replies import CalibrateReply, RunCost
 from hiltest.link.request import Request, decode_reply
 from hiltest.procedures.golden_points import golden_points
-from hiltest.profiling.image import ProfiledImage
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.buffers import Address, Structure
 from hiltest.virtual.counts.profiling import CallProfile
+from hiltest.virtual.profiling.image import ProfiledImage
 from hiltest.virtual.program.elf import load_image
 
 from ..dpi_instances import dpi_instance

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import hiltest
-from hiltest.angles import heading_error_deg
 from hiltest.orientation import tilt_heading
+from hiltest.orientation.angles import heading_error_deg
 from hiltest.orientation.fusion import FusionNoise
 from hiltest.orientation.quaternions import normalised, rotation_ned_from_body
 from hiltest.virtual.board.k64f import VirtualK64F

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hiltest.angles import rotation_rows
 from hiltest.link.messages import Points
 from hiltest.link.request import decode_reply
-from hiltest.sensors.fxos8700cq import Fxos8700cq, Fxos8700cqNoise
-from hiltest.sensors.mag3110 import Mag3110
+from hiltest.orientation.angles import rotation_rows
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
 from hiltest.world.motion import TumbleMotion
+from hiltest.world.sensors.fxos8700cq import Fxos8700cq, Fxos8700cqNoise
+from hiltest.world.sensors.mag3110 import Mag3110
 from hiltest.world.world import World
 
 from .bench import COLLECT, Bench

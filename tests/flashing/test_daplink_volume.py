@@ -11,9 +11,9 @@ from tests.flashing.drive import Drive
 from tests.usb_tree import K64F
 
 from hiltest.boards import default_firmware
+from hiltest.boards.flashing.daplink_volume import FILE_NAME, drop
+from hiltest.boards.flashing.flash_image import load_flash_image
 from hiltest.errors import BenchError, FlashError
-from hiltest.flashing.daplink_volume import FILE_NAME, drop
-from hiltest.flashing.flash_image import load_flash_image
 
 SHORT_S = 0.5  # the drive below is back in a twentieth of a second
 IMAGE = load_flash_image(default_firmware())

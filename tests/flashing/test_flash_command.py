@@ -17,9 +17,9 @@ from tests.flashing.drive import Drive
 from tests.test_json_documents import checked
 from tests.usb_tree import K64F, SECOND_K64F, UsbTree
 
-from hiltest.bench_files import shipped
 from hiltest.boards import default_firmware
-from hiltest.flashing import flashing
+from hiltest.boards.flashing import flashing
+from hiltest.rig.bench_files import shipped
 from hiltest.virtual.program.elf import load_image
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "recordings" / "board-silent.jsonl.gz"

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from tests.flashing.drive import memory_of
 
 from hiltest.boards import default_firmware
+from hiltest.boards.flashing.flash_image import FlashImage, load_flash_image
 from hiltest.errors import ConfigError
-from hiltest.flashing.flash_image import FlashImage, load_flash_image
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 from hiltest.virtual.program.image_formats import convert_to_elf
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.imu_calibration.contents import (
+from hiltest.procedures.imu_calibration.contents import (
     ACCELEROMETER_UNITS,
     FRAME,
     GYROSCOPE_UNITS,

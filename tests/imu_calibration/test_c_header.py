@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.imu_calibration import ImuCalibration
-from hiltest.imu_calibration.file import to_header
+from hiltest.procedures.imu_calibration import ImuCalibration
+from hiltest.procedures.imu_calibration.calibration_file import to_header
 
 _PROGRAM = """
 #include <stdio.h>

@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hiltest.errors import ConfigError
-from hiltest.imu_calibration import ImuCalibration
-from hiltest.imu_calibration.contents import MICROTESLA_PER_COUNT
-from hiltest.imu_calibration.file import load_calibration, to_json
+from hiltest.procedures.imu_calibration import ImuCalibration
+from hiltest.procedures.imu_calibration.calibration_file import load_calibration, to_json
+from hiltest.procedures.imu_calibration.contents import MICROTESLA_PER_COUNT
 
 COUNTS = st.floats(-32768.0, 32767.0)
 Refusal = Callable[[str | bytes], str]

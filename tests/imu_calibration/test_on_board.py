@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
-from hiltest.bench_files import shipped
 from hiltest.boards import Board, VirtualBench, open_board
-from hiltest.imu_calibration import ImuCalibration
-from hiltest.imu_calibration.on_board import gyroscope_bias_error_dps
 from hiltest.link.gyroscope import GetGyroscope
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import BoardMovedError
-from hiltest.rig.file import load_rig
+from hiltest.procedures.imu_calibration import ImuCalibration
+from hiltest.procedures.imu_calibration.on_board import gyroscope_bias_error_dps
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 
 @pytest.fixture

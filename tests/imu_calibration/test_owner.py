@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import Board, open_board
 from hiltest.errors import ConfigError
-from hiltest.imu_calibration import ImuCalibration
-from hiltest.imu_calibration.file import CalibrationFile
-from hiltest.imu_calibration.owner import made_on, refuse_another_board
+from hiltest.procedures.imu_calibration import ImuCalibration
+from hiltest.procedures.imu_calibration.calibration_file import CalibrationFile
+from hiltest.procedures.imu_calibration.owner import made_on, refuse_another_board
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 
 @pytest.fixture(scope="module")

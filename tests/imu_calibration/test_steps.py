@@ -6,15 +6,15 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import open_board
 from hiltest.errors import BoardResetError, SensorFaultError
-from hiltest.imu_calibration.contents import FigureOfMerit
-from hiltest.imu_calibration.guided import calibrate_imu
 from hiltest.procedures import open_table
+from hiltest.procedures.imu_calibration.contents import FigureOfMerit
+from hiltest.procedures.imu_calibration.guided import calibrate_imu
+from hiltest.rig.bench_files import shipped
 from hiltest.rig.board_faults import BoardReset, SensorFault
 from hiltest.rig.faults import Faults
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 
 RIG = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import BoardFault, DeviceTimeoutError, SequenceError
@@ -15,7 +14,8 @@ from hiltest.link.messages import ClearPoints, Identify, LinkStatistics, Points,
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.replies import LinkCounters
 from hiltest.link.session import Attempt, RequestOutcome, Session
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 Fault = Callable[[bytes], bytes]
 

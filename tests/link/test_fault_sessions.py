@@ -14,7 +14,6 @@ import pytest
 import serial
 from tests.totals import printed_totals
 
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import DeviceTimeoutError, LinkLostError, SyncError
@@ -22,7 +21,8 @@ from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Identify, LinkSt
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.session import RequestOutcome, Session
 from hiltest.link.transcript import Direction, Transcript
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 SESSIONS = int(os.environ.get("HILTEST_FAULT_SESSIONS", "500"))
 PARTS = 20

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose
 from hiltest.calibration.accelerometer import AccelerometerStatus
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.still_pose import FACES, Face, StillPose
@@ -24,6 +23,7 @@ from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import CycleSource, RunCost, SensorInfo, SensorKind, SlotHeading, Status
 from hiltest.link.request import Request, decode_reply
 from hiltest.link.streams import StreamFeed, StreamRemove, StreamReset, StreamState, StreamStatus
+from hiltest.orientation.angles import Pose
 
 POSE = StillPose(
     magnetometer=np.array([1.0, -2.0, 0.5]),

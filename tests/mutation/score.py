@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hiltest.record.exit_codes import ExitCode
-from hiltest.record.reader import read_record
+from hiltest.run_record.exit_codes import ExitCode
+from hiltest.run_record.reader import read_record
 
 from ..end_to_end.firmware_edits import FirmwareCopy
 from .edits import Mutation

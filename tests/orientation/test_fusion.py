@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose
+from hiltest.orientation.angles import Pose
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import from_pose, normalised, rotation_ned_from_body
 

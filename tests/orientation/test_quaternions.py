@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned
+from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned
 from hiltest.orientation.quaternions import from_ned_axes, from_pose, normalised, pose_of, rotation_ned_from_body
 from hiltest.world.motion import body_rate_dps
 

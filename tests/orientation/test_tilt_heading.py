@@ -13,8 +13,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned
 from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned
 
 SOURCE = Path(__file__).parents[2] / "firmware_stub" / "orientation" / "tilt_heading.c"
 DIP_DEG = 62.0

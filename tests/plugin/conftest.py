@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import hiltest
-from hiltest.c_library import SOURCES
-from hiltest.settings import OPTIONS
+from hiltest.session.settings import OPTIONS
+from hiltest.virtual.core.c_library import SOURCES
 
 # pytester forgets what a run in this process has imported. numpy and pydantic cannot be imported twice in one process,
 # and all else takes longer than such a run: so it is here before.

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 # As in conftest.py: numpy and what is built on it cannot be imported twice in one process.
-import hiltest.profiling.image  # noqa: F401
+import hiltest.virtual.profiling.image  # noqa: F401
 from hiltest.boards import default_firmware
 
-HOOKS = "from hiltest.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit\n"
+HOOKS = "from hiltest.session.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit\n"
 MODEL = "cortex-m4-trm/2@sram"
 BOTH = """
 def test_fit(benchmark_cycles):

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hiltest.bench_files import shipped
+from hiltest.rig.bench_files import shipped
 
 RESET = 'reset = { by = "button", after_s = 0.5 }'
 FROZEN = 'sensor = { part = "mag3110", fault = "frozen", after_s = 0.5 }'

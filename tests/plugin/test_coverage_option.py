@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.coverage.lcov import Coverage, from_lcov
+from hiltest.virtual.coverage.lcov import Coverage, from_lcov
 
 BOARD = """
 def test_slots(board, measure):

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 # As in conftest.py: numpy and what is built on it cannot be imported twice in one process.
-import hiltest.profiling.image  # noqa: F401
+import hiltest.virtual.profiling.image  # noqa: F401
 from hiltest.boards import default_firmware
 from hiltest.text import format_number
 from hiltest.virtual.board.k64f import VirtualK64F

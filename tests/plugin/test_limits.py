@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hiltest.bench_files import shipped
+from hiltest.rig.bench_files import shipped
 
 HEAD = "import pytest\nfrom hiltest.measurement import Limit\n\n"
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from hiltest.record.journal import JOURNAL_FILE
-from hiltest.record.reader import read_record
+from hiltest.run_record.journal import JOURNAL_FILE
+from hiltest.run_record.reader import read_record
 
 HEAD = "from hiltest.measurement import Limit\n\n"
 

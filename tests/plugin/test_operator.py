@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
-from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
-from hiltest.rig.file import load_rig
+from hiltest.boards.served_lines import PseudoTerminal
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.heavy_imports import HEAVY
 
-from hiltest.settings import OPTIONS
+from hiltest.session.settings import OPTIONS
 
 SHOW = """
     def test_it(hil_settings):

@@ -10,8 +10,8 @@ import pytest
 from tests.finished_run import without_volatile
 from tests.plugin.record_benches import BENCHES, RECORDINGS
 
-from hiltest.bench_files import shipped
-from hiltest.runs.one_run import RunCommand
+from hiltest.campaigns.one_run import RunCommand
+from hiltest.rig.bench_files import shipped
 
 REASONS = {
     "line-lost": "lost /dev/pts/",

@@ -14,7 +14,7 @@ import pytest
 from tests.finished_run import without_volatile
 
 SUITE = """
-from hiltest.angles import Pose
+from hiltest.orientation.angles import Pose
 from hiltest.link.messages import Average
 from hiltest.link.messages import LinkStatistics
 

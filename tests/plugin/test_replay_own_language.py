@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 from tests.finished_run import without_volatile
 
-from hiltest.bench_files import shipped
-from hiltest.runs.one_run import RunCommand
+from hiltest.campaigns.one_run import RunCommand
+from hiltest.rig.bench_files import shipped
 
 SUITE = """
-from hiltest.angles import Pose
-from hiltest.device.quantities import Moment, Quantity
+from hiltest.orientation.angles import Pose
+from hiltest.interfaces.quantities import Moment, Quantity
 
 
 def test_heard(compass, turntable, measure):

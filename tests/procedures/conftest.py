@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import Board, open_board
 from hiltest.procedures import Turntable, open_turntable
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 
 @pytest.fixture(scope="session")

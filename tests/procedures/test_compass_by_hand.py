@@ -9,17 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.angles import Pose
-from hiltest.bench_files import shipped
 from hiltest.boards import CompassBoard, open_compass
-from hiltest.device.quantities import Quantity
 from hiltest.errors import TurntableError
+from hiltest.interfaces.quantities import Quantity
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import OperatorTurntable
 from hiltest.procedures.compass import CompassHeadings, measure_headings
 from hiltest.procedures.hand_poses import Question
-from hiltest.replay.recorder import Recorder
 from hiltest.rig import Rig
-from hiltest.rig.file import parse_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import parse_rig
+from hiltest.tape.tape_recorder import Recorder
 
 pytestmark = pytest.mark.slow
 

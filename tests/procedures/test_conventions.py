@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose, rotation_body_from_ned, wrap_360
-from hiltest.device.frames import FRAMES
+from hiltest.interfaces.frames import FRAMES
+from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_360
 from hiltest.procedures.conventions import Vectors, other_frame, other_tilt, other_way, standing_still
 
 REFERENCE = [heading + 1.7 for heading in range(0, 360, 30)]

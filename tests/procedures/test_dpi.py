@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from hiltest.angles import rotation_rows
 from hiltest.boards import Board
 from hiltest.calibration import FitStatus
 from hiltest.calibration.dpi import fit_dpi
 from hiltest.errors import CalibrationError
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.messages import GetCalibration, Points
+from hiltest.orientation.angles import rotation_rows
 from hiltest.procedures import (
     DpiRun,
     Tumble,

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards import open_board
 from hiltest.errors import BenchError
 from hiltest.link.messages import Average, Points, SetCalibration
+from hiltest.orientation.angles import Pose
 from hiltest.orientation.fusion import FusionNoise
 from hiltest.procedures import calibrate_while_driving, collect_tumble, measure_driving, open_turntable
 from hiltest.procedures.driven_calibrations import is_disturbed

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards import Board
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import (
     CalibratorRun,
     KnownAngles,

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards import Board, VirtualBench
 from hiltest.link.gyroscope import GetGyroscope, SetGyroscope
 from hiltest.link.messages import SetCalibration
+from hiltest.orientation.angles import Pose
 from hiltest.orientation.quaternions import from_pose
 from hiltest.procedures import BoardMovedError, FusionResult, SimulatedTurntable, filter_noise, measure_fusion
 from hiltest.procedures.fusion import AttitudeErrors, _error

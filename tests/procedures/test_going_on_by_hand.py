@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards import Board
 from hiltest.calibration.still_pose import FACES
 from hiltest.link.messages import SetCalibration
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import (
     AccelerometerRun,
     KnownAngles,
@@ -24,9 +24,9 @@ from hiltest.procedures import (
     measure_six_positions,
 )
 from hiltest.procedures.turntables import FACE_WORDS
-from hiltest.record.journal import JOURNAL_FILE, Journal
-from hiltest.record.recorder import Recorder
-from hiltest.record.run import Verdict
+from hiltest.run_record.journal import JOURNAL_FILE, Journal
+from hiltest.run_record.recorder import Recorder
+from hiltest.run_record.run import Verdict
 from hiltest.session.by_hand import ByHand
 
 POSES = (Pose(0.0), Pose(90.0), Pose(180.0))

@@ -11,11 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, rotation_body_from_ned
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench, open_board, simulated_grbl
-from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
+from hiltest.boards.served_lines import PseudoTerminal
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
 from hiltest.calibration.dpi import fit_dpi
@@ -23,11 +21,13 @@ from hiltest.calibration.still_pose import Face
 from hiltest.errors import TurntableError
 from hiltest.link import grbl
 from hiltest.link.gyroscope import Axis
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.procedures import Achieved, GrblTurntable, grbl_turntable, open_grbl_turntable
 from hiltest.procedures.grbl_turntable import sway_poses, tumble_poses
 from hiltest.procedures.turntables import AFTER_TURN_S, BEFORE_TURN_S
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.world.earth_field import EarthField
 
 pytestmark = pytest.mark.slow

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose
 from hiltest.boards import Board
 from hiltest.errors import OperatorAbsentError, TurntableError
 from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.replies import AverageReply
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import KnownAngles, OperatorTurntable, measure_known_angles
 from hiltest.procedures.hand_poses import PoseWalk, Question, Wish, movement, wish_of
 

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.boards import Board
 from hiltest.link.messages import SetCalibration
 from hiltest.measurement import Limit, Measurement, Outcome, check
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.procedures import (
     KnownAngles,
     OperatorTurntable,
@@ -23,7 +23,7 @@ from hiltest.procedures import (
     run_calibrators,
 )
 from hiltest.rig import Rig
-from hiltest.rig.tables import BoardPlace, Mounting, TurntableSettings
+from hiltest.rig.toml_tables import BoardPlace, Mounting, TurntableSettings
 
 pytestmark = pytest.mark.slow
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose, wrap_180
 from hiltest.boards import Board, open_board
 from hiltest.calibration import reference
 from hiltest.errors import CalibrationError, DeviceError, PoorCoverageError
 from hiltest.link.messages import Average, ClearCalibration
+from hiltest.orientation.angles import Pose, wrap_180
 from hiltest.orientation.tilt_heading import tilt_heading
 from hiltest.procedures import (
     CalibratorRun,

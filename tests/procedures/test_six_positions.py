@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards import Board, open_board
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import Stage
@@ -22,6 +21,7 @@ from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.poses import Poses
 from hiltest.measurement import Limit
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import (
     OperatorTurntable,
     SimulatedTurntable,
@@ -37,7 +37,7 @@ from hiltest.procedures import (
 from hiltest.procedures.calibrate import CalibratorRun
 from hiltest.procedures.tumble import collect_tumble
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.world.motion import Turn
 
 DECLARED_DEG = 0.1

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose, wrap_180
 from hiltest.boards import Board, open_board
 from hiltest.link.messages import Points
+from hiltest.orientation.angles import Pose, wrap_180
 from hiltest.procedures import OperatorTurntable, Tumble, collect_tumble, held_as_taken, run_calibrators
 from hiltest.rig import Rig
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards import Board, Declared, VirtualBench, VirtualBoard, open_board
 from hiltest.calibration.gyroscope import GyroscopeFit
 from hiltest.calibration.noise_density import noise_density
 from hiltest.errors import CalibrationError
 from hiltest.link.gyroscope import Axis, GetGyroscope, GyroscopeRest
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import (
     BoardMovedError,
     FittedTurns,
@@ -32,7 +32,7 @@ from hiltest.procedures.gyroscope_log import log_chunks
 from hiltest.procedures.rest import SamplesLostError
 from hiltest.rig import Rig
 from hiltest.rig.world import TemperatureDrift
-from hiltest.sensors.fifo import OVERFLOW, SampleFifo
+from hiltest.world.sensors.fifo import OVERFLOW, SampleFifo
 
 RATE_DPS, REST_S = 90.0, 2.0
 

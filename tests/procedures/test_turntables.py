@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards import Board
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import Achieved, OperatorTurntable, Turntable
 
 

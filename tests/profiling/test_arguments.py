@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.profiling.arguments import parse_argument
 from hiltest.virtual.calls.buffers import Address, Structure
+from hiltest.virtual.profiling.arguments import parse_argument
 
 
 @pytest.mark.parametrize(

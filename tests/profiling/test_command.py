@@ -12,9 +12,9 @@ import pytest
 from pydantic import TypeAdapter
 
 from hiltest.boards import default_firmware
-from hiltest.cli import main
-from hiltest.profiling.document import SCHEMA_FILE, ProfileDocument, schema_text
+from hiltest.commands.cli import main
 from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.profiling.document import SCHEMA_FILE, ProfileDocument, schema_text
 
 CRC = ("shipped", "crc32", "text:123456789", "9")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hiltest.measurement import EXACT, Better, Limit, Tolerance
-from hiltest.record.comparison import Change, Comparison, Difference, Side
+from hiltest.run_record.comparison import Change, Comparison, Difference, Side
 
 MODEL = "cortex-m4-trm/2@sram"
 BASE = Side(

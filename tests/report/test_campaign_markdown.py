@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from hiltest.record.run import Verdict
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
+from hiltest.run_record.run import Verdict
 
 from .comparisons import comparison
 

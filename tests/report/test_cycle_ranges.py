@@ -14,13 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.measurement import CycleRange, Limit, Measurement, Outcome, RowEffect, check, ratio_range
-from hiltest.record.reader import read_record
-from hiltest.record.run import Findings, Run
-from hiltest.record.run_json import part_from, write_run
 from hiltest.report.markdown import markdown_report
 from hiltest.report.overview import accuracy_and_cost
 from hiltest.report.render import html_report
 from hiltest.report.terminal import summary
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Findings, Run
+from hiltest.run_record.run_json import part_from, write_run
 from hiltest.verdict.summary import cost_line
 from hiltest.verdict.verdict import decide
 

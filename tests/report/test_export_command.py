@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, check
-from hiltest.record.run_json import write_run
+from hiltest.run_record.run_json import write_run
 
 from ..in_process import hiltest
 from ..trend.runs import finished_run

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.record.run import Column, Findings, Run, Table
 from hiltest.report.figures.fusion import fusion_group, motion_figure
 from hiltest.report.render import html_report
+from hiltest.run_record.run import Column, Findings, Run, Table
 from hiltest.verdict.verdict import decide
 
 UNITS = {"time": "s", "heading": "deg", "fused": "deg", "accelerometer_magnetometer": "deg", "gyroscope": "deg"}

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.record.run import Verdict
 from hiltest.report.job_summary import (
     MOST_BYTES,
     VARIABLE,
@@ -15,6 +14,7 @@ from hiltest.report.job_summary import (
     append_to_job_summary,
     remove_job_summary,
 )
+from hiltest.run_record.run import Verdict
 
 WHOLE = Path("hil-out/report.md")
 

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt  # rich brings it along
 
 from hiltest.measurement import Measurement
-from hiltest.record.comparison import Change
-from hiltest.record.run import Findings, Run
 from hiltest.report.markdown import markdown_report
 from hiltest.report.markdown_text import cut, plain_text
+from hiltest.run_record.comparison import Change
+from hiltest.run_record.run import Findings, Run
 from hiltest.verdict.verdict import decide
 
 from .comparisons import comparison, difference

@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import EXACT, Better, CycleRange, Limit, Measurement, Tolerance, check
-from hiltest.record.comparison import Change, Comparison, Difference, Side
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import Column, Findings, Run, Table, TestResult
 from hiltest.report.figures.cost import cost_group
 from hiltest.report.overview import accuracy_and_cost, tally
 from hiltest.report.render import html_report
 from hiltest.report.svg import Figure
 from hiltest.report.terminal import summary
+from hiltest.run_record.comparison import Change, Comparison, Difference, Side
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import Column, Findings, Run, Table, TestResult
 from hiltest.text import legible
 from hiltest.verdict.verdict import decide
 

@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, Measurement, check
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import Findings, Run, Table, TestResult
 from hiltest.report.figures.cost import budget_figures
 from hiltest.report.figures.section import columns
 from hiltest.report.markdown import markdown_report
@@ -20,6 +18,8 @@ from hiltest.report.markdown_text import plain_text
 from hiltest.report.render import html_report, write_reports
 from hiltest.report.svg import Figure, log_ticks, nice_ticks
 from hiltest.report.terminal import summary
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import Findings, Run, Table, TestResult
 from hiltest.verdict.verdict import decide
 
 Make = Callable[..., Findings]

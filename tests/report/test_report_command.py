@@ -13,15 +13,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hiltest.cli import main
+from hiltest.commands.cli import main
 from hiltest.measurement import Measurement
-from hiltest.record.files import RUN_FILE
-from hiltest.record.journal import JOURNAL_FILE, Journal
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.reader import read_record
-from hiltest.record.recorder import Recorder
-from hiltest.record.run import Findings, TestResult, Verdict
-from hiltest.record.run_json import content_to_json, to_json, write_run
+from hiltest.run_record.files import RUN_FILE
+from hiltest.run_record.journal import JOURNAL_FILE, Journal
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.recorder import Recorder
+from hiltest.run_record.run import Findings, TestResult, Verdict
+from hiltest.run_record.run_json import content_to_json, to_json, write_run
 
 PASSED = Verdict("pass", 0, "PASS.", complete=True)
 OUTPUT = ["report.html", "report.md"]

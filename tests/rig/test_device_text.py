@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.device.kinds import open_interfaces
-from hiltest.device.quantities import Moment, Quantity, StreamInterface
 from hiltest.errors import ConfigError
-from hiltest.rig.file import load_rig
+from hiltest.interfaces.kinds import open_interfaces
+from hiltest.interfaces.quantities import Moment, Quantity, StreamInterface
+from hiltest.rig.rig_file import load_rig
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "text-compass.toml"
 GROUP, FIELD = "(?P<roll>", "\n[field]"

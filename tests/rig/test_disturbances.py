@@ -10,8 +10,8 @@ import pytest
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.rig import build_world
 from hiltest.rig.disturbances import CableTable, CurrentTable, PassingTable
-from hiltest.rig.file import load_rig
 from hiltest.rig.rig import conditions_sha256
+from hiltest.rig.rig_file import load_rig
 
 DEFAULT = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 CURRENT = """

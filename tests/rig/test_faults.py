@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.rig import Rig
+from hiltest.rig.bench_files import shipped
 from hiltest.rig.board_faults import BoardReset, HeldLine, SensorFault
 from hiltest.rig.faults import Absence, Faults, Late, OtherBaud, Span
-from hiltest.rig.file import load_rig
 from hiltest.rig.rig import conditions_sha256
+from hiltest.rig.rig_file import load_rig
 
 DEFAULT = shipped() / "rigs" / "virtual-k64f.toml"
 ALL = """

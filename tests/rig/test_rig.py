@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.angles import Pose
 from hiltest.boards.board import Declared
 from hiltest.calibration.dpi import PAIRS_MINIMUM
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
+from hiltest.orientation.angles import Pose
 from hiltest.rig import build_sensors, build_world, world_truth
 from hiltest.rig.cycles import CountedFunctions
-from hiltest.rig.file import load_rig
-from hiltest.rig.tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
-from hiltest.sensors.fxos8700cq import noise_at_oversampling, oversampling
+from hiltest.rig.rig_file import load_rig
+from hiltest.rig.toml_tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
+from hiltest.world.sensors.fxos8700cq import noise_at_oversampling, oversampling
 
 RIGS = Path(__file__).parents[2] / "hil" / "rigs"
 DEFAULT = RIGS / "virtual-k64f.toml"

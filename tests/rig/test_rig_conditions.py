@@ -9,8 +9,8 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Tolerance
-from hiltest.rig.file import load_rig
 from hiltest.rig.rig import conditions_sha256
+from hiltest.rig.rig_file import load_rig
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 Edit = Callable[..., Path]

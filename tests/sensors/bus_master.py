@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hiltest.sensors.register_device import RegisterDevice
+from hiltest.world.sensors.register_device import RegisterDevice
 
 
 def write(part: RegisterDevice, time_s: float, register: int, *values: int) -> bool:

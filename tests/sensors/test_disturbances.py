@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
-from hiltest.sensors.fxos8700cq import Fxos8700cq
-from hiltest.sensors.mag3110 import Mag3110
+from hiltest.orientation.angles import Pose
 from hiltest.world import EarthField, MagneticDistortion, World
 from hiltest.world.disturbances import Cable, Current, Disturbances, Passing
+from hiltest.world.sensors.fxos8700cq import Fxos8700cq
+from hiltest.world.sensors.mag3110 import Mag3110
 
 from .bus_master import read, write
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose
-from hiltest.sensors.drift import Drift
-from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq
-from hiltest.sensors.mag3110 import Mag3110
+from hiltest.orientation.angles import Pose
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.drift import Drift
+from hiltest.world.sensors.fxas21002c import Fxas21002c
+from hiltest.world.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq
+from hiltest.world.sensors.mag3110 import Mag3110
 from hiltest.world.temperature import Temperature
 from hiltest.world.world import World
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from hiltest.sensors.fxos8700cq import Fxos8700cq
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.fxos8700cq import Fxos8700cq
 from hiltest.world.world import World
 
 from .bus_master import read, write

@@ -7,9 +7,9 @@ from functools import partial
 
 import pytest
 
-from hiltest.sensors import Fxas21002c, Mag3110
-from hiltest.sensors.faulty_part import FaultyPart
 from hiltest.world import EarthField, MagneticDistortion, World
+from hiltest.world.sensors import Fxas21002c, Mag3110
+from hiltest.world.sensors.faulty_part import FaultyPart
 
 from .bus_master import read, write
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose
-from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import Fxos8700cq
+from hiltest.orientation.angles import Pose
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.fxas21002c import Fxas21002c
+from hiltest.world.sensors.fxos8700cq import Fxos8700cq
 from hiltest.world.world import World
 
 from .bus_master import read, write

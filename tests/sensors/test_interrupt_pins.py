@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import Fxos8700cq
-from hiltest.sensors.mag3110 import Mag3110
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.fxas21002c import Fxas21002c
+from hiltest.world.sensors.fxos8700cq import Fxos8700cq
+from hiltest.world.sensors.mag3110 import Mag3110
 from hiltest.world.world import World
 
 from .bus_master import read, write

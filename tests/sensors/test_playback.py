@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hiltest.sensors.register_device import RegisterDevice
 from hiltest.world.earth_field import EarthField
-from hiltest.world.playback import Playback, Sensed, Track
+from hiltest.world.recorded_motion import Playback, Sensed, Track
+from hiltest.world.sensors.register_device import RegisterDevice
 from hiltest.world.world import World
 
 from .bus_master import read, write

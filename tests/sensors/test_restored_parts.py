@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose
-from hiltest.sensors.faulty_part import FaultyPart
-from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import Fxos8700cq
-from hiltest.sensors.mag3110 import Mag3110
-from hiltest.sensors.register_device import RegisterDevice
+from hiltest.orientation.angles import Pose
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.faulty_part import FaultyPart
+from hiltest.world.sensors.fxas21002c import Fxas21002c
+from hiltest.world.sensors.fxos8700cq import Fxos8700cq
+from hiltest.world.sensors.mag3110 import Mag3110
+from hiltest.world.sensors.register_device import RegisterDevice
 from hiltest.world.world import World
 
 from .bus_master import read, write

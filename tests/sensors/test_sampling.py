@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, rotation_body_from_ned
-from hiltest.sensors.drift import REFERENCE_DEGC
-from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import (
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
+from hiltest.world.distortion import MagneticDistortion
+from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.drift import REFERENCE_DEGC
+from hiltest.world.sensors.fxas21002c import Fxas21002c
+from hiltest.world.sensors.fxos8700cq import (
     AccelerometerErrors,
     Fxos8700cq,
     Fxos8700cqNoise,
     noise_at_oversampling,
     oversampling,
 )
-from hiltest.sensors.mag3110 import Mag3110, output_rate_hz
-from hiltest.world.distortion import MagneticDistortion
-from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.mag3110 import Mag3110, output_rate_hz
 from hiltest.world.temperature import Temperature
 from hiltest.world.world import World
 

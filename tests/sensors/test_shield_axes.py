@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.angles import Pose
-from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import Fxos8700cq, Fxos8700cqNoise
-from hiltest.sensors.mag3110 import Mag3110
+from hiltest.orientation.angles import Pose
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.fxas21002c import Fxas21002c
+from hiltest.world.sensors.fxos8700cq import Fxos8700cq, Fxos8700cqNoise
+from hiltest.world.sensors.mag3110 import Mag3110
 from hiltest.world.world import World
 
 from .bus_master import read, write

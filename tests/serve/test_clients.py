@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from hiltest.boards.lines import REFUSAL
+from hiltest.boards.served_lines import REFUSAL
 from hiltest.errors import BenchError
 from hiltest.link.messages import Average
 from hiltest.link.ports import open_port

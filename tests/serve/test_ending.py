@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 import serial
 
-from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
-from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
+from hiltest.boards.served_lines import PseudoTerminal
 from hiltest.commands.serve import _pace
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 from .conftest import WALL_LIMIT_S, Serve, converse
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from hiltest.bench_files import shipped
+from hiltest.rig.bench_files import shipped
 
 from .conftest import Serve
 

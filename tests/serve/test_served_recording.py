@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import BoardKind, RealBoard, open_board
 from hiltest.boards.board import Declared
 from hiltest.errors import HiltestError
@@ -15,10 +14,11 @@ from hiltest.link.messages import Average, LinkStatistics, Points
 from hiltest.link.ports import open_port
 from hiltest.link.session import Session
 from hiltest.link.transcript import Direction, Transcript
-from hiltest.replay.recorded_run import RecordedRun
-from hiltest.replay.recorder import Recorder
-from hiltest.replay.values import plain
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
+from hiltest.tape.recorded_run import RecordedRun
+from hiltest.tape.tape_recorder import Recorder
+from hiltest.tape.values import plain
 
 from .conftest import Serve
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from hiltest.bench_files import shipped
+from hiltest.rig.bench_files import shipped
 
 from ..boards.gdb_client import GdbClient
 from .conftest import FLAGS, HERE, START, WALL_LIMIT_S, Serve, converse

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hiltest.bench_files import shipped
 from hiltest.boards import Board, open_board
 from hiltest.calibration.fit import FitStatus
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 
 

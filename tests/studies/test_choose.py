@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tests.command_files import run
 
-from hiltest.bench_files import shipped
 from hiltest.calibration.fit import FitStatus
-from hiltest.record.reader import read_record
+from hiltest.rig.bench_files import shipped
+from hiltest.run_record.reader import read_record
 from hiltest.studies.board_calibrators import board_calibrators
 from hiltest.studies.choose import RECOMMENDED, RUNNER_UP, TOO_DEAR, Candidate, chosen, conclude, measure
 from hiltest.studies.instances import Model, draw_instances

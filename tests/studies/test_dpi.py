@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hiltest.angles import wrap_180
+from hiltest.orientation.angles import wrap_180
 from hiltest.orientation.tilt_heading import tilt_heading
 from hiltest.studies.dpi import ANGLES, METHODS, attitudes_deg, conclude, measure
 from hiltest.studies.study import Block, Plan

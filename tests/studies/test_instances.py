@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hiltest.c_library import INSTANCES_KERNEL, SOURCES, compiled
 from hiltest.calibration.direct import design
 from hiltest.calibration.direct_batch import fit_quadrics
 from hiltest.studies.instances import Kernel, Model, draw_instances, kernel, non_ellipsoids
+from hiltest.virtual.core.c_library import INSTANCES_KERNEL, SOURCES, compiled
 
 # Two ways to solve one system differ by rounding times its condition number.
 ROUNDING = 1e-12

@@ -20,8 +20,8 @@ from tests.command_files import run
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import KINDS, identify
-from hiltest.record.reader import read_record
-from hiltest.record.schema import run_schema
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.schema import run_schema
 from hiltest.studies import NAMES
 from hiltest.studies.ellipsoids import NOISE_UT, interval
 from hiltest.studies.instances import Model, non_ellipsoids

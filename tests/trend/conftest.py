@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hiltest.measurement import Measurement
-from hiltest.record.run_json import write_run
+from hiltest.run_record.run_json import write_run
 
 from .runs import finished_run
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hiltest.measurement import Limit, Measurement, Tolerance, check
-from hiltest.record.comparison import Side
-from hiltest.trend.series import RunEntry
+from hiltest.report.trend.series import RunEntry
+from hiltest.run_record.comparison import Side
 from hiltest.verdict.evidence import Conditions, Evidence
 
 MODEL = "cortex-m4-trm/2@sram"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from hiltest.measurement import Measurement
-from hiltest.record.comparison import Revision
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import BoardRecord, Environment, Findings, RigRecord, Run, SensorRecord, TestResult
+from hiltest.run_record.comparison import Revision
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import BoardRecord, Environment, Findings, RigRecord, Run, SensorRecord, TestResult
 from hiltest.verdict.verdict import decide
 
 from .entries import MODEL

@@ -12,12 +12,12 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, check
-from hiltest.record.journal import JOURNAL_FILE, Journal
-from hiltest.record.recorder import Recorder
-from hiltest.trend.folder import read_folder
-from hiltest.trend.outputs import trend_page
-from hiltest.trend.series import trend_of
-from hiltest.trend.words import between
+from hiltest.report.trend.folder import read_folder
+from hiltest.report.trend.outputs import trend_page
+from hiltest.report.trend.series import trend_of
+from hiltest.report.trend.words import between
+from hiltest.run_record.journal import JOURNAL_FILE, Journal
+from hiltest.run_record.recorder import Recorder
 from hiltest.verdict.baseline import accept, baseline_of
 from hiltest.verdict.baseline_file import to_json
 from hiltest.verdict.evidence_reader import read_evidence

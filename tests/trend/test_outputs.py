@@ -6,11 +6,11 @@ import re
 from dataclasses import replace
 
 from hiltest.measurement import Limit, check
-from hiltest.record.comparison import Revision
-from hiltest.trend.figures import figure
-from hiltest.trend.folder import Skipped
-from hiltest.trend.outputs import trend_page
-from hiltest.trend.series import Trend, trend_of
+from hiltest.report.trend.figures import figure
+from hiltest.report.trend.folder import Skipped
+from hiltest.report.trend.outputs import trend_page
+from hiltest.report.trend.series import Trend, trend_of
+from hiltest.run_record.comparison import Revision
 
 from .entries import cycles, degrees, entry
 

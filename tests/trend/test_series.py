@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 
 from hiltest.measurement import Limit, Tolerance, check
-from hiltest.record.comparison import Change
-from hiltest.trend.series import ChangePoint, Trend, trend_of
-from hiltest.trend.words import sentence
+from hiltest.report.trend.series import ChangePoint, Trend, trend_of
+from hiltest.report.trend.words import sentence
+from hiltest.run_record.comparison import Change
 
 from .entries import cycles, degrees, entry
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
-from hiltest.record.comparison import Side
+from hiltest.run_record.comparison import Side
 from hiltest.verdict.evidence import Conditions, Evidence
 
 MODEL = "cortex-m4-trm/2@sram"

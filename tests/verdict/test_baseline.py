@@ -10,7 +10,7 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import EXACT, Limit, Outcome, Tolerance
-from hiltest.record.comparison import Change
+from hiltest.run_record.comparison import Change
 from hiltest.verdict.baseline import Accepted, Baseline, accept, baseline_of, evidence_from
 from hiltest.verdict.baseline_file import read_baseline, to_json
 from hiltest.verdict.compare import compare

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import hiltest
 from hiltest.measurement import identify
-from hiltest.rig.file import load_rig
 from hiltest.rig.rig import conditions_sha256
+from hiltest.rig.rig_file import load_rig
 from hiltest.verdict.baseline_file import read_baseline
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence_reader import read_evidence

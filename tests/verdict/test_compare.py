@@ -19,8 +19,8 @@ from hiltest.measurement import (
     Tolerance,
     cannot_be_ranked,
 )
-from hiltest.record.comparison import Answer, Change, Difference
-from hiltest.record.exit_codes import comparison_code
+from hiltest.run_record.comparison import Answer, Change, Difference
+from hiltest.run_record.exit_codes import comparison_code
 from hiltest.verdict.compare import compare, not_compared
 from hiltest.verdict.evidence import Evidence
 

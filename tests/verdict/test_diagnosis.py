@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned
 from hiltest.calibration import fit_direct
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.quality import residual_percent, sphere_directions
 from hiltest.measurement import Limit, Measurement, check
 from hiltest.orientation import tilt_heading
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import Column, Findings, Table, TestResult
+from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import Column, Findings, Table, TestResult
 from hiltest.verdict.verdict import decide, unmet_limits
 
 from ..written_run import HEADING_TEST

@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import nct, t
 
 from hiltest.measurement import Deviation, Limit, Measurement, Outcome, Tolerance, deviation_of
-from hiltest.record.comparison import Change, Comparison
-from hiltest.record.outcomes import TestOutcome
+from hiltest.run_record.comparison import Change, Comparison
+from hiltest.run_record.outcomes import TestOutcome
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import REAL, Evidence
 from hiltest.verdict.noise import (

@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from hiltest.bench_files import rig_file
 from hiltest.boards import default_firmware
+from hiltest.campaigns.campaign import SeedResult, evidence_of_all
 from hiltest.errors import ConfigError
-from hiltest.record.comparison import Comparison
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.reader import read_record
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import rig_file
 from hiltest.rig.rig import conditions_sha256
-from hiltest.runs.campaign import SeedResult, evidence_of_all
+from hiltest.rig.rig_file import load_rig
+from hiltest.run_record.comparison import Comparison
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.reader import read_record
 from hiltest.verdict.baseline import baseline_of
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Evidence, evidence_of_seeds

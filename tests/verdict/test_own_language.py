@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from hiltest.measurement import Limit, Measurement, check
-from hiltest.record.run import Column, Findings, Table
+from hiltest.run_record.run import Column, Findings, Table
 from hiltest.verdict.calibrators import calibrator_results
 from hiltest.verdict.causes import Cause
 from hiltest.verdict.diagnosis import diagnose_run

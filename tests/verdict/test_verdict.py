@@ -9,10 +9,10 @@ from dataclasses import replace
 import pytest
 
 from hiltest.measurement import CycleRange, Limit, Measurement, check, identify
-from hiltest.record.comparison import Comparison, Side
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import Findings, TestResult
 from hiltest.report.overview import accuracy_and_cost
+from hiltest.run_record.comparison import Comparison, Side
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import Findings, TestResult
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import cheapest_first
 from hiltest.verdict.compare import compare

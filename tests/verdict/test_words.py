@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from hiltest.measurement import Limit, Measurement, check
-from hiltest.record.comparison import Change
 from hiltest.report.comparison_overview import change_figure, changed
+from hiltest.run_record.comparison import Change
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Evidence
 from hiltest.verdict.wording import SHOWN, counted_by, models_shown, moved, numbers, percent, shown

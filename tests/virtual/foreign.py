@@ -22,7 +22,7 @@ import pytest
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.errors import BoardFault
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 
 from ..foreign_elf import foreign_elf

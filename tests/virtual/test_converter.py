@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards.bench import VirtualBench
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 
 from .conftest import Build, follow, word

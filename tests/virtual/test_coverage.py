@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.coverage.lcov import Coverage, FileCoverage, from_lcov, to_lcov
-from hiltest.coverage.source_map import SourceMap
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.coverage.lcov import Coverage, FileCoverage, from_lcov, to_lcov
+from hiltest.virtual.coverage.source_map import SourceMap
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
 

@@ -13,7 +13,7 @@ from hiltest.link.replies import RunCost
 from hiltest.measurement import DOUBT, CycleRange, Measurement, RowEffect, check, ratio_range
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.calling import CallResult
 from hiltest.virtual.core.library import ffi

@@ -8,9 +8,9 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import in_flash
-from hiltest.profiling.image import ProfiledImage
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, MEMORY_RULES, load_profile
+from hiltest.virtual.profiling.image import ProfiledImage
 
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, run_kernel

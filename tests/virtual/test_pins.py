@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.sensors import Fxos8700cq
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.part.chip import mk64f12
@@ -15,6 +14,7 @@ from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.virtual.program.elf import load_image
 from hiltest.world import EarthField, MagneticDistortion, World
+from hiltest.world.sensors import Fxos8700cq
 
 from .conftest import PROGRAMS, SHIPPED, Build, follow, word
 

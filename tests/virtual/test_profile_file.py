@@ -9,7 +9,7 @@ import pytest
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.model.profile_file import ROWS, RULES, load_profile, place_of, shipped_profiles
 

@@ -11,12 +11,12 @@ import pytest
 
 from hiltest.boards import default_firmware
 from hiltest.errors import BoardFault, ConfigError, HiltestError
-from hiltest.sensors.mag3110 import Mag3110
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.rcm import ResetRequested
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors.mag3110 import Mag3110
 from hiltest.world.world import World
 
 from ..sensors.bus_master import write

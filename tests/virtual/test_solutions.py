@@ -6,7 +6,7 @@ import pytest
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
-from hiltest.rig.file import load_rig
+from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.solution_watch import EndsWhen, SolutionEnd
 from hiltest.virtual.counts.recount import count_with_waits

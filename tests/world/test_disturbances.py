@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.constants import mu_0
 from scipy.integrate import quad_vec
 
-from hiltest.angles import Pose, rotation_body_from_ned
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.world import EarthField, MagneticDistortion, World
 from hiltest.world.disturbances import Cable, Current, Disturbances, Passing
 

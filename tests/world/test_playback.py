@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hiltest.world.playback import Playback, Resampling, Sensed, Track
+from hiltest.world.recorded_motion import Playback, Resampling, Sensed, Track
 
 TIMES_S = (2.0, 2.5, 4.0)
 READINGS = ((10.0, 0.0, -1.0), (20.0, 1.0, -1.0), (-10.0, 4.0, 0.1))

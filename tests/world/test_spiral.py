@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hiltest.angles import rotation_body_from_ned
+from hiltest.orientation.angles import rotation_body_from_ned
 from hiltest.world.earth_field import EarthField
 from hiltest.world.motion import MOVE_GRID_S
 from hiltest.world.spiral import SPIRAL_S, Cap

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hiltest.angles import Pose, wrap_180
+from hiltest.orientation.angles import Pose, wrap_180
 from hiltest.world.earth_field import EarthField
 from hiltest.world.steady_turn import RAMP_S, steady_turn
 from hiltest.world.world import World

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned
+from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
 from hiltest.world.motion import MOVE_GRID_S, next_on_grid

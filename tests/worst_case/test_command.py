@@ -17,9 +17,9 @@ import pytest
 from tests.command_files import run
 from tests.virtual.conftest import FLAGS, PROGRAMS
 
+from hiltest.studies.worst_case.worst_input import load_worst_case
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.buffers import Address, Structure
-from hiltest.worst_case.kept import load_worst_case
 
 SOURCE = """
 #include <stdint.h>

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.bench_files import shipped
-from hiltest.record.reader import read_record
-from hiltest.record.run import Run
-from hiltest.worst_case import load_worst_case
+from hiltest.rig.bench_files import shipped
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Run
+from hiltest.studies.worst_case import load_worst_case
 
 pytestmark = pytest.mark.slow
 

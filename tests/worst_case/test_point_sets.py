@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.studies.board_calibrators import board_calibrators
-from hiltest.worst_case.point_sets import PointSets
-from hiltest.worst_case.search import Budget, search
+from hiltest.studies.worst_case.point_sets import PointSets
+from hiltest.studies.worst_case.search import Budget, search
 
 MOST = 100
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hiltest.worst_case.search import Budget, Call, Found, search
+from hiltest.studies.worst_case.search import Budget, Call, Found, search
 
 Numbers = NDArray[np.float64]
 

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from hiltest.bench_files import DEFAULT_RIG, shipped
 from hiltest.boards import Board, CompassBoard, open_board
 from hiltest.procedures import Progress, Turntable
 from hiltest.procedures.compass import CompassHeadings, SelfCalibration, measure_headings, tumble_until_calibrated
 from hiltest.rig import Rig
-from hiltest.rig.file import load_rig
-from hiltest.settings import Settings
+from hiltest.rig.bench_files import DEFAULT_RIG, shipped
+from hiltest.rig.rig_file import load_rig
+from hiltest.session.settings import Settings
 
 
 @pytest.fixture(scope="session")

@@ -9,13 +9,13 @@ import pytest
 
 from hiltest.boards import Board, CompassBoard
 from hiltest.calibration.quality import offset_error_ut, rotation_left_deg
-from hiltest.device.quantities import StreamInterface
-from hiltest.fixtures import Measure
+from hiltest.interfaces.quantities import StreamInterface
 from hiltest.measurement import Limit
 from hiltest.procedures import upload_points
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.compass import FIRMWARE, CompassHeadings, SelfCalibration, samples_of
 from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
 from hiltest.text import join_words
 
 pytestmark = pytest.mark.hil

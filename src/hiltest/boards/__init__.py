@@ -12,15 +12,15 @@ from hiltest.boards.board import NO_COVERAGE, Board, BoardKind, Declared, OnChip
 from hiltest.boards.compass import CompassBoard, opened_compass
 from hiltest.boards.daplink import port_of
 from hiltest.boards.real import RealBoard
-from hiltest.boards.replay import ReplayBoard, ReplayCompass, put_on_tape
+from hiltest.boards.replayed import ReplayBoard, ReplayCompass, put_on_tape
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.errors import ConfigError, PortNotFoundError
 from hiltest.link.replies import SensorKind
 from hiltest.link.transcript import Transcript
-from hiltest.replay.player import Player
-from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import Rig
 from hiltest.rig.rig import refuse_unknown_sensors
+from hiltest.tape.player import Player
+from hiltest.tape.tape import LIVE, Tape
 
 __all__ = [
     "Board",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hiltest.angles import Pose
 from hiltest.errors import ConfigError
-from hiltest.recordings.playback import load_playback
+from hiltest.interfaces.sensor_files.recorded_motion import load_playback
+from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.boards.sample_checks import SampleChecks
 from hiltest.errors import (
     DeviceError,
@@ -29,9 +28,10 @@ from hiltest.link.request import Request
 from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
-from hiltest.replay.tape import Tape
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.rig import Rig
 from hiltest.rig.faults import Faults
+from hiltest.tape.tape import Tape
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.world import EarthField, Vector
 

@@ -26,8 +26,6 @@ from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.memory_use import seen_memory_use
 from hiltest.boards.virtual import truth_of
 from hiltest.boards.virtual_port import VirtualPort
-from hiltest.device.kinds import Interface, open_interfaces, sources_of
-from hiltest.device.quantities import Moment, Observation, PolledInterface, Quantity, StreamInterface
 from hiltest.errors import (
     ConfigError,
     DeviceSilentError,
@@ -36,11 +34,13 @@ from hiltest.errors import (
     LinkLostError,
     VersionMismatchError,
 )
+from hiltest.interfaces.kinds import Interface, open_interfaces, sources_of
+from hiltest.interfaces.quantities import Moment, Observation, PolledInterface, Quantity, StreamInterface
 from hiltest.link.ports import SerialPort, open_port
 from hiltest.link.transcript import Direction, Transcript
-from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import Rig
 from hiltest.rig.device import Device
+from hiltest.tape.tape import LIVE, Tape
 from hiltest.text import is_text, join_words, legible
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image

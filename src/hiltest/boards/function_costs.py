@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.device.sample_buffer import SampleBuffer
-from hiltest.device.variables import Variables
 from hiltest.errors import BoardFault, ConfigError
+from hiltest.interfaces.sample_buffer import SampleBuffer
+from hiltest.interfaces.variables import Variables
 from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
 from hiltest.rig.cycles import CountedFunctions

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from hiltest.boards.gdb_session import GdbSession
-from hiltest.boards.lines import listen
+from hiltest.boards.served_lines import listen
 from hiltest.virtual.board.debugger import Debugger
 from hiltest.virtual.board.k64f import VirtualK64F
 

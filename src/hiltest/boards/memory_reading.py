@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from hiltest.boards.gdb_session import GdbSession
-from hiltest.device.gdb_client import GdbClient
-from hiltest.device.gdb_wire import TcpWire, Wire
-from hiltest.device.memory import MemoryInterface, read_descriptions
-from hiltest.device.variables import Variables, function_address
 from hiltest.errors import ConfigError, VersionMismatchError
+from hiltest.interfaces.gdb_client import GdbClient
+from hiltest.interfaces.gdb_wire import TcpWire, Wire
+from hiltest.interfaces.memory_interface import MemoryInterface, read_descriptions
+from hiltest.interfaces.variables import Variables, function_address
 from hiltest.rig import Rig
 from hiltest.rig.memory_device import MemoryDevice
 from hiltest.virtual.board.debugger import Debugger

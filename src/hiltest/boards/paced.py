@@ -14,10 +14,10 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol, Self
 
-from hiltest.angles import Pose
 from hiltest.boards.bench import START_UP_S, VirtualBench
-from hiltest.boards.lines import PortLine
+from hiltest.boards.served_lines import PortLine
 from hiltest.errors import BenchError, BoardFault
+from hiltest.orientation.angles import Pose
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.uart import Uart
 

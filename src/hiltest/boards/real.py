@@ -11,7 +11,7 @@ from hiltest.errors import ConfigError
 from hiltest.link.ports import SerialPort, open_port
 from hiltest.link.session import ATTEMPTS
 from hiltest.link.transcript import Transcript
-from hiltest.replay.tape import LIVE, Tape
+from hiltest.tape.tape import LIVE, Tape
 from hiltest.virtual.part.unique_id import REPLAYED_UNIQUE_ID, VIRTUAL_UNIQUE_ID
 
 #: Cycle model of a real processor.

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from hiltest.boards.compass import POLLED
-from hiltest.boards.lines import PortLine
+from hiltest.boards.served_lines import PortLine
 from hiltest.errors import BenchError, DivergenceError, ProtocolError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
 from hiltest.link.messages import Identify, Sync

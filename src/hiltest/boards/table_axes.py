@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
-from hiltest.angles import Pose
+from hiltest.orientation.angles import Pose
 from hiltest.world import Vector
 from hiltest.world.motion import Brake, MotionSegment, Turn, brake_on, next_on_grid, travel_from
 

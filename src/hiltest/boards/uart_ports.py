@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine, port_link
+from hiltest.boards.served_lines import PortLine, PseudoTerminal, TcpLine, port_link
 from hiltest.errors import ConfigError
 
 _LAST_PORT = 65_535

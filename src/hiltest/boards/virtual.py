@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from hiltest.angles import Pose
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, LinkTerms, Truth
 from hiltest.boards.faulty_port import with_faults
@@ -23,15 +22,16 @@ from hiltest.link.replies import SAMPLE_RATE_HZ, RunCost
 from hiltest.link.session import ATTEMPTS, Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
-from hiltest.replay.tape import LIVE, Tape
+from hiltest.orientation.angles import Pose
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
-from hiltest.sensors.fxos8700cq import Fxos8700cqNoise
+from hiltest.tape.tape import LIVE, Tape
 from hiltest.virtual.calls.call_watch import CallWatch
 from hiltest.virtual.counts.cycle_range import TimedSteps, range_where_it_ran
 from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.processor.call_summary import Call
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 from hiltest.world import Vector
+from hiltest.world.sensors.fxos8700cq import Fxos8700cqNoise
 
 _CLOCK_TOLERANCE = 0.005  # clocks are often rounded to whole MHz: 20.97 as 21
 _ID_DIGITS = 8  # 32 bits, enough to distinguish builds

@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose
+from hiltest.orientation.angles import Pose
 
 Reals = NDArray[np.float64]
 

@@ -1,1 +1,1 @@
-"""The commands of ``hiltest``, one module per command; `hiltest.cli` imports only the one that is called."""
+"""The commands of ``hiltest``, one module per command; `hiltest.commands.cli` imports only the one that is called."""

@@ -66,9 +66,9 @@ def allan(
     is used.
     """
     from hiltest.calibration.allan import allan_curve
-    from hiltest.logs.allan_page import HEADER, headline, table, to_json, write_page
-    from hiltest.logs.rate_log import check_rest, read_rate_log
-    from hiltest.units import RATE_WORDS
+    from hiltest.log_fitting.allan_page import HEADER, headline, table, to_json, write_page
+    from hiltest.log_fitting.rate_log import check_rest, read_rate_log
+    from hiltest.measurement.units import RATE_WORDS
 
     read = read_rate_log(
         log,

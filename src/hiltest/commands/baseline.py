@@ -43,7 +43,7 @@ def save(run: tuple[Path, ...], file: Path) -> tuple[int, dict[str, Any]]:
 
     Several runs of one firmware on a real board say how much they differ by noise alone: save five or more.
     """
-    from hiltest.record.run import utc_now
+    from hiltest.run_record.run import utc_now
     from hiltest.verdict.baseline import baseline_of, renewed
     from hiltest.verdict.evidence_reader import read_runs
 
@@ -82,7 +82,7 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     A measurement that RUN no longer makes is removed, but none after a run of chosen tests (-k, node ids). Of a real
     board as many runs are named as the baseline has.
     """
-    from hiltest.record.run import utc_now
+    from hiltest.run_record.run import utc_now
     from hiltest.strict_json import read_json
     from hiltest.verdict.baseline import accept
     from hiltest.verdict.baseline_file import OTHERWISE, baseline_in
@@ -128,7 +128,7 @@ def _existing_baseline(file: Path) -> Baseline | None:
 
 
 def _write(written: Baseline, file: Path, before: object = None) -> None:
-    from hiltest.record.files import write_asked_for
+    from hiltest.run_record.files import write_asked_for
     from hiltest.verdict.baseline_file import to_json
 
     try:

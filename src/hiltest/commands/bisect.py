@@ -10,10 +10,10 @@ import click
 
 from hiltest.commands.options import checked, documented, jobs_option, seed_range
 from hiltest.errors import ConfigError
-from hiltest.settings import DEFAULT_OUT, file_name
+from hiltest.session.settings import DEFAULT_OUT, file_name
 
 if TYPE_CHECKING:
-    from hiltest.runs.bisection import FirstWorse
+    from hiltest.campaigns.bisection import FirstWorse
 
 SCHEMA = "hiltest.bisection/1"
 _EXIT_CODES = """
@@ -85,9 +85,9 @@ def bisect(
     of its own, and run with the rigs and suites of this folder: hiltest bisect v1.2 HEAD --firmware build/app.elf --
     make -j4. One that does not build is skipped.
     """
-    from hiltest.bench_files import rig_file
-    from hiltest.rig.file import load_rig
-    from hiltest.runs.bisection import first_worse
+    from hiltest.campaigns.bisection import first_worse
+    from hiltest.rig.bench_files import rig_file
+    from hiltest.rig.rig_file import load_rig
 
     if jobs and seeds is None:
         raise ConfigError("--jobs says who shares the work of several seeds: give --seeds A..B too")
@@ -115,9 +115,9 @@ def bisect(
 
 def _print(result: FirstWorse, measures: tuple[str, ...]) -> None:
     """Print the first commit that is worse, its changes, and the commits that could not be judged."""
+    from hiltest.campaigns.judged_commit import worse_in
     from hiltest.report.comparison_text import printable, say
     from hiltest.report.console import standard_output
-    from hiltest.runs.judged_commit import worse_in
     from hiltest.verdict.wording import entry
 
     console = standard_output()

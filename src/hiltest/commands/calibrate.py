@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.bench_files import rig_file
 from hiltest.commands.options import checked, documented
 from hiltest.errors import ConfigError
-from hiltest.operator_prompt import ask
-from hiltest.settings import file_name, seed
+from hiltest.rig.bench_files import rig_file
+from hiltest.session.operator_prompt import ask
+from hiltest.session.settings import file_name, seed
 from hiltest.text import format_number
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
-    from hiltest.imu_calibration import FigureOfMerit, ImuCalibration
     from hiltest.procedures import Turntable
+    from hiltest.procedures.imu_calibration import FigureOfMerit, ImuCalibration
     from hiltest.rig import Rig
 
 DEFAULT_FILE = "imu_calibration.json"
@@ -82,7 +82,7 @@ def calibrate(
     """
     from hiltest.boards import open_board
     from hiltest.procedures import DPI
-    from hiltest.rig.file import load_rig
+    from hiltest.rig.rig_file import load_rig
 
     header = out.with_suffix(".h")
     _check_before_the_work(out, header)
@@ -115,10 +115,10 @@ def _check_before_the_work(out: Path, header: Path) -> None:
 
 
 def _calibrate_guided(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
-    from hiltest.imu_calibration.guided import calibrate_imu
     from hiltest.procedures import open_table
-    from hiltest.progress_line import ProgressLine, TextOutput
-    from hiltest.record.run import utc_now
+    from hiltest.procedures.imu_calibration.guided import calibrate_imu
+    from hiltest.run_record.run import utc_now
+    from hiltest.session.progress_line import ProgressLine, TextOutput
 
     progress = ProgressLine(TextOutput(sys.stdout), shown=sys.stdout.isatty())
     table = open_table(board, rig, prompt=ask)
@@ -139,8 +139,8 @@ def _calibrate_guided(board: Board, rig: Rig, calibrator: str) -> ImuCalibration
 
 def _write(calibration: ImuCalibration, out: Path, header: Path) -> None:
     """Write both files, the calibration file last, so that it never exists without its header."""
-    from hiltest.imu_calibration.file import to_header, to_json
-    from hiltest.record.files import write_asked_for
+    from hiltest.procedures.imu_calibration.calibration_file import to_header, to_json
+    from hiltest.run_record.files import write_asked_for
 
     write_asked_for(header, to_header(calibration))
     write_asked_for(out, to_json(calibration))

@@ -11,7 +11,7 @@ from hiltest.commands.options import json_option
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hiltest.record.comparison import Comparison
+    from hiltest.run_record.comparison import Comparison
     from hiltest.verdict.detection import Detection
     from hiltest.verdict.evidence import Evidence
 
@@ -39,8 +39,8 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None
     Each is a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline file. With
     --detect there may be no NEW: BASE alone says how much its runs differ.
     """
-    from hiltest.record.exit_codes import ExitCode, comparison_code
     from hiltest.report.comparison_text import json_text, print_comparison, say_how_to_keep
+    from hiltest.run_record.exit_codes import ExitCode, comparison_code
     from hiltest.verdict.evidence_reader import read_evidence
 
     if not new and detect is None:

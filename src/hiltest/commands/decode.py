@@ -11,12 +11,12 @@ import click
 
 from hiltest.commands.options import NumberRange, asked_to_end, checked, documented, opened
 from hiltest.errors import BenchError, ConfigError
-from hiltest.settings import file_name
+from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
-    from hiltest.device.packet_fields import Packet
-    from hiltest.device.packet_stream import PacketBatch
-    from hiltest.device.packet_summary import StreamSummary
+    from hiltest.interfaces.packet_fields import Packet
+    from hiltest.interfaces.packet_stream import PacketBatch
+    from hiltest.interfaces.packet_summary import StreamSummary
 
 _EXIT_CODES = """
 \b
@@ -84,8 +84,8 @@ def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int)
 
 
 def _read(source: str, csv_file: Path | None) -> StreamSummary:
-    from hiltest.device.packet_stream import batches
-    from hiltest.device.packet_summary import summary_of
+    from hiltest.interfaces.packet_stream import batches
+    from hiltest.interfaces.packet_summary import summary_of
     from hiltest.strict_json import read_bounded
 
     data = read_bounded(Path(source), largest_bytes=_LARGEST_BYTES, otherwise="give a recording of the packets")
@@ -98,9 +98,9 @@ def _read(source: str, csv_file: Path | None) -> StreamSummary:
 
 def _listen(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> StreamSummary:
     import hiltest.boards  # noqa: F401  hil:// is a port too
-    from hiltest.device.packet_stream import PacketDecoder, heard
-    from hiltest.device.packet_summary import StreamSummary
-    from hiltest.device.packets import KINDS
+    from hiltest.interfaces.packet_stream import PacketDecoder, heard
+    from hiltest.interfaces.packet_summary import StreamSummary
+    from hiltest.interfaces.packets import KINDS
     from hiltest.link.ports import open_port
 
     summary, decoder = StreamSummary(), PacketDecoder()
@@ -130,7 +130,7 @@ def _listen(source: str, csv_file: Path | None, seconds: float | None, baud: int
 
 
 def _write(csv_file: Path, kinds: Sequence[type[Packet]], came: Iterator[PacketBatch]) -> None:
-    from hiltest.device.packet_csv import PacketRows
+    from hiltest.interfaces.packet_csv import PacketRows
 
     rows = PacketRows(kinds)
     with opened(csv_file) as file:

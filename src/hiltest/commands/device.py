@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.bench_files import rig_file
 from hiltest.commands.options import NumberRange, asked_to_end, checked, documented
 from hiltest.errors import ConfigError, LinkLostError
-from hiltest.settings import file_name
+from hiltest.rig.bench_files import rig_file
+from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import VirtualBench
-    from hiltest.device.memory import MemoryInterface
-    from hiltest.device.quantities import StreamInterface
-    from hiltest.device.trial import Heard, Trial
+    from hiltest.interfaces.memory_interface import MemoryInterface
+    from hiltest.interfaces.quantities import StreamInterface
+    from hiltest.interfaces.trial import Heard, Trial
     from hiltest.link.ports import SerialPort
     from hiltest.rig import Rig
     from hiltest.rig.device import Device
@@ -45,7 +45,7 @@ def device() -> None:
 
 
 @device.command("try", epilog=_TRY_EXIT_CODES)
-@documented("hiltest.device-try/1")
+@documented("hiltest.interfaces-try/1")
 @click.option(
     "--rig",
     metavar="R",
@@ -79,8 +79,8 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
     and nothing is judged: see docs/text-compass.md. Variables are read once a second, over the virtual board or the
     GDB server that the rig names, which needs --firmware.
     """
-    from hiltest.device.trial import Trial
-    from hiltest.rig.file import load_rig
+    from hiltest.interfaces.trial import Trial
+    from hiltest.rig.rig_file import load_rig
 
     described = load_rig(rig_file(Path.cwd(), rig))
     table = _table(described)
@@ -126,8 +126,8 @@ def _table(rig: Rig) -> Device:
 
 def _interfaces(rig: Rig, table: Device) -> dict[str, StreamInterface]:
     """Return the interfaces that interpret the bytes on the line, according to the rig."""
-    from hiltest.device.kinds import open_interfaces
-    from hiltest.device.quantities import StreamInterface
+    from hiltest.interfaces.kinds import open_interfaces
+    from hiltest.interfaces.quantities import StreamInterface
 
     of_a_line = tuple(kind for kind in table.kinds if kind != _MEMORY)
     spoken = replace(rig, device=replace(table, kind=of_a_line, memory=None, sources={})) if of_a_line else None
@@ -199,7 +199,7 @@ def _open_connection(
 
 def _listen(opened: _Connection, trial: Trial, interfaces: list[StreamInterface], seconds: float | None) -> float:
     """Show the input for some time, print a summary, and return the duration."""
-    from hiltest.device.quantities import Moment
+    from hiltest.interfaces.quantities import Moment
 
     now = opened.now
     begin_s = now()

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.bench_files import rig_file
 from hiltest.commands.options import checked, documented
-from hiltest.settings import file_name
+from hiltest.rig.bench_files import rig_file
+from hiltest.session.settings import file_name
 from hiltest.text import legible
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
     """
     from hiltest.doctor.check import exit_code
     from hiltest.doctor.examination import examine
-    from hiltest.rig.file import load_rig
+    from hiltest.rig.rig_file import load_rig
 
     described = load_rig(rig_file(Path.cwd(), rig or "frdm-k64f"))
     checks = [*_print_checks(examine(described, port=hil_port, today=datetime.now(UTC).date()))]

@@ -50,8 +50,8 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[
     exported as their magnitude; those without a better direction, such as a worst sector, are left out. Several seeds
     give mean, smallest and largest.
     """
-    from hiltest.record.files import write_asked_for
     from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json
+    from hiltest.run_record.files import write_asked_for
     from hiltest.verdict.evidence_reader import read_evidence
 
     if form == "bencher" and better is not None:

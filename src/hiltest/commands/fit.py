@@ -11,11 +11,11 @@ import click
 from click.core import ParameterSource
 
 from hiltest.commands.options import ErrorOutput, checked, json_option
-from hiltest.settings import file_name
+from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
-    from hiltest.logs import Samples, Unit
-    from hiltest.logs.fit_result import SampleFit
+    from hiltest.log_fitting import Samples, Unit
+    from hiltest.log_fitting.fit_result import SampleFit
 
 _EXIT_CODES = """
 \b
@@ -142,8 +142,8 @@ def fit(
 
     LOG may be a folder: a row for each log in it, by the float64 references, with how well parts of it agree.
     """
-    from hiltest.logs import Unit
-    from hiltest.logs.signed_columns import read_signed_samples
+    from hiltest.log_fitting import Unit
+    from hiltest.log_fitting.signed_columns import read_signed_samples
 
     if log.is_dir():
         return _fit_folder(log, columns, Unit(unit) if unit else None, robust=robust != "none", at_least=at_least)
@@ -158,7 +158,7 @@ def fit(
         _show(fitted, as_json=False)
     _export(fitted, export_json, export_header, force=force)
     if html is not None:
-        from hiltest.logs.sample_fit_page import write_page
+        from hiltest.log_fitting.sample_fit_page import write_page
 
         write_page(fitted, read, html)
     if as_json:  # the document is last, since an error prints a document of its own
@@ -180,10 +180,10 @@ def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust:
             option = next(parameter.opts[0] for parameter in context.command.params if parameter.name == name)
             raise click.UsageError(f"{option} is for one log: {folder} is a folder")
     from hiltest.errors import ConfigError
-    from hiltest.logs.log_folder import fit_folder
-    from hiltest.logs.log_folder_table import print_folder
-    from hiltest.progress_line import ProgressLine
+    from hiltest.log_fitting.log_folder import fit_folder
+    from hiltest.log_fitting.log_folder_table import print_folder
     from hiltest.report.console import standard_output
+    from hiltest.session.progress_line import ProgressLine
 
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
     logs = list(fit_folder(folder, columns=columns, unit=unit, robust=robust, progress=progress))
@@ -196,7 +196,7 @@ def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust:
 
 
 def _part(samples: Samples, first: float | None, last: float | None, *, steady: bool) -> Samples:
-    from hiltest.logs import span
+    from hiltest.log_fitting import span
 
     if steady:
         if first is not None or last is not None:
@@ -216,7 +216,7 @@ def _fit(
     robust: bool,
     field_ut: float | None,
 ) -> SampleFit:
-    from hiltest.logs.sample_fit import fit_by_shape, fit_on_board, fit_on_host
+    from hiltest.log_fitting.sample_fit import fit_by_shape, fit_on_board, fit_on_host
 
     if shape not in _ELLIPSOIDS:
         if calibrator != "board" or firmware is not None:
@@ -229,9 +229,9 @@ def _fit(
         if firmware is not None:
             raise click.UsageError("--firmware is for the virtual board: leave out --on host")
         return fit_on_host(samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)
-    from hiltest.bench_files import DEFAULT_RIG, shipped
     from hiltest.boards import open_board
-    from hiltest.rig.file import load_rig
+    from hiltest.rig.bench_files import DEFAULT_RIG, shipped
+    from hiltest.rig.rig_file import load_rig
 
     # The packaged rig is used even if this folder has another: recorded samples do not depend on its world.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
@@ -241,11 +241,11 @@ def _fit(
 
 def _show(fitted: SampleFit, *, as_json: bool) -> None:
     if as_json:
-        from hiltest.logs.sample_fit_exports import to_json
+        from hiltest.log_fitting.sample_fit_exports import to_json
 
         click.echo(to_json(fitted), nl=False)
         return
-    from hiltest.logs.sample_fit_table import print_fit
+    from hiltest.log_fitting.sample_fit_table import print_fit
     from hiltest.report.console import standard_output
 
     print_fit(fitted, standard_output())
@@ -255,7 +255,7 @@ def _export(fitted: SampleFit, as_json: Path | None, as_header: Path | None, *, 
     if as_json is None and as_header is None:
         return
     from hiltest.calibration.acceptance import Acceptance
-    from hiltest.logs.sample_fit_exports import export_header, export_json
+    from hiltest.log_fitting.sample_fit_exports import export_header, export_json
 
     if fitted.best.verdict is Acceptance.REFUSED:
         if fitted.best.hard_iron is None:

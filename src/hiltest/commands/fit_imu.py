@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from hiltest.logs import ImuLog, Intervals
-    from hiltest.logs.imu_fit import ImuLogFit
+    from hiltest.log_fitting import ImuLog, Intervals
+    from hiltest.log_fitting.imu_fit import ImuLogFit
 
 _EXIT_CODES = """
 \b
@@ -110,10 +110,10 @@ def fit_imu(**arguments: Any) -> int:
     LOG is a text table, also packed (.gz): comma, semicolon, tab or blanks between cells, with or without a header.
     Rests, six faces and whole turns about the vertical are detected.
     """
-    from hiltest.logs import AccelerationUnit, LogColumns, read_imu_log
-    from hiltest.logs.imu_fit import fit_imu_log, print_fit, to_json
+    from hiltest.log_fitting import AccelerationUnit, LogColumns, read_imu_log
+    from hiltest.log_fitting.imu_fit import fit_imu_log, print_fit, to_json
+    from hiltest.measurement.units import RATE_WORDS
     from hiltest.report.console import standard_output
-    from hiltest.units import RATE_WORDS
 
     options = _Options(**arguments)
     listed = options.intervals if options.intervals and Path(options.intervals).suffix == ".json" else None
@@ -145,8 +145,8 @@ def fit_imu(**arguments: Any) -> int:
 
 
 def _export(fitted: ImuLogFit, options: _Options) -> int:
-    from hiltest.logs.imu_fit import to_header, to_json
-    from hiltest.record.files import write_asked_for
+    from hiltest.log_fitting.imu_fit import to_header, to_json
+    from hiltest.run_record.files import write_asked_for
 
     if not (fitted.accelerometer.fit is not None if options.rate_rpm is None else fitted.scales):
         if options.export_json or options.export_header:
@@ -160,8 +160,8 @@ def _export(fitted: ImuLogFit, options: _Options) -> int:
 
 
 def _bias(log: ImuLog, path: Path, options: _Options) -> NDArray[np.float64]:
-    from hiltest.logs.rate_log import rest_bias
-    from hiltest.units import RATE_WORDS
+    from hiltest.log_fitting.rate_log import rest_bias
+    from hiltest.measurement.units import RATE_WORDS
 
     return rest_bias(
         path,
@@ -174,8 +174,8 @@ def _bias(log: ImuLog, path: Path, options: _Options) -> NDArray[np.float64]:
 
 
 def _intervals(log: ImuLog, listed: str | None, bias: NDArray[np.float64] | None, *, turns: bool) -> Intervals:
-    from hiltest.logs import found_intervals, labelled_intervals, listed_intervals
-    from hiltest.logs.imu_rate import rest_rate
+    from hiltest.log_fitting import found_intervals, labelled_intervals, listed_intervals
+    from hiltest.log_fitting.imu_rate import rest_rate
 
     if listed is not None:
         return listed_intervals(log, Path(listed))

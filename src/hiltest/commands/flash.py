@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from hiltest.commands.options import ErrorOutput, checked, documented
-from hiltest.settings import file_name
+from hiltest.session.settings import file_name
 
 _EXIT_CODES = """
 \b
@@ -55,13 +55,13 @@ def flash(
     ELF may be Intel HEX or a raw binary (.bin) too; without it, hiltest's own firmware is flashed. What is for another
     chip, or would lock this one, is refused before anything is written.
     """
-    from hiltest.bench_files import rig_file
     from hiltest.boards import default_firmware
-    from hiltest.flashing.flash_image import load_flash_image
-    from hiltest.flashing.flashing import find_target
-    from hiltest.flashing.flashing import flash as put_on
-    from hiltest.progress_line import ProgressLine
-    from hiltest.rig.file import load_rig
+    from hiltest.boards.flashing.flash_image import load_flash_image
+    from hiltest.boards.flashing.flashing import find_target
+    from hiltest.boards.flashing.flashing import flash as put_on
+    from hiltest.rig.bench_files import rig_file
+    from hiltest.rig.rig_file import load_rig
+    from hiltest.session.progress_line import ProgressLine
 
     if probe and volume:
         raise click.UsageError("--probe writes without the drive: leave out --volume")

@@ -12,18 +12,18 @@ from typing import Any
 
 import click
 
-from hiltest.bench_files import shipped
 from hiltest.commands.options import checked, documented
 from hiltest.errors import ConfigError
-from hiltest.operator_prompt import ask
-from hiltest.settings import file_name
+from hiltest.rig.bench_files import shipped
+from hiltest.session.operator_prompt import ask
+from hiltest.session.settings import file_name
 
 _FOLDERS = ("suites", "rigs", "benchmarks")
 _BASELINE = Path("baselines", "virtual-k64f.json")
 """Baseline of the default rig with the packaged firmware."""
 _CONFTEST = '''"""What `pytest-benchmark compare` finds in this folder: device cycles are shown in cycles."""
 
-from hiltest.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit  # noqa: F401
+from hiltest.session.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit  # noqa: F401
 '''
 _LONGEST_NAME = 64  # of a rig
 _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
@@ -73,7 +73,7 @@ def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
 
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     """Return name and text of the rig for a firmware."""
-    from hiltest.device.proposed_rig import chosen_kind, look_at, rig_text
+    from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
     from hiltest.virtual.program.elf import load_image
 
     proposals = look_at(load_image(firmware))

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from hiltest.bench_files import rig_file
 from hiltest.commands.options import ErrorOutput, NumberRange, asked_to_end, checked, documented, opened
-from hiltest.settings import file_name, seed
+from hiltest.rig.bench_files import rig_file
+from hiltest.session.settings import file_name, seed
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -88,7 +88,7 @@ def log(
     from hiltest.boards import open_board
     from hiltest.link.replies import SensorKind
     from hiltest.procedures.sensor_log import log_sensors
-    from hiltest.rig.file import load_rig
+    from hiltest.rig.rig_file import load_rig
 
     kinds = [SensorKind[name.upper()] for name in dict.fromkeys(sensors)]
     described = load_rig(rig_file(Path.cwd(), rig))
@@ -126,7 +126,7 @@ def _write(
 ) -> dict[SensorKind | None, int]:
     """Write the rows; return the number of samples by sensor, and under None the number of times some were lost."""
     from hiltest.procedures.sensor_log import UNITS
-    from hiltest.progress_line import ProgressLine
+    from hiltest.session.progress_line import ProgressLine
 
     counts: dict[SensorKind | None, int] = dict.fromkeys([*kinds, None], 0)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())

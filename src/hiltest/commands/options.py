@@ -17,7 +17,7 @@ from typing import Any, TextIO, TypeVar
 import click
 
 from hiltest.errors import ConfigError
-from hiltest.settings import jobs, seed
+from hiltest.session.settings import jobs, seed
 
 EXIT_CODES = """
 \b
@@ -37,7 +37,7 @@ Exit codes:
 ERROR_SCHEMA = "hiltest.error/1"
 """Schema of the document that a command prints instead of its own if it fails."""
 _SAID_MOST = 10_000
-#: Keys of `hiltest.units.RATE_WORDS`, repeated since commands import that module only when they run.
+#: Keys of `hiltest.measurement.units.RATE_WORDS`, repeated since commands import that module only when they run.
 RATE_UNITS = ("deg/s", "dps", "mdps", "rad/s", "deg/h", "counts")
 
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.bench_files import rig_file
 from hiltest.commands.options import ErrorOutput, NumberRange, checked, json_option
 from hiltest.errors import ConfigError
-from hiltest.settings import file_name
+from hiltest.rig.bench_files import rig_file
+from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from hiltest.procedures.played import PlayedBack
-    from hiltest.world.playback import Playback
+    from hiltest.procedures.recorded_motion import PlayedBack
+    from hiltest.world.recorded_motion import Playback
 
 _EXIT_CODES = """
 \b
@@ -67,11 +67,11 @@ def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -
     firmware does not speak hiltest's protocol, hiltest's own gets the same recording, and its calibrators stand beside.
     Nothing is judged: see docs/playback.md.
     """
-    from hiltest.procedures.played import play_back
-    from hiltest.progress_line import ProgressLine
-    from hiltest.recordings.playback import load_playback
-    from hiltest.rig.file import load_rig
-    from hiltest.world.playback import Sensed
+    from hiltest.interfaces.sensor_files.recorded_motion import load_playback
+    from hiltest.procedures.recorded_motion import play_back
+    from hiltest.rig.rig_file import load_rig
+    from hiltest.session.progress_line import ProgressLine
+    from hiltest.world.recorded_motion import Sensed
 
     described = load_rig(rig_file(Path.cwd(), rig))
     playback = load_playback(described)
@@ -104,7 +104,7 @@ def _moments_s(playback: Playback, every_s: float | None) -> NDArray[np.float64]
     """Return the times of headings; empty without an accelerometer, which they need."""
     import numpy as np
 
-    from hiltest.world.playback import Sensed
+    from hiltest.world.recorded_motion import Sensed
 
     if Sensed.ACCELEROMETER not in playback.tracks:
         return np.empty(0)

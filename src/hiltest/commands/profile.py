@@ -11,7 +11,7 @@ import click
 from hiltest.commands.options import json_option
 
 if TYPE_CHECKING:
-    from hiltest.profiling.image import ProfiledImage
+    from hiltest.virtual.profiling.image import ProfiledImage
 
 SHIPPED = "shipped"
 
@@ -107,9 +107,9 @@ def profile(
     ELF is any program for a Cortex-M4; "shipped" is the firmware that comes with hiltest.
     """
     from hiltest.boards import default_firmware
-    from hiltest.profiling import document as documents
-    from hiltest.profiling.arguments import parse_argument
-    from hiltest.record.files import write_asked_for
+    from hiltest.run_record.files import write_asked_for
+    from hiltest.virtual.profiling import document as documents
+    from hiltest.virtual.profiling.arguments import parse_argument
 
     path = default_firmware() if elf == SHIPPED else Path(elf)
     inputs = [parse_argument(text) for text in arguments]
@@ -121,23 +121,23 @@ def profile(
     if folded is not None:
         write_asked_for(folded, documents.folded(document))
     if flame_graph is not None:
-        from hiltest.profiling.flame_graph import flame_graph as draw
+        from hiltest.virtual.profiling.flame_graph import flame_graph as draw
 
         write_asked_for(flame_graph, draw(document))
     if as_json:
         click.echo(documents.json_text(document))
         return 0
-    from hiltest.profiling.tables import print_profile
     from hiltest.report.console import standard_output
+    from hiltest.virtual.profiling.profile_tables import print_profile
 
     print_profile(standard_output(), document, lines=lines, instructions=instructions)
     return 0
 
 
 def _image(path: Path, *, timing: str | None, memory: str | None, clock: str | None) -> ProfiledImage:
-    from hiltest.profiling.image import ProfiledImage
     from hiltest.virtual.calls.call_clock import CALL_HZ, parse_clock
     from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
+    from hiltest.virtual.profiling.image import ProfiledImage
 
     clock_hz = CALL_HZ if clock is None else parse_clock(clock)
     return ProfiledImage(path, timing=timing or DEFAULT_PROFILE, memory=memory, clock_hz=clock_hz)

@@ -13,7 +13,7 @@ from hiltest.commands.options import documented
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hiltest.record.reader import RecordFile
+    from hiltest.run_record.reader import RecordFile
 
 _EXIT_CODES = """
 \b
@@ -41,7 +41,7 @@ def report(record: Path, out: Path | None) -> tuple[int, dict[str, Any]]:
     DIR is the folder of a run, FILE a run.json. If the run was cut short or is still running, the reports say so and
     hold every test that has finished.
     """
-    from hiltest.record.reader import read_record
+    from hiltest.run_record.reader import read_record
 
     folder = record if record.is_dir() else record.parent
     if out is None or out.resolve() == folder.resolve():
@@ -60,7 +60,7 @@ def report(record: Path, out: Path | None) -> tuple[int, dict[str, Any]]:
 
 def _rewrite_reports(record: Path, folder: Path) -> RecordFile:
     """Write the reports beside the record, and again if a run began or finished there meanwhile."""
-    from hiltest.record.reader import read_record
+    from hiltest.run_record.reader import read_record
 
     for _ in range(_TRIES):
         before = _state(folder)
@@ -73,10 +73,10 @@ def _rewrite_reports(record: Path, folder: Path) -> RecordFile:
 
 def _copy_record(stored: RecordFile, out: Path) -> None:
     """Write the whole record into a folder of its own, and replace an earlier record there."""
-    from hiltest.record.files import RUN_FILE, write_atomically
-    from hiltest.record.journal import Journal
-    from hiltest.record.run_json import content_to_json
-    from hiltest.settings import make_folder
+    from hiltest.run_record.files import RUN_FILE, write_atomically
+    from hiltest.run_record.journal import Journal
+    from hiltest.run_record.run_json import content_to_json
+    from hiltest.session.settings import make_folder
 
     make_folder(out)
     claim = Journal(out)
@@ -106,8 +106,8 @@ def _render(stored: RecordFile, folder: Path) -> None:
 
 def _state(folder: Path) -> tuple[int | None, bool | None]:
     """Return the finished record in a folder, and whether a run goes on there; None for a missing file."""
-    from hiltest.record.files import RUN_FILE
-    from hiltest.record.journal import JOURNAL_FILE, is_going_on
+    from hiltest.run_record.files import RUN_FILE
+    from hiltest.run_record.journal import JOURNAL_FILE, is_going_on
 
     record: int | None = None
     going_on: bool | None = None

@@ -22,7 +22,7 @@ from hiltest.commands.options import (
     seed_range,
 )
 from hiltest.errors import ConfigError
-from hiltest.settings import DEFAULT_OUT, address, check_environment, file_name, label, seed
+from hiltest.session.settings import DEFAULT_OUT, address, check_environment, file_name, label, seed
 
 
 class _Run(click.Command):
@@ -147,7 +147,7 @@ def run(*, as_json: bool, **arguments: Any) -> int:
     """
     if not as_json:
         return _run(**arguments)[0]
-    from hiltest.record.exit_codes import ExitCode
+    from hiltest.run_record.exit_codes import ExitCode
 
     captured = CapturedErrors()
     with redirect_stdout(captured), redirect_stderr(captured):
@@ -174,10 +174,10 @@ def _run(
     **arguments: str | None,
 ) -> tuple[int, Path | None]:
     """Run the suites, and return the exit code and the file with the record; None without one."""
-    from hiltest.record.files import BOARDS_FILE, OLDER_FOLDER, SEEDS_FILE
-    from hiltest.runs.folders import sole_command
-    from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
-    from hiltest.runs.one_run import check_against, run_suites
+    from hiltest.campaigns.folders import sole_command
+    from hiltest.campaigns.older_firmware import OlderFirmware, base_of_environment
+    from hiltest.campaigns.one_run import check_against, run_suites
+    from hiltest.run_record.files import BOARDS_FILE, OLDER_FOLDER, SEEDS_FILE
 
     check_environment()
     names = {
@@ -219,7 +219,7 @@ def _run(
         }
         if named := [name for name, is_given in of_one.items() if is_given]:
             raise ConfigError(f"{named[0]} is of one board, and {len(rigs)} rigs are named: leave one of them out")
-        from hiltest.runs.several_boards import run_boards
+        from hiltest.campaigns.several_boards import run_boards
 
         options += [] if base is None else [f"--hil-baseline={base}"]
         with sole_command(Path(out)):
@@ -227,7 +227,7 @@ def _run(
     if seeds is not None:
         if arguments["seed"] or arguments["hil_port"]:
             raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
-        from hiltest.runs.campaign import run_seeds
+        from hiltest.campaigns.campaign import run_seeds
 
         if against is not None:
             _check_firmwares(against, arguments["firmware"], arguments["rig"], arguments["base"])
@@ -263,9 +263,9 @@ def _check_firmwares(older: str, newer: str | None, rig: str | None, base: str |
     ConfigError, BenchError, ProtocolError
         If an ELF cannot be loaded, or the newer one does not answer as it must.
     """
-    from hiltest.bench_files import rig_file
     from hiltest.boards import VirtualBench, open_board
-    from hiltest.rig.file import load_rig
+    from hiltest.rig.bench_files import rig_file
+    from hiltest.rig.rig_file import load_rig
 
     bench = load_rig(rig_file(Path.cwd(), rig))
     VirtualBench(bench, firmware=Path(older))

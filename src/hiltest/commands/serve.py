@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.bench_files import rig_file
 from hiltest.commands.options import NumberRange, checked, json_option
 from hiltest.errors import BenchError, ConfigError
-from hiltest.settings import address, file_name, seed
+from hiltest.rig.bench_files import rig_file
+from hiltest.session.settings import address, file_name, seed
 
 if TYPE_CHECKING:
     from hiltest.boards.bench import VirtualBench
-    from hiltest.boards.lines import PortLine
     from hiltest.boards.paced import PacedBench
+    from hiltest.boards.served_lines import PortLine
 
 _EXIT_CODES = """
 \b
@@ -218,9 +218,9 @@ def serve(
 
 def _serve_recording(file: Path, tcp: int | None, host: str, link: str | None, until_s: float, *, as_json: bool) -> int:
     """Serve a recorded line to each program from its beginning, until it has ended."""
-    from hiltest.boards.lines import PseudoTerminal, TcpLine, port_link
+    from hiltest.boards.served_lines import PseudoTerminal, TcpLine, port_link
     from hiltest.boards.served_recording import ServedRecording, serve_recorded
-    from hiltest.replay.recorded_run import read_transcript
+    from hiltest.tape.recorded_run import read_transcript
 
     recorded, transcript = read_transcript(file)
     with contextlib.ExitStack() as stack:
@@ -273,7 +273,7 @@ def _bench(
     flash_file: str | None,
 ) -> VirtualBench:
     from hiltest.boards.bench import VirtualBench
-    from hiltest.rig.file import load_rig
+    from hiltest.rig.rig_file import load_rig
 
     described = load_rig(rig_file(Path.cwd(), rig))
     if described.world is None:
@@ -297,7 +297,7 @@ def _bench(
 def _open_lines(
     stack: contextlib.ExitStack, tcp: int | None, turntable_tcp: int | None, host: str
 ) -> Sequence[PortLine]:
-    from hiltest.boards.lines import PseudoTerminal, TcpLine
+    from hiltest.boards.served_lines import PseudoTerminal, TcpLine
 
     opened: list[PortLine] = []
     for port in (tcp, turntable_tcp if turntable_tcp is not None else tcp and tcp + 1):
@@ -309,7 +309,7 @@ def _open_lines(
 def _link_ports(stack: contextlib.ExitStack, lines: Sequence[PortLine], link: str | None) -> list[str]:
     if link is None:
         return [line.url for line in lines]
-    from hiltest.boards.lines import port_link
+    from hiltest.boards.served_lines import port_link
 
     paths = [Path(link), Path(f"{link}-turntable")]
     for path, line in zip(paths, lines, strict=True):

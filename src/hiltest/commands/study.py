@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from hiltest.bench_files import rig_file
 from hiltest.commands.options import checked, documented, jobs_option
-from hiltest.settings import DEFAULT_OUT, file_name, seed
+from hiltest.rig.bench_files import rig_file
+from hiltest.session.settings import DEFAULT_OUT, file_name, seed
 from hiltest.studies import NAMES
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def _plan_choice(
     cycles: int | None,
 ) -> Plan:
     """Return a plan with the conditions of the options or, for options that are not set, of the rig."""
-    from hiltest.rig.file import load_rig
+    from hiltest.rig.rig_file import load_rig
     from hiltest.studies.study import Conditions
 
     described = load_rig(rig_file(Path.cwd(), rig))
@@ -133,11 +133,11 @@ def study(
     imu           what calibrations leave of an IMU's errors
     """
     from hiltest.commands.options import ErrorOutput, asked_to_end
-    from hiltest.progress_line import ProgressLine
-    from hiltest.settings import make_folder
-    from hiltest.studies.page import PAGE_FILE, printed_rows
+    from hiltest.session.progress_line import ProgressLine
+    from hiltest.session.settings import make_folder
     from hiltest.studies.run import run_study
     from hiltest.studies.study import Plan, study_of
+    from hiltest.studies.study_page import PAGE_FILE, printed_rows
 
     chosen = study_of(name)
     plan = Plan(name, seed(seed_text), instances or chosen.instances, points or chosen.points)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.bench_files import rig_file
 from hiltest.commands.options import ErrorOutput, checked, documented, json_option
 from hiltest.errors import ConfigError
-from hiltest.settings import file_name
+from hiltest.rig.bench_files import rig_file
+from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -60,8 +60,8 @@ def timing() -> None:
 @json_option("hiltest.timing/1")
 def show(named: str | None, as_json: bool) -> int:
     """Print a timing profile: cycles, range and source of each row."""
-    from hiltest.profiling.timing_table import json_text, print_table
     from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile, place_of
+    from hiltest.virtual.profiling.timing_table import json_text, print_table
 
     name = named or DEFAULT_PROFILE
     profile = load_profile(name)
@@ -104,11 +104,11 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     from hiltest.boards import open_board
     from hiltest.boards.bench import default_firmware
     from hiltest.procedures.sequences import measure_sequences
-    from hiltest.profiling.timing_table import print_judgements, print_measured, print_places
-    from hiltest.progress_line import ProgressLine
-    from hiltest.record.files import write_asked_for
     from hiltest.report.console import standard_output
-    from hiltest.rig.file import load_rig
+    from hiltest.rig.rig_file import load_rig
+    from hiltest.run_record.files import write_asked_for
+    from hiltest.session.progress_line import ProgressLine
+    from hiltest.virtual.profiling.timing_table import print_judgements, print_measured, print_places
     from hiltest.virtual.program.elf import load_image
     from hiltest.virtual.silicon.contributed_profile import about, board_lines
     from hiltest.virtual.silicon.measured_profile import profile_text, solve

@@ -11,7 +11,7 @@ from hiltest.commands.options import json_option
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hiltest.trend import Skipped
+    from hiltest.report.trend import Skipped
 
 _EXIT_CODES = """
 \b
@@ -40,9 +40,9 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     measurement moved by more than its tolerance; only runs of the same rig, cycle model and seeds are compared. Files
     that are no records are named and skipped.
     """
-    from hiltest.record.files import write_asked_for
-    from hiltest.trend import read_folder, trend_of
-    from hiltest.trend.outputs import print_trend, to_json, trend_page
+    from hiltest.report.trend import read_folder, trend_of
+    from hiltest.report.trend.outputs import print_trend, to_json, trend_page
+    from hiltest.run_record.files import write_asked_for
 
     entries, skipped = read_folder(folder)
     if not entries:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hiltest.commands.options import NumberRange, checked, documented
-from hiltest.settings import DEFAULT_OUT, file_name, make_folder, seed
+from hiltest.session.settings import DEFAULT_OUT, file_name, make_folder, seed
 
 if TYPE_CHECKING:
-    from hiltest.worst_case.kept import WorstCase
-    from hiltest.worst_case.search import Budget, Found, Problem
+    from hiltest.studies.worst_case.search import Budget, Found, Problem
+    from hiltest.studies.worst_case.worst_input import WorstCase
 
 _FEWEST_POINTS, _MOST_POINTS = 9, 512  # unknowns of an ellipsoid, and capacity of the firmware's buffer
 _SECONDS = 60.0
@@ -103,9 +103,9 @@ def worst(
     """
     from hiltest.boards import default_firmware
     from hiltest.commands.options import asked_to_end
-    from hiltest.record.files import write_asked_for
-    from hiltest.worst_case.kept import to_json
-    from hiltest.worst_case.search import Budget
+    from hiltest.run_record.files import write_asked_for
+    from hiltest.studies.worst_case.search import Budget
+    from hiltest.studies.worst_case.worst_input import to_json
 
     elf = Path(firmware) if firmware is not None else default_firmware()
     if replay is not None:
@@ -139,8 +139,8 @@ def _option(firmware: str | None) -> str:
 
 def _problem(elf: Path, function: str, arguments: tuple[str, ...], points: int, returns: str | None) -> Problem[Any]:
     from hiltest.studies.board_calibrators import BoardCalibrators
-    from hiltest.worst_case.argument_ranges import ArgumentRanges, parse_range
-    from hiltest.worst_case.point_sets import PointSets
+    from hiltest.studies.worst_case.argument_ranges import ArgumentRanges, parse_range
+    from hiltest.studies.worst_case.point_sets import PointSets
 
     if not arguments and function in (calibrators := BoardCalibrators(elf)).names:
         return PointSets(calibrators, function, points)
@@ -152,10 +152,10 @@ def _run_search(
 ) -> tuple[Found[Any], WorstCase | None, str]:
     """Return the result, the case to save, and a summary; nothing is saved if no call succeeded."""
     from hiltest.commands.options import ErrorOutput
-    from hiltest.progress_line import ProgressLine
+    from hiltest.session.progress_line import ProgressLine
+    from hiltest.studies.worst_case.search import search
+    from hiltest.studies.worst_case.worst_input import case_of
     from hiltest.text import format_number
-    from hiltest.worst_case.kept import case_of
-    from hiltest.worst_case.search import search
 
     line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
 
@@ -178,8 +178,8 @@ def _run_search(
 
 
 def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
+    from hiltest.studies.worst_case.worst_input import digest, load_worst_case
     from hiltest.text import format_number
-    from hiltest.worst_case.kept import digest, load_worst_case
 
     case = load_worst_case(file)
     call, cycle_model = case.replayed(elf)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from hiltest.errors import HiltestError, ProtocolError
-from hiltest.record.exit_codes import ExitCode
+from hiltest.run_record.exit_codes import ExitCode
 
 
 class Health(StrEnum):

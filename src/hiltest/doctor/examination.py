@@ -9,11 +9,11 @@ from typing import TypeAlias
 
 from hiltest.boards import Board, open_board
 from hiltest.boards.daplink import choose_board, machine_root
-from hiltest.doctor.board import BOARD_CHECKS, see_identity
+from hiltest.doctor.board_checks import BOARD_CHECKS, see_identity
 from hiltest.doctor.check import Check, Health, check_from_error, failed, not_looked_at, ok
-from hiltest.doctor.earth import model_field, see_declared_field, see_measured_field
-from hiltest.doctor.host import HOST_CHECKS, HostPort, flash_command, host_port
-from hiltest.doctor.turntable import see_turntable
+from hiltest.doctor.field_checks import model_field, see_declared_field, see_measured_field
+from hiltest.doctor.host_checks import HOST_CHECKS, HostPort, flash_command, host_port
+from hiltest.doctor.turntable_checks import see_turntable
 from hiltest.errors import (
     BenchError,
     ConfigError,
@@ -28,8 +28,8 @@ from hiltest.errors import (
 )
 from hiltest.link.ports import open_port
 from hiltest.link.session import Session
-from hiltest.record.exit_codes import ExitCode
 from hiltest.rig import Rig
+from hiltest.run_record.exit_codes import ExitCode
 
 BAUDS = (9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800, 921_600)
 # A synchronisation takes 20 ms at 9600 baud, each way, and USB some more.

@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose
 from hiltest.calibration.fit import FitStatus
 from hiltest.link.fields import FieldReader
+from hiltest.orientation.angles import Pose
 
 Reals = NDArray[np.float64]
 Counts = NDArray[np.int16]

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.angles import Pose, pose_from_rotation, rotation_body_from_ned
+from hiltest.orientation.angles import Pose, pose_from_rotation, rotation_body_from_ned
 
 Quaternion: TypeAlias = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.angles import Matrix, Pose, wrap_360
 from hiltest.errors import CalibrationError
+from hiltest.orientation.angles import Matrix, Pose, wrap_360
 
 # Sine of the angle between gravity and field below which a heading would be noise; the firmware has the same limit.
 SMALLEST_SINE = 1e-3

@@ -18,7 +18,7 @@ from hiltest.link.replies import MICROTESLA_PER_COUNT, CalibrateReply, RunCost
 from hiltest.link.streams import StreamStateReply
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble
-from hiltest.rig.tables import number_of_points
+from hiltest.rig.toml_tables import number_of_points
 
 UNCALIBRATED = "uncalibrated"
 UNCALIBRATED_SLOT = 0

@@ -9,13 +9,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180, wrap_360
 from hiltest.boards.compass import CompassBoard
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
-from hiltest.device.frames import FRAMES, Frame
-from hiltest.device.quantities import Moment, Observation, Quantity
 from hiltest.errors import PoorCoverageError
+from hiltest.interfaces.frames import FRAMES, Frame
+from hiltest.interfaces.quantities import Moment, Observation, Quantity
 from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.orientation.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180, wrap_360
 from hiltest.procedures.compass_by_hand import hold_by_hand
 from hiltest.procedures.conventions import other_frame, other_tilt, other_way, standing_still
 from hiltest.procedures.hand_poses import missing_in_words

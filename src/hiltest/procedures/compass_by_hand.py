@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hiltest.angles import Pose, circular_mean_deg, wrap_180
 from hiltest.boards.compass import CompassBoard
-from hiltest.device.frames import Frame
-from hiltest.device.quantities import Moment, Observation, Quantity
+from hiltest.interfaces.frames import Frame
+from hiltest.interfaces.quantities import Moment, Observation, Quantity
+from hiltest.orientation.angles import Pose, circular_mean_deg, wrap_180
 from hiltest.procedures.hand_poses import STILL_WITHIN_S, Readings, Reals, moved, said_beside, walk_by_hand
 from hiltest.procedures.settling import Settled, wait_until_settled
 from hiltest.procedures.turntables import Achieved, OperatorTurntable

@@ -9,9 +9,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import circular_mean_deg, heading_error_deg, wrap_180
-from hiltest.device.frames import FRAMES, Frame
+from hiltest.interfaces.frames import FRAMES, Frame
 from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.orientation.angles import circular_mean_deg, heading_error_deg, wrap_180
 
 RIGHT_WITHIN_DEG = 10.0
 """A wrong convention moves angles by tens of degrees; the right one leaves at most this error."""

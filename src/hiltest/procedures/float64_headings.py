@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import heading_error_deg
 from hiltest.calibration import REFERENCES
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.orientation import DegenerateFieldError
+from hiltest.orientation.angles import heading_error_deg
 from hiltest.procedures.calibrate import CalibratorRun
 from hiltest.procedures.known_angles import KnownAngles, headings_deg
 from hiltest.procedures.tumble import Tumble

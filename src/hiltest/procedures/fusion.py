@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, heading_error_deg
 from hiltest.boards.board import Board
 from hiltest.link.fusion import (
     MAX_FUSION_READ,
@@ -22,6 +21,7 @@ from hiltest.link.fusion import (
 )
 from hiltest.link.replies import SAMPLE_RATE_HZ, SensorKind
 from hiltest.measurement import CycleRange
+from hiltest.orientation.angles import Pose, heading_error_deg
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body
 from hiltest.procedures.progress import Progress, silent

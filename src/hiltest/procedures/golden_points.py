@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import sin_cos_deg
+from hiltest.orientation.angles import sin_cos_deg
 
 _FIELD_COUNTS = 485.0  # 48.5 uT, the field of the default rig
 _GOLDEN_ANGLE_DEG = 180.0 * (3.0 - math.sqrt(5.0))

@@ -9,13 +9,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from hiltest.angles import Pose, sin_cos_deg, wrap_180
 from hiltest.boards.real import SILICON
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import HiltestError, TurntableError
 from hiltest.link.grbl import GrblLine
 from hiltest.link.gyroscope import Axis
 from hiltest.link.ports import open_port
+from hiltest.orientation.angles import Pose, sin_cos_deg, wrap_180
 from hiltest.procedures.turntables import (
     AFTER_TURN_S,
     AXIS_DOWN,

@@ -11,12 +11,12 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose
 from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import MOVED_SPREAD_MG
 from hiltest.errors import OperatorAbsentError, TurntableError
 from hiltest.link.messages import Average
 from hiltest.link.replies import G_PER_COUNT, MICROTESLA_PER_COUNT, AverageReply
+from hiltest.orientation.angles import Pose
 from hiltest.procedures.turntables import QUESTIONS, Achieved, OperatorTurntable, heading_of
 from hiltest.text import format_count, join_words
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.angles import circular_mean_deg, wrap_180, wrap_360
+from hiltest.orientation.angles import circular_mean_deg, wrap_180, wrap_360
 
 SECTOR_DEG = 30.0
 

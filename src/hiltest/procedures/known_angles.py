@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180, wrap_360
 from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.errors import DeviceError, FirmwareContradictionError
@@ -18,6 +17,7 @@ from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.link.messages import Average, GetCalibration
 from hiltest.link.replies import AverageReply, CalibrationReply, SensorKind, SlotHeading
 from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180, wrap_360
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
 from hiltest.procedures.hand_poses import PoseJournal, missing_in_words, place_of, take_by_hand
 from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise

@@ -8,8 +8,8 @@ from hiltest.boards.board import Board
 from hiltest.boards.compass import CompassBoard
 from hiltest.procedures.grbl_turntable import open_grbl_turntable
 from hiltest.procedures.turntables import Turntable, open_turntable
-from hiltest.replay.tape import LIVE, Tape
 from hiltest.rig import Rig
+from hiltest.tape.tape import LIVE, Tape
 
 
 def open_table(

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hiltest.angles import Pose, rotation_body_from_ned, wrap_360
 from hiltest.boards.board import Board
 from hiltest.calibration.sensor_axes import SensorAxes, sensor_axes
 from hiltest.link.messages import Average
+from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_360
 from hiltest.procedures.turntables import Turntable
 
 

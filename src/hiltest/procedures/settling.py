@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from hiltest.angles import circular_mean_deg, wrap_180
 from hiltest.boards.board import BoardKind
 from hiltest.boards.compass import CompassBoard
-from hiltest.device.frames import Frame
-from hiltest.device.quantities import Observation, Quantity
 from hiltest.errors import DeviceTimeoutError
+from hiltest.interfaces.frames import Frame
+from hiltest.interfaces.quantities import Observation, Quantity
+from hiltest.orientation.angles import circular_mean_deg, wrap_180
 
 SETTLED_DEG = 0.1
 """Largest difference of the headings of two windows that agree."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hiltest.angles import Pose, wrap_180, wrap_360
 from hiltest.boards.board import Board
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.still_pose import StillPose
 from hiltest.errors import FirmwareContradictionError
 from hiltest.link.poses import MAX_TRANSFER, AddPose, ClearPoses, Poses
 from hiltest.link.replies import SensorKind
+from hiltest.orientation.angles import Pose, wrap_180, wrap_360
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from hiltest.angles import Pose
 from hiltest.boards.board import Board, Stage
 from hiltest.boards.compass import CompassBoard
 from hiltest.calibration.still_pose import FACES, Face
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
+from hiltest.orientation.angles import Pose
 
 LEVEL = Pose(0.0, 0.0, 0.0)
 #: Table poses in which a body axis is straight down: nose down, right side down, level.

@@ -12,10 +12,10 @@ from rich.table import Table
 
 from hiltest import __version__
 from hiltest.measurement import KINDS, Outcome, identify
-from hiltest.record.files import REPORT_FILE
-from hiltest.record.run import Verdict
 from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.page import render
+from hiltest.run_record.files import REPORT_FILE
+from hiltest.run_record.run import Verdict
 from hiltest.text import number
 from hiltest.verdict.calibrators import UNCALIBRATED
 

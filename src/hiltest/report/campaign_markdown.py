@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from hiltest.record.comparison import Comparison
-from hiltest.record.run import Verdict
 from hiltest.report.markdown import comparison_lines
 from hiltest.report.markdown_text import folded, plain_text, table
+from hiltest.run_record.comparison import Comparison
+from hiltest.run_record.run import Verdict
 from hiltest.text import format_number
 from hiltest.verdict.wording import counted_by
 

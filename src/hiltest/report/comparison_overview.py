@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from hiltest.record.comparison import Answer, Change, Comparison, Difference, Side
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
+from hiltest.run_record.comparison import Answer, Change, Comparison, Difference, Side
 from hiltest.text import format_number
 from hiltest.verdict.wording import (
     SHOWN,

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from rich.console import Console
 from rich.text import Text
 
-from hiltest.record.comparison import Answer, Change, Comparison, Side
+from hiltest.run_record.comparison import Answer, Change, Comparison, Side
 from hiltest.text import format_number
 from hiltest.verdict.detection import Detection
 from hiltest.verdict.wording import build, counted_by, entry, how_to_keep, models_shown, revision, seen_from, shown

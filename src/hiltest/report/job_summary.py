@@ -10,9 +10,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from hiltest.record.run import Verdict
 from hiltest.report.markdown_text import cut
 from hiltest.report.terminal import shown_path
+from hiltest.run_record.run import Verdict
 
 VARIABLE = "GITHUB_STEP_SUMMARY"
 MOST_BYTES = 1000 * 1024

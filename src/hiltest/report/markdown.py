@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hiltest.record.comparison import Comparison
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import changed, counts, sides
 from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.terminal import CHANGE_SEEN, coverage_line, shown_limit, shown_outcome, shown_seen, shown_value
+from hiltest.run_record.comparison import Comparison
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import Run, TestResult
 from hiltest.text import number
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, summarise

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from itertools import compress, groupby
 
 from hiltest.measurement import Measurement, Outcome, Section
-from hiltest.record.run import BoardRecord, Run
 from hiltest.report.terminal import shown_limit, shown_value
+from hiltest.run_record.run import BoardRecord, Run
 from hiltest.text import format_number, short_test_id
 from hiltest.verdict.calibrators import (
     FROM_FLASH,

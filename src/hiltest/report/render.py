@@ -6,9 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hiltest import __version__
-from hiltest.record.files import MARKDOWN_FILE, REPORT_FILE, write_atomically
-from hiltest.record.outcomes import RED, TestOutcome
-from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
 from hiltest.report.figures.cost import budget_group, cost_group
@@ -19,6 +16,9 @@ from hiltest.report.figures.samples import samples_group
 from hiltest.report.markdown import markdown_report
 from hiltest.report.page import render
 from hiltest.report.terminal import CHANGE_SEEN, coverage_line, shown_limit, shown_outcome, shown_seen, shown_value
+from hiltest.run_record.files import MARKDOWN_FILE, REPORT_FILE, write_atomically
+from hiltest.run_record.outcomes import RED, TestOutcome
+from hiltest.run_record.run import Run, TestResult
 from hiltest.text import format_with_unit, number
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, summarise

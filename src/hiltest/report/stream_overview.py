@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hiltest.record.run import Cell, Run
+from hiltest.run_record.run import Cell, Run
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import STAGES_TABLE
 

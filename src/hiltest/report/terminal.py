@@ -14,10 +14,10 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
-from hiltest.record.failures import group_by_reason, tests_named
-from hiltest.record.files import REPORT_FILE
-from hiltest.record.run import CoverageRecord, Run
 from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
+from hiltest.run_record.failures import group_by_reason, tests_named
+from hiltest.run_record.files import REPORT_FILE
+from hiltest.run_record.run import CoverageRecord, Run
 from hiltest.text import format_count, format_number, format_with_unit, number, short_test_id
 from hiltest.verdict.calibrators import WITH_WAITS, WITHOUT_WAITS
 from hiltest.verdict.compare import changes_seen

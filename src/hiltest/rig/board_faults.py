@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from hiltest.rig.parts import PARTS
-from hiltest.rig.tables import STRICT, check_span, require
+from hiltest.rig.toml_tables import STRICT, check_span, require
 
 
 @dataclass(frozen=True, slots=True)

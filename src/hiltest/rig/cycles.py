@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from hiltest.rig.tables import STRICT, require
+from hiltest.rig.toml_tables import STRICT, require
 
 
 @dataclass(frozen=True, slots=True)

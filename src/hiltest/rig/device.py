@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 from hiltest.rig.memory_device import MemoryDevice
-from hiltest.rig.tables import STRICT, require
 from hiltest.rig.text_device import TextDevice
+from hiltest.rig.toml_tables import STRICT, require
 
 #: Conventions of the firmware's axes and heading: see docs/compass.md.
 FrameName = Literal["ned", "enu", "android", "windows"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from hiltest.rig.tables import STRICT, Triple, require
+from hiltest.rig.toml_tables import STRICT, Triple, require
 
 if TYPE_CHECKING:
     from hiltest.world.disturbances import Cable, Current, Passing

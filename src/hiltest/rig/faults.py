@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from hiltest.rig.board_faults import BoardReset, HeldLine, SensorFault
-from hiltest.rig.tables import STRICT, check_span, require
+from hiltest.rig.toml_tables import STRICT, check_span, require
 
 _MOST_LATE_S = 1e6
 _WAYS = {"both": "both ways", "to-board": "on the way to the board", "to-host": "on the way from the board"}

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from hiltest.rig.board_faults import SensorFault, span_of
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS, Part
-from hiltest.sensors import RegisterDevice
-from hiltest.sensors.faulty_part import FaultyPart
+from hiltest.world.sensors import RegisterDevice
+from hiltest.world.sensors.faulty_part import FaultyPart
 
 
 def fitted_part(

@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from hiltest.rig.tables import Triple
+from hiltest.rig.toml_tables import Triple
 
 if TYPE_CHECKING:
     from hiltest.rig.world import SimulatedWorld
-    from hiltest.sensors import AccelerometerErrors, Drift, Fxos8700cq, RegisterDevice
     from hiltest.world import World
+    from hiltest.world.sensors import AccelerometerErrors, Drift, Fxos8700cq, RegisterDevice
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +35,8 @@ class Part:
 
 
 def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
-    from hiltest.sensors import Mag3110
     from hiltest.world import MagneticDistortion
+    from hiltest.world.sensors import Mag3110
 
     return Mag3110(
         world,
@@ -48,8 +48,8 @@ def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> Reg
 
 
 def _fxos8700cq(world: World, truth: SimulatedWorld, seed: int, part: Part) -> Fxos8700cq:
-    from hiltest.sensors import Fxos8700cq, Fxos8700cqNoise
     from hiltest.world import MagneticDistortion
+    from hiltest.world.sensors import Fxos8700cq, Fxos8700cqNoise
 
     drift = truth.drift
     return Fxos8700cq(
@@ -67,7 +67,7 @@ def _fxos8700cq(world: World, truth: SimulatedWorld, seed: int, part: Part) -> F
 
 
 def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
-    from hiltest.sensors import Fxas21002c
+    from hiltest.world.sensors import Fxas21002c
 
     return Fxas21002c(
         world,
@@ -114,7 +114,7 @@ def sensor_names() -> dict[str, list[str]]:
 
 
 def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
-    from hiltest.sensors import AccelerometerErrors
+    from hiltest.world.sensors import AccelerometerErrors
 
     x, y, z = truth.accelerometer_offset_mg
     gain_x, gain_y, gain_z = truth.accelerometer_gain_error_percent
@@ -128,7 +128,7 @@ def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
 
 
 def _drift(*, offset: Triple = (0.0, 0.0, 0.0), gain_percent: Triple = (0.0, 0.0, 0.0)) -> Drift:
-    from hiltest.sensors import Drift
+    from hiltest.world.sensors import Drift
 
     return Drift(offset, scaled(gain_percent, 1e-2))
 

@@ -1,7 +1,7 @@
 """The rig: which board, link, turntable, local field, mounting and limits.
 
-A rig is a TOML file; this module defines its content, `hiltest.rig.file.load_rig` reads it. `conditions_sha256` is a
-digest of all conditions that its numbers depend on: two runs with the same digest can be compared. Importing it is
+A rig is a TOML file; this module defines its content, `hiltest.rig.rig_file.load_rig` reads it. `conditions_sha256` is
+a digest of all conditions that its numbers depend on: two runs with the same digest can be compared. Importing it is
 cheap: numpy, pydantic, world and sensors are imported by the functions that need them.
 """
 
@@ -23,7 +23,7 @@ from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.device import Device
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS, Part, scaled
-from hiltest.rig.tables import (
+from hiltest.rig.toml_tables import (
     STRICT,
     BoardPlace,
     Faces,
@@ -39,9 +39,9 @@ from hiltest.rig.tables import (
 from hiltest.rig.world import SimulatedWorld
 
 if TYPE_CHECKING:
-    from hiltest.sensors import RegisterDevice
-    from hiltest.sensors.faulty_part import FaultyPart
     from hiltest.world import EarthField, World
+    from hiltest.world.sensors import RegisterDevice
+    from hiltest.world.sensors.faulty_part import FaultyPart
 
 # Largest relative difference of a declared noise from the simulated one: about the precision of data sheets.
 MOST_NOISE_RATIO = 2.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from dataclasses import field as dataclass_field
 from typing import Any, ClassVar, Literal
 
-from hiltest.rig.tables import STRICT, require
+from hiltest.rig.toml_tables import STRICT, require
 
 #: Units whose size is defined by the scale.
 COUNTS = frozenset({"count", "counts", "lsb"})

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 from hiltest.rig.disturbances import CableTable, CurrentTable, PassingTable
 from hiltest.rig.parts import PARTS
-from hiltest.rig.playback import PlaybackFile
-from hiltest.rig.tables import STRICT, Triple, require
+from hiltest.rig.recorded_motion import PlaybackFile
+from hiltest.rig.toml_tables import STRICT, Triple, require
 
 # Smallest volume of the parallelepiped of a soft iron's rows, relative to the box with the same edges.
 _SMALLEST_VOLUME = 1e-3

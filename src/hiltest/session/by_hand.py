@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose
 from hiltest.boards import Board
 from hiltest.calibration.still_pose import Face, StillPose
 from hiltest.link.replies import AverageReply, SlotHeading, Statistic, Status
+from hiltest.orientation.angles import Pose
 from hiltest.procedures import Achieved, Tumble
 from hiltest.procedures.cycles import upload_pairs
-from hiltest.record.recorder import Recorder
+from hiltest.run_record.recorder import Recorder
 from hiltest.text import format_count, join_words
 
 Reals = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from hiltest.errors import BenchError, ConfigError, ProtocolError
-from hiltest.progress_line import progress_of
+from hiltest.session.progress_line import progress_of
 
 if TYPE_CHECKING:
     from hiltest.session.session import HilSession
@@ -27,8 +27,8 @@ def open_flashed(hil: HilSession) -> list[str]:
     """
     from hiltest.boards import OnChip
     from hiltest.boards.bench import firmware_of
-    from hiltest.flashing.flash_image import load_flash_image
-    from hiltest.flashing.flashing import find_target, flash
+    from hiltest.boards.flashing.flash_image import load_flash_image
+    from hiltest.boards.flashing.flashing import find_target, flash
 
     if hil.hands_out or hil.is_worker:
         raise pytest.UsageError("--flash: a board is flashed, and then used, by one process: leave out -n")

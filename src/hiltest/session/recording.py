@@ -10,15 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.campaigns.gate import NOT_EVALUATED
+from hiltest.campaigns.older_firmware import remove_runs
 from hiltest.errors import ConfigError
-from hiltest.record.files import MARKDOWN_FILE, OLDER_FOLDER, write_asked_for
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import BoardRecord, CalibrationRecord, CoverageRecord, RigRecord, Run, SensorRecord, TestResult
-from hiltest.record.run_json import part_from
 from hiltest.rig.rig import conditions_sha256
-from hiltest.runs.gate import NOT_EVALUATED
-from hiltest.runs.older_firmware import remove_runs
-from hiltest.session import HilSession
+from hiltest.run_record.files import MARKDOWN_FILE, OLDER_FOLDER, write_asked_for
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import (
+    BoardRecord,
+    CalibrationRecord,
+    CoverageRecord,
+    RigRecord,
+    Run,
+    SensorRecord,
+    TestResult,
+)
+from hiltest.run_record.run_json import part_from
 from hiltest.session.results import (
     BENCH,
     FOUND_HERE,
@@ -28,12 +35,13 @@ from hiltest.session.results import (
     TestLog,
     out_of_limit_in_words,
 )
+from hiltest.session.session import HilSession
 
 if TYPE_CHECKING:
     from hiltest.boards import Board, CompassBoard
-    from hiltest.imu_calibration.file import CalibrationFile
-    from hiltest.record.recorder import Recorder
+    from hiltest.procedures.imu_calibration.calibration_file import CalibrationFile
     from hiltest.rig import Rig
+    from hiltest.run_record.recorder import Recorder
 
 REPLAY = "replay"
 """Name in place of a test's id if a replay ended before its recording."""
@@ -148,7 +156,7 @@ class Recording:
         file, coverage = self._hil.settings.coverage, self._hil.coverage
         if file is None or coverage is None:
             return exitstatus
-        from hiltest.coverage.lcov import to_lcov
+        from hiltest.virtual.coverage.lcov import to_lcov
 
         try:
             write_asked_for(file, to_lcov(coverage))

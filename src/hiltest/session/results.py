@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.record.outcomes import TestOutcome
+from hiltest.run_record.outcomes import TestOutcome
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from hiltest.measurement import Measurement
-    from hiltest.record.run import Table, TestResult
+    from hiltest.run_record.run import Table, TestResult
 
 _NAMED_AT_MOST = 3
 
@@ -75,8 +75,8 @@ def pack(findings: Found) -> dict[str, Any]:
 def unpack(content: Mapping[str, Any]) -> Found:
     """Return the findings from the result of `pack`."""
     from hiltest.measurement import Measurement
-    from hiltest.record.run import Table
-    from hiltest.record.run_json import part_from
+    from hiltest.run_record.run import Table
+    from hiltest.run_record.run_json import part_from
 
     return Found(
         [part_from(Measurement, part) for part in content["measurements"]],
@@ -134,7 +134,7 @@ class TestLog:
         return [*(replace(result, outcome=TestOutcome.RERUN) for result in results[:-1]), *results[-1:]]
 
     def _result(self, nodeid: str, reports: Sequence[pytest.TestReport]) -> TestResult:
-        from hiltest.record.run import TestResult
+        from hiltest.run_record.run import TestResult
 
         worst = max(reports, key=_badness)
         return TestResult(

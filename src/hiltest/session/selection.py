@@ -125,7 +125,7 @@ def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: 
 
 _BOARD_FIXTURES = frozenset({"board", "compass", "turntable"})
 _FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
-_FIXTURE_MODULES = frozenset({"hiltest.fixtures", "hiltest.cycle_benchmarks.hooks"})
+_FIXTURE_MODULES = frozenset({"hiltest.session.fixtures", "hiltest.session.benchmark_hooks"})
 
 
 def uses_board(item: pytest.Item) -> bool:

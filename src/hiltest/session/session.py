@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.record.outcomes import TestOutcome
-from hiltest.runs.folders import RecordFolder, folder_beside_complete, folder_remark
-from hiltest.runs.gate import SessionGate
+from hiltest.campaigns.folders import RecordFolder, folder_beside_complete, folder_remark
+from hiltest.campaigns.gate import SessionGate
+from hiltest.run_record.outcomes import TestOutcome
 from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
     RUN_COMMAND,
@@ -29,22 +29,22 @@ from hiltest.session.selection import (
     uses_hiltest,
     uses_rig,
 )
-from hiltest.settings import Settings, check_environment
+from hiltest.session.settings import Settings, check_environment
 
 if TYPE_CHECKING:
     from hiltest.boards import Board, CompassBoard, OnChip
-    from hiltest.coverage.lcov import Coverage
-    from hiltest.coverage.source_map import SourceMap
+    from hiltest.campaigns.wire_traces import WireTraces
     from hiltest.errors import BenchError, ProtocolError
-    from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
-    from hiltest.progress_line import ProgressLine
-    from hiltest.record.recorder import Recorder
-    from hiltest.replay.tape import Tape
+    from hiltest.procedures.imu_calibration.calibration_file import CalibrationFile
     from hiltest.rig import Rig
-    from hiltest.runs.wire_traces import WireTraces
+    from hiltest.run_record.recorder import Recorder
     from hiltest.session.by_hand import ByHand
-    from hiltest.session.tape import Replay
+    from hiltest.session.progress_line import ProgressLine
+    from hiltest.session.session_tape import Replay
+    from hiltest.tape.tape import Tape
+    from hiltest.virtual.coverage.lcov import Coverage
+    from hiltest.virtual.coverage.source_map import SourceMap
 
 _BENCHMARKS = "benchmarks"
 
@@ -111,7 +111,7 @@ class HilSession:
     def _begin_replay(self, settings: Settings, path: Path) -> Settings:
         """Open the recording; return the settings of the recorded run."""
         from hiltest.errors import ConfigError
-        from hiltest.session.tape import open_replay
+        from hiltest.session.session_tape import open_replay
 
         try:
             self.replay = open_replay(path)
@@ -124,8 +124,8 @@ class HilSession:
     def tape(self) -> Tape:
         """The tape, which all questions of the run to its bench pass through."""
         if self._tape is None:
-            from hiltest.replay.tape import LIVE
-            from hiltest.session.tape import open_record
+            from hiltest.session.session_tape import open_record
+            from hiltest.tape.tape import LIVE
 
             record = self.settings.record
             self._tape = (
@@ -194,9 +194,9 @@ class HilSession:
         pytest.UsageError
             If the rig, the firmware or an option is wrong, or no record can be written.
         """
+        from hiltest.campaigns.wire_traces import remove_traces
         from hiltest.errors import BenchError, ConfigError, ProtocolError
-        from hiltest.imu_calibration.file import load_calibration
-        from hiltest.runs.wire_traces import remove_traces
+        from hiltest.procedures.imu_calibration.calibration_file import load_calibration
 
         self.is_required = True
         try:
@@ -213,7 +213,7 @@ class HilSession:
                 self.claim_folder()
                 remove_traces(self.folder.path)
                 if self.settings.coverage is not None:
-                    from hiltest.coverage.lcov import refuse_file
+                    from hiltest.virtual.coverage.lcov import refuse_file
 
                     refuse_file(self.settings.coverage)
             if with_board and not self.is_worker:
@@ -250,8 +250,8 @@ class HilSession:
     def rig(self) -> Rig:
         """The rig, read once."""
         if self._rig is None:
-            from hiltest.bench_files import rig_file
-            from hiltest.rig.file import load_rig
+            from hiltest.rig.bench_files import rig_file
+            from hiltest.rig.rig_file import load_rig
 
             start, named = self.config.invocation_params.dir, self.settings.rig
             if self.replay is not None:
@@ -279,7 +279,7 @@ class HilSession:
     @property
     def _rig_is_requested(self) -> bool:
         """True if an option names the rig, or the bench has a default rig of its own."""
-        from hiltest.bench_files import has_own_rig
+        from hiltest.rig.bench_files import has_own_rig
 
         return self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
 
@@ -295,9 +295,9 @@ class HilSession:
             raise self.trouble
         if self._board is None:
             from hiltest.boards import open_board, open_compass
+            from hiltest.campaigns.wire_traces import WireTraces
             from hiltest.errors import BenchError, ProtocolError
-            from hiltest.imu_calibration.owner import refuse_another_board
-            from hiltest.runs.wire_traces import WireTraces
+            from hiltest.procedures.imu_calibration.owner import refuse_another_board
 
             self._opened_s = time.monotonic()
             self._traces = WireTraces(self.folder.path)
@@ -316,7 +316,7 @@ class HilSession:
                 )
                 self._board = opened
                 if opened.execution is not None:
-                    from hiltest.coverage.source_map import SourceMap
+                    from hiltest.virtual.coverage.source_map import SourceMap
 
                     self._source = SourceMap(opened.execution.image)
                 if self.calibration is not None:
@@ -544,7 +544,7 @@ class HilSession:
     @cached_property
     def progress(self) -> ProgressLine:
         """Progress display of long work."""
-        from hiltest.progress_line import progress_of
+        from hiltest.session.progress_line import progress_of
 
         return progress_of(self.config)
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
 
-from hiltest.runs.folders import RecordFolder
-from hiltest.session import HilSession
+from hiltest.campaigns.folders import RecordFolder
 from hiltest.session.results import BENCH, Found, pack, plain_data, unpack
 from hiltest.session.selection import GROUP, LeftOut, uses_board, uses_hiltest
+from hiltest.session.session import HilSession
 
 if TYPE_CHECKING:
     from hiltest.session.recording import Recording
@@ -105,7 +105,7 @@ class Worker:
         """Close the board, and send the coverage and the measurements of the whole session."""
         self._output["found"] = pack(Found(self._hil.end()))
         if self._hil.coverage is not None:
-            from hiltest.coverage.lcov import to_lcov
+            from hiltest.virtual.coverage.lcov import to_lcov
 
             self._output["coverage"] = to_lcov(self._hil.coverage)
 
@@ -259,7 +259,7 @@ class Controller:
         self._hil.choice.left_out = LeftOut(tuple(tests), how)
         self._hil.choice.deselected = output["deselected"]
         if output["coverage"]:
-            from hiltest.coverage.lcov import from_lcov
+            from hiltest.virtual.coverage.lcov import from_lcov
 
             self._hil.coverage = from_lcov(output["coverage"], "coverage of a worker")
         if self._recording is not None:

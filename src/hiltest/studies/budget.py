@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hiltest.bench_files import shipped
 from hiltest.boards import Board, open_board
 from hiltest.calibration import FIRMWARE
 from hiltest.calibration.fit import Array
@@ -15,10 +14,11 @@ from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement, check
 from hiltest.procedures import Effort, effort_curve, evenly_spread, upload_points
-from hiltest.record.run import Column, Run, Table
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
+from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.board_calibrators import board_calibrators
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from hiltest.calibration.fit import Array, FitStatus
 from hiltest.measurement import Measurement, check
-from hiltest.record.run import Column, Run, Table
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.estimators import quantile_and_interval
 from hiltest.studies.instances import Model, draw_instances

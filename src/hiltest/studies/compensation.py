@@ -9,9 +9,9 @@ import numpy as np
 from hiltest.calibration.direct_batch import QuadricBatch, fit_quadrics
 from hiltest.calibration.fit import Array
 from hiltest.measurement import Measurement, check
-from hiltest.record.run import Column, Run, Table
 from hiltest.report.marks import Mark
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.instances import Instances, Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 

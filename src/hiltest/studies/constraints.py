@@ -14,9 +14,9 @@ from hiltest.calibration.gradient_descent import fit_gradient_descent
 from hiltest.calibration.li import fit_li
 from hiltest.errors import HiltestError
 from hiltest.measurement import check
-from hiltest.record.run import Cell, Column, Run, Table
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 # Surfaces that the points of a condition lie on, except for noise; on the first only a cap, so that noise decides.

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hiltest.angles import wrap_180
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.dpi import fit_dpi
 from hiltest.calibration.fit import Array
 from hiltest.calibration.quality import rotation_left_deg
 from hiltest.measurement import Measurement, check
+from hiltest.orientation.angles import wrap_180
 from hiltest.orientation.tilt_heading import tilt_heading
-from hiltest.record.run import Cell, Column, Run, Table
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 # Dip of the field at the paper's place, in the south of Brazil.

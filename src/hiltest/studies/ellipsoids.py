@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from scipy.stats import beta
 
 from hiltest.measurement import Measurement, check
-from hiltest.record.run import Column, Run, Table
 from hiltest.report.marks import Mark
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.instances import Model, kernel, non_ellipsoids
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 from hiltest.text import number

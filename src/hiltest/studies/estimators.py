@@ -13,9 +13,9 @@ from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit
 from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.measurement import Measurement, check
-from hiltest.record.run import Cell, Column, Run, Table
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.instances import Instances, Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 

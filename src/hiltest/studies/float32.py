@@ -13,9 +13,9 @@ from hiltest.calibration.conditioning import quadric_rows
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit, squared_lengths
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.measurement import check
-from hiltest.record.run import Cell, Column, Run, Table
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study

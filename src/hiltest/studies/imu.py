@@ -12,9 +12,9 @@ from hiltest.calibration import REFERENCES
 from hiltest.calibration.fit import Array, FitStatus
 from hiltest.calibration.quality import COUNTS_PER_UT, residual_percent, sphere_directions
 from hiltest.measurement import Measurement, check
-from hiltest.record.run import Cell, Column, Run, Table
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.dpi import COUNTS, draw_sensor
 from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study

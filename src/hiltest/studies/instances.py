@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.c_library import INSTANCES_KERNEL, SOURCES, compiled, loaded
 from hiltest.calibration.direct_batch import QuadricBatch, fit_quadrics
 from hiltest.calibration.fit import Array, MagnetometerFit
 from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
+from hiltest.virtual.core.c_library import INSTANCES_KERNEL, SOURCES, compiled, loaded
 from hiltest.world.noise import normal_quantiles
 
 _PARTS = 1 << 16

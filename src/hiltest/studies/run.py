@@ -11,17 +11,17 @@ from typing import Any
 
 from hiltest import __version__
 from hiltest.errors import ConfigError
-from hiltest.jobs import each_done
-from hiltest.record.exit_codes import WORDS, ExitCode
-from hiltest.record.files import write_atomically
-from hiltest.record.journal import Journal
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.recorder import describe_host
-from hiltest.record.run import Column, Findings, Run, Table, TestResult, Verdict, utc_now
-from hiltest.record.run_json import write_run
+from hiltest.run_record.exit_codes import WORDS, ExitCode
+from hiltest.run_record.files import write_atomically
+from hiltest.run_record.journal import Journal
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.recorder import describe_host
+from hiltest.run_record.run import Column, Findings, Run, Table, TestResult, Verdict, utc_now
+from hiltest.run_record.run_json import write_run
 from hiltest.strict_json import parse_json, read_bounded
-from hiltest.studies.page import PAGE_FILE, page
+from hiltest.studies.jobs import each_done
 from hiltest.studies.study import Numbers, Plan, blocks_of, measure_block, study_of
+from hiltest.studies.study_page import PAGE_FILE, page
 
 BLOCKS_FILE = "blocks.jsonl"
 """Finished blocks of an unfinished study: one line of JSON each."""

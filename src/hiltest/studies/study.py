@@ -13,8 +13,8 @@ from importlib import import_module
 from typing import TypeAlias
 
 from hiltest.measurement import Measurement
-from hiltest.record.run import Run, Table
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Run, Table
 
 Numbers: TypeAlias = Sequence[float | int]
 

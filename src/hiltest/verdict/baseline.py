@@ -11,8 +11,8 @@ from typing import Literal
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
-from hiltest.record.comparison import FromBuild, Revision, Side
-from hiltest.record.outcomes import TestOutcome
+from hiltest.run_record.comparison import FromBuild, Revision, Side
+from hiltest.run_record.outcomes import TestOutcome
 from hiltest.verdict.evidence import REAL, Conditions, Evidence, Seed
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.statistics import mean_value

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from hiltest.calibration.fit import FitStatus
 from hiltest.measurement import KINDS, Measurement, Outcome, cannot_be_ranked
-from hiltest.record.run import Run
+from hiltest.run_record.run import Run
 
 WORST_HEADING = KINDS["heading.{calibrator}.max"]
 MEAN_ERROR = KINDS["heading.{calibrator}.bias"]

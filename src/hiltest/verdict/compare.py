@@ -7,9 +7,9 @@ from dataclasses import replace
 from statistics import fmean
 
 from hiltest.measurement import UNDECIDED, Measurement, Outcome, Tolerance, identify, is_compared, is_direction
-from hiltest.record.comparison import BaseKind, Change, Comparison, Difference, Side
-from hiltest.record.failures import measured
-from hiltest.record.run import Run
+from hiltest.run_record.comparison import BaseKind, Change, Comparison, Difference, Side
+from hiltest.run_record.failures import measured
+from hiltest.run_record.run import Run
 from hiltest.text import hundredths
 from hiltest.verdict.chance import Chance, chance_of
 from hiltest.verdict.difference import difference

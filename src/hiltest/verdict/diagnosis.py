@@ -11,7 +11,7 @@ from hiltest.calibration.error_sources import ErrorSource, Source
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.sensor_axes import SensorAxes
 from hiltest.measurement import Measurement, Outcome
-from hiltest.record.run import Table
+from hiltest.run_record.run import Table
 from hiltest.verdict.calibrators import fit_status, maximum_of, value_of
 from hiltest.verdict.causes import GOOD_FIT_FACTOR, OF_SOURCE, Cause, HeadingSymptoms, name_cause
 from hiltest.verdict.heading_evidence import CALIBRATION_FILE, HeadingEvidence, read_heading_evidence

@@ -18,7 +18,7 @@ from hiltest.measurement import (
     round_significant,
     tolerance_of,
 )
-from hiltest.record.comparison import Change, Difference
+from hiltest.run_record.comparison import Change, Difference
 from hiltest.verdict.chance import Chance, chance_of, changes_of, flash_tolerance, moves
 from hiltest.verdict.evidence import Seed
 from hiltest.verdict.noise import FALSE_ALARMS, mean_interval, paired

@@ -9,10 +9,10 @@ from typing import TypeVar
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement, Tolerance
-from hiltest.record.comparison import Side
-from hiltest.record.failures import failed_by_itself
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import Run
+from hiltest.run_record.comparison import Side
+from hiltest.run_record.failures import failed_by_itself
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import Run
 from hiltest.verdict.statistics import mean_value
 
 Seed = int | None

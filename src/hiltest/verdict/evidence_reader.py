@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from hiltest.errors import ConfigError
-from hiltest.record.files import RUN_FILE, SEED_FOLDERS, SEEDS_FILE
-from hiltest.record.journal import JOURNAL_FILE
+from hiltest.run_record.files import RUN_FILE, SEED_FOLDERS, SEEDS_FILE
+from hiltest.run_record.journal import JOURNAL_FILE
 from hiltest.strict_json import read_json
 from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
 from hiltest.verdict.evidence import Evidence, allow_misses, evidence_of, evidence_of_seeds
@@ -47,7 +47,7 @@ def read_evidence(place: Path) -> Evidence:
         from hiltest.verdict.baseline_file import evidence_in
 
         return evidence_in(file)
-    from hiltest.record.reader import record_in
+    from hiltest.run_record.reader import record_in
 
     record = record_in(file)
     return evidence_of(record.run, file=str(place), sha256=record.sha256)
@@ -72,7 +72,7 @@ def _has_run(folder: Path) -> bool:
 
 
 def _run_evidence(place: Path) -> Evidence:
-    from hiltest.record.reader import read_record
+    from hiltest.run_record.reader import read_record
 
     record = read_record(place, otherwise=_A_SIDE)
     return evidence_of(record.run, file=str(record.path), sha256=record.sha256)

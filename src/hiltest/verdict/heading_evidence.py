@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import heading_error_deg
 from hiltest.calibration import REFERENCES, FitStatus, MagnetometerFit
 from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.calibration.error_sources import ErrorSource, Source, error_sources
 from hiltest.calibration.sensor_axes import SensorAxes, sensor_axes
 from hiltest.orientation import DegenerateFieldError, tilt_heading
-from hiltest.record.run import Table
+from hiltest.orientation.angles import heading_error_deg
+from hiltest.run_record.run import Table
 
 Reals = NDArray[np.float64]
 

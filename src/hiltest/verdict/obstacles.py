@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
 from shlex import quote
 
-from hiltest.record.comparison import Change, Difference
-from hiltest.record.outcomes import TestOutcome
+from hiltest.run_record.comparison import Change, Difference
+from hiltest.run_record.outcomes import TestOutcome
 from hiltest.text import short_test_id
 from hiltest.verdict.evidence import NO_BOARD, REAL, Conditions, Evidence, Seed
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from hiltest.measurement import KINDS, Measurement
-from hiltest.record.run import Table
+from hiltest.run_record.run import Table
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause

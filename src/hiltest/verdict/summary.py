@@ -16,8 +16,8 @@ from hiltest.measurement import (
     cannot_be_ranked,
     ratio_range,
 )
-from hiltest.record.failures import failed_otherwise, out_of_limit
-from hiltest.record.run import Findings, Run, TestResult
+from hiltest.run_record.failures import failed_otherwise, out_of_limit
+from hiltest.run_record.run import Findings, Run, TestResult
 from hiltest.text import format_count, format_number, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
 from hiltest.verdict.causes import ADVICE

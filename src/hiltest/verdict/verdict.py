@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 from hiltest.measurement import UNDECIDED, Limit, Measurement, Outcome, Reference, Section, identify
-from hiltest.record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
-from hiltest.record.failures import (
+from hiltest.run_record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
+from hiltest.run_record.failures import (
     out_of_limit,
     tests_in_words,
 )
-from hiltest.record.outcomes import RED, TestOutcome
-from hiltest.record.run import Findings, TestResult, Verdict
+from hiltest.run_record.outcomes import RED, TestOutcome
+from hiltest.run_record.run import Findings, TestResult, Verdict
 from hiltest.text import format_count, format_with_unit, join_words, number
 from hiltest.verdict.calibrators import (
     MEAN_ERROR,

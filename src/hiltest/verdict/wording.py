@@ -8,7 +8,7 @@ from pathlib import PurePath
 from shlex import quote
 
 from hiltest.measurement import Outcome, Tolerance, is_direction
-from hiltest.record.comparison import Answer, BaseKind, Change, Comparison, Difference, Revision, Side
+from hiltest.run_record.comparison import Answer, BaseKind, Change, Comparison, Difference, Revision, Side
 from hiltest.text import format_number, join_words
 from hiltest.verdict.evidence import Seed
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hiltest.angles import Rows
+from hiltest.orientation.angles import Rows
 from hiltest.world.earth_field import Vector, apply_rows
 
 IDENTITY: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -11,7 +11,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hiltest.angles import Pose, rotation_rows
+from hiltest.orientation.angles import Pose, rotation_rows
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import Vector, apply_rows
 

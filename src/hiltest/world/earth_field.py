@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from hiltest.angles import Rows, sin_cos_deg
+from hiltest.orientation.angles import Rows, sin_cos_deg
 
 Vector: TypeAlias = tuple[float, float, float]
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from hiltest.angles import Pose, pose_from_rotation, rotation_body_from_ned, sin_cos_deg
+from hiltest.orientation.angles import Pose, pose_from_rotation, rotation_body_from_ned, sin_cos_deg
 from hiltest.world.earth_field import Vector
 
 

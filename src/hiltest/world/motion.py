@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from hiltest.angles import Pose, sin_cos_deg, wrap_180, wrap_360
+from hiltest.orientation.angles import Pose, sin_cos_deg, wrap_180, wrap_360
 from hiltest.world.earth_field import Vector
 
 #: Every move starts and ends on this grid [s]: the least common multiple of the sampling periods 1/80 s and 1/200 s and

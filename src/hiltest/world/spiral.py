@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, pose_from_rotation, sin_cos_deg
+from hiltest.orientation.angles import Pose, pose_from_rotation, sin_cos_deg
 from hiltest.world.earth_field import EarthField, Vector
 from hiltest.world.motion import angle_rates_dps
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hiltest.angles import Pose
+from hiltest.orientation.angles import Pose
 from hiltest.world.earth_field import Vector
 from hiltest.world.motion import MOVE_GRID_S
 

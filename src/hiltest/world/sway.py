@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hiltest.angles import Pose, sin_cos_deg
+from hiltest.orientation.angles import Pose, sin_cos_deg
 from hiltest.world.earth_field import Vector
 
 #: Duration of a sway [s], for which the rates below hold.

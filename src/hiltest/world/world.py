@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass
 
-from hiltest.angles import Pose, rotation_rows, wrap_180
+from hiltest.orientation.angles import Pose, rotation_rows, wrap_180
 from hiltest.state import Restorable
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.disturbances import Disturbances
@@ -21,7 +21,7 @@ from hiltest.world.motion import (
     normal_angles,
     turn_between,
 )
-from hiltest.world.playback import Playback, Sensed
+from hiltest.world.recorded_motion import Playback, Sensed
 from hiltest.world.spiral import SPIRAL_S, Cap, Spiral
 from hiltest.world.steady_turn import steady_turn
 from hiltest.world.temperature import Temperature

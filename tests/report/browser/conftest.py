@@ -13,20 +13,20 @@ import numpy as np
 import pytest
 
 from hiltest.calibration.allan import allan_curve
-from hiltest.logs import Samples, Unit
-from hiltest.logs.allan_page import write_page
-from hiltest.logs.rate_log import RateLog, RateUnit
-from hiltest.logs.sample_fit import fit_on_host
-from hiltest.logs.sample_fit_page import fit_page
+from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting.allan_page import write_page
+from hiltest.log_fitting.rate_log import RateLog, RateUnit
+from hiltest.log_fitting.sample_fit import fit_on_host
+from hiltest.log_fitting.sample_fit_page import fit_page
 from hiltest.measurement import EXACT, Better, Limit, Measurement, check
 from hiltest.procedures.golden_points import golden_points
-from hiltest.record.comparison import Change, Comparison, Difference, Side
-from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import Column, Findings, Run, Table, TestResult
 from hiltest.report.render import html_report
-from hiltest.trend.folder import Skipped
-from hiltest.trend.outputs import trend_page
-from hiltest.trend.series import RunEntry, trend_of
+from hiltest.report.trend.folder import Skipped
+from hiltest.report.trend.outputs import trend_page
+from hiltest.report.trend.series import RunEntry, trend_of
+from hiltest.run_record.comparison import Change, Comparison, Difference, Side
+from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import Column, Findings, Run, Table, TestResult
 from hiltest.verdict.verdict import decide
 
 from ...trend.entries import cycles, degrees, entry

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.record.run import Run
 from hiltest.report.render import html_report
+from hiltest.run_record.run import Run
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

@@ -13,7 +13,7 @@ import cffi
 import pytest
 from elftools.elf.elffile import ELFFile
 
-from hiltest.c_library import CORE, CORE_INTERFACE
+from hiltest.virtual.core.c_library import CORE, CORE_INTERFACE
 from hiltest.virtual.core.library import ffi, lib
 
 ROOT = Path(__file__).parents[3]

@@ -8,12 +8,12 @@ from urllib.parse import parse_qs, urlsplit
 
 import serial
 
-from hiltest.bench_files import rig_file
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.gdb_server import GdbServer
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import HiltestError
-from hiltest.rig.file import load_rig
+from hiltest.rig.bench_files import rig_file
+from hiltest.rig.rig_file import load_rig
 
 _KEYS = ("base", "firmware", "gdb", "rig", "seed")
 _LAST_PORT = 65_535

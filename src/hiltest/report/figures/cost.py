@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
 
-from hiltest.record.run import Run, Table
 from hiltest.report.figures.section import FigureGroup, numbers, panel_width, upper_limit, written
 from hiltest.report.marks import KeyEntry, Mark, series
 from hiltest.report.svg import Figure, Point, Sheet
+from hiltest.run_record.run import Run, Table
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import calibrator_costs
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from hiltest.measurement import Section
-from hiltest.record.run import Run, Table
 from hiltest.report.figures.rows import limit_figure
 from hiltest.report.figures.section import FigureGroup, numbers, panel_width, written
 from hiltest.report.svg import Figure, Point, Sheet
+from hiltest.run_record.run import Run, Table
 
 MOTION_TABLE = "fusion.motion"
 # Drawing order: the noisiest line first and thinnest, so that the others are visible on top of it.

@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hiltest.record.run import Run, Table
 from hiltest.report.figures.section import FigureGroup, numbers, panel_width, upper_limit, written
 from hiltest.report.marks import Mark
 from hiltest.report.svg import Figure, Sheet
+from hiltest.run_record.run import Run, Table
 from hiltest.verdict.calibrators import UNCALIBRATED
 from hiltest.verdict.verdict import POSES_TABLE
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from hiltest.measurement import Section
-from hiltest.record.run import Run
 from hiltest.report.figures.rows import Row, RowFigure, bars, limit_figure
 from hiltest.report.figures.section import Drawing, FigureGroup, numbers, panel_width, upper_limit
 from hiltest.report.marks import Mark
 from hiltest.report.svg import Figure
+from hiltest.run_record.run import Run
 from hiltest.verdict.verdict import POSES_TABLE
 
 FACES_TABLE, NOISE_TABLE = "accelerometer.six_position.poses", "gyroscope.noise_density"

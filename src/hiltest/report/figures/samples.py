@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.calibration.solid_angle import SPHERE, Hole, covered_directions, largest_hole
-from hiltest.record.run import Run, Table
 from hiltest.report.figures.section import FigureGroup, numbers, panel_width, written
 from hiltest.report.marks import KeyEntry, Mark
 from hiltest.report.svg import Figure, Point, Sheet
+from hiltest.run_record.run import Run, Table
 
 POINTS_TABLE = "tumble.points"
 CALIBRATIONS_TABLE = "calibration.results"

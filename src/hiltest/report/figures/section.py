@@ -10,9 +10,9 @@ from typing import Protocol
 from markupsafe import Markup
 
 from hiltest.measurement import Measurement
-from hiltest.record.run import Cell, Table
 from hiltest.report.marks import KeyEntry
 from hiltest.report.svg import Sheet
+from hiltest.run_record.run import Cell, Table
 from hiltest.text import format_number
 
 _WIDTH, _GAP = 1094.0, 16.0  # of the inside of a card on a wide screen, and between two panels, in px

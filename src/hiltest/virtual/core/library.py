@@ -11,8 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from hiltest.c_library import CORE, build_core, core_is_missing_because
 from hiltest.errors import ConfigError
+from hiltest.virtual.core.c_library import CORE, build_core, core_is_missing_because
 
 _CHECKOUT = Path(__file__).parents[4]
 

@@ -1,0 +1,187 @@
+"""Several boards at once: one run for each rig, and the spread between the boards."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from hiltest.campaigns.older_firmware import last_words, run_command
+from hiltest.errors import ConfigError
+from hiltest.measurement import Measurement, identify, round_significant
+from hiltest.report.boards_page import Apart, BoardLine, boards_html, boards_markdown, print_boards
+from hiltest.report.console import standard_output
+from hiltest.report.job_summary import annotation, append_to_job_summary
+from hiltest.rig import Rig
+from hiltest.rig.bench_files import rig_file
+from hiltest.rig.rig_file import load_rig
+from hiltest.run_record.exit_codes import WORDS, ExitCode
+from hiltest.run_record.files import BOARDS_FILE, BOARDS_MARKDOWN, BOARDS_PAGE, write_atomically
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Run, Verdict
+from hiltest.session.settings import make_folder
+from hiltest.studies.jobs import each_done
+from hiltest.text import join_words
+
+SCHEMA = "hiltest.boards/1"
+
+_KEPT = "the records of the boards that finished are kept"
+_NAMED_AT_MOST = 4
+_NO_FOLDER = re.compile(r"[^A-Za-z0-9._-]")
+
+
+def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashes: bool = False) -> int:
+    """Run the suites on several boards at once; write ``boards.json``, ``boards.html`` and ``boards.md``.
+
+    Parameters
+    ----------
+    rigs
+        Rig files, or names of rigs: one per board.
+    options
+        Options of pytest, the same for every board.
+    out
+        Folder that receives one folder per board, with the name of its rig.
+    flashes
+        True if the firmware is flashed onto each board first.
+
+    Returns
+    -------
+    int
+        Exit code of the board whose code takes precedence, in the order for the tests of one run.
+
+    Raises
+    ------
+    ConfigError
+        If two rigs share a name or a port, or one is turned by an operator, or one cannot be read; no run starts then.
+    """
+    benches = {_NO_FOLDER.sub("-", rig.name): rig for rig in (load_rig(rig_file(Path.cwd(), name)) for name in rigs)}
+    if len(benches) < len(rigs):
+        raise ConfigError(f"two of {join_words([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
+    _check_apart(benches)
+    files = {name: str(rig.path) for name, rig in benches.items()}
+    for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # an earlier verdict must not pass for this one's
+        (out / name).unlink(missing_ok=True)
+    make_folder(out)
+    arguments = ("--flash",) if flashes else (), tuple(options), out, tuple(files.items())
+    ended = {}
+    click.echo(f"{len(files)} boards: {', '.join(files)}")
+    for number, (code, last_line) in each_done(
+        _run, arguments, range(len(files)), len(files), remark=_KEPT, starts_process=True
+    ):
+        name = [*files][number]
+        ended[name] = line, _ = _board_result(name, code, last_line, out / name)
+        click.echo(f"{name}: {line.sentence}")
+    boards = [ended[name][0] for name in files]
+    apart = apart_of({name: ended[name][1] for name in files})
+    verdict = verdict_of(boards)
+    write_atomically(out / BOARDS_FILE, _to_json(verdict, boards, apart))
+    write_atomically(out / BOARDS_PAGE, boards_html(verdict, boards, apart))
+    page = boards_markdown(verdict, boards, apart)
+    write_atomically(out / BOARDS_MARKDOWN, page)
+    print_boards(standard_output(), [board.name for board in boards], apart)
+    click.echo(f"Report: {out / BOARDS_PAGE}, and one in each board's folder")
+    if remark := append_to_job_summary(page, out / BOARDS_MARKDOWN):
+        click.echo(remark)
+    click.echo(annotation(verdict), nl=False)
+    click.echo(verdict.sentence)
+    return verdict.exit_code
+
+
+def _check_apart(benches: Mapping[str, Rig]) -> None:
+    ports: dict[str, str] = {}
+    for name, rig in benches.items():
+        if rig.turntable.kind == "operator":
+            raise ConfigError(f"{rig.path}: an operator turns one board at a time; run it by itself")
+        if rig.board.kind == "real" and rig.board.port is None:
+            raise ConfigError(
+                f"{rig.where('board', 'kind')}: board.port: name the port of each of several boards: "
+                "hiltest ports lists them"
+            )
+        for port in filter(None, (rig.board.port, rig.turntable.port)):
+            if (other := ports.setdefault(port, name)) != name:
+                raise ConfigError(f"{name} and {other} are on one port, {port}: correct one of the rigs")
+
+
+def _run(
+    arguments: tuple[tuple[str, ...], tuple[str, ...], Path, tuple[tuple[str, str], ...]], number: int
+) -> tuple[int, str]:
+    """Run one board in a process of its own."""
+    flags, options, out, files = arguments
+    name, rig = files[number]
+    done = run_command(f"--rig={rig}", f"--out={out / name}", *flags, "--", *options, folder=out / name)
+    return done.returncode, last_words(done.stderr or done.stdout)
+
+
+def _board_result(name: str, code: int, last_line: str, folder: Path) -> tuple[BoardLine, tuple[Measurement, ...]]:
+    """Return the result of a board's run, and its measurements; a board that was lost midway has some, too."""
+    run: Run | None = None
+    if code != ExitCode.USAGE_ERROR:  # a run with this code was refused the folder, which another run has
+        with suppress(ConfigError):
+            run = read_record(folder).run
+    if run is None:
+        code = code or ExitCode.NOT_EVALUATED  # tests were only collected, for example: nothing shows that it passed
+        return BoardLine(name, folder.name, code, last_line), ()
+    return BoardLine(name, folder.name, code, run.verdict.sentence, _firmware(run)), run.measurements
+
+
+def _firmware(run: Run) -> str:
+    return f"{run.board.firmware} {run.board.version} build {run.board.build_id}" if run.board else ""
+
+
+def apart_of(measured: dict[str, Sequence[Measurement]]) -> list[Apart]:
+    """Return each measurement with its value on every board, and the spread between them.
+
+    Numbers of different units or cycle models are not compared.
+    """
+    by_name: dict[str, dict[str, Measurement]] = {}
+    for board, measurements in measured.items():
+        for measurement in measurements:
+            if not measurement.volatile:
+                by_name.setdefault(measurement.name, {})[board] = measurement
+    return [_row(name, measurements) for name, measurements in by_name.items()]
+
+
+def _row(name: str, by_board: dict[str, Measurement]) -> Apart:
+    values = {board: measurement.value for board, measurement in by_board.items()}
+    outcomes = {board: measurement.outcome for board, measurement in by_board.items()}
+    numbers = [value for value in values.values() if value is not None]
+    kind = identify(name).kind
+    comparable = len({(measurement.unit, measurement.cycle_model) for measurement in by_board.values()}) == 1
+    if len(numbers) < 2 or not comparable or (kind is not None and kind.direction):
+        spread = None
+    else:
+        spread = round_significant(max(numbers) - min(numbers))
+    return Apart(name, next(iter(by_board.values())).unit, values, outcomes, spread)
+
+
+def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
+    """Return the verdict over all boards."""
+    codes = {board.exit_code for board in boards}
+    # The enumeration is in order of precedence, a pass last. The code of a killed process is not in it.
+    ordered = (int(exit_code) for exit_code in ExitCode if exit_code in codes and exit_code)
+    code = next(ordered, int(ExitCode.NOT_EVALUATED if any(codes) else ExitCode.OK))
+    red = [f"{board.name}: {_word(board.exit_code)}" for board in boards if board.exit_code]
+    passed = f"{len(boards) - len(red)} of {len(boards)} boards pass"
+    sentence = f"{passed}; {join_words(red, _NAMED_AT_MOST)}." if red else f"{passed}."
+    return Verdict(_word(code), code, sentence, complete=True)
+
+
+def _word(code: int) -> str:
+    """Return the name of an exit code; a process that a signal ended has another code."""
+    return {int(exit_code): word for exit_code, word in WORDS.items()}.get(code, "killed")
+
+
+def _to_json(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
+    content = {
+        "schema": SCHEMA,
+        "exit_code": verdict.exit_code,
+        "sentence": verdict.sentence,
+        "boards": [asdict(board) for board in boards],
+        "measurements": [asdict(row) for row in apart],
+    }
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

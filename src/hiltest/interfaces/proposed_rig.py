@@ -1,0 +1,277 @@
+"""The text of a rig for firmware that is only known by its ELF, with guesses as comments."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from hiltest.interfaces.candidate_lines import line_candidates
+from hiltest.interfaces.candidate_variables import variable_candidates
+from hiltest.interfaces.candidates import ANGLES, Candidate, best_first, words_of
+from hiltest.interfaces.quantities import Quantity
+from hiltest.measurement.units import unit_words
+from hiltest.virtual.program.elf import FirmwareImage
+
+#: Function that asks which of several candidates is meant, and returns its number.
+Choose = Callable[[str, Sequence[str]], int]
+Candidates = Mapping[Quantity, Sequence[Candidate]]
+
+# Functions that identify the firmware; two of them, to exclude namesakes.
+_OURS = frozenset({"command_identity", "command_calibrate", "command_collect", "command_read"})
+_NXP = frozenset({"fRun_9DOF_GBY_KALMAN", "fRun_6DOF_GY_KALMAN", "fInvertMagCal", "feCompassNED", "fInitializeFusion"})
+# Names of functions that are worth counting, and of those that only prepare, store or show results, or do other work.
+_WORK = re.compile(
+    r"\b(?:calibrat\w+|cal|fit|ellipsoid|iron|fusion|fuse|kalman|ekf|madgwick|mahony|ahrs|heading|e ?compass)\b"
+)
+_NO_WORK = re.compile(
+    r"\b(?:init\w*|save|load|get|set|erase|print|reset|clear|read|write|send|to|from|adc\d*|clock|irc|osc|handler|irq"
+    r"|start|stop|test|config\w*|is|free|acc\w*|gyro\w*|auto)\b"
+)
+_MOST_SHOWN = 6  # candidates of a quantity, which fit on a screen
+_MOST_COUNTED = 8
+_NOTE_COLUMN, _LONGEST_NOTE = 50, 120
+_WORLD = ("field", "mounting", "turntable", "sensors", "procedure", "world")
+
+
+class Kind(StrEnum):
+    """Interface to firmware; the values are a rig's kinds."""
+
+    FSFLK = "fsflk"
+    TEXT = "text"
+    MEMORY = "memory"
+
+
+_DEVICE = """[device]
+kind = "{}"
+frame = "ned"        # not in an ELF: ned, android, windows or enu (docs/compass.md)
+"""
+_NXP_DEVICE = """start_s = 2.0
+tumbles = 2
+converge_s = 60.0    # its filter finds the gyroscope's offset
+"""
+_RELEASE = """
+[device.fsflk]
+release = "{}"        # 7, 5.00 or 4.22"""
+_NO_DEVICE = """# Nothing in the ELF is surely a heading. Without a table [device] the firmware is taken for one that
+# speaks hiltest's protocol. Say how yours is understood: docs/compass.md lists the kinds.
+# [device]
+# kind = "text\""""
+_WORDS = {
+    Kind.FSFLK: "packets of NXP's Sensor Fusion",
+    Kind.TEXT: "lines that it prints",
+    Kind.MEMORY: "variables, by their names",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """Text of a table, empty without candidates, and whether it uses a heading."""
+
+    text: str
+    has_heading: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Proposals:
+    """Interfaces that an ELF's names and texts suggest."""
+
+    speaks_our_protocol: bool
+    kinds: tuple[Kind, ...]
+    """Kinds that may give the heading, the surest first."""
+    release: str
+    """Release of NXP's Sensor Fusion; empty for other firmware."""
+    lines: Candidates
+    variables: Candidates
+    """Candidates, best first."""
+    functions: tuple[str, ...]
+    """Functions that calibrate, fuse or compute a heading by their names, the largest first."""
+    remark: str
+    """Obstacle to reading all debug information; empty without one."""
+
+    @property
+    def base_rig(self) -> str:
+        """Packaged rig that provides world, sensors and turntable: for NXP's shield, or for hiltest's."""
+        return "nxp-fusion-agm01" if self.release else "text-compass"
+
+    @property
+    def found(self) -> int:
+        """Number of names and texts that were found."""
+        tables = (self.lines, self.variables)
+        return len(self.functions) + sum(len(candidates) for table in tables for candidates in table.values())
+
+
+def look_at(image: FirmwareImage) -> Proposals:
+    """Search an ELF's symbols, texts and debug information. Damage to the latter becomes a remark."""
+    variables, remark = variable_candidates(image)
+    by_line, by_variable = best_first(line_candidates(image)), best_first(variables)
+    names = {function.name for function in image.functions}
+    is_nxp = len(names & _NXP) > 1
+    kinds = {Kind.FSFLK: is_nxp, Kind.TEXT: Quantity.HEADING in by_line, Kind.MEMORY: Quantity.HEADING in by_variable}
+    if is_nxp:  # its variables are in hiltest's units
+        by_variable = {
+            quantity: [_with_own_unit(candidate) for candidate in several] for quantity, several in by_variable.items()
+        }
+    return Proposals(
+        len(names & _OURS) > 1,
+        tuple(kind for kind, may_be in kinds.items() if may_be),
+        ("7" if "sfg" in image.symbols else "5.00") if is_nxp else "",
+        by_line,
+        by_variable,
+        _functions(image),
+        remark,
+    )
+
+
+def _with_own_unit(candidate: Candidate) -> Candidate:
+    unit = "" if "int" in candidate.reason else candidate.meaning.quantity.unit
+    return replace(candidate, meaning=replace(candidate.meaning, unit=unit))
+
+
+def _functions(image: FirmwareImage) -> tuple[str, ...]:
+    largest_first = sorted(image.functions, key=lambda function: -function.size)
+    names = [
+        function.name
+        for function in largest_first
+        if function.size and re.fullmatch(r"[A-Za-z_]\w*", function.name, re.ASCII)
+    ]
+    words = {name: " ".join(words_of(name)) for name in names}
+    names_of_work = [
+        name for name, its_words in words.items() if _WORK.search(its_words) and not _NO_WORK.search(its_words)
+    ]
+    return tuple(names_of_work[:_MOST_COUNTED])
+
+
+def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
+    """Return the interface: the surest one, or the user's choice; None if none gives a heading."""
+    kinds = proposals.kinds
+    if choose is None or len(kinds) < 2:
+        return next(iter(kinds), None)
+    return kinds[choose("Its heading is taken from", [_WORDS[kind] for kind in kinds])]
+
+
+def rig_text(
+    proposals: Proposals, kind: Kind | None, base: str, *, name: str, firmware: str, choose: Choose | None
+) -> str:
+    """Return the text of a rig.
+
+    Parameters
+    ----------
+    base
+        Text of the rig `Proposals.base_rig`.
+    name, firmware
+        Name of the rig; path of the ELF from the rig's folder.
+    choose
+        Asks the user; None without a user: only sure candidates are used.
+    """
+    remark = f"# Not all was seen: {_legible(proposals.remark)}\n" if proposals.remark else ""
+    world = [part.strip("\n") for part in base.split("\n\n") if re.search(rf"(?m)^\[(?:{'|'.join(_WORLD)})\]$", part)]
+    counted = [f"{function} = {json.dumps(function)}" for function in proposals.functions]
+    parts = [
+        f"# {name}: proposed by hiltest from an ELF's names and texts. What is only guessed is a comment, best first.\n"
+        f"# World, field, turntable and sensors are those of rig {proposals.base_rig}: change them to your board's.\n"
+        f"{remark}schema = 1\nname = {json.dumps(name)}\nseed = 1",
+        f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware, ensure_ascii=False)}',
+        *_device(proposals, kind, choose),
+        *world,
+        *(["\n".join(["# Counted while they run.", "[cycles]", *counted])] if counted else []),
+        '[limits]\n"heading.firmware.max" = { max = 2.0, unit = "deg" }      # set what yours has to reach',
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _device(proposals: Proposals, kind: Kind | None, choose: Choose | None) -> list[str]:
+    """Return the tables of ``[device]``, with unused ones as comments."""
+    tables = {
+        Kind.TEXT: _patterns(proposals.lines, choose if kind is Kind.TEXT else None),
+        Kind.MEMORY: _values(proposals.variables, choose if kind is Kind.MEMORY else None),
+    }
+    device = _DEVICE.format(kind) + (_NXP_DEVICE if proposals.release else "")
+    if kind is Kind.FSFLK:
+        used = device + _RELEASE.format(proposals.release)
+    elif kind is not None and tables[kind].has_heading:
+        used = f"{device}\n{tables.pop(kind).text}"
+    else:
+        used = _NO_DEVICE
+    others = [
+        f'# {_WORDS[other].capitalize()}; with kind = "{other}", or in a list of kinds:\n{_comment_out(table.text)}'
+        for other, table in tables.items()
+        if table.text
+    ]
+    return [used, *others]
+
+
+def _used_candidate(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate | None:
+    """Return the candidate that the rig uses, with its unit; None if all stay comments."""
+    first = candidates[0]
+    quantity, is_clear = first.meaning.quantity, first.meaning.is_sure and not first.stated_type
+    if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
+        is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # because it may be the soft iron itself
+        return _with_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
+    options = [f"{candidate.written}  ({candidate.reason})" for candidate in candidates]
+    number = choose(f"{quantity.key} is", [*options, "none of these"])
+    if number == len(candidates) or not candidates[number].needs_unit:
+        return candidates[number] if number < len(candidates) else None
+    candidate, units = candidates[number], unit_words(quantity.unit)
+    number = choose(f"its unit is (of {candidate.written})", [*units, "not known, or counts"])
+    return _with_unit(candidate, units[number]) if number < len(units) else None
+
+
+def _with_unit(candidate: Candidate, unit: str = "") -> Candidate:
+    """Return a candidate with the given unit, its guessed one, or the quantity's own."""
+    its_unit = unit or candidate.meaning.unit or candidate.meaning.quantity.unit
+    return replace(candidate, meaning=replace(candidate.meaning, unit=its_unit))
+
+
+def _entries(candidates: Candidates, choose: Choose | None) -> Iterator[tuple[Candidate, str, str]]:
+    """Yield candidates, each with its comment sign and a note."""
+    for quantity, several in candidates.items():
+        used = _used_candidate(several[:_MOST_SHOWN], choose)
+        for candidate in several[:_MOST_SHOWN]:
+            is_used = used is not None and candidate.written == used.written
+            doubt = "or its inverse?" if quantity is Quantity.INVERSE_SOFT_IRON else ""
+            if candidate.needs_unit and not (is_used and choose is not None):
+                doubt = f"{quantity.unit}? it does not say"
+            entry = used if is_used and used is not None else _with_unit(candidate)
+            yield entry, "" if is_used else "# ", "; ".join(filter(None, (candidate.reason, doubt)))
+
+
+def _values(candidates: Candidates, choose: Choose | None) -> _Table:
+    """Return the table ``[device.memory.values]``."""
+    lines, has_heading = [], False
+    for candidate, comment, note in _entries(candidates, choose):
+        parts = {"path": candidate.written, "unit": candidate.meaning.unit, "type": candidate.stated_type}
+        inner = ", ".join(f"{key} = {json.dumps(text)}" for key, text in parts.items() if text)
+        lines.append(_add_note(f"{comment}{candidate.meaning.quantity.key} = {{ {inner} }}", note))
+        has_heading |= not comment and candidate.meaning.quantity is Quantity.HEADING
+    return _Table("\n".join(["[device.memory.values]", *lines]) if lines else "", has_heading)
+
+
+def _patterns(candidates: Candidates, choose: Choose | None) -> _Table:
+    """Return the tables ``[device.text]`` and ``[device.text.values]``."""
+    lines, units, has_heading = [], [], False
+    for candidate, comment, note in _entries(candidates, choose):
+        pattern = json.dumps(candidate.written) if "'" in candidate.written else f"'{candidate.written}'"
+        lines.append(_add_note(f"  {comment}{pattern},", note))
+        if candidate.meaning.unit:
+            units.append(f'{comment}{candidate.meaning.quantity.key} = {{ unit = "{candidate.meaning.unit}" }}')
+        has_heading |= not comment and candidate.meaning.quantity is Quantity.HEADING
+    error = "# error = '^ERROR (?P<error>.*)'             # what a line that reports an error looks like"
+    text = ["[device.text]", "patterns = [", *lines, "]", error, "", "[device.text.values]", *dict.fromkeys(units)]
+    return _Table("\n".join(text) if lines else "", has_heading)
+
+
+def _add_note(line: str, note: str) -> str:
+    return f"{line:<{_NOTE_COLUMN}}  # {_legible(note)}"
+
+
+def _legible(text: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in text)[:_LONGEST_NOTE]
+
+
+def _comment_out(text: str) -> str:
+    """Return a table as a comment; existing comments stay as they are."""
+    bare = re.sub(r"(?m)^( *)# ", r"\1", text)
+    return "\n".join(f"# {line}".rstrip() for line in bare.splitlines())

@@ -1,0 +1,195 @@
+"""Tables of readings, from any file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+
+from hiltest.errors import ConfigError
+from hiltest.interfaces.sensor_files.cells import Reals, TableRow, TableRows, is_number
+from hiltest.interfaces.sensor_files.forms import Form, Separated, counts, form_of
+from hiltest.interfaces.sensor_files.parsed_lines import Line, Lines
+
+# Number of lines within which a table must begin. An index column counts in all of them, at least three.
+_LOOKED_AT = 100
+_COUNTED = 3
+_EVERYTHING = bytes(range(256))
+# Characters that change the cells of a line besides its separators, or that only Python accepts in numbers.
+_READ_ALONE = (b'"', b"\r", b"_")
+
+
+class Table:
+    """A table with its header read; its rows can be read once, one by one or, if plain, many at once.
+
+    Attributes
+    ----------
+    path : Path
+    headers : tuple of str
+        Names of the columns; empty without a header.
+    width : int
+        Number of columns.
+    places : tuple of int
+        Columns with content: a trailing separator in every row of a table without header adds none.
+    index : int or None
+        Column that counts the rows, or pandas' unnamed one.
+    comment : str
+        Comment line just above the table.
+    preamble : int
+        Number of lines above the table.
+    """
+
+    def __init__(self, path: Path, lines: Lines, others: Iterator[Line], looked_at: Sequence[Line], form: Form) -> None:
+        self.path, self._form = path, form
+        self.headers, self.width, self.preamble = form.headers, form.width, form.preamble
+        first = looked_at[form.preamble]
+        self.comment, self._stamped = first.comment, not math.isnan(first.arrived_s)
+        rows = [cells for line in looked_at[form.first :] if len(cells := self._cells(line.text)) == self.width]
+        separator = not self.headers and bool(rows) and not any(row[-1] for row in rows)
+        self.places = tuple(range(self.width - separator))
+        self.index = 0 if _is_index(self.headers, [row[0] for row in rows]) else None
+        self._ends_in_number = bool(rows) and is_number(rows[0][-1])
+        self._lines = chain(looked_at[form.first :], others)
+        self._behind, self._looked_to = lines, looked_at[-1].number
+        self._others = 0
+        self._cut: int | None = None
+
+    def names(self, places: Sequence[int]) -> tuple[str, ...]:
+        """Return the names of columns, or their numbers from 1 without a header."""
+        return tuple(self.headers[place] if self.headers else str(place + 1) for place in places)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on skipped, recognised or assumed content, one sentence each; complete after the rows are read."""
+        notes = list(self._form.notes)
+        if self._stamped:
+            notes.insert(0, "The time before each line was taken as that at which a serial monitor got the line.")
+        if self._others:
+            notes.append(f"{self._others} lines that do not begin with {self._form.begins} were skipped.")
+        if self._cut is not None:
+            notes.append(f"The last line, {self._cut}, is cut off and was skipped.")
+        return tuple(notes)
+
+    def rows(self) -> Iterator[TableRow]:
+        """Yield the rows, each with a cell for every column.
+
+        Raises
+        ------
+        ConfigError
+            At a row without; the message has file and line.
+        """
+        split, width, begins = self._form.split, self.width, self._form.begins
+        for number, text, _, arrived_s in self._lines:
+            if begins and not text.startswith(begins):
+                self._others += 1
+                continue
+            try:
+                cells = split(text)
+            except ValueError as error:
+                if text.endswith("\n"):
+                    raise ConfigError(f"{self.path}:{number}: {error}") from error
+                cells = ()
+            if len(cells) != width:
+                cells = self._fit_separator(cells)
+            if text[-1] != "\n" and self._is_cut(cells):
+                self._cut = number
+                return
+            if len(cells) != width:
+                raise ConfigError(
+                    f"{self.path}:{number}: {len(cells)} cells where the table has {width} columns; "
+                    "correct or delete the line"
+                )
+            yield TableRow(number, cells, arrived_s)
+
+    def rows_of_numbers(self, places: Sequence[int], largest: Sequence[float]) -> Iterator[TableRow | TableRows]:
+        """Yield the rows of `rows`, with many plain rows replaced by their numbers.
+
+        Parameters
+        ----------
+        places
+            Columns that are read.
+        largest
+            Largest number in each of them. A row with a larger number, or with a cell that is not a number, is yielded
+            separately.
+        """
+        separated = self._form.separated
+        for row in self.rows():
+            yield row
+            while separated and row.line >= self._looked_to and (lines := self._behind.ahead()):
+                numbers = self._numbers(lines, separated, places)
+                if numbers is None or not bool((np.abs(numbers) <= largest).all()):
+                    self._behind.refuse(lines)
+                else:
+                    yield TableRows(self._behind.take(lines), numbers)
+
+    def _numbers(self, lines: bytes, separated: Separated, places: Sequence[int]) -> Reals | None:
+        """Return the numbers in columns of plain lines; None if one of the lines may not be such a row."""
+        lines = lines.replace(b"\r\n", b"\n")
+        if any(mark in lines for mark in _READ_ALONE):
+            return None
+        delimiter, decimal = separated
+        if delimiter is None:
+            delimiter, lines = b" ", b"\n".join([b" ".join(line.split()) for line in lines.split(b"\n")])
+        if decimal != b".":
+            lines = lines.replace(decimal, b".")
+        ends = delimiter + b"\n"
+        row = ends[:1] * (self.width - 1) + ends[1:]
+        count = lines.count(b"\n")
+        if lines.translate(None, _EVERYTHING.translate(None, ends)) != row * count:
+            return None
+        cells = lines.replace(b"\n", delimiter).split(delimiter)
+        try:
+            # There is no cell after the last delimiter.
+            return np.column_stack([np.fromiter(map(float, cells[place : -1 : self.width]), float) for place in places])
+        except ValueError:
+            return None
+
+    def _cells(self, text: str) -> tuple[str, ...]:
+        try:
+            return self._form.split(text)
+        except ValueError:
+            return ()
+
+    def _fit_separator(self, cells: tuple[str, ...]) -> tuple[str, ...]:
+        """Return a row with or without a trailing separator, like the header."""
+        if len(cells) == self.width + 1 and not cells[-1]:
+            return cells[:-1]
+        if len(cells) == self.width - 1 and self.headers and not self.headers[-1]:
+            return (*cells, "")
+        return cells
+
+    def _is_cut(self, cells: tuple[str, ...]) -> bool:
+        """Return whether a line without an end is an incomplete row, as a stopped logger leaves it."""
+        return len(cells) < self.width or (self._ends_in_number and bool(cells[-1]) and not is_number(cells[-1]))
+
+
+def open_table(path: Path, *, fewest: int = 3) -> Table:
+    """Open the table of a file: comma, semicolon, tab or blanks between cells, MotionCal's lines, or lines of JSON.
+
+    Parameters
+    ----------
+    path
+        File, see `hiltest.interfaces.sensor_files.parsed_lines.read_lines`. It may have text above the table.
+    fewest
+        Minimum count of numbers in a row of readings that may have a header above it.
+
+    Raises
+    ------
+    ConfigError
+        When the file cannot be read or has no table; the message has file and line.
+    """
+    lines = Lines(path)
+    remaining_lines = iter(lines)
+    looked_at = list(islice(remaining_lines, _LOOKED_AT))
+    if not looked_at:
+        raise ConfigError(f"{path}: the file is empty")
+    return Table(path, lines, remaining_lines, looked_at, form_of(path, looked_at, fewest))
+
+
+def _is_index(headers: Sequence[str], cells: Sequence[str]) -> bool:
+    if headers and headers[0] in ("", "Unnamed: 0"):
+        return True
+    return len(cells) >= _COUNTED and counts(cells)

@@ -1,0 +1,160 @@
+"""Interface to firmware that prints lines."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.interfaces.quantities import Moment, Observation, Quantity
+from hiltest.interfaces.text_forms import Form
+from hiltest.interfaces.text_lines import LONGEST_LINE, LineSplitter, Pattern, is_intact
+from hiltest.interfaces.text_values import ValueSource
+from hiltest.text import format_count, legible
+
+_LONGEST_ERROR = 200
+_DAMAGED = "a line has another check sum than it says"
+_READY = np.ones(1)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Interpretation of a line."""
+
+    line: str
+    """Text of the line."""
+    values: Mapping[Quantity, NDArray[np.float64]] = field(default_factory=dict)
+    error: str = ""
+    """Error that the firmware reports."""
+    remark: str = ""
+    """Description of a line without a value, or of the uninterpreted part."""
+    understood: bool = False
+    """Whether the line has a meaning, even without a value; also true for the first line, which may be incomplete."""
+    checked: bool = False
+    """Whether it has a checksum, which is correct."""
+
+
+class TextInterface:
+    """A `StreamInterface` for lines of text.
+
+    The first line may be incomplete, so its values are ignored; an error in it counts. A line with a wrong checksum
+    (NMEA 0183) is ignored and counts as an error.
+
+    Parameters
+    ----------
+    form
+        Form of the lines, which locates fields.
+    sources
+        Fields of each quantity.
+    patterns
+        Patterns of the form.
+    ready, error
+        Patterns of lines that report a calibrated magnetometer, and an error: the group ``error``, or the whole line.
+    commands
+        Bytes to send at each moment.
+
+    Attributes
+    ----------
+    offers : frozenset of Quantity
+    not_understood : int
+        Number of lines that could not be interpreted, without the first one.
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        sources: Sequence[ValueSource],
+        *,
+        patterns: Sequence[Pattern] = (),
+        ready: Pattern | None = None,
+        error: Pattern | None = None,
+        commands: Mapping[Moment, bytes] | None = None,
+    ) -> None:
+        self.offers = frozenset({source.quantity for source in sources} | ({Quantity.CALIBRATED} if ready else set()))
+        self.not_understood = 0
+        self._patterns = [*patterns, *(pattern for pattern in (ready, error) if pattern is not None)]
+        self._form = form
+        self._sources = sources
+        self._ready = ready
+        self._error = error
+        self._commands = commands or {}
+        self._splitter = LineSplitter()
+        self._begun = False
+        self._refused: Counter[Quantity] = Counter()
+        self._why_refused: dict[Quantity, str] = {}
+
+    @property
+    def given_up(self) -> tuple[str, ...]:
+        """Regular expressions that were disabled because they took too long on a line."""
+        return tuple(pattern.text for pattern in self._patterns if pattern.given_up)
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return remarks on the values; empty without any."""
+        slow = (f"given up, since it took more than a second in a line: {text}" for text in self.given_up)
+        refused = (
+            f"{quantity.key} not taken {format_count(times, 'time')}: {self._why_refused[quantity]}"
+            for quantity, times in self._refused.most_common()
+        )
+        return (*slow, *refused)
+
+    def commands(self, moment: Moment) -> bytes:
+        """Return the bytes to send at a moment; may be empty."""
+        return self._commands.get(moment, b"")
+
+    def feed(self, data: bytes, time_s: float) -> list[Observation]:
+        """Decode bytes that have arrived by a time, in any segmentation; return the observations of their lines."""
+        readings = [reading for reading in self.readings(data) if reading.values or reading.error]
+        return [Observation(time_s, reading.values, reading.error, reading.checked) for reading in readings]
+
+    def readings(self, data: bytes) -> list[Reading]:
+        """Decode bytes; return every line that they complete, interpreted or not."""
+        readings = [self._read(line) for line in self._splitter.feed(data)]
+        self.not_understood += sum(not reading.understood for reading in readings)
+        return readings
+
+    def _read(self, line: str | None) -> Reading:
+        if line is None:
+            self._begun = True
+            return Reading("", remark=f"longer than {LONGEST_LINE} bytes")
+        is_first, self._begun = not self._begun, True
+        intact = is_intact(line)
+        if intact is False and not is_first:
+            return Reading(line, error=_DAMAGED)
+        match = self._form.find(line)
+        values, refused = self._values(match.fields)
+        complaints = [f"{quantity.key}: {why}" for quantity, why in refused.items()]
+        if is_first:
+            values, complaints = {}, ["the first line may have lost its beginning"]
+        else:
+            self._refused.update(refused.keys())
+            self._why_refused = refused | self._why_refused
+        if self._ready is not None and self._ready.search(line):
+            values[Quantity.CALIBRATED] = _READY
+        error = self._error_in(line)
+        understood = bool(values or error or match.is_header or is_first)
+        remarks = complaints or ([] if values or error else [match.remark])
+        return Reading(line, values, error, "; ".join(remarks), understood, checked=intact is True)
+
+    def _values(
+        self, fields: Mapping[str, Sequence[str]]
+    ) -> tuple[dict[Quantity, NDArray[np.float64]], dict[Quantity, str]]:
+        """Return the valid values in the fields of a line, and the reasons for invalid ones."""
+        values: dict[Quantity, NDArray[np.float64]] = {}
+        refused: dict[Quantity, str] = {}
+        for source in self._sources:
+            value = source.value(fields)
+            if isinstance(value, str):
+                refused[source.quantity] = value
+            elif value is not None:
+                values[source.quantity] = value
+        return values, refused
+
+    def _error_in(self, line: str) -> str:
+        match = self._error.search(line) if self._error else None
+        if match is None:
+            return ""
+        text = match.groupdict().get("error") or line
+        return legible(text.strip())[:_LONGEST_ERROR] or "an empty line"

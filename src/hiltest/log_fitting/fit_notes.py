@@ -1,0 +1,98 @@
+"""Notes for readers of a fit of recorded samples, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from hiltest.calibration.acceptance import LARGEST_AXIS_RATIO, Acceptance
+from hiltest.calibration.robust import FURTHEST, MANY_LEFT_OUT
+from hiltest.interfaces.sensor_files.columns import MICROTESLA, Unit
+from hiltest.log_fitting.asked_units import asked_of_field
+from hiltest.log_fitting.fit_result import SampleFit
+
+# Number of runs of omitted readings that a sentence names.
+_NAMED_RUNS = 8
+
+
+def notes(fit: SampleFit) -> Iterator[str]:
+    """Yield notes on a fit, one sentence each."""
+    if MICROTESLA[Unit(fit.unit)] is None:
+        why = "The header names no unit that is known: taken as counts" if fit.unit_from == "assumed" else "Counts"
+        yield f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
+    # The radius of a shape other than an ellipsoid may differ from the field's strength.
+    undetermined = fit.best.shape is not None or any(
+        reason.figure == "condition" and reason.verdict is Acceptance.REFUSED for reason in fit.best.reasons
+    )
+    if fit.best.radius is not None and not undetermined:
+        yield from asked_of_field(fit.best.radius, Unit(fit.unit), fit.unit_from)
+    if fit.n_skipped:
+        yield f"{fit.n_skipped} rows without three finite numbers were skipped."
+    if fit.change is not None:
+        at = f"{fit.change.at:.4g}"
+        yield (
+            f"The field changed {fit.change.when}: the hard iron steps by {fit.change.percent:.1f} % of the radius. "
+            f"--to {at} or --from {at} takes one part of the log, --steady the longest without a change."
+        )
+    if not fit.in_order:
+        yield (
+            "The rows are in no order of time: a reading is as far from the next as from any other. The predicted "
+            "direction error is that of independent noise, and a field that changed is not seen."
+        )
+    yield from _left_out_notes(fit)
+    yield from _coverage_notes(fit)
+    if fit.gravity is not None and fit.gravity.unused:
+        yield fit.gravity.axes or f"Gravity was not used: {fit.gravity.unused}."
+    ratio = fit.best.axis_ratio
+    if ratio is not None and ratio > LARGEST_AXIS_RATIO:
+        yield (
+            f"The ellipsoid is {ratio:.1f} times as long as wide, more than a board's iron makes it: are these the "
+            "columns of one magnetometer, each with the same scale?"
+        )
+    if fit.best.shape is not None:
+        return
+    used, n_left = fit.calibrators[0].n_used, fit.n_left
+    if used != n_left:
+        yield f"The board got {used} of {n_left} points, as many as it takes, chosen evenly on the sphere."
+    if fit.firmware is not None:
+        shifted = " from the middle of their range" if any(fit.firmware.count_origin) else ""
+        yield (
+            f"The firmware got int16 numbers, 1 for {fit.firmware.count_step:.4g} {fit.unit}{shifted}; rounding moved "
+            f"a reading by {fit.firmware.rounding_rms:.2g} {fit.unit} rms."
+        )
+
+
+def _coverage_notes(fit: SampleFit) -> Iterator[str]:
+    """Yield notes on the coverage of the sphere, and on how to improve it."""
+    best = fit.best
+    if best.turn is not None:
+        yield (
+            f"{best.name}: the sensor turned about an axis {best.turn.tilt_deg:.0f} deg off its {best.turn.axis}, by "
+            f"{best.turn.arc_deg:.0f} deg. Along that axis nothing is corrected."
+        )
+    elif fit.hole is not None and {reason.figure for reason in best.reasons} & {"condition", "shape"}:
+        yield (
+            f"The largest hole has a radius of {fit.hole.radius_deg:.0f} deg, about the sensor's {fit.hole.axes}: turn "
+            "that to where the field points, north and down (south of the equator north and up)."
+        )
+    if fit.field_ut is not None and best.radius is not None and (unit := MICROTESLA[Unit(fit.unit)]) is not None:
+        yield f"The radius is {best.radius * unit / fit.field_ut:.2f} of the field that was given."
+
+
+def _left_out_notes(fit: SampleFit) -> Iterator[str]:
+    if fit.n_repeated >= MANY_LEFT_OUT * fit.n_in:
+        done = "were left out" if fit.robust != "none" else "count as independent"
+        yield (
+            f"{fit.n_repeated} of {fit.n_in} readings repeat the one before and {done}: the log is faster than the "
+            "sensor, or it lay still."
+        )
+    if not fit.n_dropped:
+        return
+    runs = [f"{first}" if first == last else f"{first} to {last}" for first, last in fit.dropped]
+    more = f" and {len(runs) - _NAMED_RUNS} more places (--json has all)" if len(runs) > _NAMED_RUNS else ""
+    kind = "line" if fit.n_dropped == 1 else "lines"
+    yield (
+        f"{fit.n_dropped} of {fit.n_in} readings were left out, further than {FURTHEST:g} times the scatter from the "
+        f"ellipsoid of the others: {kind} {', '.join(runs[:_NAMED_RUNS])}{more}."
+    )
+    if fit.n_dropped > MANY_LEFT_OUT * fit.n_in:
+        yield "So many may have misled the fit: look at --html, and keep the part of the log that is in order."

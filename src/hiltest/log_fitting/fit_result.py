@@ -1,0 +1,214 @@
+"""Result of a fit of recorded samples: of every calibrator, with the samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from hiltest.calibration.acceptance import Acceptance, Reason
+from hiltest.calibration.shapes import Shape
+from hiltest.calibration.solid_angle import Hole
+from hiltest.log_fitting.span import FieldChange
+from hiltest.measurement import CycleRange
+
+Triple: TypeAlias = tuple[float, float, float]
+Matrix: TypeAlias = tuple[Triple, Triple, Triple]
+
+_ORDER = list(Acceptance)
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A turn in a plane."""
+
+    axis: str
+    """Axis of the sensor nearest to the axis of the turn, ``x``, ``y`` or ``z``."""
+    tilt_deg: float
+    """Angle between that axis and the axis of the turn."""
+    arc_deg: float
+    """A full turn minus the largest gap."""
+
+
+@dataclass(frozen=True, slots=True)
+class GravityFigures:
+    """Figures of one calibration against gravity, and the accelerometer calibration that belongs to it."""
+
+    held_out_dip_deg: float | None = None
+    """Difference in dip between held-out pairs and the fitted ones, rms; None if parts of the log determine no
+    calibration."""
+    dip_deg: float | None = None
+    """Angle between the field and the horizontal plane, 0 to 90; None without a calibration, like all fields below."""
+    rotation_deg: float | None = None
+    """Angle of the rotation in soft_iron."""
+    accelerometer_offset: Triple | None = None
+    """Offset in the unit of the accelerometer's readings."""
+    accelerometer_gain: Matrix | None = None
+    """Symmetric: ``gravity = gain @ (reading - offset)`` has length 1, in the sign of the readings."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgainstGravity:
+    """Use of a log's accelerometer as a reference for the magnetometer's axes."""
+
+    n_pairs: int
+    """Number of fitted rows with readings of both sensors."""
+    unit: str
+    """Unit of the accelerometer's readings."""
+    gravity_spread_percent: float | None = None
+    """Standard deviation of the length of its calibrated readings; None if they make no ellipsoid."""
+    dip_spread_deg: float | None = None
+    largest_dip_spread_deg: float | None = None
+    """Standard deviation of the dip in these pairs, and its limit."""
+    norms_held_out_dip_deg: float | None = None
+    """`GravityFigures.held_out_dip_deg` for separate ellipsoids of the two sensors."""
+    axes: str = ""
+    """Likely mistake in the magnetometer's axes; empty without one."""
+    unused: str = ""
+    """Reason why gravity was not used; empty if it was."""
+
+    @property
+    def gain_unit(self) -> str:
+        """Unit of the accelerometer's gain."""
+        return f"1/({self.unit})" if "/" in self.unit else f"1/{self.unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratorFit:
+    """Result of one calibrator, or shape; lengths are in the unit of the samples."""
+
+    name: str
+    status: str
+    """Result of the fit, in words."""
+    verdict: Acceptance
+    reasons: tuple[Reason, ...]
+    """Reasons why it is not good."""
+    n_used: int
+    """Number of points of the calibrator. The figures are over all samples."""
+    hard_iron: Triple | None = None
+    """Hard iron; None without a calibration, like all fields below."""
+    soft_iron: Matrix | None = None
+    """Determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples. Symmetric, unless
+    `gravity` is present: then it converts readings to the axes of the accelerometer."""
+    radius: float | None = None
+    """Length of the corrected readings."""
+    residual_percent: float | None = None
+    """rms deviation of the corrected lengths from the radius."""
+    coverage: float | None = None
+    """Part of the sphere that the corrected points cover, 0 to 1; None for a turn."""
+    axis_ratio: float | None = None
+    """Longest over shortest axis of the ellipsoid."""
+    direction_error_deg: float | None = None
+    direction_spread_deg: float | None = None
+    direction_bias_deg: float | None = None
+    """Direction errors predicted from the points' noise, rms over the sphere, or over a turn; the first combines the
+    others."""
+    shape: Shape | None = None
+    """Fitted shape; None for a calibrator."""
+    turn: Turn | None = None
+    """Turn in a plane; None for an ellipsoid or a part of a sphere."""
+    host_difference_deg: float | None = None
+    """rms angle over the sphere between a board's calibration and the float64 reference's from all samples."""
+    iterations: int = 0
+    """Sweeps of the firmware's solver; 0 for a closed form."""
+    cycles: int | None = None
+    """Core cycles of the run; None if they are not counted."""
+    cycle_band: CycleRange | None = None
+    """Uncertainty range of the cycles; None if unknown."""
+    gravity: GravityFigures | None = None
+    """Figures of a calibration against gravity, on the host."""
+
+
+@dataclass(frozen=True, slots=True)
+class FirmwareUsed:
+    """Firmware that ran, and the scale of its samples."""
+
+    name: str
+    version: str
+    build_id: str
+    sha256: str | None
+    """Digest of the ELF file."""
+    cycle_model: str
+    """Cycle model."""
+    count_step: float
+    """Size of one count, in the unit of the samples."""
+    count_origin: Triple
+    """Reading that is sent as zero counts."""
+    rounding_rms: float
+    """rms rounding error per axis, in the unit of the samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleFit:
+    """Result of every calibrator on the same samples."""
+
+    file: str
+    columns: tuple[str, str, str]
+    unit: str
+    unit_from: str
+    """``option``, ``header`` or ``assumed``."""
+    n_in: int
+    n_skipped: int
+    n_repeated: int
+    """Readings; rows without three finite numbers; readings equal to the one before and not dropped."""
+    robust: str
+    """``tukey``: repetitions of the previous reading and outliers of the ellipsoid were omitted. ``none``: no readings
+    were."""
+    n_dropped: int
+    """Number of outliers of the ellipsoid."""
+    dropped: tuple[tuple[int, int], ...]
+    """First and last line of each run of them; without a file, numbers of readings from 1."""
+    in_order: bool
+    """Whether the rows are in the order of time: false if a reading is as far from the next one as from any other."""
+    change: FieldChange | None
+    """Step of the hard iron."""
+    condition: float
+    """Condition of the samples, for any calibrator."""
+    hole: Hole | None
+    """Largest cap of the sphere without a sample, seen from the best calibration's centre; None without one, and
+    for a turn."""
+    field_ut: float | None
+    """Declared strength of the field."""
+    on: str
+    """``virtual`` or ``host``."""
+    firmware: FirmwareUsed | None
+    calibrators: tuple[CalibratorFit, ...]
+    notes: tuple[str, ...]
+    """Notes, one sentence each."""
+    gravity: AgainstGravity | None = None
+    """None if the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
+
+    @property
+    def n_left(self) -> int:
+        """Number of readings that are not omitted."""
+        return self.n_in - self.n_dropped - (self.n_repeated if self.robust != "none" else 0)
+
+    @property
+    def best(self) -> CalibratorFit:
+        """The calibrator that `best_of` finds, or one against gravity with as good a verdict.
+
+        It has the smallest held-out dip error, if that is smaller than with norms alone.
+        """
+        alone = best_of([calibrator for calibrator in self.calibrators if calibrator.gravity is None])
+        norms = None if self.gravity is None else self.gravity.norms_held_out_dip_deg
+        dips = {
+            calibrator.gravity.held_out_dip_deg: calibrator
+            for calibrator in self.calibrators
+            if calibrator.gravity is not None
+            and calibrator.gravity.held_out_dip_deg is not None
+            and _ORDER.index(calibrator.verdict) <= _ORDER.index(alone.verdict)
+        }
+        least = min(dips, default=math.inf)
+        return dips[least] if least < (math.inf if norms is None else norms) else alone
+
+
+def best_of(fits: Sequence[CalibratorFit]) -> CalibratorFit:
+    """Return the fit with the best verdict; of equal ones that with the smallest predicted direction error."""
+    return min(
+        fits,
+        key=lambda fit: (
+            _ORDER.index(fit.verdict),
+            math.inf if fit.direction_error_deg is None else fit.direction_error_deg,
+        ),
+    )

@@ -1,0 +1,58 @@
+"""Readings of a log that are omitted for all calibrators: repetitions, and outliers of the ellipsoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.calibration.robust import Mask, outliers, repeats
+from hiltest.log_fitting.samples import Samples
+from hiltest.log_fitting.span import rows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftOut:
+    """Omitted readings of samples."""
+
+    samples: Samples
+    """All samples."""
+    robust: bool
+    """Whether readings are omitted at all."""
+    repeated: Mask
+    """Shape (n,). Mask of readings that equal the previous one and are not dropped."""
+    dropped: Mask
+    """Shape (n,). Mask of outliers of the others' ellipsoid."""
+
+    @property
+    def rest(self) -> Samples:
+        """Samples for the calibrators."""
+        if not self.robust:
+            return self.samples
+        return rows(self.samples, ~(self.repeated | self.dropped))
+
+    @property
+    def dropped_percent(self) -> float:
+        """Dropped readings, relative to those that are not repetitions [%]."""
+        own = ~repeats(self.samples.points)
+        return 100.0 * float((self.dropped & own).sum()) / float(own.sum())
+
+    @property
+    def dropped_lines(self) -> tuple[tuple[int, int], ...]:
+        """First and last line of each run of dropped readings; without a file, numbers from 1."""
+        places = np.flatnonzero(self.dropped)
+        if not len(places):
+            return ()
+        lines = self.samples.lines
+        numbers: NDArray[np.int64] = np.arange(1, len(self.dropped) + 1) if lines is None else lines
+        ends = np.flatnonzero(np.diff(places) > 1)
+        firsts, lasts = places[np.append(0, ends + 1)], places[np.append(ends, len(places) - 1)]
+        return tuple(zip(numbers[firsts].tolist(), numbers[lasts].tolist(), strict=True))
+
+
+def left_out(samples: Samples, *, robust: bool = True) -> LeftOut:
+    """Determine the readings to omit from samples; none if not robust."""
+    repeated = repeats(samples.points)
+    dropped = outliers(samples.points) if robust else np.zeros_like(repeated)
+    return LeftOut(samples, robust, repeated & ~dropped, dropped)

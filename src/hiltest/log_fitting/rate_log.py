@@ -1,0 +1,293 @@
+"""A log of angular rates from a file: columns, unit, sampling rate, and the longest part without a gap."""
+
+from __future__ import annotations
+
+import csv
+import math
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.calibration.rest import first_motion
+from hiltest.errors import CalibrationError, ConfigError
+from hiltest.interfaces.sensor_files.cells import is_number, shown
+from hiltest.interfaces.sensor_files.columns import (
+    GYROSCOPE_STEM,
+    axis_triples,
+    column_index,
+    name_and_unit,
+    seconds_of,
+)
+from hiltest.interfaces.sensor_files.table import Table, open_table
+from hiltest.log_fitting.time_stamps import even_stamps, gaps
+from hiltest.measurement.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
+
+Reals = NDArray[np.float64]
+
+# 160 MB a column, and 28 hours at 200 Hz.
+MAX_ROWS = 20_000_000
+_AXES = 3
+_LARGEST = 1e9  # deg/s or counts: no sensor's reading
+# Largest time of a clock: 3000 years in nanoseconds.
+_LATEST = 1e20
+# Range of sampling rates: outside, the time must be in another unit.
+_RATES_HZ = (1e-3, 1e6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RateLog:
+    """The longest part of a log without a gap."""
+
+    path: Path
+    columns: tuple[str, ...]
+    """Names of the columns, or numbers from 1."""
+    rates: Reals
+    """Shape (n, columns). Rates in deg/s, or in counts if that is the unit."""
+    unit: RateUnit
+    """Unit of the file."""
+    rate_hz: float
+    rows: int
+    """Number of rows of the whole file, of which the part has `len(rates)`."""
+    gaps: int
+    """Number of gaps in the whole file."""
+    start_s: float = 0.0
+    """Time of the part's first sample after the file's first row."""
+    jitter_s: float = 0.0
+    """Largest deviation of the part's time stamps from an even rate."""
+    notes: tuple[str, ...] = ()
+    """Remarks on skipped, recognised or assumed content of the file, one sentence each."""
+
+    @property
+    def in_degrees(self) -> bool:
+        """Whether the rates are in deg/s."""
+        return DEGREES_PER_SECOND[self.unit] is not None
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    places: tuple[int, ...]
+    names: tuple[str, ...]
+    time: int | None
+    seconds: float
+
+
+def read_rate_log(
+    path: Path,
+    *,
+    columns: str | None = None,
+    unit: RateUnit | None = None,
+    otherwise: RateUnit | None = None,
+    time: str | None = None,
+    rate_hz: float | None = None,
+    first_s: float = 0.0,
+    last_s: float = math.inf,
+) -> RateLog:
+    """Read a log of rates at rest from a text table.
+
+    Parameters
+    ----------
+    path
+        File, see `hiltest.interfaces.sensor_files.table.open_table`.
+    columns
+        Up to three columns, ``a,b,c``: names or numbers from 1; by default the header's gyroscope columns.
+    unit
+        Unit, by default from the header.
+    otherwise
+        Unit for a header without one; by default an error.
+    time
+        Column of time; by default one called time, timestamp or t, in the unit at the end of its name, otherwise s.
+    rate_hz
+        Sampling rate of a file without time, whose rows are assumed to have no gap.
+    first_s, last_s
+        Start and end (exclusive) of the time to read, after the first row.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such table in the file; the message has file, row and column.
+    """
+    table = open_table(path, fewest=1)
+    headers = table.headers
+    try:
+        layout = _layout(headers, table.width, columns, None if rate_hz else time, want_time=rate_hz is None)
+        file_unit = unit or _header_unit(layout.names if headers else (), otherwise)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    times, values = _numbers(table, layout)
+    time_s = np.arange(len(values)) / rate_hz if rate_hz else layout.seconds * (times - times[0])
+    part, breaks = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
+    if part.stop - part.start < 2:
+        raise CalibrationError(f"{path}: {part.stop - part.start} samples: no log of noise")
+    if rate_hz is None:
+        _check_steps(path, time_s[part])
+    found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
+    rates = values[part] * (DEGREES_PER_SECOND[file_unit] or 1.0)
+    return RateLog(
+        path,
+        layout.names,
+        rates,
+        file_unit,
+        found_hz,
+        len(values),
+        breaks,
+        float(time_s[part.start]),
+        jitter_s,
+        table.notes,
+    )
+
+
+def rest_bias(
+    path: Path,
+    unit: RateUnit,
+    *,
+    written: RateUnit | None = None,
+    columns: str | None = None,
+    time: str | None = None,
+    rate_hz: float | None = None,
+) -> Reals:
+    """Return the bias of three axes in a unit: the mean of a log at rest.
+
+    Parameters
+    ----------
+    unit
+        Unit of the log that needs the bias.
+    written
+        Unit of the file; by default from its header, otherwise `unit`.
+    columns, time, rate_hz
+        See `read_rate_log`.
+
+    Raises
+    ------
+    ConfigError
+        When the file is not a log of three axes, or only one of both units is counts.
+    CalibrationError
+        When the sensor moved.
+    """
+    log = read_rate_log(path, columns=columns, unit=written, otherwise=unit, time=time, rate_hz=rate_hz)
+    check_rest(log)
+    if log.rates.shape[1] != _AXES:
+        raise ConfigError(f"{path}: {log.rates.shape[1]} columns of rates; a bias needs three")
+    per_unit = DEGREES_PER_SECOND[unit]
+    if log.in_degrees != (per_unit is not None):
+        raise ConfigError(f"{path} is in {log.unit} and the log in {unit}: both must be in counts, or neither")
+    return np.asarray(log.rates.mean(axis=0) / (per_unit or 1.0))
+
+
+def check_rest(log: RateLog) -> None:
+    """Refuse a log of a moved sensor.
+
+    Raises
+    ------
+    CalibrationError
+        When the sensor moved; the message has the instant, and the part to use instead.
+    """
+    motion = first_motion(log.rates, rate_hz=log.rate_hz)
+    if motion is None:
+        return
+    at_s, first_s, last_s = (log.start_s + at / log.rate_hz for at in (motion.start, *motion.rest))
+    unit = "deg/s" if log.in_degrees else "counts"
+    raise CalibrationError(
+        f"{log.path}: it moved {at_s:.1f} s after the first row: {log.columns[motion.axis]} changed by "
+        f"{motion.change:+.3g} {unit} within {motion.samples / log.rate_hz:.3g} s, {motion.times:.0f} times what noise "
+        f"does. Leave it alone and log again, or take its longest rest: --from {first_s:.1f} --to {last_s:.1f}"
+    )
+
+
+def _layout(headers: Sequence[str], width: int, columns: str | None, time: str | None, *, want_time: bool) -> _Layout:
+    if columns is not None:
+        requested = [name.strip() for name in next(csv.reader([columns], skipinitialspace=True), [])]
+        places = tuple(column_index(name, headers, width, option="--columns") for name in requested)
+        if not 1 <= len(places) <= 3 or len(set(places)) != len(places):
+            raise ConfigError(f"--columns {columns}: give one to three different columns")
+    else:
+        places = _guessed_columns(headers)
+    names = tuple(headers[place] if headers else str(place + 1) for place in places)
+    at, seconds = _time_column(headers, width, time) if want_time else (None, 1.0)
+    if at in places:
+        raise ConfigError(f"column {headers[at] if headers and at is not None else at} is given as time and as a rate")
+    return _Layout(places, names, at, seconds)
+
+
+def _guessed_columns(headers: Sequence[str]) -> tuple[int, ...]:
+    triples = [places for stem, places in axis_triples(headers).items() if GYROSCOPE_STEM.search(stem)]
+    if len(triples) != 1:
+        shown = ", ".join(headers) or "without a header"
+        raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); say which: --columns 2,3,4")
+    return triples[0]
+
+
+def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[int, float]:
+    if time is not None:
+        at = column_index(time, headers, width, option="--time")
+        return at, (seconds_of(headers[at]) if headers else None) or 1.0
+    times = [(at, seconds) for at, header in enumerate(headers) if (seconds := seconds_of(header)) is not None]
+    if len(times) != 1:
+        raise ConfigError(
+            "no column is called time, or more than one is; name it with --time, or say how fast it was sampled with "
+            "--rate HZ"
+        )
+    return times[0]
+
+
+def _header_unit(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
+    units = {RATE_WORDS[word] for word in (name_and_unit(name)[1] for name in names) if word in RATE_WORDS}
+    if not units and otherwise is not None:
+        return otherwise
+    if len(units) != 1:
+        problem = "no unit" if not units else "different units"
+        raise ConfigError(f"the columns {', '.join(names)} name {problem}; say it: --unit {' or '.join(RateUnit)}")
+    return units.pop()
+
+
+def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
+    path, times, values = table.path, array("d"), array("d")
+    last_s = -math.inf
+    for row in table.rows():
+        cells = [row.cells[place] for place in layout.places]
+        if not any(cells):
+            continue  # a row of another sensor
+        for cell, name in zip(cells, layout.names, strict=True):
+            values.append(_value(path, row.line, cell, name, "reading of a gyroscope"))
+        if layout.time is not None:
+            time = _value(path, row.line, row.cells[layout.time], "time", "time", largest=_LATEST)
+            if time < last_s:
+                raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is before the one above it, {last_s:.9g}")
+            times.append(time)
+            last_s = time
+        if len(values) > MAX_ROWS * len(cells):
+            raise ConfigError(f"{path}: more than {MAX_ROWS} rows; cut the file")
+    if not values:
+        raise ConfigError(f"{path}: no row has numbers in the columns {', '.join(layout.names)}")
+    count = len(layout.places)
+    return np.frombuffer(times, dtype=np.float64), np.frombuffer(values, dtype=np.float64).reshape(-1, count)
+
+
+def _value(path: Path, line: int, cell: str, name: str, quantity: str, *, largest: float = _LARGEST) -> float:
+    if not is_number(cell) or not math.isfinite(float(cell)):
+        comma = "; decimals need a point, not a comma" if is_number(cell.replace(",", ".")) and "," in cell else ""
+        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is not a number{comma}")
+    if abs(float(cell)) > largest:
+        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is no {quantity}")
+    return float(cell)
+
+
+def _check_steps(path: Path, time_s: Reals) -> None:
+    step_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    if not 1.0 / _RATES_HZ[1] <= step_s <= 1.0 / _RATES_HZ[0]:
+        raise ConfigError(
+            f"{path}: samples are {step_s:g} s apart by the column of time; give --rate, or name the "
+            "column with its unit, such as time_ms"
+        )
+
+
+def _longest_part(time_s: Reals, first_s: float, last_s: float, *, even: bool) -> tuple[slice, int]:
+    """Return the rows of the longest part without a gap between two instants, and the number of gaps."""
+    begin, end = np.searchsorted(time_s, [first_s, last_s]).tolist()
+    breaks = begin + gaps(time_s[begin:end]) if not even and end - begin > 2 else np.zeros(0, dtype=np.int64)
+    edges = [begin, *breaks.tolist(), end]
+    longest = int(np.argmax(np.diff(edges)))
+    return slice(edges[longest], edges[longest + 1]), len(breaks)

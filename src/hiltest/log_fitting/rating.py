@@ -1,0 +1,121 @@
+"""Calibrations of recorded samples, each with its figures and a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.calibration import is_unbiased
+from hiltest.calibration.acceptance import FitFigures, rate, status_words
+from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
+from hiltest.calibration.fit import MagnetometerFit
+from hiltest.calibration.quality import residual_of_corrected_percent
+from hiltest.calibration.shapes import Shape, fit_shape
+from hiltest.calibration.solid_angle import solid_angle_covered
+from hiltest.log_fitting.fit_result import CalibratorFit, Triple, Turn
+from hiltest.log_fitting.samples import Samples
+from hiltest.log_fitting.span import FieldChange
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+class Rating:
+    """Rater of calibrations of the same samples.
+
+    Parameters
+    ----------
+    samples
+        Samples without omitted ones.
+    change
+        Step of the hard iron in the complete log.
+
+    Attributes
+    ----------
+    condition : float
+        Condition of the samples, for any calibrator.
+    """
+
+    def __init__(self, samples: Samples, change: FieldChange | None) -> None:
+        self._samples, self._change = samples, change
+        self._predicted = samples.points, ErrorPrediction(samples.points)
+        self.condition = self._predicted[1].condition
+
+    def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
+        """Rate a calibrator's result on the points it used; `fit` is in the unit of the samples."""
+        predicted = self._predictions(used).of(fit, unbiased=is_unbiased(name, fit.iterations))
+        figures = FitFigures(fit.status, condition=self.condition, n=len(used))
+        return self._rate_fit(name, fit, figures, predicted)
+
+    def _predictions(self, used: Array) -> ErrorPrediction:
+        """Return the prediction for the calibrators' points, which are the same for one board or for the host."""
+        if self._predicted[0] is not used:
+            self._predicted = used, ErrorPrediction(used)
+        return self._predicted[1]
+
+    def shape(self, shape: Shape, field: float | None, left_out_percent: float) -> CalibratorFit:
+        """Fit and rate a shape, with the field's strength in the samples' unit if it is known."""
+        shape_fit = fit_shape(self._samples.points, shape, field=field)
+        strong = shape_fit.error_strong_iron
+        figures = FitFigures(
+            shape_fit.fit.status,
+            n=len(self._samples.points),
+            shape=shape,
+            left_out_percent=left_out_percent,
+            strong_iron_deg=None if strong is None else strong.rms_deg,
+        )
+        rated = self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error)
+        if shape_fit.plane is None or shape_fit.arc_deg is None:
+            return replace(rated, shape=shape)
+        # A turn does not cover an area of the sphere.
+        turn = Turn(shape_fit.plane.axis, shape_fit.plane.tilt_deg, shape_fit.arc_deg)
+        return replace(rated, shape=shape, coverage=None, turn=turn)
+
+    def _rate_fit(
+        self, name: str, fit: MagnetometerFit, figures: FitFigures, predicted: DirectionError | None
+    ) -> CalibratorFit:
+        """Return a rated calibration, with further figures besides `figures`."""
+        n_used = figures.n or 0
+        if not fit.has_fit:
+            verdict, reasons = rate(figures)
+            return CalibratorFit(name, status_words(fit.status), verdict, reasons, n_used, iterations=fit.iterations)
+        radius = float(np.linalg.det(fit.soft_iron)) ** (-1.0 / 3.0)
+        corrected = fit.corrected(self._samples.points)
+        microtesla = self._samples.microtesla
+        whole = figures.shape is None or figures.shape.axes == 3
+        figures = replace(
+            figures,
+            residual_percent=residual_of_corrected_percent(corrected),
+            axis_ratio=float(np.linalg.cond(fit.soft_iron)),
+            # The radius of a turn is the field's component in its plane, which may have any size.
+            radius_ut=microtesla * radius if whole and microtesla is not None else None,
+            direction_error_deg=None if predicted is None else predicted.rms_deg,
+            change_percent=None if self._change is None else self._change.percent,
+        )
+        verdict, reasons = rate(figures)
+        x, y, z = fit.soft_iron * radius
+        return CalibratorFit(
+            name,
+            figures.shape or status_words(fit.status),
+            verdict,
+            reasons,
+            n_used,
+            hard_iron=triple(fit.hard_iron),
+            soft_iron=(triple(x), triple(y), triple(z)),
+            radius=radius,
+            residual_percent=figures.residual_percent,
+            coverage=solid_angle_covered(corrected),
+            axis_ratio=figures.axis_ratio,
+            direction_error_deg=figures.direction_error_deg,
+            direction_spread_deg=None if predicted is None else predicted.spread_deg,
+            direction_bias_deg=None if predicted is None else predicted.bias_deg,
+            iterations=fit.iterations,
+        )
+
+
+def triple(values: Array) -> Triple:
+    """Return three numbers as a tuple."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,235 @@
+"""Calibrators over recorded samples: the calibration of each, and whether it may be used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hiltest.calibration import FASTER, FIRMWARE, FOR_COMPARISON, REFERENCES, reference
+from hiltest.calibration.acceptance import Acceptance
+from hiltest.calibration.direct import fit_direct
+from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit
+from hiltest.calibration.quality import direction_difference_rms_deg
+from hiltest.calibration.shapes import Shape, allowed_shape
+from hiltest.calibration.solid_angle import largest_hole
+from hiltest.errors import ConfigError
+from hiltest.log_fitting.counts import CountScale, evenly_on_sphere
+from hiltest.log_fitting.fit_notes import notes
+from hiltest.log_fitting.fit_result import AgainstGravity, CalibratorFit, FirmwareUsed, SampleFit, best_of
+from hiltest.log_fitting.gravity_fit import against_gravity
+from hiltest.log_fitting.left_out import left_out
+from hiltest.log_fitting.rating import Rating, triple
+from hiltest.log_fitting.samples import Samples
+from hiltest.log_fitting.span import field_change, in_order_of_time
+
+if TYPE_CHECKING:
+    from hiltest.boards.board import Board
+
+#: Selections instead of one calibrator's name: those of the board, and also all with a reference.
+BOARD, ALL = "board", "all"
+
+
+def fit_on_host(
+    samples: Samples,
+    calibrator: str = BOARD,
+    *,
+    robust: bool = True,
+    any_shape: bool = True,
+    field_ut: float | None = None,
+) -> SampleFit:
+    """Run the float64 references over all samples.
+
+    Parameters
+    ----------
+    calibrator
+        A name, `BOARD` or `ALL`.
+    robust
+        Whether to omit the readings of `hiltest.log_fitting.left_out.left_out`.
+    any_shape
+        Whether to fit the shape that the samples allow if all calibrators are refused.
+    field_ut
+        Strength of the field, if it is known.
+
+    Raises
+    ------
+    ConfigError
+        When a calibrator has no reference, or the field is given and the unit of the samples is unknown.
+    """
+    of_groups = {BOARD: FIRMWARE - FASTER - FOR_COMPARISON, ALL: REFERENCES.keys() - FASTER}
+    names = sorted(of_groups.get(calibrator, {calibrator}))
+    log = _Log(samples, robust, field_ut)
+    scale = CountScale.of(log.kept)
+    counts = scale.unrounded(log.kept.points)
+    fits = [log.reference(name, scale, counts) for name in names]
+    return log.fit(
+        "host",
+        None,
+        log.with_shape(fits) if any_shape and calibrator in of_groups else fits,
+        gravity=calibrator in of_groups,
+    )
+
+
+def fit_by_shape(samples: Samples, shape: Shape, *, robust: bool = True, field_ut: float | None = None) -> SampleFit:
+    """Fit one shape to all samples; see `fit_on_host`. In a plane `field_ut` is the strength of the part in it."""
+    log = _Log(samples, robust, field_ut)
+    return log.fit("host", None, [log.shape(shape, log.field)])
+
+
+def fit_on_board(
+    board: Board,
+    samples: Samples,
+    calibrator: str = BOARD,
+    *,
+    robust: bool = True,
+    any_shape: bool = True,
+    field_ut: float | None = None,
+) -> SampleFit:
+    """Run a board's calibrators over its capacity of samples, chosen evenly on the sphere.
+
+    Parameters
+    ----------
+    board
+        Board whose point buffer is replaced.
+    calibrator
+        A name as in the board's identity, `BOARD`, or `ALL`, which adds the references of calibrators that the board
+        lacks.
+    robust, any_shape, field_ut
+        See `fit_on_host`; a shape is fitted on the host.
+
+    Returns
+    -------
+    SampleFit
+        Result with figures over all samples that are not omitted, so that a verdict applies to the whole file; only the
+        predicted direction error is that of the calibrator's points.
+
+    Raises
+    ------
+    ConfigError
+        When the firmware has no such calibrator.
+    """
+    from hiltest.procedures.calibrate import calibrate_once  # takes 0.1 s, which a fit on the host does not need
+    from hiltest.procedures.cycles import upload_points
+
+    calibrators = board.identity.calibrators
+    several = calibrator in (BOARD, ALL)
+    if not several and calibrator not in calibrators:
+        raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(calibrators)}")
+    log = _Log(samples, robust, field_ut)
+    rest, scale = log.kept, CountScale.of(log.kept)
+    counts = scale.unrounded(rest.points)
+    about = fit_direct(counts)
+    centre = scale.in_unit(about).hard_iron if about.has_fit else rest.points.mean(axis=0)
+    used = rest.points[evenly_on_sphere(rest.points, board.identity.max_points, centre)]
+    upload_points(board, scale.counts(used))
+    fits = []
+    several_names = [name for name in calibrators if calibrator == ALL or name not in FOR_COMPARISON]
+    for name in several_names if several else [calibrator]:
+        fit, cost = calibrate_once(board, name, len(used))
+        result = log.rating.calibrator(name, scale.in_unit(fit), used)
+        whole = REFERENCES[name](counts) if name in REFERENCES else None
+        band = board.cycle_range(cost, name)
+        fits.append(
+            replace(
+                result,
+                cycles=cost.cycles if cost else None,
+                cycle_band=band,
+                host_difference_deg=_difference_deg(fit, whole),
+            )
+        )
+    if calibrator == ALL:
+        others = sorted(REFERENCES.keys() - FASTER - set(calibrators))
+        fits += [log.reference(name, scale, counts) for name in others]
+    rounding = scale.counts(used) / scale.per_unit + scale.origin - used
+    firmware = FirmwareUsed(
+        name=board.identity.name,
+        version=board.identity.version,
+        build_id=board.identity.build_id,
+        sha256=board.firmware_sha256,
+        cycle_model=board.cycle_model,
+        count_step=scale.step,
+        count_origin=triple(scale.origin),
+        rounding_rms=float(np.sqrt((rounding * rounding).mean())),
+    )
+    return log.fit(str(board.kind), firmware, log.with_shape(fits) if any_shape and several else fits, gravity=several)
+
+
+class _Log:
+    """A log during its fit: the remaining samples, and the rating of calibrations."""
+
+    def __init__(self, samples: Samples, robust: bool, field_ut: float | None) -> None:
+        if field_ut is not None and samples.microtesla is None:
+            raise ConfigError(f"{samples.path}: a field in uT says nothing of counts; say what they are (--unit)")
+        self._samples, self._field_ut = samples, field_ut
+        self._gone = left_out(samples, robust=robust)
+        self._change = field_change(samples)
+        self._robust, self.kept = robust, self._gone.rest
+        self.rating = Rating(self.kept, self._change)
+
+    @property
+    def field(self) -> float | None:
+        """Strength of the field in the unit of the samples; None if it is not known."""
+        microtesla = self._samples.microtesla
+        return None if self._field_ut is None or microtesla is None else self._field_ut / microtesla
+
+    def reference(self, name: str, scale: CountScale, counts: Array) -> CalibratorFit:
+        """Fit a reference to the log in counts, and rate it."""
+        return self.rating.calibrator(name, scale.in_unit(reference(name)(counts)), self.kept.points)
+
+    def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
+        """Fit a shape to the log, and rate it."""
+        return self.rating.shape(shape, field, self._gone.dropped_percent)
+
+    def with_shape(self, fits: Sequence[CalibratorFit]) -> Sequence[CalibratorFit]:
+        """Add the fit of the allowed shape if all fits are refused and it is not."""
+        if best_of(fits).verdict is not Acceptance.REFUSED:
+            return fits
+        shape = allowed_shape(self.kept.points)
+        # The field's component in the plane of a turn is unknown.
+        rated = self.shape(shape, self.field if shape.axes == 3 else None)
+        return fits if rated.verdict is Acceptance.REFUSED else [*fits, rated]
+
+    def fit(
+        self, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit], *, gravity: bool = False
+    ) -> SampleFit:
+        """Return the result, with calibrations against gravity if they are requested and not all fits are refused."""
+        samples, gone, best = self._samples, self._gone, best_of(fits)
+        log: AgainstGravity | None = None
+        against: list[CalibratorFit] = []
+        if gravity and best.verdict is not Acceptance.REFUSED and best.shape is None:
+            log, against = against_gravity(self.kept, self.rating, robust=self._robust)
+        hole = None
+        if best.hard_iron is not None and best.soft_iron is not None and best.turn is None:
+            hole = largest_hole((self.kept.points - best.hard_iron) @ np.array(best.soft_iron))
+        fit = SampleFit(
+            file=str(samples.path),
+            columns=samples.columns,
+            unit=str(samples.unit),
+            unit_from=samples.unit_from,
+            n_in=len(samples.points),
+            n_skipped=samples.skipped,
+            n_repeated=int(gone.repeated.sum()),
+            robust="tukey" if gone.robust else "none",
+            n_dropped=int(gone.dropped.sum()),
+            dropped=gone.dropped_lines,
+            in_order=in_order_of_time(self.kept),
+            change=self._change,
+            condition=self.rating.condition,
+            hole=hole,
+            field_ut=self._field_ut,
+            on=on,
+            firmware=firmware,
+            calibrators=(*fits, *against),
+            notes=(),
+            gravity=log,
+        )
+        return replace(fit, notes=(*self._samples.notes, *notes(fit)))
+
+
+def _difference_deg(fit: MagnetometerFit, whole: MagnetometerFit | None) -> float | None:
+    """Return the angle between a board's calibration and that of all samples; None if one is not an ellipsoid."""
+    if whole is None or {fit.status, whole.status} != {FitStatus.ELLIPSOID}:
+        return None
+    return direction_difference_rms_deg(fit, whole)

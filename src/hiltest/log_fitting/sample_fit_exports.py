@@ -1,0 +1,196 @@
+"""A calibration for other programs: as JSON, and as a C header."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hiltest import __version__
+from hiltest.calibration.acceptance import Acceptance
+from hiltest.calibration.c_source import c_float, comment_text
+from hiltest.log_fitting.fit_result import CalibratorFit, Matrix, SampleFit, Triple
+from hiltest.run_record.files import write_asked_for
+
+CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
+SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
+FORMULA = "corrected = soft_iron * (reading - hard_iron)"
+
+_AXES = "in the axes of the sensor; soft_iron is symmetric"
+_SYMMETRIC = "That says nothing of a rotation: fit error is not heading error."
+_TURN = "They are for headings of a turn about {axis} alone: what lies along it is not corrected."
+_REFUSED = "this magnetometer calibration was refused: hiltest fit says why"
+
+_HEADER = """\
+/*
+ * Magnetometer calibration by hiltest {version}: {calibrator}, verdict {verdict}.
+ *
+ *     {formula}
+ *
+ * reading, hard_iron, radius and corrected are in {unit}, {axes}, has the
+ * determinant 1 and maps readings to corrected ones. Corrected readings have the length radius within {residual:.2f} %.
+ * {caution}
+ *
+ * From {n_in} readings in {file}, of which the calibrator used {n_used}.
+ */
+#ifndef HILTEST_MAGNETOMETER_CALIBRATION_H
+#define HILTEST_MAGNETOMETER_CALIBRATION_H
+{warning}
+/* [{unit}] */
+static const float magnetometer_hard_iron[3] = {hard_iron};
+
+/* [1], row by row */
+static const float magnetometer_soft_iron[3][3] = {{
+    {soft_iron},
+}};
+
+/* [{unit}] */
+static const float magnetometer_radius = {radius};
+{accelerometer}
+#endif
+"""
+# Replacements of `_AXES` and `_SYMMETRIC` if gravity was used.
+_GRAVITY_AXES = "corrected in the accelerometer's axes; soft_iron turns it"
+_GRAVITY = """\
+Calibrated against gravity: the dip of readings that it was not fitted to varies by {dip:.2f} deg. For that the
+ * accelerometer has to be calibrated as below. These columns of the log are reading:
+ * {columns}\
+"""
+_ACCELEROMETER = """
+/* gravity = gain * (reading - offset) has length 1, in the sign of the readings; offset [{unit}] */
+static const float accelerometer_offset[3] = {offset};
+
+/* [{gain_unit}], row by row, symmetric */
+static const float accelerometer_gain[3][3] = {{
+    {gain},
+}};
+"""
+
+
+def export_json(fit: SampleFit, path: Path) -> None:
+    """Write the best calibration of a sample file as JSON, so that a reader sees the whole file or none."""
+    best = fit.best
+    content: dict[str, Any] = {
+        "schema": CALIBRATION_SCHEMA,
+        "hiltest": __version__,
+        "calibrator": best.name,
+        "verdict": best.verdict,
+        "formula": FORMULA,
+        "direction": "soft_iron maps readings, less hard_iron, to corrected ones",
+        "unit": fit.unit,
+        "hard_iron": best.hard_iron,
+        "soft_iron": best.soft_iron,
+        "radius": best.radius,
+        "source": fit.file,
+        "n_in": fit.n_in,
+        "n_used": best.n_used,
+        "quality": {
+            "residual_percent": best.residual_percent,
+            "coverage": best.coverage,
+            "axis_ratio": best.axis_ratio,
+            "condition": fit.condition,
+            "direction_error_deg": best.direction_error_deg,
+        },
+    }
+    if best.gravity is not None and fit.gravity is not None:
+        content |= {
+            "axes": "corrected is in the axes of the accelerometer",
+            "columns": fit.columns,
+            "held_out_dip_deg": best.gravity.held_out_dip_deg,
+            "rotation_deg": best.gravity.rotation_deg,
+            "accelerometer": {
+                "formula": "gravity = gain * (reading - offset)",
+                "unit": fit.gravity.unit,
+                "offset": best.gravity.accelerometer_offset,
+                "gain": best.gravity.accelerometer_gain,
+            },
+        }
+    write_asked_for(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def export_header(fit: SampleFit, path: Path) -> None:
+    """Write the best calibration of a sample file as a C header, so that a reader sees the whole file or none."""
+    best = fit.best
+    hard_iron, soft_iron, radius, residual = _numbers(best)
+    refused = best.verdict is Acceptance.REFUSED
+    warning = f'\n#warning "{_REFUSED}"\n' if refused else ""
+    text = _HEADER.format(
+        warning=warning,
+        **_gravity_words(fit),
+        version=__version__,
+        calibrator=comment_text(best.name),
+        verdict=best.verdict,
+        formula=FORMULA,
+        unit=fit.unit,
+        residual=residual,
+        n_in=fit.n_in,
+        file=comment_text(Path(fit.file).name),
+        n_used=best.n_used,
+        hard_iron=_row(hard_iron),
+        soft_iron=_rows(soft_iron),
+        radius=c_float(radius),
+    )
+    write_asked_for(path, text)
+
+
+def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
+    if best.hard_iron is None or best.soft_iron is None or best.radius is None or best.residual_percent is None:
+        raise ValueError(f"{best.name} has no calibration to export")
+    return best.hard_iron, best.soft_iron, best.radius, best.residual_percent
+
+
+def _gravity_words(fit: SampleFit) -> dict[str, str]:
+    """Return a header's texts about axes, heading and accelerometer."""
+    gravity, turn = fit.best.gravity, fit.best.turn
+    if gravity is None or fit.gravity is None or not gravity.accelerometer_offset or not gravity.accelerometer_gain:
+        caution = _SYMMETRIC if turn is None else _TURN.format(axis=turn.axis)
+        return {"axes": _AXES, "caution": caution, "accelerometer": ""}
+    caution = _GRAVITY.format(dip=gravity.held_out_dip_deg, columns=", ".join(map(comment_text, fit.columns)))
+    accelerometer = _ACCELEROMETER.format(
+        unit=fit.gravity.unit,
+        gain_unit=fit.gravity.gain_unit,
+        offset=_row(gravity.accelerometer_offset),
+        gain=_rows(gravity.accelerometer_gain),
+    )
+    return {"axes": _GRAVITY_AXES, "caution": caution, "accelerometer": accelerometer}
+
+
+def _rows(matrix: Matrix) -> str:
+    return ",\n    ".join(map(_row, matrix))
+
+
+def _row(values: Triple) -> str:
+    return f"{{{', '.join(map(c_float, values))}}}"
+
+
+def to_json(fit: SampleFit) -> str:
+    """Return the text of a fit of samples, checked by ``fit.schema.json``."""
+    best = fit.best
+    content = {
+        "schema": FIT_SCHEMA,
+        "hiltest": __version__,
+        "verdict": best.verdict,
+        "best": best.name,
+        **asdict(fit),
+    }
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def schema_text() -> str:
+    """Return the text of the shipped ``fit.schema.json``, generated from the classes."""
+    from pydantic import TypeAdapter
+
+    from hiltest.json_schema import DescribedFields
+
+    schema: dict[str, Any] = TypeAdapter(SampleFit).json_schema(mode="serialization", schema_generator=DescribedFields)
+    schema["properties"] = {
+        "schema": {"const": FIT_SCHEMA},
+        "hiltest": {"type": "string"},
+        "verdict": {"$ref": "#/$defs/Acceptance"},
+        "best": {"type": "string"},
+        **schema["properties"],
+    }
+    schema["required"] = list(schema["properties"])
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": FIT_SCHEMA}
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"

@@ -1,0 +1,232 @@
+"""Magnetometer samples from a file."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Sized
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.errors import ConfigError
+from hiltest.interfaces.sensor_files.cells import LARGEST_READING, TableRow, TableRows, number_in, number_or_nan
+from hiltest.interfaces.sensor_files.columns import (
+    ACCELEROMETER_STEM,
+    MICROTESLA,
+    Unit,
+    axis_triples,
+    guessed_columns,
+    named_columns,
+    seconds_of,
+    unit_in_headers,
+    unit_of,
+)
+from hiltest.interfaces.sensor_files.table import Table, open_table
+from hiltest.log_fitting.asked_units import asked_of_gravity
+from hiltest.measurement.units import ACCELERATION_WORDS, AccelerationUnit
+
+Reals = NDArray[np.float64]
+
+# 24 MB of numbers, and three hours of a sensor at 80 Hz.
+MAX_ROWS = 1_000_000
+_AXES = 3
+# Largest time of a clock: 3000 years in nanoseconds.
+_LATEST = 1e20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Samples of one magnetometer."""
+
+    path: Path
+    points: Reals
+    """Shape (n, 3). Readings in `unit`, sensor frame, in the order of the file."""
+    unit: Unit
+    unit_from: str
+    """Source of the unit: ``option``, ``header``, or ``assumed``."""
+    columns: tuple[str, str, str]
+    """Names of the three columns, or their numbers from 1."""
+    skipped: int
+    """Number of rows without three finite numbers."""
+    lines: NDArray[np.int64] | None = None
+    """Shape (n,), or None. Line of each sample in the file; None without a file."""
+    time_s: Reals | None = None
+    """Shape (n,), or None. Time of each sample, not decreasing [s]; None without a column of time, or if it
+    decreases."""
+    acceleration: Reals | None = None
+    """Shape (n, 3), or None. Accelerometer readings of the same rows, in `acceleration_unit`, its own axes; NaN in a
+    row without three numbers. None without an accelerometer."""
+    acceleration_unit: AccelerationUnit = AccelerationUnit.COUNTS
+    preamble: int = 0
+    """Number of lines before the table."""
+    start: float = 0.0
+    """Start of a part after the log's first reading [s], or as a number of readings without times."""
+    notes: tuple[str, ...] = ()
+    """Remarks on skipped, recognised or assumed content of the file, one sentence each."""
+
+    @property
+    def microtesla(self) -> float | None:
+        """Size of one `unit` [uT]; None if unknown."""
+        return MICROTESLA[self.unit]
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Columns of a table and their meaning."""
+
+    places: tuple[int, int, int]
+    names: tuple[str, str, str]
+    accelerometer: tuple[int, ...]
+    accelerometer_names: tuple[str, ...]
+    strict: bool
+    """Whether to refuse accelerometer cells that are not numbers, because an option names the columns."""
+    time: tuple[int, float] | None
+    notes: tuple[str, ...]
+
+
+def read_samples(
+    path: Path, *, columns: str | None = None, unit: Unit | None = None, accelerometer_columns: str | None = None
+) -> Samples:
+    """Read magnetometer samples from a text table.
+
+    Parameters
+    ----------
+    path
+        File, see `hiltest.interfaces.sensor_files.table.open_table`.
+    columns
+        ``a,b,c``, names or numbers from 1; by default the header's magnetometer columns.
+    unit
+        Unit, by default from the header, otherwise counts.
+    accelerometer_columns
+        Like `columns`; by default the header's accelerometer columns, if there are three.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such table in the file; the message has file, line and column.
+    """
+    table = open_table(path)
+    try:
+        layout = _layout(table, columns, accelerometer_columns)
+        unit_found = unit or unit_of(layout.names if table.headers else ())
+        acceleration_unit = _acceleration_unit(layout) if table.headers else AccelerationUnit.COUNTS
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    numbers, lines, skipped = _numbers(table, layout)
+    acceleration = numbers[:, _AXES : 2 * _AXES] if layout.accelerometer else None
+    notes = [*table.notes, *layout.notes]
+    if acceleration is not None and acceleration_unit is not AccelerationUnit.COUNTS:
+        notes += asked_of_gravity(acceleration, acceleration_unit, "A header that says {} settles it")
+    return Samples(
+        path,
+        numbers[:, :_AXES].copy(),
+        unit_found or Unit.COUNTS,
+        "option" if unit else "header" if unit_found else "assumed",
+        layout.names,
+        skipped,
+        lines=lines,
+        time_s=_rising(numbers[:, -1], layout.time),
+        acceleration=None if acceleration is None or np.isnan(acceleration).any(axis=1).all() else acceleration.copy(),
+        acceleration_unit=acceleration_unit,
+        preamble=table.preamble,
+        notes=tuple(notes),
+    )
+
+
+def _layout(table: Table, columns: str | None, accelerometer_columns: str | None) -> _Layout:
+    headers, width, notes = table.headers, table.width, []
+    if columns is not None:
+        places = named_columns(columns, headers, width)
+    else:
+        places = guessed_columns(headers, table.places, table.index)
+        if table.index is not None and places == table.places[1:]:
+            notes.append(f"Column {table.names([table.index])[0] or '1'} was taken as an index, not as readings.")
+    accelerometer: tuple[int, ...] = ()
+    if accelerometer_columns is not None:
+        accelerometer = named_columns(accelerometer_columns, headers, width, option="--accelerometer-columns")
+    else:
+        triples = [
+            triple
+            for stem, triple in axis_triples(headers).items()
+            if ACCELEROMETER_STEM.search(stem) and not set(triple) & set(places)
+        ]
+        accelerometer = triples[0] if len(triples) == 1 else ()
+    times = [
+        (place, scale_s)
+        for place, header in enumerate(headers)
+        if (scale_s := seconds_of(header)) is not None and place not in places
+    ]
+    x, y, z = table.names(places)
+    return _Layout(
+        places,
+        (x, y, z),
+        accelerometer,
+        table.names(accelerometer),
+        accelerometer_columns is not None,
+        times[0] if len(times) == 1 else None,
+        tuple(notes),
+    )
+
+
+def _acceleration_unit(layout: _Layout) -> AccelerationUnit:
+    """Return the unit in the header; only ratios matter, so an unknown unit is sufficient."""
+    try:
+        unit = unit_in_headers(layout.accelerometer_names, ACCELERATION_WORDS, "--accelerometer-columns")
+    except ConfigError:
+        return AccelerationUnit.COUNTS
+    return unit or AccelerationUnit.COUNTS
+
+
+def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], int]:
+    """Return one row per sample: x, y, z, the accelerometer's if present, the time; their lines; the skipped rows."""
+    path, values, lines, skipped = table.path, array("d"), array("q"), 0
+    places, largest = [*layout.places, *layout.accelerometer], [LARGEST_READING] * (_AXES + len(layout.accelerometer))
+    if layout.time is not None:
+        places, largest = [*places, layout.time[0]], [*largest, _LATEST]
+    for row in table.rows_of_numbers(places, largest):
+        if isinstance(row, TableRows):
+            without_time = np.full((len(row.numbers), int(layout.time is None)), math.nan)
+            values.frombytes(np.column_stack([row.numbers, without_time]).tobytes())
+            lines.extend(range(row.line, row.line + len(row.numbers)))
+            _refuse_too_many(path, lines)
+            continue
+        reading = [
+            number_in(path, row, place, name, quantity="magnetometer reading")
+            for place, name in zip(layout.places, layout.names, strict=True)
+        ]
+        if not all(map(math.isfinite, reading)):
+            skipped += 1
+            continue
+        values.extend(reading)
+        values.extend(_acceleration(path, row, layout))
+        values.append(row.arrived_s if layout.time is None else number_or_nan(row.cells[layout.time[0]], _LATEST))
+        lines.append(row.line)
+        _refuse_too_many(path, lines)
+    if not lines:
+        raise ConfigError(f"{path}: no row has three numbers in the columns {', '.join(layout.names)}")
+    count = _AXES + len(layout.accelerometer) + 1
+    return (np.frombuffer(values, dtype=np.float64).reshape(-1, count), np.frombuffer(lines, dtype=np.int64), skipped)
+
+
+def _refuse_too_many(path: Path, lines: Sized) -> None:
+    if len(lines) > MAX_ROWS:
+        raise ConfigError(f"{path}: more than {MAX_ROWS} readings; keep every tenth line, or cut the file")
+
+
+def _acceleration(path: Path, row: TableRow, layout: _Layout) -> list[float]:
+    if layout.strict:
+        return [
+            number_in(path, row, place, name, quantity="accelerometer reading")
+            for place, name in zip(layout.accelerometer, layout.accelerometer_names, strict=True)
+        ]
+    return [number_or_nan(row.cells[place], LARGEST_READING) for place in layout.accelerometer]
+
+
+def _rising(times: Reals, column: tuple[int, float] | None) -> Reals | None:
+    """Return times in seconds, of arrival without a column; None if one is missing or they decrease."""
+    if not bool((np.diff(times, prepend=times[0]) >= 0.0).all()):
+        return None
+    return times if column is None else times * column[1]

@@ -1,0 +1,203 @@
+"""Results of firmware whose sensors play a recording: its own calibration and headings, and hiltest's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from hiltest.boards import Board, CompassBoard, open_board, open_compass
+from hiltest.calibration.accelerometer import NOMINAL
+from hiltest.calibration.fit import MagnetometerFit
+from hiltest.calibration.quality import residual_percent
+from hiltest.interfaces.quantities import Quantity
+from hiltest.link.messages import Average, SetCalibration
+from hiltest.link.replies import AverageReply
+from hiltest.orientation import DegenerateFieldError
+from hiltest.procedures.calibrate import CalibratorRun, run_calibrators
+from hiltest.procedures.compass import CALIBRATED, FIRMWARE, Belief, Reals, belief_of, frame_of
+from hiltest.procedures.known_angles import headings_deg
+from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.tumble import Tumble, collect_until
+from hiltest.rig import COUNTS_PER_UT, Rig
+
+# Calibrators of hiltest's firmware; of other firmware with its protocol, those of them that it has, otherwise all.
+_OURS = ("direct", "corrected", "iterative")
+# Number of new samples per heading of a moving board: 50 ms of the slowest magnetometer, 20 ms of the others.
+_READINGS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A calibration, and headings."""
+
+    name: str
+    hard_iron_ut: Reals | None = None
+    """Shape (3,), or None. Body frame; None if there is none."""
+    field_ut: float | None = None
+    """Radius of the sphere with the volume of its ellipsoid; or the firmware's own value."""
+    said_error_percent: float | None = None
+    """Fit error that the firmware reports, by its own definition."""
+    residual_percent: float | None = None
+    """``100 rms(|corrected| / field - 1)`` over the same points for all."""
+    cycles: int | None = None
+    heading_deg: tuple[float | None, ...] = ()
+    """Heading at each moment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayedBack:
+    """Results from a recording."""
+
+    found: tuple[Found, ...]
+    """If the rig's firmware does not use hiltest's protocol: ``firmware``, its own headings, and ``calibrated``, its
+    calibration on the readings of hiltest's firmware; then hiltest's calibrators."""
+    moments_s: Reals
+    """Shape (n,). Virtual time of the headings."""
+    points: int
+    """Number of points of hiltest's calibrators."""
+    remarks: tuple[str, ...]
+    """Deviations from the recording."""
+
+
+def play_back(
+    rig: Rig, times_s: Reals, moments_s: Reals, *, firmware: Path | None = None, progress: Progress | None = None
+) -> PlayedBack:
+    """Play a rig's recording to its firmware and to hiltest's, each from power-on.
+
+    Parameters
+    ----------
+    rig
+        Rig of a virtual board, with a recording.
+    times_s : shape (n,)
+        Virtual times of the recorded readings of the magnetometer.
+    moments_s : shape (n,)
+        Virtual times of the headings.
+    firmware
+        Firmware of the rig's board.
+
+    Notes
+    -----
+    hiltest's firmware plays the recording twice: it calibrates in the first pass, and answers headings in the second.
+    """
+    tell, own = progress or silent, rig.own_language
+    remarks: list[str] = []
+    foreign: tuple[Found, Belief] | None = None
+    if own is not None:
+        with open_compass(rig, firmware=firmware, port=None, seed=None, transcript=None, base=None) as compass:
+            foreign = _listen(compass, float(times_s[-1]), moments_s, tell)
+            remarks += compass.stage.said_of_playback if compass.stage else []
+        firmware = None
+        rig = replace(rig, device=None, cycles={}, board=replace(rig.board, firmware=None))
+    with open_board(rig, firmware=firmware) as board:
+        tumble, runs = _calibrate(board, times_s, rig.procedure.tumble_points, tell)
+        remarks += board.stage.said_of_playback if board.stage else []
+    with open_board(rig, firmware=firmware) as board:
+        replies = _ask_headings(board, moments_s, runs, tell)
+    ours = [_hiltest_result(run, replies) for run in runs.values()]
+    theirs = [] if foreign is None else _firmware_results(*foreign, tumble, replies)
+    return PlayedBack((*theirs, *ours), moments_s, len(tumble.points), tuple(dict.fromkeys(remarks)))
+
+
+def _listen(board: CompassBoard, end_s: float, moments_s: Reals, tell: Progress) -> tuple[Found, Belief]:
+    """Listen to firmware for the length of a recording, and long enough for its last fit."""
+    frame = frame_of(board.rig)
+    headings: list[float | None] = []
+    for number, moment_s in enumerate(moments_s.tolist()):
+        tell("the rig's firmware", number, len(moments_s))
+        observations = board.observe(max(0.0, moment_s - board.now_s()))
+        heard = [entry.values[Quantity.HEADING] for entry in observations if Quantity.HEADING in entry.values]
+        headings.append(frame.heading_deg(float(heard[-1][0])) if heard else None)
+    board.observe(max(0.0, end_s - board.now_s()) + board.device.settle_s)
+    tell("the rig's firmware", len(moments_s), len(moments_s))
+    belief = belief_of(board.latest, frame)
+    calibrated = board.latest.get(Quantity.CALIBRATED)
+    if calibrated is not None and not calibrated.any():
+        return Found(f"{FIRMWARE} (not calibrated)", heading_deg=tuple(headings)), Belief()
+    firmware = Found(
+        FIRMWARE,
+        belief.hard_iron_ut,
+        belief.field_strength_ut,
+        belief.fit_error_percent,
+        heading_deg=tuple(headings),
+    )
+    return firmware, belief
+
+
+def _calibrate(board: Board, times_s: Reals, points: int, tell: Progress) -> tuple[Tumble, dict[str, CalibratorRun]]:
+    """Collect points from a recording, and fit them on the board."""
+    board.sleep(max(0.0, float(times_s[0]) - board.now_s()))
+    tumble = collect_until(board, float(times_s[-1]), points=min(points, len(times_s)), progress=tell)
+    calibrators = board.identity.calibrators
+    names = [name for name in _OURS if name in calibrators] or list(calibrators)
+    return tumble, run_calibrators(board, tumble, calibrators=names, n=len(tumble.points), progress=tell)
+
+
+def _ask_headings(
+    board: Board, moments_s: Reals, runs: Mapping[str, CalibratorRun], tell: Progress
+) -> list[AverageReply]:
+    """Ask for headings and readings at moments of a recording, under existing calibrations."""
+    usable = [run for run in runs.values() if run.usable]
+    for run in usable:
+        board.session.request(SetCalibration(run.slot, run.soft_iron, run.hard_iron))
+    mask = sum(1 << run.slot for run in usable)
+    replies = []
+    for number, moment_s in enumerate(moments_s.tolist()):
+        tell("hiltest's firmware", number, len(moments_s))
+        board.sleep(max(0.0, moment_s - board.now_s()))
+        replies.append(board.session.request(Average(_READINGS, mask)))
+    tell("hiltest's firmware", len(moments_s), len(moments_s))
+    return replies
+
+
+def _hiltest_result(run: CalibratorRun, replies: Sequence[AverageReply]) -> Found:
+    cycles = run.cost.cycles if run.cost else None
+    if not run.usable:
+        return Found(f"{run.name} ({run.fit.name.lower()})", cycles=cycles)
+    attitudes = [reply.headings[run.slot].attitude for reply in replies]
+    return Found(
+        run.name,
+        run.hard_iron / COUNTS_PER_UT,
+        _radius_ut(run.result),
+        None,
+        run.residual_percent,
+        cycles,
+        tuple(attitude.heading_deg if attitude else None for attitude in attitudes),
+    )
+
+
+def _firmware_results(firmware: Found, belief: Belief, tumble: Tumble, replies: Sequence[AverageReply]) -> list[Found]:
+    """Return the firmware's own result, and its last calibration applied to the readings of hiltest's firmware."""
+    if belief.fit is None:
+        return [firmware]
+    radius_ut = belief.field_strength_ut
+    radius = COUNTS_PER_UT * radius_ut if radius_ut else _mean_norm(belief.fit.corrected(tumble.points))
+    unit = replace(belief.fit, soft_iron=belief.fit.soft_iron / radius)
+    return [
+        firmware,
+        Found(
+            CALIBRATED,
+            residual_percent=residual_percent(tumble.points, unit),
+            heading_deg=tuple(_heading(reply, unit) for reply in replies),
+        ),
+    ]
+
+
+def _mean_norm(vectors: Reals) -> float:
+    return float(np.mean(np.linalg.norm(vectors, axis=1)))
+
+
+def _radius_ut(fit: MagnetometerFit) -> float:
+    return float(np.cbrt(1.0 / abs(np.linalg.det(fit.soft_iron)))) / COUNTS_PER_UT
+
+
+def _heading(reply: AverageReply, fit: MagnetometerFit) -> float | None:
+    magnetometer, accelerometer = (
+        statistic.mean[np.newaxis] for statistic in (reply.magnetometer, reply.accelerometer)
+    )
+    try:
+        return float(headings_deg(magnetometer, accelerometer, fit.soft_iron, fit.hard_iron, NOMINAL)[0])
+    except DegenerateFieldError:
+        return None

@@ -1,0 +1,167 @@
+"""Search for runs in a folder and the folders under it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+
+from hiltest.errors import ConfigError
+from hiltest.report.trend.series import RunEntry
+from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE
+from hiltest.run_record.journal import JOURNAL_FILE
+from hiltest.run_record.reader import read_record, record_in
+from hiltest.run_record.run import SCHEMA as RUN_SCHEMA
+from hiltest.run_record.run import Run
+from hiltest.strict_json import read_json, shown
+from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
+from hiltest.verdict.baseline_file import evidence_in
+from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds
+
+_RECORDS = frozenset({RUN_FILE, JOURNAL_FILE})
+_OTHERWISE = "nothing of it is shown"
+_LARGEST = 1e30
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A file that is no run or cannot be read, with the reason."""
+
+    file: str
+    reason: str
+
+
+def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
+    """Read every run, campaign and baseline in a folder and the folders under it.
+
+    Hidden folders, and the older firmware of a run with ``--against``, are omitted.
+
+    Returns
+    -------
+    entries : list of RunEntry
+        Entries, named by their paths relative to the folder.
+    skipped : list of Skipped
+        Files that have the name of a record or end with ``.json`` and cannot be read as one.
+
+    Raises
+    ------
+    ConfigError
+        If the folder does not exist.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such folder; name one with records of runs in it")
+    entries: list[RunEntry] = []
+    skipped: list[Skipped] = []
+
+    def skip(path: Path, reason: str) -> None:
+        named, _, rest = reason.partition(": ")  # the reason may name a file in the folder of the path
+        is_there = rest and Path(named).is_relative_to(path)
+        skipped.append(Skipped(_relative_name(Path(named) if is_there else path, folder), rest if is_there else reason))
+
+    def unreadable(error: OSError) -> None:
+        skip(Path(error.filename), error.strerror or str(error))
+
+    for name, subfolders, files in os.walk(folder, onerror=unreadable):
+        current = Path(name)
+        subfolders[:] = sorted(
+            subfolder for subfolder in subfolders if not (subfolder.startswith(".") or _is_older(subfolder, current))
+        )
+        runs = [current] if _RECORDS & set(files) else []
+        for path in [*runs, *(current / file for file in sorted(files) if _may_be_record(file))]:
+            try:
+                entries += _entries(path, _relative_name(path, folder))
+            except ConfigError as error:
+                skip(path, str(error))
+    return _campaigns(entries), skipped
+
+
+def _is_older(name: str, folder: Path) -> bool:
+    """Return whether a folder holds the older firmware of ``--against``, the base of the run in its parent folder."""
+    if name != OLDER_FOLDER:
+        return False
+    return any((folder / file).exists() for file in (*_RECORDS, SEEDS_FILE)) or any(folder.glob(SEED_FOLDERS))
+
+
+def _relative_name(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix()
+
+
+def _may_be_record(name: str) -> bool:
+    return name.endswith(".json") and name not in _RECORDS
+
+
+def _entries(path: Path, entry_name: str) -> Iterator[RunEntry]:
+    """Yield the run or baseline in a file or folder; other files of hiltest yield nothing."""
+    if path.is_dir():
+        stored = read_record(path)
+        yield _run_entry(stored.run, stored.path, f"{entry_name}/{stored.path.name}".removeprefix("./"))
+        return
+    file = read_json(path, otherwise=_OTHERWISE)
+    family = str(file.schema).partition("/")[0]
+    if family == BASELINE_SCHEMA.partition("/")[0]:
+        evidence = evidence_in(file)
+        knows_limits = any(
+            measurement.limit
+            for measurements in evidence.measurements.values()
+            for measurement in measurements.values()
+        )
+        when_utc = _time(evidence.side.saved_utc, path)
+        yield _check_size(RunEntry(entry_name, when_utc, _set_file(evidence, entry_name), knows_limits), path)
+    elif family == RUN_SCHEMA.partition("/")[0]:
+        yield _run_entry(record_in(file).run, path, entry_name)
+    elif not family.startswith("hiltest."):
+        raise ConfigError(f"{path}: no record of hiltest's: schema is {shown(file.schema)}")
+
+
+def _run_entry(run: Run, path: Path, entry_name: str) -> RunEntry:
+    if run.board is None:
+        raise ConfigError(f"{path}: no board answered ({run.verdict.outcome})")
+    return _check_size(RunEntry(entry_name, _time(run.started_utc, path), evidence_of(run, file=entry_name)), path)
+
+
+def _check_size(entry: RunEntry, path: Path) -> RunEntry:
+    """Reject numbers that are too large for a sum or an axis."""
+    for measurements in entry.evidence.measurements.values():
+        for measurement in measurements.values():
+            if measurement.value is not None and abs(measurement.value) > _LARGEST:
+                raise ConfigError(f"{path}: {shown(measurement.name)} is {measurement.value:g}, which nothing measures")
+    return entry
+
+
+def _set_file(evidence: Evidence, entry_name: str) -> Evidence:
+    return replace(evidence, side=replace(evidence.side, file=entry_name))
+
+
+def _time(text: str, path: Path) -> str:
+    """Return a time in one format, so that times sort."""
+    try:
+        return datetime.fromisoformat(text).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    except (ValueError, OverflowError) as error:
+        raise ConfigError(f"{path}: began at {shown(text)}, which is no time") from error
+
+
+def _campaigns(entries: Sequence[RunEntry]) -> list[RunEntry]:
+    """Combine the seeds of a campaign if they have the same build and conditions."""
+    alone: list[RunEntry] = []
+    campaigns: dict[PurePosixPath, list[RunEntry]] = {}
+    for entry in entries:
+        seed_folder = PurePosixPath(entry.file).parent
+        is_seed = fnmatchcase(seed_folder.name, SEED_FOLDERS)
+        (campaigns.setdefault(seed_folder.parent, []) if is_seed else alone).append(entry)
+    for folder, seeds in campaigns.items():
+        joined = evidence_of_seeds([seed.evidence for seed in seeds], str(folder))
+        alike = {(seed.evidence.conditions, _build(seed)) for seed in seeds}
+        if len(alike) > 1 or len(joined.measurements) < len(seeds):
+            alone += seeds
+        else:
+            alone.append(RunEntry(str(folder), min(seed.when_utc for seed in seeds), joined))
+    return alone
+
+
+def _build(entry: RunEntry) -> tuple[str, ...]:
+    """Return the firmware of an entry."""
+    side = entry.evidence.side
+    return side.firmware, side.version, side.build_id, side.compiler, side.cycle_model

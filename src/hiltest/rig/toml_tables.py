@@ -1,0 +1,305 @@
+"""The tables of a rig file, each a dataclass that refuses values out of range; `hiltest.rig.world` has the world's.
+
+They are plain dataclasses, so that a rig can be used without pydantic; `hiltest.rig.rig_file` validates a file against
+them with pydantic.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from hiltest.orientation.angles import Pose
+
+Triple: TypeAlias = tuple[float, float, float]
+
+# Configuration of pydantic: no unknown keys, no conversions (an integer is a valid float).
+STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+
+# Minimum number of points of the firmware: its fit against gravity refuses fewer as TOO_FEW_POINTS.
+DPI_PAIRS_MINIMUM = 300
+
+_LONGEST_RUN_S = 1e6
+
+
+class RigValueError(ValueError):
+    """Error for a value of the rig that is out of range."""
+
+    def __init__(self, key: str, message: str) -> None:
+        self.key = key
+        super().__init__(message)
+
+
+def number_of_points(calibration: str) -> int | None:
+    """Return the 100 of ``direct@100``; None for other names."""
+    written = re.fullmatch(r"[a-z0-9_-]+@([1-9][0-9]*)", calibration)
+    return int(written[1]) if written else None
+
+
+def require(holds: bool, key: str, message: str) -> None:
+    if not holds:
+        raise RigValueError(key, message)
+
+
+def check_span(after_s: float, for_s: float | None = None) -> None:
+    """Refuse a start or duration that no run reaches; None means for good."""
+    require(0.0 <= after_s <= _LONGEST_RUN_S, "after_s", f"must be 0 to {_LONGEST_RUN_S:g}")
+    require(for_s is None or 0.0 < for_s <= _LONGEST_RUN_S, "for_s", f"must be above 0 and at most {_LONGEST_RUN_S:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class BoardPlace:
+    """The board on the link: the virtual one, or one on a port."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    kind: Literal["virtual", "real"]
+    port: str | None = None
+    cycle_model: str | None = None
+    """Cycle model of a board on a port: ``silicon-dwt``, or the timing profile of a virtual board that is served there.
+    It is needed if the port does not show it."""
+    timing: str | None = None
+    """Timing profile of a virtual board: its name, or a file ending in ``.toml``, relative to the rig's. None is the
+    default profile."""
+    firmware: str | None = None
+    """Firmware of a virtual board if the command line names none: a file, relative to the rig's, or the name of one in
+    the package. None is hiltest's own."""
+
+    def __post_init__(self) -> None:
+        require(self.kind == "virtual" or self.timing is None, "timing", 'belongs to a board of kind "virtual"')
+        require(self.kind == "virtual" or self.firmware is None, "firmware", 'belongs to a board of kind "virtual"')
+        require(self.kind == "real" or self.port is None, "port", 'belongs to a board of kind "real"')
+        require(self.kind == "real" or self.cycle_model is None, "cycle_model", 'belongs to a board of kind "real"')
+        require(
+            self.cycle_model is None or re.fullmatch(r"[a-z0-9/.+-]+", self.cycle_model) is not None,
+            "cycle_model",
+            'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/2"',
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSettings:
+    """Settings of the link."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    baud: int = 115_200
+
+    def __post_init__(self) -> None:
+        require(self.baud > 0, "baud", "must be above 0")
+
+
+@dataclass(frozen=True, slots=True)
+class LocalField:
+    """The earth's field at the bench: total intensity, dip (down positive), declination (east positive)."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    strength_ut: float
+    dip_deg: float
+    declination_deg: float = 0.0
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    """Position of the bench, north and east positive: `hiltest doctor` compares the field with the World Magnetic
+    Model."""
+    altitude_m: float = 0.0
+    """Height above sea level."""
+
+    def __post_init__(self) -> None:
+        place = {"latitude_deg": (self.latitude_deg, 90.0), "longitude_deg": (self.longitude_deg, 180.0)}
+        for key, (value, most) in place.items():
+            require(value is None or abs(value) <= most, key, f"must be within -{most:g} to {most:g}")
+        require(
+            (self.latitude_deg is None) == (self.longitude_deg is None),
+            "longitude_deg",
+            "and latitude_deg are a place together: write both, or none",
+        )
+        # Range of the World Magnetic Model.
+        require(-1_000.0 <= self.altitude_m <= 850_000.0, "altitude_m", "must be within -1000 to 850000")
+        require(self.strength_ut > 0.0, "strength_ut", "must be above 0")
+        require(abs(self.dip_deg) < 90.0, "dip_deg", "must be within -90 to 90: at a pole there is no heading")
+        require(abs(self.declination_deg) <= 180.0, "declination_deg", "must be within -180 to 180")
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """Mounting of the board on the table: board heading = table heading + yaw, known to +-uncertainty (k = 2)."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    yaw_deg: float
+    uncertainty_deg: float
+
+    def __post_init__(self) -> None:
+        require(abs(self.yaw_deg) <= 180.0, "yaw_deg", "must be within -180 to 180")
+        require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
+
+
+@dataclass(frozen=True, slots=True)
+class Faces:
+    """Uncertainty of the six faces of the board: largest angle between a face and its axis [deg]."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    uncertainty_deg: float
+
+    def __post_init__(self) -> None:
+        require(0.0 < self.uncertainty_deg <= 5.0, "uncertainty_deg", "must be above 0 and at most 5")
+
+
+# Forty times the density of the supported part; the stillness test then allows 19 deg/s in a window of 0.1 s.
+_NOISIEST_MDPS = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class SensorChoice:
+    """The sensors under test, and the declared noise of the magnetometer."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    magnetometer_noise_ut: float
+    """rms noise of one axis of one reading; a fit's residual is compared with it."""
+    gyroscope_noise_mdps_per_rthz: float = 25.0
+    """One-sided noise density of the rate, from the data sheet, for the test of stillness."""
+    magnetometer: str | None = None
+    accelerometer: str | None = None
+    gyroscope: str | None = None
+    """Names as in the board's identity; None for the first that answers."""
+
+    def __post_init__(self) -> None:
+        require(self.magnetometer_noise_ut >= 0.0, "magnetometer_noise_ut", "must not be negative")
+        require(
+            0.0 < self.gyroscope_noise_mdps_per_rthz <= _NOISIEST_MDPS,
+            "gyroscope_noise_mdps_per_rthz",
+            f"must be above 0 and at most {_NOISIEST_MDPS:g}: with more, a board in a hand would count as still",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CoveredPart:
+    """Part of the sphere in which a simulated tumble keeps the field.
+
+    Notes
+    -----
+    A direction is covered when the *true* field, seen in the body frame, comes from it during the tumble. Soft iron
+    also moves the measured points; hard iron, which shifts them all, has no effect. A pose is inside if the field's
+    direction in it is: with a dip of 62 degrees the field is 28 degrees from body z on a level board, and at most 48
+    with 20 degrees of pitch or roll.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    axis: Triple
+    """Middle of the part, body frame, of any length: (0, 0, 1) is down, the side of the field on a level board in the
+    northern hemisphere."""
+    fraction: float
+    """Share of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it."""
+
+    def __post_init__(self) -> None:
+        require(any(self.axis), "axis", "must not be zero: it is a direction")
+        require(0.0 < self.fraction <= 1.0, "fraction", "must be above 0 and at most 1, all of the sphere")
+
+
+@dataclass(frozen=True, slots=True)
+class TurntableSettings:
+    """The turntable that sets a known angle, and its uncertainty [deg]."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    kind: Literal["simulated", "operator", "grbl"]
+    uncertainty_deg: float
+    """Expanded uncertainty of its angle, coverage factor 2."""
+    tumble_s: float = 45.0
+    """Duration of an operator's tumble."""
+    port: str | None = None
+    """Device or pyserial URL of a motor table with Grbl."""
+    covered: CoveredPart | None = None
+    """Part of the sphere for a simulated tumble; None for the whole sphere."""
+
+    def __post_init__(self) -> None:
+        require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
+        require(0.0 < self.tumble_s <= 600.0, "tumble_s", "must be above 0 and at most 600")
+        require(
+            (self.kind == "grbl") == (self.port is not None),
+            "port",
+            'names the serial port of a turntable of kind "grbl", and only of that',
+        )
+        require(
+            self.kind == "simulated" or self.covered is None,
+            "covered",
+            'confines a tumble of kind "simulated"; another table is not simulated',
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Procedure:
+    """The points and poses of a run."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    headings_deg: tuple[float, ...]
+    """Table headings of the known angles."""
+    tilts_deg: tuple[tuple[float, float], ...]
+    """Tilts of the known angles, each measured at every heading."""
+    poses: Literal["all", "level"] = "all"
+    """Set of known angles, unless the command line selects one."""
+    readings_per_pose: int = 16
+    calibration_points: int = 100
+    """Number of points of the tumble, which every calibrator of the firmware receives."""
+    tumble_points: int = 300
+    gyroscope_rest_s: float = 2.0
+    """Length of a rest of the gyroscope, before and after a turn."""
+    gyroscope_turn_dps: float = 60.0
+    """Rate of the table for the gyroscope: 36 to 90, a turn in 10 to 4 s."""
+    accelerometer_calibration: Literal["none", "six-position"] = "none"
+    """Accelerometer calibration before all headings: none, or the six faces, a second each, fitted on the board."""
+    untrimmed_calibrations: tuple[str, ...] = ()
+    """Calibrations that are also measured without the accelerometer's: ``direct`` as ``direct-untrimmed``."""
+    dpi: Literal["pairs", "none"] = "pairs"
+    """Whether the magnetometer is also calibrated against gravity, on all pairs of the tumble."""
+    gyroscope_calibration: Literal["rest", "turns"] = "turns"
+    """Extent of `hiltest calibrate`: the bias only, or turns about all three axes for scale and axes too."""
+    further_calibrations: tuple[str, ...] = ()
+    """Further runs with the same measurements, each a calibrator and its number of points: ``direct@100``."""
+    cost_reference: str = ""
+    """Reference calibrator, of which costs are given as multiples; empty for none."""
+
+    def __post_init__(self) -> None:
+        require(len(self.headings_deg) >= 4, "headings_deg", "needs at least 4 headings, or no worst sector is found")
+        headings_deg = [heading % 360.0 for heading in self.headings_deg]
+        for key, values in (("headings_deg", headings_deg), ("tilts_deg", self.tilts_deg)):
+            require(len(set(values)) == len(values), key, "has the same one twice: its errors would count twice")
+        require((0.0, 0.0) in self.tilts_deg, "tilts_deg", "must contain the level one, [0, 0]")
+        require(
+            all(abs(pitch) < 90.0 for pitch, _ in self.tilts_deg),
+            "tilts_deg",
+            "must keep pitch within -90 to 90: beyond, heading turns round",
+        )
+        require(1 <= self.readings_per_pose <= 512, "readings_per_pose", "must be 1 to 512, as the firmware averages")
+        require(self.calibration_points >= 9, "calibration_points", "must be at least 9, the unknowns of an ellipsoid")
+        require(
+            self.calibration_points <= self.tumble_points <= 512,
+            "tumble_points",
+            "must be from calibration_points to 512, what the firmware stores",
+        )
+        require(
+            self.dpi == "none" or self.tumble_points >= DPI_PAIRS_MINIMUM,
+            "tumble_points",
+            f"must be at least {DPI_PAIRS_MINIMUM}, the pairs that the calibration against gravity needs: write "
+            'tumble_points = 300, or dpi = "none" beside it to go without',
+        )
+        require(2.0 <= self.gyroscope_rest_s <= 20.0, "gyroscope_rest_s", "must be 2 to 20")
+        require(36.0 <= self.gyroscope_turn_dps <= 90.0, "gyroscope_turn_dps", "must be 36 to 90")
+        require(
+            self.accelerometer_calibration != "none" or not self.untrimmed_calibrations,
+            "untrimmed_calibrations",
+            "has nothing to leave out while accelerometer_calibration is none",
+        )
+        for written in self.further_calibrations:
+            points = number_of_points(written)
+            require(
+                points is not None and 9 <= points <= self.tumble_points,
+                "further_calibrations",
+                f"names {written!r}; write a calibrator and its points, 9 to tumble_points, such as direct@100",
+            )
+
+    def known_angle_poses(self, which: Literal["all", "level"] | None = None) -> tuple[Pose, ...]:
+        """Return the poses of the known angles in order: tilt by tilt, as listed."""
+        from hiltest.orientation.angles import Pose
+
+        level_only = (which or self.poses) == "level"
+        tilts = [tilt for tilt in self.tilts_deg if not level_only or tilt == (0.0, 0.0)]
+        return tuple(Pose(heading, pitch, roll) for pitch, roll in tilts for heading in self.headings_deg)

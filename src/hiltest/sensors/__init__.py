@@ -1,9 +1,0 @@
-"""The sensors of a virtual board as registers on an I2C bus in a simulated world, one module per part."""
-
-from hiltest.sensors.drift import Drift
-from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq, Fxos8700cqNoise
-from hiltest.sensors.mag3110 import Mag3110
-from hiltest.sensors.register_device import RegisterDevice
-
-__all__ = ["AccelerometerErrors", "Drift", "Fxas21002c", "Fxos8700cq", "Fxos8700cqNoise", "Mag3110", "RegisterDevice"]

@@ -1,0 +1,14 @@
+"""The most cycles of a function: a search over its inputs, and a file of the worst input for replay."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hiltest.exports import when_used
+
+if TYPE_CHECKING:
+    from hiltest.studies.worst_case.worst_input import WorstCase, load_worst_case
+
+__all__ = ["WorstCase", "load_worst_case"]
+
+__getattr__ = when_used(__name__, dict.fromkeys(__all__, "worst_input"))

@@ -1,0 +1,141 @@
+"""A saved worst case for replay: a file of untrusted JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest import __version__
+from hiltest.errors import ConfigError
+from hiltest.strict_json import read_json, shown
+from hiltest.studies.board_calibrators import BoardCalibrators
+from hiltest.studies.worst_case.argument_ranges import refuse_files
+from hiltest.studies.worst_case.point_sets import MOST_POINTS, PointSets
+from hiltest.studies.worst_case.search import Call, Found
+from hiltest.virtual.profiling.arguments import parse_argument
+from hiltest.virtual.profiling.image import ProfiledImage
+
+SCHEMA: Literal["hiltest.worst-case/1"] = "hiltest.worst-case/1"
+
+_LARGEST_BYTES = 4_000_000  # four times the text of a hundred thousand numbers
+_OTHERWISE = "search again: hiltest worst"
+_LONGEST = 60  # characters of arguments that are shown
+_COUNTS = np.iinfo(np.int16)
+# A list of only numbers, which is written on one line.
+_NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*?)\n\s*\]")
+
+
+@dataclass(frozen=True, slots=True)
+class WorstCase:
+    """The most cycles of a function in a search, and the input that causes them."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True}
+    schema: Literal["hiltest.worst-case/1"]
+    function: str
+    """A calibrator by its name on the link, or a function of the ELF."""
+    cycles: int
+    """Cycles; for a calibrator as the firmware reports them, minus those of an empty call."""
+    cycle_model: str
+    """Cycle model of the count."""
+    elf: str
+    """Name of the searched ELF file."""
+    elf_sha256: str
+    hiltest: str
+    """Version of hiltest."""
+    seed: int
+    calls: int
+    """Seed of the search."""
+    points: tuple[tuple[int, int, int], ...] = ()
+    """Points of the calibrator [counts]; empty for another function."""
+    arguments: tuple[str, ...] = ()
+    """Arguments of a function for `hiltest profile`; empty for a calibrator."""
+
+    def __post_init__(self) -> None:
+        if not self.function.isprintable() or not self.function:
+            raise ValueError(f"function {self.function!r} is no name")
+        if bool(self.points) == bool(self.arguments):
+            raise ValueError("either points or arguments are kept")
+        if len(self.points) > MOST_POINTS:
+            raise ValueError(f"{len(self.points)} points, and the firmware holds {MOST_POINTS}")
+        if any(not _COUNTS.min <= count <= _COUNTS.max for point in self.points for count in point):
+            raise ValueError("a point is out of the range of int16")
+        if self.cycles < 0 or self.calls < 1:
+            raise ValueError("cycles and calls are counted")
+        refuse_files(self.arguments)
+
+    @property
+    def said(self) -> str:
+        """The call, in a few words."""
+        input_text = f"{len(self.points)} points" if self.points else " ".join(self.arguments)
+        return f"{self.function}({input_text if len(input_text) <= _LONGEST else f'{input_text[:_LONGEST]}...'})"
+
+    @property
+    def counts(self) -> NDArray[np.int16]:
+        """The points, shape (n, 3) [counts]."""
+        return np.array(self.points, dtype=np.int16).reshape(-1, 3)
+
+    def replayed(self, elf: Path) -> tuple[Call, str]:
+        """Call the function of an ELF with the saved input; return the call and its cycle model."""
+        if self.points:
+            calibrators = BoardCalibrators(elf)
+            if self.function not in calibrators.names:
+                raise ConfigError(f"{elf}: no calibrator {self.function!r}: {', '.join(calibrators.names) or 'none'}")
+            call = PointSets(calibrators, self.function, len(self.points)).call(self.counts)
+            return call, calibrators.cycle_model
+        profile = ProfiledImage(elf).call(self.function, *map(parse_argument, self.arguments))
+        return Call(profile.cycles, profile.value, counts=True), profile.cycle_model
+
+
+def case_of(result: Found[Any], saved_input: Mapping[str, Any], elf: Path, function: str, seed: int) -> WorstCase:
+    """Return the worst case of a search; the input is called again, to record the memories that it ran from."""
+    case = WorstCase(
+        SCHEMA, function, result.call.cycles, "", elf.name, digest(elf), __version__, seed, result.calls, **saved_input
+    )
+    call, cycle_model = case.replayed(elf)
+    if call.cycles != case.cycles:
+        raise ConfigError(
+            f"{function} takes {call.cycles} cycles now, and took {case.cycles}: what it does depends on "
+            "the clock, so its worst case cannot be kept"
+        )
+    return replace(case, cycle_model=cycle_model)
+
+
+def digest(elf: Path) -> str:
+    """Return the SHA-256 of a file."""
+    return sha256(elf.read_bytes()).hexdigest()
+
+
+def to_json(case: WorstCase) -> str:
+    """Return the text of the file."""
+    text = json.dumps(asdict(case), indent=1, ensure_ascii=False, allow_nan=False)
+    return _NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text) + "\n"
+
+
+def load_worst_case(path: Path) -> WorstCase:
+    """Read and check a file.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read or is not such a file; the message has the reason.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    file = read_json(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    if file.schema != SCHEMA:
+        raise ConfigError(f"{path}: no worst case: its schema is {shown(file.schema)}, not {SCHEMA!r}; {_OTHERWISE}")
+    try:
+        return TypeAdapter(WorstCase).validate_json(json.dumps(file.content))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(step) for step in first["loc"])
+        message = f"{place}: {first['msg']}" if place else first["msg"]
+        raise ConfigError(f"{path}: {message.replace('Value error, ', '')}; {_OTHERWISE}") from error

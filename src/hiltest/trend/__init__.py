@@ -1,7 +1,0 @@
-"""Each measurement over the runs of a folder: `read_folder`, `trend_of` them, and a page, a table or JSON of it."""
-
-from hiltest.trend.folder import Skipped, read_folder
-from hiltest.trend.outputs import trend_page
-from hiltest.trend.series import RunEntry, Trend, trend_of
-
-__all__ = ["RunEntry", "Skipped", "Trend", "read_folder", "trend_of", "trend_page"]

@@ -1,0 +1,21 @@
+"""Profile of one function of an ELF, for people and for machines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hiltest.exports import when_used
+
+if TYPE_CHECKING:
+    from hiltest.virtual.profiling.document import ProfileDocument
+    from hiltest.virtual.profiling.image import ProfiledImage
+
+__all__ = ["ProfileDocument", "ProfiledImage"]
+
+__getattr__ = when_used(
+    __name__,
+    {
+        "ProfileDocument": "document",
+        "ProfiledImage": "image",
+    },
+)

@@ -1,0 +1,75 @@
+"""A part that is absent for a time, or replaced by another one; then it returns in its power-on state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from hiltest.state import Restorable
+from hiltest.world.sensors.register_device import RegisterDevice
+
+
+class FaultyPart(Restorable):
+    """The device at the address of a part with a fault.
+
+    Parameters
+    ----------
+    make
+        Creates the part in its power-on state.
+    begin_s, end_s
+        Start and end of its absence, virtual time since power-on [s].
+    stand_in
+        Device that answers meanwhile at the same address; by default none.
+    """
+
+    def __init__(
+        self, make: Callable[[], RegisterDevice], begin_s: float, end_s: float, stand_in: RegisterDevice | None = None
+    ) -> None:
+        self._make, self._begin_s, self._end_s, self._stand_in = make, begin_s, end_s, stand_in
+        self._part = make()
+        self._is_back = False
+        self.address = self._part.address
+
+    def parts(self) -> tuple[RegisterDevice, ...]:
+        """Return the present or last part, and its replacement."""
+        return (self._part,) if self._stand_in is None else (self._part, self._stand_in)
+
+    def start(self, reading: bool, time_s: float) -> bool:
+        """Answer the device address after START or repeated START; True is ACK."""
+        device = self._present_part(time_s)
+        return device is not None and device.start(reading, time_s)
+
+    def write(self, value: int, time_s: float) -> bool:
+        """Receive a byte from the master; True is ACK."""
+        device = self._present_part(time_s)
+        return device is not None and device.write(value, time_s)
+
+    def read(self, time_s: float) -> int:
+        """Return the next byte for the master: ones if no device pulls the line low."""
+        device = self._present_part(time_s)
+        return 0xFF if device is None else device.read(time_s)
+
+    def stop(self, time_s: float) -> None:
+        """Handle a STOP."""
+        if device := self._present_part(time_s):
+            device.stop(time_s)
+
+    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
+        """Return the levels of INT1 and INT2; those of an absent part are not driven."""
+        device = self._present_part(time_s)
+        return (False, False) if device is None else device.interrupt_levels(time_s)
+
+    def next_interrupt_s(self, time_s: float) -> float:
+        """Return the next time at which a level may change without an access [s], by the fault as well."""
+        device = self._present_part(time_s)
+        changes_s = [time for time in (self._begin_s, self._end_s) if time > time_s]
+        return min(math.inf if device is None else device.next_interrupt_s(time_s), *changes_s, math.inf)
+
+    def _present_part(self, time_s: float) -> RegisterDevice | None:
+        if self._begin_s <= time_s < self._end_s:
+            return self._stand_in
+        if time_s >= self._end_s and not self._is_back:
+            self._is_back = True
+            self._part = self._make()
+            self._part.power_up(self._end_s)
+        return self._part

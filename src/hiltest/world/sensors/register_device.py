@@ -1,0 +1,106 @@
+"""An I2C part with a register file behind an auto-incrementing address pointer."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+from hiltest.state import Restorable
+from hiltest.world.sensors.sampling import SampledOutput
+
+
+class RegisterDevice(ABC, Restorable):
+    """Common bus interface of MAG3110, FXOS8700CQ and FXAS21002C.
+
+    The first byte written after an address is the register pointer; each further byte
+    written or read goes to the pointed register and moves the pointer on. The pointer
+    survives STOP. Time is virtual time since power-on [s].
+
+    Attributes
+    ----------
+    address : int
+        7-bit address.
+    outputs : tuple of SampledOutput
+        Outputs of its measured quantities.
+    """
+
+    def __init__(self, address: int) -> None:
+        self.address = address
+        self.outputs: tuple[SampledOutput, ...] = ()
+        self._pointer = 0
+        self._awaiting_pointer = False
+
+    def parts(self) -> tuple[Restorable, ...]:
+        """Return the outputs, and all other stateful members of the part."""
+        return self.outputs
+
+    def start(self, reading: bool, time_s: float) -> bool:
+        """Answer the device address after START or repeated START; True is ACK."""
+        if not self.responds(time_s):
+            return False
+        self.settle(time_s)
+        self.release()
+        self._awaiting_pointer = not reading
+        return True
+
+    def write(self, value: int, time_s: float) -> bool:
+        """Receive a byte from the master; True is ACK."""
+        self.settle(time_s)
+        if self._awaiting_pointer:
+            self._pointer = value
+            self._awaiting_pointer = False
+            return True
+        acknowledged = self.write_register(self._pointer, value, time_s)
+        self._pointer = (self._pointer + 1) & 0xFF
+        return acknowledged
+
+    def read(self, time_s: float) -> int:
+        """Return the next byte for the master."""
+        self.settle(time_s)
+        value = self.read_register(self._pointer, time_s)
+        self._pointer = self.following(self._pointer)
+        return value
+
+    def stop(self, time_s: float) -> None:
+        """Handle a STOP: output registers follow new samples again."""
+        self.settle(time_s)
+        self.release()
+
+    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
+        """Return the levels of the pins INT1 and INT2: True is high. A missing pin is low."""
+        return (False, False)
+
+    def next_interrupt_s(self, time_s: float) -> float:
+        """Return the next time at which a level may change without an access [s]; infinity if none."""
+        return math.inf
+
+    def power_up(self, time_s: float) -> None:
+        """Start at a different time than the board, like a part whose supply returns."""
+
+    def responds(self, time_s: float) -> bool:
+        """Return whether the part answers its address now."""
+        return True
+
+    def settle(self, time_s: float) -> None:
+        """Perform pending transitions in time, before an access."""
+
+    @abstractmethod
+    def release(self) -> None:
+        """End the hold that a burst read has on the output registers."""
+
+    @abstractmethod
+    def following(self, register: int) -> int:
+        """Return the register a read moves on to."""
+
+    @abstractmethod
+    def read_register(self, register: int, time_s: float) -> int:
+        """Return a register's byte, with the side effects of reading it."""
+
+    @abstractmethod
+    def write_register(self, register: int, value: int, time_s: float) -> bool:
+        """Write a register (read-only ones ignore it); True is ACK."""
+
+
+def signed_byte(value: float) -> int:
+    """Return a number, rounded and limited to -128..127, as a two's-complement byte."""
+    return max(-128, min(127, round(value))) & 0xFF

@@ -1,0 +1,78 @@
+"""The advice to keep what got better does it, followed word for word, and leaves the run that was judged alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hiltest.boards import default_firmware
+from hiltest.session.settings import run_options
+
+pytestmark = pytest.mark.slow
+
+LAMP = """
+from hiltest.measurement import Limit
+
+def test_current(measure, board, hil_settings):
+    # Better only with the user's own firmware, on the rig and with the poses of the run.
+    mine = str(hil_settings.firmware) == "my lamp.elf" and hil_settings.rig == "mine.toml"
+    mine = mine and hil_settings.poses == "level" and hil_settings.label == "v2"
+    measure("lamp.current", 1 if mine else 2, "mA", limit=Limit(max=9))
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A bench with a firmware and a rig of its own, and a baseline of two seeds, which the packaged firmware made."""
+    (tmp_path / "hil" / "suites").mkdir(parents=True)
+    (tmp_path / "hil" / "suites" / "test_lamp.py").write_text(LAMP)
+    rig = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
+    text = rig.read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(text[: text.index("[limits]")], encoding="utf-8")
+    shutil.copy(default_firmware(), tmp_path / "my lamp.elf")
+    assert hiltest(tmp_path, "run --rig mine.toml --poses level --seeds 1..2 --out base").returncode == 0
+    assert hiltest(tmp_path, "baseline save base base.json").returncode == 0
+    return tmp_path
+
+
+def hiltest(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
+    """Run a command as it would be typed."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", *shlex.split(command)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**environment, "COLUMNS": "200"},
+    )
+
+
+@pytest.mark.parametrize("seeds", ["", " --seeds 1..1"], ids=["run", "campaign"])
+def test_it_is_of_the_same_firmware_and_rig_and_takes_no_place_of_the_judged_run(bench: Path, seeds: str) -> None:
+    done = hiltest(
+        bench, "run --rig mine.toml --firmware 'my lamp.elf' --poses level --label v2 --baseline base.json" + seeds
+    )
+    assert done.returncode == 0, done.stdout
+    found = re.search(r"1 better; keep it: run its seeds, hiltest (.*), then hiltest (.*) TEXT$", done.stdout, re.M)
+    assert found, done.stdout
+    judged = {each: each.read_bytes() for each in (bench / "hil-out").rglob("*.json")}
+    assert hiltest(bench, found[1]).returncode == 0
+    updated = hiltest(bench, found[2] + " faster")
+    assert (updated.returncode, updated.stdout.splitlines()[0]) == (0, "lamp.current: 2 -> 1"), updated.stderr
+    assert {each: each.read_bytes() for each in judged} == judged
+    assert json.loads((bench / "base.json").read_text())["history"][0]["name"] == "lamp.current"
+
+
+def test_options_of_pytest_are_those_of_the_command() -> None:
+    options = ["--hil-rig=a b.toml", "-k", "heading", "--hil-suite", "full", "--hil-seed=3", "--hil-calibration=c.json"]
+    assert run_options(options) == "--rig 'a b.toml' --suite full --calibration c.json"

@@ -1,0 +1,127 @@
+"""Several boards run at once: each has its verdict, and one report says how far they are apart."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from tests.command_files import run
+from tests.test_json_documents import checked
+
+from hiltest.campaigns.several_boards import apart_of, verdict_of
+from hiltest.measurement import Measurement, Outcome
+from hiltest.report.boards_page import BoardLine
+from hiltest.rig.bench_files import shipped
+
+VIRTUAL = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
+LOST = (shipped() / "rigs" / "served-k64f.toml").read_text(encoding="utf-8")
+
+
+def a_rig(folder: Path, name: str, text: str, port: str = "") -> str:
+    """Write a rig of this name, on a port where one is given."""
+    text = re.sub(r"^name = .*", f'name = "{name}"', text, count=1, flags=re.M)
+    text = re.sub(r'^port = "socket:.*|^# port = .*', f'port = "{port}"' if port else "", text, count=1, flags=re.M)
+    (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    return str(folder / f"{name}.toml")
+
+
+@pytest.mark.slow
+def test_a_board_that_is_lost_leaves_the_others_their_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rigs = [
+        a_rig(tmp_path, "left", VIRTUAL),
+        a_rig(tmp_path, "right", VIRTUAL),
+        a_rig(tmp_path, "gone", LOST, "socket://127.0.0.1:9"),
+    ]
+    chosen = ("--", "-k", "test_the_worst_cases_that_were_found or test_the_firmware_says_who_it_is or identity")
+    assert run("run", *(word for rig in rigs for word in ("--rig", rig)), "--json", *chosen) == 20
+    record = checked(capsys.readouterr().out, "hiltest.boards/1")
+    assert {each["name"]: each["exit_code"] for each in record["boards"]} == {"left": 0, "right": 0, "gone": 20}
+    assert record["sentence"] == "2 of 3 boards pass; gone: connection lost."
+    counted = next(each for each in record["measurements"] if each["name"] == "cycles.direct.worst_found")
+    assert counted["values"]["left"] == counted["values"]["right"] > 0
+    assert counted["spread"] == 0
+    assert json.loads((tmp_path / "hil-out" / "left" / "run.json").read_text())["verdict"]["exit_code"] == 0
+    page = (tmp_path / "hil-out" / "boards.html").read_text(encoding="utf-8")
+    assert 'href="./left/report.html"' in page
+    assert "gone: connection lost" in (tmp_path / "hil-out" / "boards.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--seeds", "1..2"), "--seeds is of one board"),
+        (("--against", "old.elf"), "--against is of one board"),
+        (("--hil-port", "/dev/ttyACM0"), "--hil-port is of one board"),
+        (("--coverage", "lcov.info"), "--coverage is of one board"),
+        ((), ""),
+    ],
+)
+def test_what_is_of_one_board_is_refused(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    other = a_rig(tmp_path, "other", VIRTUAL) if said else a_rig(tmp_path, "virtual-k64f", VIRTUAL)
+    assert run("run", "--rig", "virtual-k64f", "--rig", other, *options) == 4
+    assert (said or "have one name") in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.json")), "nothing ran"
+
+
+@pytest.mark.parametrize(
+    ("text", "port", "said"),
+    [
+        ((shipped() / "rigs" / "frdm-k64f.toml").read_text(encoding="utf-8"), "/dev/ttyACM0", "one board at a time"),
+        (LOST, "socket://127.0.0.1:9", "are on one port, socket://127.0.0.1:9"),
+        (LOST, "socket://127.0.0.1:8", "are on one port, socket://127.0.0.1:6465"),
+        (LOST, "", "name the port of each"),
+    ],
+    ids=["by hand", "one port", "one table", "no port"],
+)
+def test_boards_that_cannot_run_at_once_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], text: str, port: str, said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rigs = a_rig(tmp_path, "one", LOST, "socket://127.0.0.1:9"), a_rig(tmp_path, "other", text, port)
+    assert run("run", "--rig", rigs[0], "--rig", rigs[1]) == 4
+    assert said in capsys.readouterr().err
+
+
+def measured(value: float | None, **more: str) -> Measurement:
+    return Measurement(more.get("name", "heading.direct.max"), value, "deg", cycle_model=more.get("model", ""))
+
+
+def test_the_spread_is_of_numbers_that_are_alike() -> None:
+    (found,) = apart_of({"a": [measured(0.9)], "b": [measured(1.4)], "c": [measured(None)]})
+    assert found.spread == pytest.approx(0.5)
+    assert found.values == {"a": 0.9, "b": 1.4, "c": None}
+    (alone,) = apart_of({"a": [measured(0.9)], "b": []})
+    assert alone.spread is None
+    (unlike,) = apart_of({"a": [measured(1.0, model="x")], "b": [measured(2.0, model="y")]})
+    assert unlike.spread is None
+    sector = "heading.direct.worst_sector"
+    (direction,) = apart_of({"a": [measured(330.0, name=sector)], "b": [measured(30.0, name=sector)]})
+    assert direction.spread is None
+
+
+@pytest.mark.parametrize(
+    ("codes", "code"), [((0, 0), 0), ((0, -9), 22), ((0, 20, -9), 20), ((1, 20), 1), ((21, 22), 22)]
+)
+def test_the_first_end_that_applies_is_the_commands_and_a_killed_board_is_no_pass(
+    codes: tuple[int, ...], code: int
+) -> None:
+    boards = [BoardLine(f"board {number}", "", each, "") for number, each in enumerate(codes)]
+    assert verdict_of(boards).exit_code == code
+
+
+def test_what_is_beyond_its_limit_is_marked() -> None:
+    failed = Measurement("heading.direct.max", 2.5, "deg", outcome=Outcome.FAIL)
+    (found,) = apart_of({"a": [failed], "b": [measured(0.5)]})
+    assert (found.cell("a"), found.cell("b"), found.cell("c")) == ("2.50 ✗", "0.50", "")

@@ -1,0 +1,351 @@
+"""Calibrators over recorded clouds, on the virtual board and on the host."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from hiltest.boards import Board
+from hiltest.calibration import FASTER, FIRMWARE, FOR_COMPARISON, REFERENCES, FitStatus
+from hiltest.calibration.acceptance import Acceptance
+from hiltest.calibration.quality import sphere_directions
+from hiltest.calibration.shapes import Shape
+from hiltest.errors import ConfigError
+from hiltest.link.messages import Read
+from hiltest.link.replies import SensorKind
+from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting.fit_result import SampleFit
+from hiltest.log_fitting.sample_fit import ALL, fit_by_shape, fit_on_board, fit_on_host
+from hiltest.log_fitting.sample_fit_table import print_fit
+from hiltest.orientation.angles import Pose
+from hiltest.procedures import Turntable
+from hiltest.procedures.golden_points import golden_points
+
+from ..calibration.hand_turned import hand_turned
+from ..instances import instance
+
+_GOLDEN = sorted((Path(__file__).parents[2] / "fixtures" / "clouds").glob("*.json"))
+
+
+def _cloud(points_ut: np.ndarray, unit: Unit = Unit.UT) -> Samples:
+    return Samples(Path("cloud.csv"), np.asarray(points_ut, dtype=float), unit, "option", ("x", "y", "z"), 0)
+
+
+def _drawn(seed: int, count: int, covered: float, noise_ut: float) -> Samples:
+    drawn = instance(
+        seed, count, noise_ut=noise_ut, stretch=0.03, largest_hard_iron_ut=100.0, covered=(covered, covered)
+    )
+    return _cloud(drawn.points_counts / 10.0)
+
+
+def _verdicts(fit: SampleFit) -> dict[str, Acceptance]:
+    """Return the verdicts of the two calibrators that firmware and host both have."""
+    return {each.name: each.verdict for each in fit.calibrators if each.name in ("direct", "iterative")}
+
+
+@pytest.mark.slow  # both, of 7 000 samples
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("count", [361, 1000, 7000])
+@pytest.mark.parametrize(
+    ("covered", "noise_ut", "verdict"),
+    [
+        (1.0, 0.4, Acceptance.GOOD),
+        (0.75, 0.4, Acceptance.GOOD),
+        (0.55, 0.4, Acceptance.FAIR),
+        (1.0, 2.0, Acceptance.POOR),
+        (0.2, 0.4, Acceptance.REFUSED),
+        (0.1, 0.1, Acceptance.REFUSED),
+    ],
+)
+def test_the_board_s_verdict_is_that_of_the_whole_file_on_the_host(
+    virtual_board: Board, seed: int, count: int, covered: float, noise_ut: float, verdict: Acceptance
+) -> None:
+    """Clouds whose figures are not at a threshold; one that is can fall on either side of it."""
+    cloud = _drawn(seed, count, covered, noise_ut)
+    chosen, whole = fit_on_board(virtual_board, cloud, any_shape=False), fit_on_host(cloud, any_shape=False)
+    assert {calibrator.n_used for calibrator in chosen.calibrators} == {min(count, virtual_board.identity.max_points)}
+    assert {calibrator.n_used for calibrator in whole.calibrators} == {count}
+    assert _verdicts(chosen) == _verdicts(whole) == dict.fromkeys(["direct", "iterative"], verdict)
+
+
+@pytest.mark.parametrize("path", _GOLDEN, ids=lambda path: path.stem)
+def test_golden_clouds_get_the_same_verdict_and_reasons_on_both(virtual_board: Board, path: Path) -> None:
+    points = np.array(json.loads(path.read_text(encoding="utf-8"))["points"], dtype=float)
+    cloud = _cloud(points, Unit.COUNTS)
+    on_board, on_host = fit_on_board(virtual_board, cloud), fit_on_host(cloud)
+    for reference in on_host.calibrators:
+        (fitted,) = (calibrator for calibrator in on_board.calibrators if calibrator.name == reference.name)
+        assert [reason.figure for reason in fitted.reasons] == [reason.figure for reason in reference.reasons]
+        assert fitted.verdict is reference.verdict
+
+
+def test_board_and_host_find_the_same_calibration(virtual_board: Board) -> None:
+    cloud = _cloud(golden_points(300) / 10.0)
+    on_host = {calibrator.name: calibrator for calibrator in fit_on_host(cloud).calibrators}
+    for fitted in fit_on_board(virtual_board, cloud).calibrators:
+        if fitted.name in on_host:
+            reference = on_host[fitted.name]
+            # float32 sums of 300 points: some 1e-5 of the radius.
+            np.testing.assert_allclose(fitted.hard_iron, reference.hard_iron, atol=1e-3)
+            np.testing.assert_allclose(fitted.soft_iron, reference.soft_iron, atol=2e-5)
+            assert fitted.cycles
+
+
+def test_a_symmetric_distortion_is_found_in_the_unit_of_the_file() -> None:
+    soft_iron = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 1.0]])
+    hard_iron = np.array([0.3, -0.2, 0.45])
+    readings = 0.5 * sphere_directions(200) @ soft_iron + hard_iron
+    (direct,) = fit_on_host(_cloud(readings, Unit.GAUSS), "direct").calibrators
+    np.testing.assert_allclose(direct.hard_iron, hard_iron, atol=1e-9)
+    scale = np.linalg.det(soft_iron) ** (1.0 / 3.0)
+    np.testing.assert_allclose(direct.soft_iron, np.linalg.inv(soft_iron) * scale, atol=1e-9)
+    assert direct.radius == pytest.approx(0.5 * scale, rel=1e-9)
+    assert direct.axis_ratio == pytest.approx(np.linalg.cond(soft_iron), rel=1e-9)
+    assert (direct.verdict, direct.coverage) == (Acceptance.GOOD, 1.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_tenth_of_the_sphere_is_refused_though_it_gives_an_ellipsoid(seed: int) -> None:
+    fit = fit_on_host(_drawn(seed, 200, 0.1, 0.1), "iterative")
+    (iterative,) = fit.calibrators
+    assert iterative.verdict is Acceptance.REFUSED
+    assert ("condition", Acceptance.REFUSED) in [(reason.figure, reason.verdict) for reason in iterative.reasons]
+
+
+def test_a_sensor_at_rest_is_refused_whatever_the_unit() -> None:
+    ball = np.random.default_rng(1).normal(size=(300, 3)) * 4.0 + (100.0, -200.0, 300.0)
+    assert set(_verdicts(fit_on_host(_cloud(ball, Unit.COUNTS))).values()) == {Acceptance.REFUSED}
+
+
+def test_the_wrong_unit_is_refused_by_the_field_strength() -> None:
+    fit = fit_on_host(_cloud(golden_points(100).astype(float), Unit.UT), "direct")
+    (reason,) = fit.best.reasons
+    assert (reason.figure, reason.threshold, reason.verdict) == ("radius_ut", 70.0, Acceptance.REFUSED)
+    assert fit_on_host(_cloud(golden_points(100).astype(float), Unit.COUNTS), "direct").best.verdict is Acceptance.GOOD
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "unit_from", "asked"),
+    [
+        (10.0, Unit.UT, "header", "480 uT, and the earth's is 20 to 70 uT. Are these tenths of a microtesla"),
+        (0.01, Unit.UT, "option", "Are these gauss? --unit gauss says so"),
+        (1.0, Unit.GAUSS, "header", "Are these uT?"),
+        (1000.0, Unit.UT, "header", "Are these nT?"),
+        (1e-3, Unit.UT, "header", "Are these mT?"),
+        (1.0, Unit.COUNTS, "assumed", "A strength of 48 would be the earth's in uT."),
+        (0.01, Unit.COUNTS, "assumed", "A strength of 0.48 would be the earth's in gauss."),
+        (1.0, Unit.UT, "header", None),
+        (0.01, Unit.GAUSS, "header", None),
+        (1.0, Unit.COUNTS, "header", None),
+        (1.0, Unit.COUNTS, "option", None),
+        (10.0, Unit.COUNTS, "assumed", None),
+        (3.0, Unit.UT, "header", None),
+    ],
+)
+def test_a_strength_that_is_the_earth_s_in_another_unit_is_asked_about(
+    scale: float, unit: Unit, unit_from: str, asked: str | None
+) -> None:
+    cloud = replace(_cloud(scale * 48.0 * sphere_directions(200), unit), unit_from=unit_from)
+    fit = fit_on_host(cloud, "direct")
+    questions = [note for note in fit.notes if "the earth's" in note]
+    assert fit.unit == unit
+    assert [asked in question for question in questions] == [True] if asked else questions == []
+
+
+def test_the_unit_is_not_asked_about_where_the_samples_do_not_determine_the_strength() -> None:
+    directions = sphere_directions(4000)
+    fit = fit_on_host(_cloud(480.0 * directions[directions[:, 2] > 0.8]), "direct")
+    assert fit.condition > 300.0
+    assert not any("Are these" in note for note in fit.notes)
+
+
+def test_what_was_assumed_of_the_file_is_among_the_notes() -> None:
+    cloud = replace(_cloud(48.0 * sphere_directions(100)), notes=("Line 1 was skipped.",))
+    assert fit_on_host(cloud, "direct").notes[0] == "Line 1 was skipped."
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_too_few_points_are_refused_with_that_reason(virtual_board: Board, count: int) -> None:
+    cloud = _cloud(golden_points(100)[:count] / 10.0)
+    for fit in (fit_on_board(virtual_board, cloud), fit_on_host(cloud)):
+        assert set(_verdicts(fit).values()) == {Acceptance.REFUSED}
+        for calibrator in fit.calibrators:
+            if calibrator.name in _verdicts(fit):
+                assert (calibrator.status, calibrator.hard_iron) == ("too few points", None)
+
+
+def test_the_best_has_the_best_verdict_and_then_the_smallest_direction_error() -> None:
+    fit = fit_on_host(_drawn(2, 1000, 1.0, 1.0))
+    assert fit.best.direction_error_deg == min(calibrator.direction_error_deg or 90.0 for calibrator in fit.calibrators)
+    assert fit.best.residual_percent != min(calibrator.residual_percent or 100.0 for calibrator in fit.calibrators)
+
+
+def test_all_are_those_of_the_board_and_the_references_of_the_others(virtual_board: Board) -> None:
+    cloud, firmware = _drawn(1, 200, 1.0, 0.4), virtual_board.identity.calibrators
+    fits = fit_on_board(virtual_board, cloud, ALL).calibrators
+    assert [fit.name for fit in fits[: len(firmware)]] == list(firmware)
+    assert {fit.name for fit in fits} == REFERENCES.keys() | set(firmware)
+    assert [fit.cycles is None for fit in fits] == [fit.name not in firmware for fit in fits]
+    assert {calibrator.name for calibrator in fit_on_host(cloud, ALL).calibrators} == REFERENCES.keys() - FASTER
+    assert {calibrator.name for calibrator in fit_on_host(cloud).calibrators} == FIRMWARE - FASTER - FOR_COMPARISON
+
+
+def test_many_calibrators_have_a_row_each_within_80_columns() -> None:
+    console = Console(width=100, record=True, file=io.StringIO())
+    fit = fit_on_host(_drawn(1, 200, 1.0, 0.4), ALL)
+    print_fit(fit, console)
+    table = console.export_text().splitlines()
+    for calibrator in fit.calibrators:
+        (row,) = (line.split() for line in table if line.split()[:1] == [calibrator.name])
+        assert row[1:4] == [str(calibrator.verdict), calibrator.status, f"{calibrator.radius:.4g}"]
+    assert max(map(len, table[1 : 4 + len(fit.calibrators)])) <= 80
+
+
+def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board: Board) -> None:
+    cloud = _cloud(golden_points(20) / 10.0)
+    with pytest.raises(ConfigError, match=r"the firmware has no calibrator 'kalman'; it has .*direct"):
+        fit_on_board(virtual_board, cloud, "kalman")
+    with pytest.raises(ConfigError, match="calibrator 'kalman' has no float64 reference"):
+        fit_on_host(cloud, "kalman")
+
+
+def test_what_was_done_to_the_cloud_is_told(virtual_board: Board) -> None:
+    points = np.repeat(golden_points(500)[::5] + 33_000.25, 5, axis=0)
+    cloud = Samples(Path("cloud.csv"), points, Unit.COUNTS, "assumed", ("1", "2", "3"), 7)
+    notes = " ".join(fit_on_board(virtual_board, cloud).notes)
+    assert "taken as counts of unknown scale" in notes
+    assert "7 rows without three finite numbers were skipped" in notes
+    assert "400 of 500 readings repeat the one before and were left out" in notes
+    assert "1 for 1 counts from the middle of their range; rounding moved a reading by" in notes
+
+
+def test_a_board_gets_points_from_all_over_the_sphere_and_agrees_with_the_host(virtual_board: Board) -> None:
+    """At a stride nine of ten points of this log would be of its rest."""
+    turn = hand_turned(1, 1200)
+    rest = turn[-1] + np.random.default_rng(1).normal(0.0, 0.3, (10_800, 3))
+    fit = fit_on_board(virtual_board, _cloud(np.vstack([turn, rest])))
+    most = virtual_board.identity.max_points
+    assert {calibrator.n_used for calibrator in fit.calibrators} == {most}
+    assert f"The board got {most} of {fit.n_left} points" in " ".join(fit.notes)
+    found = {calibrator.name: calibrator.host_difference_deg for calibrator in fit.calibrators}
+    # Noise of 0.4 deg in a reading, of 512 of them over nine unknowns; the host's own is as large.
+    assert {name: value for name, value in found.items() if value is not None and value > 0.3} == {}
+    assert found["direct"] is not None
+
+
+def test_a_wild_row_is_left_out_and_named(virtual_board: Board) -> None:
+    points = golden_points(300) / 10.0
+    wild = points.copy()
+    wild[[17, 203, 204]] = (900.0, -3.0, 12.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for fit in (fit_on_board(virtual_board, _cloud(wild)), fit_on_host(_cloud(wild))):
+        assert (fit.n_dropped, fit.dropped) == (3, ((18, 18), (204, 205)))
+        assert "3 of 300 readings were left out" in " ".join(fit.notes)
+        assert "lines 18, 204 to 205" in " ".join(fit.notes)
+        assert fit.best.verdict is Acceptance.GOOD
+    assert fit_on_host(_cloud(wild), robust=False).best.verdict is Acceptance.REFUSED
+    # By line of the file where it is known.
+    read = replace(_cloud(wild), lines=np.arange(300) * 2 + 5)
+    assert fit_on_host(read, "direct").dropped == ((39, 39), (411, 413))
+
+
+def test_many_left_out_are_a_warning() -> None:
+    points = golden_points(300) / 10.0
+    points[:75] += np.random.default_rng(1).normal(0.0, 60.0, (75, 3))
+    assert "So many may have misled the fit" in " ".join(fit_on_host(_cloud(points)).notes)
+
+
+def test_a_long_ellipsoid_is_asked_about() -> None:
+    points = golden_points(300) / 10.0 * (1.0, 1.0, 0.4)
+    fit = fit_on_host(_cloud(points, Unit.COUNTS), "direct")
+    assert fit.best.verdict is Acceptance.GOOD
+    assert "columns of one magnetometer" in " ".join(fit.notes)
+
+
+def test_statuses_are_those_of_the_protocol(virtual_board: Board) -> None:
+    fit = fit_on_board(virtual_board, _drawn(1, 100, 0.1, 0.1), "direct")
+    assert fit.best.status in [status.name.lower().replace("_", " ") for status in FitStatus]
+    assert fit.firmware is not None
+    assert fit.firmware.cycle_model == virtual_board.cycle_model
+
+
+def _turned_about_z(noise_ut: float = 0.3) -> Samples:
+    angles = np.linspace(0.0, 4.0 * np.pi, 300)
+    points = np.column_stack([21.0 * np.cos(angles) + 8.0, 20.0 * np.sin(angles) - 15.0, np.full(300, 44.0)])
+    return _cloud(points + np.random.default_rng(1).normal(0.0, noise_ut, points.shape))
+
+
+def test_a_turn_on_a_table_is_calibrated_to_the_noise(virtual_board: Board) -> None:
+    for fit in (fit_on_board(virtual_board, _turned_about_z()), fit_on_host(_turned_about_z())):
+        best = fit.best
+        assert (best.name, best.verdict, fit.hole) == ("ellipse", Acceptance.FAIR, None)
+        # .3 uT in 20.
+        assert best.residual_percent == pytest.approx(1.5, rel=0.15)
+        assert best.direction_error_deg is not None
+        assert best.direction_error_deg < 0.2
+        assert best.turn is not None
+        assert (best.turn.axis, best.cycles) == ("z", None)
+        assert {calibrator.verdict for calibrator in fit.calibrators if calibrator is not best} == {Acceptance.REFUSED}
+        assert [reason.figure for reason in best.reasons] == ["shape"]
+
+
+def test_what_every_calibrator_can_fit_is_fitted_by_no_shape() -> None:
+    assert {calibrator.shape for calibrator in fit_on_host(_drawn(1, 400, 0.5, 0.4)).calibrators} == {None}
+
+
+def test_a_shape_that_would_be_off_as_far_under_strong_iron_is_refused() -> None:
+    fit = fit_on_host(_drawn(1, 400, 0.05, 0.4))
+    assert fit.best.verdict is Acceptance.REFUSED
+    assert {calibrator.shape for calibrator in fit.calibrators} == {None}
+    ridge = fit_by_shape(_drawn(1, 400, 0.05, 0.4), Shape.RIDGE).best
+    assert ("strong_iron_deg", Acceptance.REFUSED) in [(reason.figure, reason.verdict) for reason in ridge.reasons]
+
+
+def test_a_patch_of_which_a_quarter_lies_elsewhere_is_refused() -> None:
+    cap = _drawn(3, 400, 0.3, 0.4)
+    assert fit_on_host(cap).best.name == "ridge"
+    spoilt = cap.points.copy()
+    spoilt[::4] += 20.0 * sphere_directions(100)
+    (ridge,) = fit_by_shape(_cloud(spoilt), Shape.RIDGE).calibrators
+    assert ("left_out_percent", Acceptance.REFUSED) in [(reason.figure, reason.verdict) for reason in ridge.reasons]
+    assert fit_on_host(_cloud(spoilt)).best.verdict is Acceptance.REFUSED
+
+
+def test_the_largest_hole_is_named_with_what_to_turn_to() -> None:
+    directions = sphere_directions(1000)
+    fit = fit_on_host(_cloud(48.0 * directions[directions[:, 0] < 0.1] + (3.0, 4.0, 5.0)))
+    assert fit.best.verdict is Acceptance.FAIR
+    assert fit.hole is not None
+    assert fit.hole.axes == "+x"
+    assert fit.hole.radius_deg == pytest.approx(np.degrees(np.arccos(0.1)), abs=4.0)  # directions lie 4 deg apart
+    assert "about the sensor's +x: turn that to where the field points" in " ".join(fit.notes)
+
+
+def test_a_known_strength_is_compared_and_needs_a_unit() -> None:
+    fit = fit_on_host(_drawn(1, 400, 1.0, 0.4), field_ut=40.0)
+    assert f"The radius is {fit.best.radius / 40.0:.2f} of the field" in " ".join(fit.notes)
+    with pytest.raises(ConfigError, match="says nothing of counts"):
+        fit_on_host(_cloud(golden_points(100), Unit.COUNTS), field_ut=48.0)
+
+
+@pytest.mark.slow
+def test_a_log_of_the_board_on_its_turntable_is_calibrated_to_the_noise(
+    virtual_board: Board, simulated_turntable: Turntable
+) -> None:
+    """Level, all round, by the firmware's own readings of the magnetometer, of 0.4 uT."""
+    magnetometer = virtual_board.sensor(SensorKind.MAGNETOMETER)
+    points = []
+    for heading_deg in range(0, 360, 10):
+        simulated_turntable.turn_to(Pose(float(heading_deg), 0.0, 0.0))
+        points.append(virtual_board.session.request(Read(magnetometer.sensor_id, 4)).counts)
+    fit = fit_on_host(_cloud(np.vstack(points) / 10.0))
+    assert (fit.best.name, fit.best.verdict) == ("ellipse", Acceptance.FAIR)
+    # 0.4 uT in 22.8 uT; the turn is met to a tenth of that.
+    assert fit.best.residual_percent == pytest.approx(100.0 * 0.4 / 22.8, rel=0.2)
+    assert fit.best.direction_error_deg is not None
+    assert fit.best.direction_error_deg < 0.3
