@@ -24,7 +24,7 @@ from tests.link.test_trace_text import REQUESTS
 from tests.log_fitting.recording import six_faces_and_turns, write
 from tests.totals import printed_totals
 
-from hiltest.boards import Declared, ReplayBoard, default_firmware, open_compass
+from hiltest.boards import ReplayBoard, default_firmware
 from hiltest.boards.gcode import GcodeError, Modals, read_block
 from hiltest.boards.served_recording import ServedRecording
 from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, HiltestError, ProtocolError
@@ -196,10 +196,7 @@ def _replayed(path: Path) -> None:
         served.say(1e9 + number)
     tape = Player(transcript, path)
     rig = parse_rig(Path(run.rig_file), run.rig_text.encode("utf-8", errors="replace"))
-    if rig.own_language is None:
-        ReplayBoard(tape, declared=Declared.of(rig)).close()
-    else:
-        open_compass(rig, tape=tape).close()
+    ReplayBoard(tape, rig).close()
 
 
 def _trace(data: bytes) -> None:

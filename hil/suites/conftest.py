@@ -86,7 +86,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     of_a_compass = collection_path == here / "compass"
     if of_a_compass or (collection_path.parent == here and collection_path.stem in ORDER):
         with suppress(ConfigError):  # which the session says itself
-            if of_a_compass != (config.stash[SESSION].rig.own_language is not None):
+            if of_a_compass == config.stash[SESSION].rig.answers_requests:
                 return True
     if collection_path == here / "test_driving.py":
         with suppress(ConfigError):

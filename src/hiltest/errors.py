@@ -31,6 +31,10 @@ class ConfigError(HiltestError):
     """A file, an option or an argument is wrong. Exit code 4."""
 
 
+class NotOfferedError(ConfigError):
+    """The interface to the firmware does not offer what was asked of the board."""
+
+
 class PortNotFoundError(ConfigError):
     """The named serial port does not exist; the option is wrong, and the bench may be fine."""
 

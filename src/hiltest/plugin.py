@@ -18,7 +18,6 @@ from hiltest.session import hookspecs
 from hiltest.session.fixtures import (
     benchmark_cycles,
     board,
-    compass,
     cycles,
     hil_calibration,
     hil_progress,
@@ -50,7 +49,6 @@ from hiltest.session.settings import add_options, resolve
 __all__ = [
     "benchmark_cycles",
     "board",
-    "compass",
     "cycles",
     "hil_calibration",
     "hil_progress",

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.boards import BoardKind, CompassBoard, open_compass
+from hiltest.boards import RealBoard, open_board
 from hiltest.errors import ConfigError, DeviceSilentError, LinkLostError, VersionMismatchError
-from hiltest.interfaces.kinds import open_interfaces
 from hiltest.interfaces.packets import AnglesPacket, MainPacket, encode
 from hiltest.interfaces.quantities import Quantity
 from hiltest.link.transcript import Direction, Transcript
@@ -106,12 +105,12 @@ def angles(heading_deg: float) -> bytes:
 
 def test_it_is_heard_and_told_its_algorithm(far_end: Callable[..., FarEnd], rig: Rig) -> None:
     other, transcript = far_end(lambda number: angles(123.4)), Transcript()
-    with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=transcript, base=None) as board:
+    with open_board(rig, port=other.port, transcript=transcript) as board:
         settled = wait_until_settled(board, frame_of(rig))
         assert settled.is_settled
         assert settled.heading_deg == pytest.approx(123.4)
         assert settled.took_s < 0.7, "two windows of 0.2 s, and what the line takes"
-        assert board.latest[Quantity.MAGNETOMETER_CALIBRATED].tolist() == [22.8, 0.0, 42.8]
+        assert board.output.latest[Quantity.MAGNETOMETER_CALIBRATED].tolist() == [22.8, 0.0, 42.8]
         assert board.truth is None
     assert bytes(other.heard) == b"Q9  "
     assert {entry.direction for entry in transcript.entries} == {Direction.TO_BOARD, Direction.TO_HOST}
@@ -119,7 +118,7 @@ def test_it_is_heard_and_told_its_algorithm(far_end: Callable[..., FarEnd], rig:
 
 def test_a_heading_that_goes_on_moving_is_not_settled(far_end: Callable[..., FarEnd], rig: Rig) -> None:
     other = far_end(lambda number: angles(number % 3600 / 10))  # 5 degrees a second
-    with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
+    with open_board(rig, port=other.port) as board:
         settled = wait_until_settled(board, frame_of(rig))
     assert not settled.is_settled
     assert 1.0 <= settled.took_s < 1.25, "five windows of 0.2 s, although the line makes them a little longer"
@@ -136,23 +135,27 @@ class ExactLine:
     def now(self) -> float:
         return self._time_s
 
+    def write(self, _data: bytes) -> None:
+        pass
+
     def read(self, _size: int) -> bytes:
         self._time_s += self.timeout + self._error_s
         return angles(20.0 * self._time_s)
 
 
 @pytest.mark.parametrize("error_s", [0.0, 2e-9])
-def test_nanoseconds_of_the_clock_do_not_decide_how_long_a_heading_is_waited_for(rig: Rig, error_s: float) -> None:
-    board = CompassBoard(
-        ExactLine(error_s), rig, open_interfaces(rig), kind=BoardKind.REAL, description="a line without a board"
-    )
+def test_nanoseconds_of_the_clock_do_not_decide_how_long_a_heading_is_waited_for(
+    rig: Rig, error_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hiltest.boards.real.open_port", lambda *_, **__: ExactLine(error_s))
+    board = RealBoard("exact", rig)
     settled = wait_until_settled(board, frame_of(rig))
     assert (settled.is_settled, round(settled.took_s, 3)) == (False, 1.0)
 
 
 def test_a_heading_that_the_line_has_changed_does_not_count(far_end: Callable[..., FarEnd], rig: Rig) -> None:
     other = far_end(lambda number: angles(123.4 if number % 5 else 20.0))
-    with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
+    with open_board(rig, port=other.port) as board:
         settled = wait_until_settled(board, frame_of(rig))
     assert settled.heading_deg == pytest.approx(123.4)
     assert settled.unconfirmed >= 2, "one in five of two windows of ten"
@@ -167,38 +170,38 @@ def test_a_heading_with_a_right_check_sum_needs_no_neighbour(far_end: Callable[.
     other = far_end(
         lambda number: (b"$HCHDM,101.1,M*28\r\n", b"$HCHDM,111.1,M*29\r\n", b"$HCHDM,181.1,M*28\r\n")[number % 3]
     )
-    with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
+    with open_board(rig, port=other.port) as board:
         settled = wait_until_settled(board, frame_of(rig))
         assert settled.unconfirmed == 0
         assert settled.heading_deg == pytest.approx(106.1, abs=2.0), "as many of one as of the other, or one more"
-        assert board.errors.total() > 2
-        assert set(board.errors) == {"a line has another check sum than it says"}
+        assert board.output.errors.total() > 2
+        assert set(board.output.errors) == {"a line has another check sum than it says"}
 
 
 def test_a_silent_board_is_said_to_be_silent(
     far_end: Callable[..., FarEnd], rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hiltest.boards.compass._SILENT_S", 0.5)
+    monkeypatch.setattr("hiltest.boards.output_interface._SILENT_S", 0.5)
     other = far_end(lambda number: b"")
     with pytest.raises(DeviceSilentError, match=r"the firmware said nothing in 0\.6 s \(wall time\)\. Does it print"):
-        open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None)
+        open_board(rig, port=other.port)
 
 
 def test_words_that_are_not_understood_are_shown(
     far_end: Callable[..., FarEnd], rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hiltest.boards.compass._SILENT_S", 0.5)
+    monkeypatch.setattr("hiltest.boards.output_interface._SILENT_S", 0.5)
     other = far_end(lambda number: b"heading=12.3\r\n")
     with pytest.raises(VersionMismatchError, match=r"nothing was understood .* it began with '.*eading=12\.3"):
-        open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None)
+        open_board(rig, port=other.port)
 
 
 def test_a_line_that_breaks_is_lost(far_end: Callable[..., FarEnd], rig: Rig) -> None:
     other = far_end(lambda number: angles(10.0))
-    board = open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None)
+    board = open_board(rig, port=other.port)
     other.end()
     with pytest.raises(LinkLostError, match="Check cable and power"):
-        board.observe(2.0)
+        board.output.observe(2.0)
     board.close()
 
 
@@ -206,13 +209,13 @@ def test_a_kind_that_there_is_not_is_refused_with_file_and_line(tmp_path: Path) 
     file = tmp_path / "desk.toml"
     file.write_text(RIG.replace('"fsflk"', '"fsflkk"', 1), encoding="utf-8")
     with pytest.raises(ConfigError, match=r"desk\.toml:7: device\.kind: no kind 'fsflkk'; did you mean 'fsflk'\?"):
-        open_compass(load_rig(file), firmware=None, port="/dev/null", seed=None, transcript=None, base=None)
+        open_board(load_rig(file), port="/dev/null")
 
 
 def test_firmware_that_nobody_names_is_asked_for() -> None:
     rig = load_rig(rig_file(Path(__file__).parent, "nxp-fusion-agm01"))
     with pytest.raises(ConfigError, match=r"names no firmware under test: give it with --firmware ELF"):
-        open_compass(rig, firmware=None, port=None, seed=None, transcript=None, base=None)
+        open_board(rig, port=None)
 
 
 def test_a_rig_without_a_heading_is_refused_before_a_port_is_opened(tmp_path: Path) -> None:
@@ -220,7 +223,7 @@ def test_a_rig_without_a_heading_is_refused_before_a_port_is_opened(tmp_path: Pa
     text = "[device.text]\npatterns = ['ROL=(?P<roll>.*)']\n"
     file.write_text(RIG.replace('"fsflk"', '"text"').replace("[device.fsflk]", text, 1).replace('algorithm = "Q9"', ""))
     with pytest.raises(ConfigError, match=r"desk\.toml:7: device\.kind: text offers no heading here"):
-        open_compass(load_rig(file), firmware=None, port="/dev/null", seed=None, transcript=None, base=None)
+        open_board(load_rig(file), port="/dev/null")
 
 
 @pytest.mark.parametrize(
@@ -239,4 +242,4 @@ def test_a_device_table_that_contradicts_itself_is_refused(tmp_path: Path, line:
     kept = kept.replace('[device]\nkind = "fsflk"', "[device]" if key == "kind" else '[device]\nkind = "fsflk"')
     file.write_text(kept.replace("[device]", f"[device]\n{line}"), encoding="utf-8")
     with pytest.raises(ConfigError, match=words):
-        open_compass(load_rig(file), firmware=None, port="/dev/null", seed=None, transcript=None, base=None)
+        open_board(load_rig(file), port="/dev/null")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.boards import open_compass
+from hiltest.boards import open_board
 from hiltest.boards.memory_reading import memory_kind, open_memory
 from hiltest.errors import ConfigError, DebugServerError, VersionMismatchError
 from hiltest.interfaces.memory_interface import MemoryInterface
@@ -164,11 +164,9 @@ def both_kinds(tmp_path: Path) -> Callable[[str], Path]:
 @pytest.mark.slow
 def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(both_kinds: Callable[[str], Path]) -> None:
     rig = load_rig(both_kinds(MEMORY))
-    with open_compass(
-        rig, firmware=foreign_elf("nxp_sensor_fusion.elf"), port=None, seed=1, transcript=None, base=None
-    ) as board:
+    with open_board(rig, firmware=foreign_elf("nxp_sensor_fusion.elf"), seed=1) as board:
         assert {Quantity.HEADING, Quantity.HARD_IRON, Quantity.GYROSCOPE_BIAS, Quantity.QUATERNION} <= board.offers
-        said = board.observe(1.0)
+        said = board.output.observe(1.0)
     read = [each for each in said if Quantity.HEADING in each.values]
     assert 5 <= len(read) <= 10  # one in 0.1 s, and what the function takes to be called
     # The first of the kinds that offer a quantity gives it, unless the rig says another.
@@ -224,8 +222,8 @@ hard_iron = {{ path = "calibration.hard_iron", unit = "uT" }}
 """,
             encoding="utf-8",
         )
-        with open_compass(load_rig(path), firmware=elf, port="loop://", seed=None, transcript=None, base=None) as board:
+        with open_board(load_rig(path), firmware=elf, port="loop://") as board:
             assert board.offers == {Quantity.HEADING, Quantity.HARD_IRON}
-            hard_iron = board.latest[Quantity.HARD_IRON]
+            hard_iron = board.output.latest[Quantity.HARD_IRON]
             assert len(set(hard_iron)) == 1
             assert hard_iron[0] >= 1

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from hiltest.boards import VirtualBench, open_board
 from hiltest.boards.bench import default_firmware
-from hiltest.boards.board import Board, Declared
+from hiltest.boards.board import Board
 from hiltest.boards.real import RealBoard, is_silicon
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
@@ -266,7 +266,7 @@ def clocks_of_dearer_board(rig: Rig, clocks: Callable[[int, str], int], profile:
     processor.at_stop = wait
     for address in (address for address, cost in more.items() if cost):
         assert lib.machine_set_breakpoint(processor.machine.handle, address, True)
-    with VirtualBoard(bench, declared=Declared.of(rig)) as board:
+    with VirtualBoard(bench) as board:
         return clocks_from_sram(board)
 
 
@@ -446,7 +446,7 @@ def test_what_a_run_costs_at_its_edges_is_in_no_row(rig: Rig, clocks: dict[str, 
         without = board.session.request(ask)
     bench = VirtualBench(rig)
     with_edge(bench.machine, edge)
-    with VirtualBoard(bench, declared=Declared.of(rig)) as board:
+    with VirtualBoard(bench) as board:
         cost = board.session.request(ask)
         found = clocks_of_every_place(board)
     assert without is not None
@@ -512,7 +512,7 @@ def test_a_result_that_comes_later_than_the_model_knows_is_told_and_the_profile_
 
 def test_over_a_port_it_is_the_same(pty_board: Callable[[Rig], object], rig: Rig, clocks: dict[str, int]) -> None:
     path = pty_board(made_with(rig, PLAIN)).path  # type: ignore[attr-defined]
-    with RealBoard(str(path), baud=rig.link.baud, declared=Declared.of(rig)) as board:
+    with RealBoard(str(path), rig) as board:
         assert measure_sequences(board)[SequencePlace.SRAM] == clocks
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import serial
 
-from hiltest.boards import BoardKind, Declared, VirtualBench, VirtualBoard, default_firmware, open_board
-from hiltest.errors import ConfigError, DeviceError, SensorAbsentError, VersionMismatchError
+from hiltest.boards import BoardKind, VirtualBench, VirtualBoard, default_firmware, open_board
+from hiltest.errors import ConfigError, DeviceError, NotOfferedError, SensorAbsentError, VersionMismatchError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
 from hiltest.link.gyroscope import GyroscopeRest
 from hiltest.link.messages import PROTOCOL_VERSION, Average, Calibrate, LinkStatistics, Read, Reset, Sync
@@ -22,6 +22,8 @@ from hiltest.procedures import collect_tumble, measure_cycles, open_turntable, r
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.rig import Rig
+from hiltest.rig.bench_files import shipped
+from hiltest.rig.rig_file import load_rig
 
 
 def test_the_default_board_boots_identifies_and_selects_the_rig_s_sensors(rig: Rig) -> None:
@@ -158,7 +160,7 @@ def test_a_wrong_url_says_which_part(url: str, message: str) -> None:
 def test_a_core_without_a_cycle_counter_fits_and_gives_no_cycle_number(rig: Rig) -> None:
     bench = VirtualBench(rig)
     bench.machine.cycle_counter.present = False
-    with VirtualBoard(bench, declared=Declared.of(rig)) as board:
+    with VirtualBoard(bench) as board:
         assert board.identity.cycle_source is CycleSource.NONE
         assert board.cycle_model == "none"
         with pytest.raises(DeviceError, match="NO_CYCLE_COUNTER: this core counts no cycles"):
@@ -197,3 +199,9 @@ def test_the_true_attitude_is_that_of_a_time_of_the_firmwares_clock(rig: Rig, af
         at_us = round(1e6 * began_s - behind_us)
         assert board.true_attitude(at_us) == board.true_attitude(at_us - 1000) == Pose(pytest.approx(1.7), 0.0, 0.0)
         assert board.true_attitude(at_us + 2_000_000) == Pose(pytest.approx(91.7), 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("rig_name", "interface"), [("text-compass", "session"), ("virtual-k64f", "output")])
+def test_an_interface_that_the_rig_does_not_have_is_not_offered(rig_name: str, interface: str) -> None:
+    with open_board(load_rig(shipped() / "rigs" / f"{rig_name}.toml")) as board, pytest.raises(NotOfferedError):
+        getattr(board, interface)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.boards import Declared, RealBoard, VirtualBench, real
+from hiltest.boards import RealBoard, VirtualBench, real
 from hiltest.boards.bench import START_UP_S
 from hiltest.boards.faulty_port import FaultyPort, with_faults
 from hiltest.boards.virtual_port import VirtualPort
@@ -47,7 +47,7 @@ def over_noise(monkeypatch: pytest.MonkeyPatch) -> Open:
         faults = Faults(seed=seed, after_s=OPENED_S, **noise) if noise else None
         line = with_faults(port, faults, baud=115_200)
         monkeypatch.setattr(real, "open_port", lambda _url, *, baud, rig: line)
-        board = RealBoard("noisy", baud=115_200, declared=Declared.of(rig))
+        board = RealBoard("noisy", rig)
         assert board.now_s() < START_UP_S + OPENED_S
         bench.machine.run_until(START_UP_S + OPENED_S)
         return board, line.happened if isinstance(line, FaultyPort) else Counter()

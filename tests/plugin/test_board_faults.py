@@ -103,7 +103,7 @@ def test_on_a_virtual_board_with_sound_sensors_it_is_the_firmwares(pytester: pyt
             still = Statistic(np.ones(3), np.zeros(3))
             reply = board.session.request(Average(16))
             object.__setattr__(reply, "magnetometer", still)  # as firmware that reads no new samples answers
-            board.sample_checks.reply(reply)
+            board.protocol.sample_checks.reply(reply)
 
         def test_two(board):
             board.session.request(Read(2, 1, timeout_us=1))

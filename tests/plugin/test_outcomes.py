@@ -180,32 +180,3 @@ def test_them(points, number, measure):
     assert output.count("error: test_lamp") == 1
     assert output.count("which shares the fixture") == 2
     assert output.count("raise FirmwareContradictionError") == 1
-
-
-@pytest.mark.parametrize(
-    ("rig", "asked", "sentence"),
-    [
-        (
-            "text-compass",
-            "board",
-            "this firmware speaks its own language: a test of it asks for the fixture compass, not for board",
-        ),
-        (
-            "virtual-k64f",
-            "compass",
-            "has no [device] table: its firmware speaks hiltest's protocol, and a test of it "
-            "asks for the fixture board, not for compass",
-        ),
-    ],
-)
-def test_a_fixture_that_is_not_the_rigs_is_refused_in_a_sentence(
-    pytester: pytest.Pytester, rig: str, asked: str, sentence: str
-) -> None:
-    pytester.makepyfile(f"def test_one({asked}): pass\n\ndef test_other({asked}): pass\n")
-    result = pytester.runpytest_inprocess("--hil-rig", rig)
-    assert result.ret == 1
-    said = " ".join(" ".join(result.outlines).split())
-    assert "::test_one and 1 more: " in said
-    assert sentence in said
-    assert "fixtures.py" not in said
-    assert "raise " not in said

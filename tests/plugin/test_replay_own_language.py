@@ -20,22 +20,22 @@ from hiltest.orientation.angles import Pose
 from hiltest.interfaces.quantities import Moment, Quantity
 
 
-def test_heard(compass, turntable, measure):
+def test_heard(board, turntable, measure):
     turntable.turn_to(Pose(30.0), known_angle=2)
-    compass.send(Moment.POSE)
-    said = compass.observe(1.0)
+    board.output.send(Moment.POSE)
+    said = board.output.observe(1.0)
     measure("compass.said", len(said), "")
-    measure("compass.heading", float(compass.latest[Quantity.HEADING][0]), "deg")
-    measure("compass.read", float(compass.latest.get(Quantity.DIP, [-1.0])[0]), "deg")
-    measure("compass.now", compass.now_s(), "s")
-    measure("compass.remarks", len(compass.remarks()), "")
+    measure("compass.heading", float(board.output.latest[Quantity.HEADING][0]), "deg")
+    measure("compass.read", float(board.output.latest.get(Quantity.DIP, [-1.0])[0]), "deg")
+    measure("compass.now", board.now_s(), "s")
+    measure("compass.remarks", len(board.output.remarks()), "")
 
 
-def test_seen(compass, measure):
-    measure("compass.clock", compass.core_clock_hz, "Hz")
-    measure("compass.hard_iron", float(compass.truth.hard_iron_ut[0]), "uT")
-    measure("compass.calls", compass.costs.calls()["tilt"].calls, "")
-    measure("compass.samples", -1 if compass.costs.samples() is None else 1, "")
+def test_seen(board, measure):
+    measure("compass.clock", board.core_clock_hz, "Hz")
+    measure("compass.hard_iron", float(board.truth.hard_iron_ut[0]), "uT")
+    measure("compass.calls", board.costs.calls()["tilt"].calls, "")
+    measure("compass.samples", -1 if board.costs.samples() is None else 1, "")
 """
 VARIABLES = '[device.memory.values]\ndip = { path = "background.count", unit = "deg" }\n'
 RIG = (shipped() / "rigs" / "text-compass.toml").read_text(encoding="utf-8").partition("[limits]")[0]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.boards import CompassBoard, open_compass
+from hiltest.boards import Board, open_board
 from hiltest.errors import TurntableError
 from hiltest.interfaces.quantities import Quantity
 from hiltest.orientation.angles import Pose
@@ -34,7 +34,7 @@ class Hand:
     """Turns a virtual board to what it is asked for, and answers as it is told to, Enter where nothing is left."""
 
     def __init__(
-        self, board: CompassBoard, *answers: str, then: Callable[[int], object] = lambda asked: None, looks: int = 0
+        self, board: Board, *answers: str, then: Callable[[int], object] = lambda asked: None, looks: int = 0
     ) -> None:
         assert board.stage is not None
         self.stage, self.answers, self.then, self.looks = board.stage, list(answers), then, looks
@@ -56,22 +56,22 @@ class Hand:
         return [int(found[1]) for each in self.asked if (found := re.search(r"pose (\d+): turn", each))]
 
 
-def opened(rig: Rig, **more: object) -> CompassBoard:
-    return open_compass(rig, **more)  # type: ignore[arg-type]
+def opened(rig: Rig, **more: object) -> Board:
+    return open_board(rig, **more)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
-def compass() -> Iterator[CompassBoard]:
+def compass() -> Iterator[Board]:
     with opened(RIG) as board:
         yield board
 
 
-def measured(board: CompassBoard, hand: Hand, poses: Sequence[Pose] = POSES) -> CompassHeadings:
+def measured(board: Board, hand: Hand, poses: Sequence[Pose] = POSES) -> CompassHeadings:
     return measure_headings(board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses)
 
 
 def test_what_the_firmware_says_whether_it_moves_and_what_is_left_stand_beside_a_question(
-    compass: CompassBoard,
+    compass: Board,
 ) -> None:
     hand = Hand(compass, looks=3)
     found = measured(compass, hand)
@@ -86,7 +86,7 @@ def test_what_the_firmware_says_whether_it_moves_and_what_is_left_stand_beside_a
     assert "A run that is stopped begins anew" in hand.asked[0]
 
 
-def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: CompassBoard) -> None:
+def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: Board) -> None:
     hand = Hand(compass, "", "r", "1.5", "s", "b", "s", "", "")
     found = measured(compass, hand)
     assert hand.poses == [1, 2, 1, 2, 3, 2, 3]
@@ -96,14 +96,14 @@ def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: CompassBoard) -
     assert found.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
 
 
-def test_an_operator_who_skips_everything_or_stops_ends_it_with_what_becomes_of_the_run(compass: CompassBoard) -> None:
+def test_an_operator_who_skips_everything_or_stops_ends_it_with_what_becomes_of_the_run(compass: Board) -> None:
     with pytest.raises(TurntableError, match="every known angle was skipped"):
         measured(compass, Hand(compass, "s", "s", "s"))
     with pytest.raises(KeyboardInterrupt, match="stops, with 1 of 3 known angles taken; the same command begins anew"):
         measured(compass, Hand(compass, "", "q"))
 
 
-def test_a_board_that_still_turns_is_not_taken_until_it_stands(compass: CompassBoard) -> None:
+def test_a_board_that_still_turns_is_not_taken_until_it_stands(compass: Board) -> None:
     stage = compass.stage
     assert stage is not None
 
@@ -115,14 +115,14 @@ def test_a_board_that_still_turns_is_not_taken_until_it_stands(compass: CompassB
     hand = Hand(compass, then=let_go_late)
     found = measured(compass, hand, POSES[:1])
     assert len(hand.asked) == 2  # the pose, and the end
-    there = compass.observe(1.0)[-1].values[Quantity.HEADING][0]
+    there = compass.output.observe(1.0)[-1].values[Quantity.HEADING][0]
     assert 60.0 < there < 120.0, "it did turn"
     assert found.heading_deg["firmware"][0] == pytest.approx(there, abs=1.5)  # noise of one line
 
 
 @pytest.mark.parametrize("says_vectors", [True, False])
 def test_a_board_that_never_stands_is_asked_for_again_where_its_vectors_show_it(
-    says_vectors: bool, compass: CompassBoard, monkeypatch: pytest.MonkeyPatch
+    says_vectors: bool, compass: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of firmware that says its heading alone, a heading that moves is what it says, and is counted as unsettled."""
     monkeypatch.setattr("hiltest.procedures.compass_by_hand.STILL_WITHIN_S", 1.0)

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards import BoardKind, RealBoard, open_board
-from hiltest.boards.board import Declared
 from hiltest.errors import HiltestError
 from hiltest.link.messages import Average, LinkStatistics, Points
 from hiltest.link.ports import open_port
@@ -46,7 +45,7 @@ def test_a_program_gets_the_recorded_answers_as_late_as_they_came_and_the_next_o
     path, mean = recording
     served = serve("--replay", str(path), *arguments)
     for last in (False, True):
-        with RealBoard(served.board, baud=115_200, declared=Declared.of(RIG)) as board:
+        with RealBoard(served.board, RIG) as board:
             assert board.kind is BoardKind.REPLAY
             assert board.cycle_model == "undeclared@sram", "it must not pass for a board that it was recorded of"
             began_s = time.monotonic()
@@ -62,7 +61,7 @@ def test_a_program_gets_the_recorded_answers_as_late_as_they_came_and_the_next_o
 
 def test_other_bytes_end_it_with_both_and_their_place(serve: Serve, recording: tuple[Path, list[float]]) -> None:
     served = serve("--replay", str(recording[0]))
-    with RealBoard(served.board, baud=115_200, declared=Declared.of(RIG)) as board, pytest.raises(HiltestError):
+    with RealBoard(served.board, RIG) as board, pytest.raises(HiltestError):
         board.session.request(Points(0, 1))
     code, said = served.ended()
     assert code == 20

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hiltest.boards import Board, CompassBoard, open_board
+from hiltest.boards import Board, open_board
 from hiltest.procedures import Progress, Turntable
 from hiltest.procedures.compass import CompassHeadings, SelfCalibration, measure_headings, tumble_until_calibrated
 from hiltest.rig import Rig
@@ -17,26 +17,26 @@ from hiltest.session.settings import Settings
 
 @pytest.fixture(scope="session")
 def before(
-    compass: CompassBoard, turntable: Turntable, rig: Rig, hil_settings: Settings, hil_progress: Progress
+    board: Board, turntable: Turntable, rig: Rig, hil_settings: Settings, hil_progress: Progress
 ) -> CompassHeadings:
     """Headings of the known angles before the firmware has seen the board turned all round: not waited for long."""
     poses = rig.procedure.known_angle_poses(hil_settings.poses)
-    longest_s = 2.0 * compass.device.window_s
-    return measure_headings(compass, turntable, poses, longest_s=longest_s, progress=hil_progress)
+    longest_s = 2.0 * board.output.device.window_s
+    return measure_headings(board, turntable, poses, longest_s=longest_s, progress=hil_progress)
 
 
 @pytest.fixture(scope="session")
 def self_calibration(
-    before: CompassHeadings, compass: CompassBoard, turntable: Turntable, hil_progress: Progress
+    before: CompassHeadings, board: Board, turntable: Turntable, hil_progress: Progress
 ) -> SelfCalibration:
     """The board turned all round, until the firmware has calibrated itself."""
-    return tumble_until_calibrated(compass, turntable, progress=hil_progress)
+    return tumble_until_calibrated(board, turntable, progress=hil_progress)
 
 
 @pytest.fixture(scope="session")
 def after(
     self_calibration: SelfCalibration,
-    compass: CompassBoard,
+    board: Board,
     turntable: Turntable,
     rig: Rig,
     hil_settings: Settings,
@@ -44,7 +44,7 @@ def after(
 ) -> CompassHeadings:
     """Headings of the known angles afterwards."""
     poses = rig.procedure.known_angle_poses(hil_settings.poses)
-    return measure_headings(compass, turntable, poses, progress=hil_progress)
+    return measure_headings(board, turntable, poses, progress=hil_progress)
 
 
 @pytest.fixture(scope="session")

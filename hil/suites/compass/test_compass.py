@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hiltest.boards import Board, CompassBoard
+from hiltest.boards import Board
 from hiltest.calibration.quality import offset_error_ut, rotation_left_deg
 from hiltest.interfaces.quantities import StreamInterface
 from hiltest.measurement import Limit
@@ -46,11 +46,11 @@ def test_heading_before_calibration(before: CompassHeadings, measure: Measure) -
 
 
 def test_the_firmware_calibrates_itself(
-    self_calibration: SelfCalibration, after: CompassHeadings, compass: CompassBoard, rig: Rig, measure: Measure
+    self_calibration: SelfCalibration, after: CompassHeadings, board: Board, rig: Rig, measure: Measure
 ) -> None:
     after_s = self_calibration.calibrated_after_s
     measure("device.calibrated_after", after_s, "s", not_offered=not_said(after_s))
-    believed, truth = after.belief, compass.truth
+    believed, truth = after.belief, board.truth
     same_unit = Limit(min=rig.field.strength_ut / SAME_UNIT, max=rig.field.strength_ut * SAME_UNIT)
     measure("fit.firmware.residual", believed.fit_error_percent, "%", not_offered=not_said(believed.fit_error_percent))
     measure(
@@ -73,8 +73,12 @@ def test_the_firmware_calibrates_itself(
     measure("gyroscope.firmware.bias_error", bias_dps, "dps", not_offered=not_said(believed.gyroscope_bias_dps))
 
 
-def test_pitch_and_roll_at_known_angles(after: CompassHeadings, compass: CompassBoard, measure: Measure) -> None:
-    why = not_said(after.tilt_error_deg) if compass.device.frame == "ned" else "they are other angles in other frames"
+def test_pitch_and_roll_at_known_angles(after: CompassHeadings, board: Board, measure: Measure) -> None:
+    why = (
+        not_said(after.tilt_error_deg)
+        if board.output.device.frame == "ned"
+        else "they are other angles in other frames"
+    )
     measure(
         "accelerometer.tilt_error",
         after.tilt_error_deg,
@@ -131,32 +135,32 @@ def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Meas
     measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, after.contradictions.items()))
 
 
-def test_the_firmware_reports_no_error(
-    after: CompassHeadings, compass: CompassBoard, rig: Rig, measure: Measure
-) -> None:
-    reported = [f"{text!r}" + (f" {times} times" if times > 1 else "") for text, times in compass.errors.most_common()]
+def test_the_firmware_reports_no_error(after: CompassHeadings, board: Board, rig: Rig, measure: Measure) -> None:
+    reported = [
+        f"{text!r}" + (f" {times} times" if times > 1 else "") for text, times in board.output.errors.most_common()
+    ]
     limit = None if "device.errors" in rig.information else Limit(max=0)
-    measure("device.errors", compass.errors.total(), "", limit=limit, note=join_words(reported, 2))
+    measure("device.errors", board.output.errors.total(), "", limit=limit, note=join_words(reported, 2))
 
 
-def test_headings_settle(after: CompassHeadings, compass: CompassBoard, measure: Measure) -> None:
-    measure("device.settle_time", float(after.settle_s.max()), "s", note="; ".join(compass.remarks()))
+def test_headings_settle(after: CompassHeadings, board: Board, measure: Measure) -> None:
+    measure("device.settle_time", float(after.settle_s.max()), "s", note="; ".join(board.output.remarks()))
     measure("device.unsettled", after.unsettled, "")
     measure("device.unconfirmed", after.unconfirmed, "")
-    streams = [interface for interface in compass.interfaces.values() if isinstance(interface, StreamInterface)]
+    streams = [decoder for decoder in board.output.decoders.values() if isinstance(decoder, StreamInterface)]
     if streams:
         measure("device.not_understood", min(stream.not_understood for stream in streams), "")
 
 
 def test_cycles_of_the_functions_that_the_rig_names(
-    after: CompassHeadings, compass: CompassBoard, rig: Rig, measure: Measure
+    after: CompassHeadings, board: Board, rig: Rig, measure: Measure
 ) -> None:
     if not rig.cycles:
         pytest.skip("the rig names no function under [cycles]")
-    if compass.costs is None:
+    if board.costs is None:
         pytest.skip("this board does not execute the firmware where it could be seen")
-    model = compass.cycle_model
-    for name, calls in compass.costs.calls().items():
+    model = board.cycle_model
+    for name, calls in board.costs.calls().items():
         why = calls.refusal or ("" if calls.calls else f"{calls.function} was not called")
         note = f"it ends in {', '.join(calls.ended_in)}" if calls.ended_in else ""
         measure(f"cycles.{name}.calls", calls.calls, "", note=note)
@@ -165,7 +169,7 @@ def test_cycles_of_the_functions_that_the_rig_names(
         share = None if calls.share is None else 100.0 * calls.share
         measure(f"cycles.{name}.share", share, "%", not_offered=why)
         measure(f"cycles.{name}.interrupted", calls.interrupted, "")
-    for name, solved in compass.costs.solutions().items():
+    for name, solved in board.costs.solutions().items():
         why = "" if solved.solutions else "no solution was begun and completed"
         measure(f"cycles.{name}.solutions", solved.solutions, "")
         for what, cycles in (
@@ -175,7 +179,7 @@ def test_cycles_of_the_functions_that_the_rig_names(
         ):
             measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
         measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=why)
-    if (latest := compass.costs.latest_solution()) is not None:
+    if (latest := board.costs.latest_solution()) is not None:
         measure(
             "cycles.calibrated.total",
             latest.cycles,
@@ -183,7 +187,7 @@ def test_cycles_of_the_functions_that_the_rig_names(
             cycle_model=model,
             note=f"{latest.name} in {latest.slices} slices",
         )
-        flash = compass.costs.from_flash()
+        flash = board.costs.from_flash()
         measure(
             "cycles.calibrated.from_flash",
             flash.cycles,
@@ -196,10 +200,10 @@ def test_cycles_of_the_functions_that_the_rig_names(
 
 
 def test_our_calibrators_on_the_same_samples(
-    after: CompassHeadings, compass: CompassBoard, ours: Board, measure: Measure
+    after: CompassHeadings, board: Board, ours: Board, measure: Measure
 ) -> None:
-    points = samples_of(compass)
-    if len(points) < FEWEST_SAMPLES or compass.costs is None:
+    points = samples_of(board)
+    if len(points) < FEWEST_SAMPLES or board.costs is None:
         pytest.skip("the firmware does not show the samples that it calibrated itself from, or its cycles are not seen")
     upload_points(ours, points.astype(np.int16))
     for name in OURS:

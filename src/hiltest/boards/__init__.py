@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 
 import serial
 
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import NO_COVERAGE, Board, BoardKind, Declared, OnChip, Stage, Truth
-from hiltest.boards.compass import CompassBoard, opened_compass
 from hiltest.boards.daplink import port_of
+from hiltest.boards.output_interface import OutputInterface
+from hiltest.boards.protocol_interface import ProtocolInterface
 from hiltest.boards.real import RealBoard
-from hiltest.boards.replayed import ReplayBoard, ReplayCompass, put_on_tape
+from hiltest.boards.replayed import ReplayBoard, put_on_tape
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.errors import ConfigError, PortNotFoundError
 from hiltest.link.replies import SensorKind
@@ -21,23 +21,23 @@ from hiltest.rig import Rig
 from hiltest.rig.rig import refuse_unknown_sensors
 from hiltest.tape.player import Player
 from hiltest.tape.tape import LIVE, Tape
+from hiltest.virtual.program.elf import load_image
 
 __all__ = [
     "Board",
     "BoardKind",
-    "CompassBoard",
     "Declared",
     "OnChip",
+    "OutputInterface",
+    "ProtocolInterface",
     "RealBoard",
     "ReplayBoard",
-    "ReplayCompass",
     "Stage",
     "Truth",
     "VirtualBench",
     "VirtualBoard",
     "default_firmware",
     "open_board",
-    "open_compass",
 ]
 
 # Makes hil:// and usb:// URLs that any program using pyserial in this process can open.
@@ -58,14 +58,14 @@ def open_board(
     tape: Tape = LIVE,
     on_chip: OnChip | None = None,
 ) -> Board:
-    """Open the board of a rig: synchronised, identified, its sensors selected.
+    """Open the board of a rig, with the interface of the rig: its firmware has answered, or reported something.
 
     Parameters
     ----------
     rig
         Rig with a ``[board]`` table.
     firmware
-        ELF, Intel HEX or raw binary for a virtual board.
+        ELF, Intel HEX or raw binary for a virtual board; the ELF on a real board whose variables are read by name.
     port
         Serial port of a real board, in place of the rig's. If neither is set, the only board that is plugged in.
     seed
@@ -88,22 +88,30 @@ def open_board(
     BenchError
         When the port cannot be opened, nothing answers, or the firmware faults.
     VersionMismatchError
-        When another firmware answers.
+        When another firmware answers, or its output cannot be interpreted.
     """
-    declared = Declared.of(rig)
     if isinstance(tape, Player):
-        return ReplayBoard(tape, declared=declared, transcript=transcript)
-    board = _opened_board(
-        rig,
-        declared,
-        firmware=firmware,
-        port=port,
-        seed=seed,
-        transcript=transcript,
-        base=base,
-        watches_execution=watches_execution,
-        tape=tape,
-    )
+        return ReplayBoard(tape, rig, transcript=transcript)
+    url = port or rig.board.port or (port_of() if rig.board.kind == "real" else None)
+    board: Board
+    if url is None or url.startswith("hil:"):
+        if url is not None and url.rstrip("/") != "hil:":
+            raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
+        bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
+        board = VirtualBoard(bench, transcript=transcript, tape=tape)
+    else:
+        if watches_execution:
+            raise ConfigError(NO_COVERAGE.format(f"on {url}"))
+        if firmware is not None and rig.answers_requests:
+            raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
+        image = None if firmware is None else load_image(firmware, base=base)
+        try:
+            board = RealBoard(url, rig, image=image, transcript=transcript, tape=tape)
+        except PortNotFoundError as error:
+            is_virtual = rig.board.kind == "virtual"
+            raise PortNotFoundError(error.requested, error.available, of_virtual_rig=is_virtual) from error
+    if board.answers_requests:
+        _refuse_unknown_sensors(board, rig)
     if on_chip is not None:
         on_chip.note(board)
     if tape is not LIVE:
@@ -111,96 +119,11 @@ def open_board(
     return board
 
 
-def open_compass(
-    rig: Rig,
-    *,
-    firmware: Path | None = None,
-    port: str | None = None,
-    seed: int | None = None,
-    transcript: Transcript | None = None,
-    base: int | None = None,
-    watches_execution: bool = False,
-    tape: Tape = LIVE,
-    on_chip: OnChip | None = None,
-) -> CompassBoard:
-    """Open the board of a rig whose firmware has its own protocol, and wait for its first output; see `open_board`.
-
-    Raises
-    ------
-    ConfigError
-        When rig, firmware and port do not go together.
-    BenchError
-        When the port cannot be opened, the firmware stays silent, or it faults.
-    VersionMismatchError
-        When the output cannot be interpreted.
-    """
-    is_replay = isinstance(tape, Player)
-    board = (
-        ReplayCompass(tape, rig, transcript=transcript)
-        if is_replay
-        else opened_compass(
-            rig,
-            firmware=firmware,
-            port=port,
-            seed=seed,
-            transcript=transcript,
-            base=base,
-            watches_execution=watches_execution,
-            tape=tape,
-        )
-    )
-    if on_chip is not None:
-        on_chip.note(board)
-    board.may_be_overheard = tape is LIVE
-    try:
-        board.begin()
-        if isinstance(board, ReplayCompass):
-            board.identify(tape)
-        elif tape is not LIVE:
-            put_on_tape(board, tape)
-    except BaseException:
-        with suppress(OSError):
-            board.close()
-        raise
-    return board
-
-
-def _opened_board(
-    rig: Rig,
-    declared: Declared,
-    *,
-    firmware: Path | None,
-    port: str | None,
-    seed: int | None,
-    transcript: Transcript | None,
-    base: int | None,
-    watches_execution: bool,
-    tape: Tape,
-) -> Board:
-    url = port or rig.board.port or (port_of() if rig.board.kind == "real" else None)
-    if url is not None and not url.startswith("hil:"):
-        if firmware is not None:
-            raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
-        if watches_execution:
-            raise ConfigError(NO_COVERAGE.format(f"on {url}"))
-        try:
-            board = RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript, tape=tape)
-        except PortNotFoundError as error:
-            is_virtual = rig.board.kind == "virtual"
-            raise PortNotFoundError(error.requested, error.available, of_virtual_rig=is_virtual) from error
-        return _refuse_unknown_sensors(board, rig)
-    if url is not None and url.rstrip("/") != "hil:":
-        raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
-    bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
-    return _refuse_unknown_sensors(VirtualBoard(bench, declared=declared, transcript=transcript, tape=tape), rig)
-
-
-def _refuse_unknown_sensors(board: Board, rig: Rig) -> Board:
-    """Return the board, or raise an error if its firmware has no driver for a sensor that the rig names."""
+def _refuse_unknown_sensors(board: Board, rig: Rig) -> None:
+    """Close the board and raise an error if its firmware has no driver for a sensor that the rig names."""
     names = {kind.name.lower(): [sensor.name for sensor in board.sensors if sensor.kind is kind] for kind in SensorKind}
     try:
         refuse_unknown_sensors(rig, names)
     except ConfigError:
         board.close()
         raise
-    return board

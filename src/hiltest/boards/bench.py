@@ -42,7 +42,7 @@ def firmware_of(rig: Rig) -> Path:
         When there is no such file.
     """
     named, shipped = rig.board.firmware, default_firmware().parent
-    if named is None and rig.own_language is not None:
+    if named is None and not rig.answers_requests:
         raise ConfigError(
             f"{rig.path}: names no firmware under test: give it with --firmware ELF, or as board.firmware. hiltest's "
             "own waits to be asked, and this rig listens"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import TracebackType
@@ -13,33 +12,20 @@ from typing import Any, NamedTuple, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.boards.sample_checks import SampleChecks
-from hiltest.errors import (
-    DeviceError,
-    FirmwareContradictionError,
-    HiltestError,
-    ProtocolError,
-    SensorAbsentError,
-)
-from hiltest.link.messages import Select, Sensors
-from hiltest.link.ports import SerialPort
+from hiltest.boards.function_costs import Costs
+from hiltest.boards.output_interface import OutputInterface
+from hiltest.boards.protocol_interface import ProtocolInterface
+from hiltest.errors import FirmwareContradictionError, NotOfferedError
+from hiltest.interfaces.quantities import Quantity
 from hiltest.link.replies import DPS_PER_COUNT, CostedReply, CostedSteps, Identity, RunCost, SensorInfo, SensorKind
 from hiltest.link.request import Request
 from hiltest.link.session import Session
-from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
 from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.rig import Rig
 from hiltest.rig.faults import Faults
-from hiltest.tape.tape import Tape
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.world import EarthField, Vector
-
-_SHIELD_HINT = (
-    "Put the FRDM-FXS-MULTI-B shield on the board, or name sensors that are there in the rig file. "
-    "The identity, cycles and link suites need no sensor: pytest hil/suites -k 'identity or cycles or link'."
-)
-
 
 CALL_CYCLES = 32
 """Cycles by which two counts of a call may differ, because one includes the call or the counter readings around it."""
@@ -194,29 +180,6 @@ class StepRecorder(Protocol):
         """Return the uncertainty range of all steps together; None if unknown."""
 
 
-@dataclass(frozen=True, slots=True)
-class LinkTerms:
-    """Terms of the link to a board."""
-
-    nonce_seed: int
-    """Seed of the nonces of the session."""
-    attempts: int
-    """Maximum number of attempts per request."""
-
-    def session(
-        self,
-        opened: Callable[[], SerialPort],
-        transcript: Transcript | None,
-        tape: Tape,
-        *,
-        session_type: Callable[..., Session] = Session,
-    ) -> Session:
-        """Open the session with a present board, or the replayed session."""
-        port = tape.port(opened)
-        terms: LinkTerms = tape.ask("link", {}, LinkTerms, lambda: self)
-        return session_type(port, transcript=transcript, nonce_seed=terms.nonce_seed, attempts=terms.attempts)
-
-
 class OnChip(NamedTuple):
     """Facts about the flashed image, which a board cannot report. Same meaning as in `Board`."""
 
@@ -231,14 +194,16 @@ class OnChip(NamedTuple):
 
 
 class Board(ABC):
-    """A board that is synchronised, identified and has its sensors selected.
+    """A board: virtual, real or replayed, with one interface to its firmware.
 
     Parameters
     ----------
-    session
-        Over an open port. The board closes it.
+    interface
+        hiltest's protocol, or the decoders of the firmware's own output. The board closes it.
     description
         One line for people.
+    declared
+        Declarations of the rig.
 
     Attributes
     ----------
@@ -246,6 +211,11 @@ class Board(ABC):
         None if an operator or motors turn the board.
     truth : Truth or None
         None if unknown: "not offered".
+    costs : Costs or None
+        Costs of the functions that the rig names, of firmware that answers no requests; None if the board cannot
+        observe them.
+    firmware : str
+        Name of the file that runs, of firmware that answers no requests; empty if there is none.
     firmware_sha256 : str or None
         Digest of the ELF file, if there is one.
     compiler_flags : str
@@ -254,8 +224,6 @@ class Board(ABC):
         GNU build-id note of that file; empty without one.
     seed : int or None
         Seed of a simulated world.
-    sample_checks : SampleChecks
-        Refuses samples that no intact sensor returns; each reply is checked on arrival.
     execution : ExecutionWatch or None
         Instructions that the firmware has executed, if they are recorded.
     """
@@ -264,29 +232,86 @@ class Board(ABC):
     description: str
     stage: Stage | None = None
     truth: Truth | None = None
+    costs: Costs | None = None
+    firmware: str = ""
     firmware_sha256: str | None = None
     compiler_flags: str = ""
     elf_build_id: str = ""
     seed: int | None = None
     execution: ExecutionWatch | None = None
 
-    def __init__(self, session: Session, *, description: str, declared: Declared) -> None:
-        self.session = session
+    def __init__(self, interface: ProtocolInterface | OutputInterface, *, description: str, declared: Declared) -> None:
+        self.interface = interface
         self.description = description
         self.declared = declared
-        try:
-            session.synchronise()
-            self.identity: Identity = session.identify()
-            self.sensors: tuple[SensorInfo, ...] = self._select()
-            self.sample_checks = SampleChecks(lambda kind: self.sensor(kind).name, self._is_noise_free)
-            session.on_reply = self.sample_checks.reply
-        except HiltestError as error:
-            session.close()
-            if isinstance(error, DeviceError):
-                raise ProtocolError(f"the first words to the firmware were refused: {error}") from error
-            raise
 
-    def _is_noise_free(self, kind: SensorKind) -> bool:
+    # -- the interface to the firmware ---------------------------------------------------------
+
+    @property
+    def answers_requests(self) -> bool:
+        """Whether the firmware answers hiltest's requests; otherwise hiltest reads what it sends by itself."""
+        return isinstance(self.interface, ProtocolInterface)
+
+    @property
+    def protocol(self) -> ProtocolInterface:
+        """The interface, if it is hiltest's protocol.
+
+        Raises
+        ------
+        NotOfferedError
+            When the firmware answers no requests.
+        """
+        if isinstance(self.interface, ProtocolInterface):
+            return self.interface
+        raise NotOfferedError(
+            f"the firmware answers no requests, as {self.interface.rig.where('device', 'kind')} says; use "
+            "board.output, which has the quantities that it reports"
+        )
+
+    @property
+    def output(self) -> OutputInterface:
+        """The interface, if it decodes the firmware's own output.
+
+        Raises
+        ------
+        NotOfferedError
+            When the firmware speaks only when it is asked.
+        """
+        if isinstance(self.interface, OutputInterface):
+            return self.interface
+        raise NotOfferedError(
+            f"rig {self.declared.rig} has no [device] table: its firmware reports nothing by itself; use "
+            "board.session, which sends requests"
+        )
+
+    @property
+    def offers(self) -> frozenset[Quantity]:
+        """Quantities that the firmware may report."""
+        return self.interface.offers
+
+    @property
+    def session(self) -> Session:
+        """Requests to the firmware, with the errors of `protocol`."""
+        return self.protocol.session
+
+    @property
+    def identity(self) -> Identity:
+        """Identity of the firmware, with the errors of `protocol`."""
+        return self.protocol.identity
+
+    @property
+    def sensors(self) -> tuple[SensorInfo, ...]:
+        """Sensors that the firmware knows, with the errors of `protocol`."""
+        return self.protocol.sensors
+
+    def sensor(self, kind: SensorKind) -> SensorInfo:
+        """Return the selected sensor of a kind; see `ProtocolInterface.sensor`."""
+        return self.protocol.sensor(kind)
+
+    # -- facts -------------------------------------------------------------------------------
+
+    def is_noise_free(self, kind: SensorKind) -> bool:
+        """Return whether the true readings of a kind of sensor have no noise."""
         if self.truth is None:
             return False
         noise = {
@@ -304,7 +329,7 @@ class Board(ABC):
     @property
     def clock(self) -> str:
         """``virtual`` or ``wall``."""
-        return self.session.clock
+        return self.interface.clock
 
     @property
     def line_is_exact(self) -> bool:
@@ -320,21 +345,24 @@ class Board(ABC):
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
-        return self.session.now()
+        return self.interface.now_s()
 
     def sleep(self, seconds: float) -> None:
-        """Wait, by the board's clock [s]."""
-        time.sleep(seconds)
+        """Wait, by the board's clock [s]; output that arrives meanwhile is dropped."""
+        self.interface.sleep(seconds)
 
     @property
     def firmware_line(self) -> str:
-        """Name, version and build of the firmware, for people."""
-        return f"{self.identity.name} {self.identity.version} build {self.identity.build_id}"
+        """Name and build of the firmware, for people."""
+        if self.answers_requests:
+            return self.protocol.firmware_line
+        build = f" build {self.elf_build_id[:16]}" if self.elf_build_id else ""
+        return f"{self.firmware or 'its firmware'}{build}, understood by {', '.join(self.output.decoders)}"
 
     @property
     def core_clock_hz(self) -> int:
-        """Core clock as the firmware reports it."""
-        return self.identity.core_clock_hz
+        """Core clock as the firmware reports it; 0 if it is unknown."""
+        return self.identity.core_clock_hz if self.answers_requests else 0
 
     @property
     @abstractmethod
@@ -448,30 +476,9 @@ class Board(ABC):
         """Count the instructions of the code that the firmware has just timed at `cycles`; None if unknown."""
         return None
 
-    def sensor(self, kind: SensorKind) -> SensorInfo:
-        """Return the selected sensor of a kind.
-
-        Raises
-        ------
-        SensorAbsentError
-            When there is none; the message lists the present sensors and a remedy.
-        """
-        sensor_name = self.declared.sensor_names.get(kind)
-        for sensor in self.sensors:
-            # A board without its shield falls back to its own part, which the rig does not ask for.
-            if sensor.kind is kind and sensor.selected and sensor.present and sensor_name in (None, sensor.name):
-                return sensor
-        raise SensorAbsentError(
-            sensor_name
-            if sensor_name and kind.name.lower() in sensor_name
-            else f"{kind.name.lower()} {sensor_name or ''}".strip(),
-            [sensor.name for sensor in self.sensors if sensor.present],
-            _SHIELD_HINT,
-        )
-
     def close(self) -> None:
         """Close the port."""
-        self.session.close()
+        self.interface.close()
 
     def __enter__(self) -> Self:
         return self
@@ -480,22 +487,6 @@ class Board(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    def _select(self) -> tuple[SensorInfo, ...]:
-        """Select one present sensor of each kind, and query the sensors again."""
-        sensors = self.session.request(Sensors())
-        for kind in SensorKind:
-            sensor_name = self.declared.sensor_names.get(kind)
-            for sensor in sensors:
-                if sensor.kind is kind and sensor.present and sensor_name in (None, sensor.name):
-                    try:
-                        self.session.request(Select(sensor.sensor_id))
-                    except DeviceError as error:
-                        if not error.is_of_sensors:
-                            raise
-                        # Only tests that need this sensor fail; all others still run.
-                    break
-        return self.session.request(Sensors())
 
 
 def _refuse_other_cycles(work: str, reported: Sequence[RunCost], counted: Sequence[int]) -> None:

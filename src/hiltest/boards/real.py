@@ -5,14 +5,18 @@ from __future__ import annotations
 import secrets
 from types import NoneType
 
-from hiltest.boards.board import Board, BoardKind, Declared, LinkTerms
+from hiltest.boards.board import Board, BoardKind, Declared
 from hiltest.boards.faulty_port import with_faults
+from hiltest.boards.output_interface import open_output
+from hiltest.boards.protocol_interface import LinkTerms, ProtocolInterface
 from hiltest.errors import ConfigError
 from hiltest.link.ports import SerialPort, open_port
 from hiltest.link.session import ATTEMPTS
 from hiltest.link.transcript import Transcript
+from hiltest.rig import Rig
 from hiltest.tape.tape import LIVE, Tape
 from hiltest.virtual.part.unique_id import REPLAYED_UNIQUE_ID, VIRTUAL_UNIQUE_ID
+from hiltest.virtual.program.elf import FirmwareImage
 
 #: Cycle model of a real processor.
 SILICON = "silicon-dwt"
@@ -27,7 +31,7 @@ def is_silicon(unique_id: bytes) -> bool:
 
 
 class RealBoard(Board):
-    """An FRDM-K64F with the hiltest firmware.
+    """A board on a serial port.
 
     The truth of its world is unknown: truth, virtual time and instruction
     counts are not offered.
@@ -36,10 +40,10 @@ class RealBoard(Board):
     ----------
     url
         Device or pyserial URL.
-    baud
-        Line speed.
-    declared
-        Declarations of the rig.
+    rig
+        Rig, which says how to understand the firmware.
+    image
+        ELF that runs on the board, whose variables are read by name; None if it is unknown.
     transcript
         Receives every byte, in both directions.
     tape
@@ -56,17 +60,29 @@ class RealBoard(Board):
     kind = BoardKind.REAL
 
     def __init__(
-        self, url: str, *, baud: int, declared: Declared, transcript: Transcript | None = None, tape: Tape = LIVE
+        self,
+        url: str,
+        rig: Rig,
+        *,
+        image: FirmwareImage | None = None,
+        transcript: Transcript | None = None,
+        tape: Tape = LIVE,
     ) -> None:
         self._url = url
+
+        def open_line() -> SerialPort:
+            return with_faults(open_port(url, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
+
+        declared = Declared.of(rig)
+        if not rig.answers_requests:
+            output = open_output(rig, open_line, image=image, transcript=transcript, tape=tape)
+            super().__init__(output, description=f"board on {url}", declared=declared)
+            return
         # Other programs may have used the line before, so a random seed avoids their nonces.
         terms = LinkTerms(nonce_seed=secrets.randbits(32), attempts=ATTEMPTS)
-
-        def opened() -> SerialPort:
-            return with_faults(open_port(url, baud=baud, rig=declared.rig), declared.faults, baud=baud)
-
-        session = terms.session(opened, transcript, tape)
-        super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
+        session = terms.session(open_line, transcript, tape)
+        interface = ProtocolInterface(session, declared.sensor_names, self.is_noise_free)
+        super().__init__(interface, description=f"FRDM-K64F on {url}", declared=declared)
         if self.identity.unique_id == REPLAYED_UNIQUE_ID:  # id that `hiltest serve --replay` reports
             self.kind = BoardKind.REPLAY
         try:
@@ -82,7 +98,7 @@ class RealBoard(Board):
         The chip's unique id distinguishes a virtual board from silicon, on any port. Only the rig can say which model a
         virtual board uses; without it the numbers are ``undeclared``.
         """
-        if not self.identity.cycle_source:
+        if not self.answers_requests or not self.identity.cycle_source:
             return "none"
         model = self.declared.cycle_model or (SILICON if is_silicon(self.identity.unique_id) else UNDECLARED)
         return f"{model}@{self.identity.placement}"

@@ -10,7 +10,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import NoReturn
 
-from hiltest.boards.compass import POLLED
+from hiltest.boards.output_interface import POLLED
 from hiltest.boards.served_lines import PortLine
 from hiltest.errors import BenchError, DivergenceError, ProtocolError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame

@@ -5,15 +5,19 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from types import NoneType
 from typing import Any
 
 import numpy as np
 
 from hiltest.boards.bench import VirtualBench, default_firmware
-from hiltest.boards.board import Board, BoardKind, Declared, LinkTerms, Truth
+from hiltest.boards.board import Board, BoardKind, Declared, Truth
 from hiltest.boards.faulty_port import with_faults
+from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_use import seen_memory_use
+from hiltest.boards.output_interface import OutputInterface, open_output
+from hiltest.boards.protocol_interface import LinkTerms, ProtocolInterface
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import ConfigError, ProtocolError, VersionMismatchError
 from hiltest.link.framing import Frame
@@ -84,7 +88,7 @@ class VirtualBoard(Board):
     bench
         Board, sensors and world.
     declared
-        Declarations of the rig.
+        Declarations of the rig; by default those of the bench's rig.
     transcript
         Receives every byte, in both directions.
     tape
@@ -94,9 +98,34 @@ class VirtualBoard(Board):
     kind = BoardKind.VIRTUAL
 
     def __init__(
-        self, bench: VirtualBench, *, declared: Declared, transcript: Transcript | None = None, tape: Tape = LIVE
+        self,
+        bench: VirtualBench,
+        *,
+        declared: Declared | None = None,
+        transcript: Transcript | None = None,
+        tape: Tape = LIVE,
     ) -> None:
         self._bench, self._machine = bench, bench.machine
+        self._counters: dict[str, _CallCounter] = {}
+        declared = declared or Declared.of(bench.rig)
+        image = bench.machine.image
+        self.stage, self.execution = bench, bench.execution
+        self.seed, self.truth = bench.seed, truth_of(bench.rig)
+        self.firmware_sha256 = hashlib.sha256(Path(bench.firmware).read_bytes()).hexdigest()
+        self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
+        opening = self._open_protocol if bench.rig.answers_requests else self._open_output
+        super().__init__(
+            opening(declared, transcript, tape), description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared
+        )
+        if self.answers_requests:
+            try:
+                tape.ask("board.check", {}, NoneType, self._check)
+            except ProtocolError:
+                self.close()
+                raise
+
+    def _open_protocol(self, declared: Declared, transcript: Transcript | None, tape: Tape) -> ProtocolInterface:
+        bench = self._bench
         for calibrator, function in declared.functions.items():
             if function not in bench.machine.image.symbols:
                 raise ConfigError(
@@ -105,17 +134,8 @@ class VirtualBoard(Board):
                 )
         bench.machine.may_rest = False  # raise at once when no answer can come any more
         bench.power_on()
-        port = VirtualPort()
-        port.port = "hil://"
+        port = self._open_port()
         port.timeout = READ_SLICE_S
-        port.attach(bench.machine)
-        port.open()
-        self.stage, self.execution = bench, bench.execution
-        self.seed = bench.seed
-        self.truth = truth_of(bench.rig)
-        self.firmware_sha256 = hashlib.sha256(bench.firmware.read_bytes()).hexdigest()
-        image = bench.machine.image
-        self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
         # A simulated line loses nothing, so a repeated request would not be answered either.
         terms = LinkTerms(nonce_seed=bench.seed, attempts=1 if declared.faults is None else ATTEMPTS)
         session = terms.session(
@@ -124,13 +144,27 @@ class VirtualBoard(Board):
             tape,
             session_type=partial(_Session, bench.machine.cycle_counter),
         )
-        self._counters: dict[str, _CallCounter] = {}
-        super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
-        try:
-            tape.ask("board.check", {}, NoneType, self._check)
-        except ProtocolError:
-            session.close()
-            raise
+        return ProtocolInterface(session, declared.sensor_names, self.is_noise_free)
+
+    def _open_output(self, declared: Declared, transcript: Transcript | None, tape: Tape) -> OutputInterface:
+        rig = self._bench.rig
+        self.costs = self._costs = FunctionCosts(self._machine, rig)
+        self.firmware = self._bench.firmware.name
+        return open_output(
+            rig,
+            lambda: with_faults(self._open_port(), declared.faults, baud=rig.link.baud),
+            image=self._machine.image,
+            machine=self._machine,
+            transcript=transcript,
+            tape=tape,
+        )
+
+    def _open_port(self) -> VirtualPort:
+        port = VirtualPort()
+        port.port = "hil://"
+        port.attach(self._machine)
+        port.open()
+        return port
 
     def _check(self) -> None:
         """Refuse firmware whose own statements contradict the board's observations."""
@@ -138,18 +172,29 @@ class VirtualBoard(Board):
         refuse_wrong_clock(self.identity.core_clock_hz, self._machine.clocks.core_hz)
 
     @property
+    def core_clock_hz(self) -> int:
+        """Core clock as the firmware reports it, or as it is now if the firmware answers no requests."""
+        return super().core_clock_hz or round(self._machine.clocks.core_hz)
+
+    @property
     def cycle_model(self) -> str:
-        """Name and version of the timing profile with the placement of the code, or nothing."""
-        if not self.identity.cycle_source:
-            return "none"
-        return f"{self._machine.processor.profile.name}@{self.identity.placement}"
+        """Name and version of the timing profile with the placement of the code, if known; or nothing."""
+        profile: str = self._machine.processor.profile.name
+        if not self.answers_requests:
+            return profile
+        return f"{profile}@{self.identity.placement}" if self.identity.cycle_source else "none"
 
     def sleep(self, seconds: float) -> None:
         """Let virtual time pass [s]."""
-        self._machine.run_until(self._machine.time_s + seconds)
+        if self.answers_requests:
+            self._machine.run_until(self._machine.time_s + seconds)
+        else:
+            super().sleep(seconds)
 
     def memory_use(self) -> Mapping[str, int | str]:
         """Return the firmware's flash and RAM use, and its deepest stacks so far [byte]."""
+        if not self.answers_requests:
+            return seen_memory_use(self._machine, self._costs.stacks())
         calls = {name: (counter.function, counter.stack) for name, counter in self._counters.items() if "." not in name}
         return seen_memory_use(self._machine, calls)
 

@@ -112,9 +112,8 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
 
 
 def _table(rig: Rig) -> Device:
-    table = rig.own_language
-    if table is not None:
-        return table
+    if rig.device is not None and not rig.answers_requests:
+        return rig.device
     lines = rig.path.read_text(encoding="utf-8").splitlines()
     if any(line.lstrip("# ").startswith("[device]") for line in lines if line.startswith("#")):
         raise ConfigError(

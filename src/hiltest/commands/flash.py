@@ -66,7 +66,7 @@ def flash(
     if probe and volume:
         raise click.UsageError("--probe writes without the drive: leave out --volume")
     described = load_rig(rig_file(Path.cwd(), rig)) if rig else None
-    if elf is None and described is not None and described.own_language:
+    if elf is None and described is not None and not described.answers_requests:
         raise click.UsageError(f"name the ELF: the firmware of rig {described.name} is not hiltest's own")
     image = load_flash_image(Path(elf) if elf else default_firmware())
     target = find_target(rig=described, port=hil_port, volume=volume, by_probe=bool(probe))

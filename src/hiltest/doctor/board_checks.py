@@ -176,7 +176,7 @@ def see_gyroscope_noise(board: Board, _rig: Rig) -> Check:
 def _spread(board: Board, kind: SensorKind) -> NDArray[np.float64]:
     """Return the deviation of each axis [counts] of this sensor alone, since another one may be faulty."""
     counts = board.session.request(Read(board.sensor(kind).sensor_id, READINGS)).counts
-    board.sample_checks.samples(kind, counts)
+    board.protocol.sample_checks.samples(kind, counts)
     return np.asarray(counts.std(axis=0, ddof=1), dtype=np.float64)
 
 

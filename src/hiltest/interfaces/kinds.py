@@ -17,17 +17,17 @@ from hiltest.rig.rig import Rig
 #: Group of entry points: each names a callable that takes the rig and returns an interface.
 GROUP = "hiltest.device"
 
-Interface = StreamInterface | PolledInterface
-Opener = Callable[[Rig], Interface]
+Decoder = StreamInterface | PolledInterface
+Opener = Callable[[Rig], Decoder]
 
 
-def _fsflk(rig: Rig) -> Interface:
+def _fsflk(rig: Rig) -> Decoder:
     device = _device(rig)
     releases = {str(release): release for release in Release}
     return FsflkInterface(releases[device.fsflk.release], device.fsflk.algorithm)
 
 
-def _text(rig: Rig) -> Interface:
+def _text(rig: Rig) -> Decoder:
     table = _device(rig).text
     assert table is not None  # a rig without it is refused earlier
 
@@ -43,7 +43,7 @@ def _text(rig: Rig) -> Interface:
 _KINDS: Mapping[str, Opener] = {"fsflk": _fsflk, "text": _text}
 
 
-def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyType({})) -> dict[str, Interface]:
+def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyType({})) -> dict[str, Decoder]:
     """Return the interfaces of a rig by their kind, in its order.
 
     Parameters
@@ -59,7 +59,7 @@ def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyT
     device = _device(rig)
     own = {entry_point.name: entry_point for entry_point in entry_points(group=GROUP)}
     kinds = {**_KINDS, **of_the_board}
-    interfaces: dict[str, Interface] = {}
+    interfaces: dict[str, Decoder] = {}
     for kind in device.kinds:
         if kind not in kinds and kind not in own:
             raise ConfigError(
@@ -69,7 +69,7 @@ def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyT
     return interfaces
 
 
-def sources_of(rig: Rig, interfaces: Mapping[str, Interface]) -> dict[Quantity, str]:
+def sources_of(rig: Rig, interfaces: Mapping[str, Decoder]) -> dict[Quantity, str]:
     """Return the kind that gives each quantity.
 
     Raises

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.boards.compass import CompassBoard
+from hiltest.boards.board import Board
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.errors import PoorCoverageError
 from hiltest.interfaces.frames import FRAMES, Frame
@@ -159,16 +159,16 @@ class SelfCalibration:
     did."""
 
 
-def samples_of(board: CompassBoard) -> Reals:
+def samples_of(board: Board) -> Reals:
     """Return the samples of the firmware's self-calibration, in hiltest's axes, shape (n, 3) [counts].
 
     If the rig names its buffer, these are its contents when the latest solution began; otherwise, the samples in its
     packets. Empty without either.
     """
-    frame = frame_of(board.rig)
+    frame = frame_of(board.output.rig)
     if board.costs and (samples := board.costs.samples()) is not None:
         return np.array([frame.vector(counts) for counts in samples], dtype=np.float64).reshape(-1, 3)
-    held = [counts for interface in board.interfaces.values() for counts in getattr(interface, "buffer", {}).values()]
+    held = [counts for decoder in board.output.decoders.values() for counts in getattr(decoder, "buffer", {}).values()]
     return np.array([frame.vector(counts) for counts in held], dtype=np.float64).reshape(-1, 3)
 
 
@@ -179,9 +179,7 @@ def frame_of(rig: Rig) -> Frame:
     return frame if rig.device.heading is None else replace(frame, clockwise=rig.device.heading == "clockwise")
 
 
-def tumble_until_calibrated(
-    board: CompassBoard, turntable: Turntable, *, progress: Progress | None = None
-) -> SelfCalibration:
+def tumble_until_calibrated(board: Board, turntable: Turntable, *, progress: Progress | None = None) -> SelfCalibration:
     """Tumble the board as often as the rig says, then rest; the firmware calibrates itself.
 
     Raises
@@ -189,22 +187,23 @@ def tumble_until_calibrated(
     PoorCoverageError
         When the firmware reports that it is not calibrated.
     """
-    device, tell = board.device, progress or silent
+    output, tell = board.output, progress or silent
+    device = output.device
     turntable.rest()
     board.sleep(device.converge_s)
-    board.send(Moment.BEFORE_TUMBLE)
+    output.send(Moment.BEFORE_TUMBLE)
     began_s, after_s = board.now_s(), None
     for _ in range(device.tumbles):
         end_s = board.now_s() + turntable.tumble(device.tumble_s)
         while (left_s := end_s - board.now_s()) > 1e-9:
-            observations = board.observe(min(_LOOK_S, left_s))
+            observations = output.observe(min(_LOOK_S, left_s))
             if after_s is None and is_calibrated(observations):
                 after_s = board.now_s() - began_s
             tell("tumble [s]", round(board.now_s() - began_s), round(device.tumbles * device.tumble_s))
     duration_s = board.now_s() - began_s
-    board.send(Moment.AFTER_TUMBLE)
+    output.send(Moment.AFTER_TUMBLE)
     turntable.rest()
-    observations = board.observe(max(device.converge_s, device.window_s))
+    observations = output.observe(max(device.converge_s, device.window_s))
     if after_s is None and is_calibrated(observations):
         after_s = board.now_s() - began_s
     if after_s is None and Quantity.CALIBRATED in board.offers:
@@ -226,7 +225,7 @@ def is_calibrated(observations: Sequence[Observation]) -> bool:
 
 
 def measure_headings(
-    board: CompassBoard,
+    board: Board,
     turntable: Turntable,
     poses: Sequence[Pose],
     *,
@@ -244,8 +243,8 @@ def measure_headings(
     longest_s
         Longest wait for a heading; by default the rig's.
     """
-    frame, tell = frame_of(board.rig), progress or silent
-    yaw_deg = board.rig.mounting.yaw_deg if board.rig.mounting else 0.0
+    rig, tell = board.output.rig, progress or silent
+    frame, yaw_deg = frame_of(rig), rig.mounting.yaw_deg if rig.mounting else 0.0
     held: dict[int, HeldPose] = {}
 
     def hold(index: int, achieved: Achieved, settled: Settled) -> None:
@@ -264,15 +263,15 @@ def measure_headings(
     else:
         for index, pose in enumerate(poses):
             achieved = turntable.turn_to(pose, known_angle=index)
-            board.send(Moment.POSE)
+            board.output.send(Moment.POSE)
             hold(index, achieved, wait_until_settled(board, frame, longest_s))
             tell("known angles", index + 1, len(poses))
     skipped = tuple(pose for index, pose in enumerate(poses) if index not in held)
-    headings = _headings(tuple(held[index] for index in sorted(held)), belief_of(board.latest, frame), board)
+    headings = _headings(tuple(held[index] for index in sorted(held)), belief_of(board.output.latest, frame), board)
     return replace(headings, skipped=skipped)
 
 
-def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -> CompassHeadings:
+def _headings(held: tuple[HeldPose, ...], belief: Belief, board: Board) -> CompassHeadings:
     reference_deg = np.array([pose.attitude.heading_deg for pose in held])
     answered = {FIRMWARE: [pose.settled.heading_deg for pose in held]}
     own = [_heading(pose.gravity_g, pose.field_ut) for pose in held]
@@ -298,7 +297,7 @@ def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -
         error_deg,
         belief,
         max(errors, default=None),
-        _contradictions(held, answered[FIRMWARE], tilts, board.rig),
+        _contradictions(held, answered[FIRMWARE], tilts, board.output.rig),
     )
 
 
@@ -318,9 +317,9 @@ def _contradictions(
     return {name: reason for name, reason in reasons.items() if reason}
 
 
-def _tilts(held: tuple[HeldPose, ...], board: CompassBoard) -> list[_Tilt]:
+def _tilts(held: tuple[HeldPose, ...], board: Board) -> list[_Tilt]:
     """Return reported and true pitch and roll at each pose that has them."""
-    if board.device.frame != "ned":
+    if board.output.device.frame != "ned":
         return []
     angles = [(_angle(pose.settled, Quantity.PITCH), _angle(pose.settled, Quantity.ROLL)) for pose in held]
     return [
@@ -347,7 +346,7 @@ def _heading(gravity_g: Reals | None, field_ut: Reals | None) -> float | None:
         return None
 
 
-def _read_ut(board: CompassBoard, settled: Settled, attitude: Pose, frame: Frame) -> Reals | None:
+def _read_ut(board: Board, settled: Settled, attitude: Pose, frame: Frame) -> Reals | None:
     mean_ut = _mean(settled, Quantity.MAGNETOMETER, frame.vector)
     return board.truth.read_ut(attitude) if mean_ut is None and board.truth is not None else mean_ut
 
@@ -356,7 +355,7 @@ def _corrected_field(held: HeldPose, fit: MagnetometerFit | None) -> Reals | Non
     return None if fit is None or held.read_ut is None else fit.corrected(COUNTS_PER_UT * held.read_ut)
 
 
-def _gravity(board: CompassBoard) -> Quantity:
+def _gravity(board: Board) -> Quantity:
     return next((quantity for quantity in _GRAVITY if quantity in board.offers), _GRAVITY[0])
 
 

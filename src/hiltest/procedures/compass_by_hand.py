@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hiltest.boards.compass import CompassBoard
+from hiltest.boards.board import Board
 from hiltest.interfaces.frames import Frame
 from hiltest.interfaces.quantities import Moment, Observation, Quantity
 from hiltest.orientation.angles import Pose, circular_mean_deg, wrap_180
@@ -27,7 +27,7 @@ _TURNED_DEG = 1.0
 
 
 def hold_by_hand(
-    board: CompassBoard,
+    board: Board,
     table: OperatorTurntable,
     poses: Sequence[Pose],
     frame: Frame,
@@ -53,23 +53,23 @@ def hold_by_hand(
             hold(at, table.achieved(poses[at], heading_deg), settled)
         return moves
 
-    look = _Look(board, frame) if board.may_be_overheard else None
+    look = _Look(board, frame) if board.output.may_be_overheard else None
     walk_by_hand(table, poses, (), take=take, look=look, now_s=board.now_s, say=SAY, stopped=_STOPPED)
 
 
-def settle_where_still(board: CompassBoard, frame: Frame, longest_s: float | None = None) -> tuple[Settled | None, str]:
+def settle_where_still(board: Board, frame: Frame, longest_s: float | None = None) -> tuple[Settled | None, str]:
     """Wait until the board stands still, and then until its heading has settled; on a timeout describe the motion.
 
     Field and gravity show whether it stands, if the firmware reports them. The heading cannot, because it is under
     test: if it drifts in a filter or never settles, that is a finding.
     """
-    window_s, ends_s = board.device.window_s, board.now_s() + STILL_WITHIN_S
-    before = board.observe(window_s)
+    window_s, ends_s = board.output.device.window_s, board.now_s() + STILL_WITHIN_S
+    before = board.output.observe(window_s)
     while True:
-        after = board.observe(window_s)
+        after = board.output.observe(window_s)
         moves = movement_heard(board, before, after)
         if not moves:
-            board.send(Moment.POSE)
+            board.output.send(Moment.POSE)
             settled = wait_until_settled(board, frame, longest_s)
             moves = movement_heard(board, after, settled.window)
             if not moves:
@@ -80,7 +80,7 @@ def settle_where_still(board: CompassBoard, frame: Frame, longest_s: float | Non
         before = after
 
 
-def movement_heard(board: CompassBoard, before: Sequence[Observation], after: Sequence[Observation]) -> str:
+def movement_heard(board: Board, before: Sequence[Observation], after: Sequence[Observation]) -> str:
     """Describe how the board moved between two windows of observations; empty if it stood, or reports no vectors.
 
     Notes
@@ -89,7 +89,7 @@ def movement_heard(board: CompassBoard, before: Sequence[Observation], after: Se
     readings per window and a horizontal field of 22.8 uT, a turn by 2 degrees between windows is detected.
     """
     pair = _readings(before), _readings(after)
-    return moved(*pair, board.rig.sensors.magnetometer_noise_ut) if min(readings.n for readings in pair) else ""
+    return moved(*pair, board.output.rig.sensors.magnetometer_noise_ut) if min(readings.n for readings in pair) else ""
 
 
 def _readings(observations: Sequence[Observation]) -> Readings:
@@ -116,13 +116,13 @@ def _vectors(observations: Sequence[Observation], of: Sequence[Quantity]) -> Rea
 class _Look:
     """Display of the board's heading while a question waits, and of motion, by vectors or else by heading."""
 
-    def __init__(self, board: CompassBoard, frame: Frame) -> None:
+    def __init__(self, board: Board, frame: Frame) -> None:
         self._board, self._frame = board, frame
         self._before: Sequence[Observation] = ()
 
     def __call__(self) -> str:
         """Listen, and return the text to show."""
-        before, self._before = self._before, self._board.observe(_LOOK_S)
+        before, self._before = self._before, self._board.output.observe(_LOOK_S)
         pair = self._headings(before), self._headings(self._before)
         mean_deg = circular_mean_deg(pair[1]) if pair[1] else math.nan
         if min(_readings(observations).n for observations in (before, self._before)):

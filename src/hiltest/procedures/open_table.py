@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from hiltest.boards.board import Board
-from hiltest.boards.compass import CompassBoard
 from hiltest.procedures.grbl_turntable import open_grbl_turntable
 from hiltest.procedures.turntables import Turntable, open_turntable
 from hiltest.rig import Rig
 from hiltest.tape.tape import LIVE, Tape
 
 
-def open_table(
-    board: Board | CompassBoard, rig: Rig, *, prompt: Callable[[str], str] | None = None, tape: Tape = LIVE
-) -> Turntable:
+def open_table(board: Board, rig: Rig, *, prompt: Callable[[str], str] | None = None, tape: Tape = LIVE) -> Turntable:
     """Return the turntable: motors, the simulated table of a virtual board, or an operator.
 
     Parameters

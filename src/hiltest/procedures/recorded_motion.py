@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hiltest.boards import Board, CompassBoard, open_board, open_compass
+from hiltest.boards import Board, open_board
 from hiltest.calibration.accelerometer import NOMINAL
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import residual_percent
@@ -82,13 +82,13 @@ def play_back(
     -----
     hiltest's firmware plays the recording twice: it calibrates in the first pass, and answers headings in the second.
     """
-    tell, own = progress or silent, rig.own_language
+    tell = progress or silent
     remarks: list[str] = []
     foreign: tuple[Found, Belief] | None = None
-    if own is not None:
-        with open_compass(rig, firmware=firmware, port=None, seed=None, transcript=None, base=None) as compass:
-            foreign = _listen(compass, float(times_s[-1]), moments_s, tell)
-            remarks += compass.stage.said_of_playback if compass.stage else []
+    if not rig.answers_requests:
+        with open_board(rig, firmware=firmware) as board:
+            foreign = _listen(board, float(times_s[-1]), moments_s, tell)
+            remarks += board.stage.said_of_playback if board.stage else []
         firmware = None
         rig = replace(rig, device=None, cycles={}, board=replace(rig.board, firmware=None))
     with open_board(rig, firmware=firmware) as board:
@@ -101,19 +101,20 @@ def play_back(
     return PlayedBack((*theirs, *ours), moments_s, len(tumble.points), tuple(dict.fromkeys(remarks)))
 
 
-def _listen(board: CompassBoard, end_s: float, moments_s: Reals, tell: Progress) -> tuple[Found, Belief]:
+def _listen(board: Board, end_s: float, moments_s: Reals, tell: Progress) -> tuple[Found, Belief]:
     """Listen to firmware for the length of a recording, and long enough for its last fit."""
-    frame = frame_of(board.rig)
+    output = board.output
+    frame = frame_of(output.rig)
     headings: list[float | None] = []
     for number, moment_s in enumerate(moments_s.tolist()):
         tell("the rig's firmware", number, len(moments_s))
-        observations = board.observe(max(0.0, moment_s - board.now_s()))
+        observations = output.observe(max(0.0, moment_s - board.now_s()))
         heard = [entry.values[Quantity.HEADING] for entry in observations if Quantity.HEADING in entry.values]
         headings.append(frame.heading_deg(float(heard[-1][0])) if heard else None)
-    board.observe(max(0.0, end_s - board.now_s()) + board.device.settle_s)
+    output.observe(max(0.0, end_s - board.now_s()) + output.device.settle_s)
     tell("the rig's firmware", len(moments_s), len(moments_s))
-    belief = belief_of(board.latest, frame)
-    calibrated = board.latest.get(Quantity.CALIBRATED)
+    belief = belief_of(output.latest, frame)
+    calibrated = output.latest.get(Quantity.CALIBRATED)
     if calibrated is not None and not calibrated.any():
         return Found(f"{FIRMWARE} (not calibrated)", heading_deg=tuple(headings)), Belief()
     firmware = Found(

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from hiltest.boards.board import BoardKind
-from hiltest.boards.compass import CompassBoard
+from hiltest.boards.board import Board, BoardKind
 from hiltest.errors import DeviceTimeoutError
 from hiltest.interfaces.frames import Frame
 from hiltest.interfaces.quantities import Observation, Quantity
@@ -41,7 +40,7 @@ class Settled:
     """Number of headings in all windows that were dropped because both neighbours contradict them."""
 
 
-def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | None = None) -> Settled:
+def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = None) -> Settled:
     """Listen until two consecutive windows agree in their mean heading, or until the timeout.
 
     Parameters
@@ -66,13 +65,14 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
     Packets and most lines have no check value, and a serial line may change a byte: so a heading without a check value
     counts only if a neighbour confirms it.
     """
-    device, began_s = board.device, board.now_s()
+    output, began_s = board.output, board.now_s()
+    device = output.device
     longest_s = device.settle_s if longest_s is None else longest_s
     windows_left = math.floor(longest_s / device.window_s + _ROUNDING)
     before: list[float] = []
     unconfirmed = 0
     while True:
-        window = board.observe(device.window_s)
+        window = output.observe(device.window_s)
         observations = [observation for observation in window if Quantity.HEADING in observation.values]
         headings_deg = [
             frame.heading_deg(float(observation.values[Quantity.HEADING][0])) for observation in observations
@@ -86,7 +86,7 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
         if not headings_deg:
             if unconfirmed:
                 raise DeviceTimeoutError("a heading that a neighbour confirms", device.window_s, board.clock)
-            raise board.heading_missing(device.window_s, window)
+            raise output.heading_missing(device.window_s, window)
         took_s = board.now_s() - began_s
         settled = bool(before) and agree(before, headings_deg)
         windows_left -= 1

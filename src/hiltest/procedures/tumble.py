@@ -258,7 +258,7 @@ class _Collected:
 
     def tumble(self, duration_s: float) -> Tumble:
         magnetometer, accelerometer = np.concatenate(self._magnetometer), np.concatenate(self._accelerometer)
-        self._board.sample_checks.tumble(magnetometer, accelerometer)
+        self._board.protocol.sample_checks.tumble(magnetometer, accelerometer)
         return Tumble(
             magnetometer,
             accelerometer,

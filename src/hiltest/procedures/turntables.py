@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from hiltest.boards.board import Board, Stage
-from hiltest.boards.compass import CompassBoard
 from hiltest.calibration.still_pose import FACES, Face
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
@@ -305,7 +304,7 @@ class OperatorTurntable:
 
 
 def open_turntable(
-    board: Board | CompassBoard,
+    board: Board,
     *,
     uncertainty_deg: float,
     prompt: Callable[[str], str] | None = None,
@@ -332,7 +331,7 @@ def open_turntable(
     if prompt is None:
         raise OperatorAbsentError("a real board needs an operator to turn it, and there is no one to ask")
     return OperatorTurntable(
-        prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s, shows_coverage=isinstance(board, Board)
+        prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s, shows_coverage=board.answers_requests
     )
 
 

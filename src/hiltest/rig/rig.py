@@ -162,9 +162,9 @@ class Rig:
         )
 
     @property
-    def own_language(self) -> Device | None:
-        """Interface to firmware without hiltest's protocol; None for firmware with it."""
-        return None if self.device is None or self.device.speaks_our_protocol else self.device
+    def answers_requests(self) -> bool:
+        """Whether the firmware answers hiltest's requests; otherwise ``[device]`` says how to understand its output."""
+        return self.device is None or self.device.speaks_our_protocol
 
     def where(self, *key: str) -> str:
         """Return ``file:line`` of a key; only the file if it does not have the key."""

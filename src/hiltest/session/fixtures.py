@@ -17,7 +17,7 @@ from hiltest.session.session import SESSION, HilSession
 from hiltest.session.settings import Settings
 
 if TYPE_CHECKING:
-    from hiltest.boards import Board, CompassBoard
+    from hiltest.boards import Board
     from hiltest.measurement import Counted, CycleRange, Limit, Measurement
     from hiltest.procedures import Turntable
     from hiltest.procedures.imu_calibration import ImuCalibration
@@ -162,32 +162,8 @@ def rig(request: pytest.FixtureRequest) -> Rig:
 
 @pytest.fixture(scope="session")
 def board(request: pytest.FixtureRequest) -> Board:
-    """The board, synchronised and identified. The same one for the whole session."""
-    from hiltest.boards import Board
-
-    opened = _session(request).connect()
-    if not isinstance(opened, Board):
-        pytest.fail(
-            f"{opened.rig.where('device', 'kind')}: this firmware speaks its own language: a test of it asks "
-            "for the fixture compass, not for board",
-            pytrace=False,
-        )
-    return opened
-
-
-@pytest.fixture(scope="session")
-def compass(request: pytest.FixtureRequest) -> CompassBoard:
-    """The board whose firmware speaks its own language, as the rig's ``[device]`` says."""
-    from hiltest.boards import CompassBoard
-
-    opened = _session(request).connect()
-    if not isinstance(opened, CompassBoard):
-        pytest.fail(
-            f"rig {_session(request).rig.path} has no [device] table: its firmware speaks hiltest's protocol, "
-            "and a test of it asks for the fixture board, not for compass",
-            pytrace=False,
-        )
-    return opened
+    """The board: its firmware has answered, or reported something. The same one for the whole session."""
+    return _session(request).connect()
 
 
 @pytest.fixture(scope="session")

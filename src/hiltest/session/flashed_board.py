@@ -52,7 +52,7 @@ def open_flashed(hil: HilSession) -> list[str]:
         raise pytest.UsageError(str(error)) from error
     except (BenchError, ProtocolError) as error:
         hil.trouble = error
-    if not hil.rig.own_language:  # such a board needs the ELF, since it reads variables by name
+    if hil.rig.answers_requests:  # other firmware needs the ELF, since it reads variables by name
         hil.settings = hil.settings._replace(firmware=None)
     hil.open(with_board=True)
     return actions

@@ -38,7 +38,7 @@ from hiltest.session.results import (
 from hiltest.session.session import HilSession
 
 if TYPE_CHECKING:
-    from hiltest.boards import Board, CompassBoard
+    from hiltest.boards import Board
     from hiltest.procedures.imu_calibration.calibration_file import CalibrationFile
     from hiltest.rig import Rig
     from hiltest.run_record.recorder import Recorder
@@ -266,11 +266,9 @@ def calibration_record(file: CalibrationFile | None) -> CalibrationRecord | None
     return CalibrationRecord(str(file.path), file.sha256, file.calibration.made_utc) if file else None
 
 
-def board_record(board: Board | CompassBoard) -> BoardRecord:
+def board_record(board: Board) -> BoardRecord:
     """Return the record of a board."""
-    from hiltest.boards import CompassBoard
-
-    if isinstance(board, CompassBoard):
+    if not board.answers_requests:
         return BoardRecord(
             kind=str(board.kind),
             description=board.description,

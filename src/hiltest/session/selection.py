@@ -123,7 +123,7 @@ def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: 
     return left_out
 
 
-_BOARD_FIXTURES = frozenset({"board", "compass", "turntable"})
+_BOARD_FIXTURES = frozenset({"board", "turntable"})
 _FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
 _FIXTURE_MODULES = frozenset({"hiltest.session.fixtures", "hiltest.session.benchmark_hooks"})
 

@@ -7,7 +7,7 @@ that need them.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
@@ -32,7 +32,7 @@ from hiltest.session.selection import (
 from hiltest.session.settings import Settings, check_environment
 
 if TYPE_CHECKING:
-    from hiltest.boards import Board, CompassBoard, OnChip
+    from hiltest.boards import Board, OnChip
     from hiltest.campaigns.wire_traces import WireTraces
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.measurement import Limit, Measurement
@@ -95,7 +95,7 @@ class HilSession:
         self.calibration: CalibrationFile | None = None
         self.measured_by: dict[str, str] = {}
         self._rig: Rig | None = None
-        self._board: Board | CompassBoard | None = None
+        self._board: Board | None = None
         self._opened_s = 0.0
         self.is_required = False
         self._needs_rig = False
@@ -283,8 +283,8 @@ class HilSession:
 
         return self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
 
-    def connect(self) -> Board | CompassBoard:
-        """Return the board, opened and identified, or sending if it speaks its own language.
+    def connect(self) -> Board:
+        """Return the board, opened: its firmware has answered, or reported something.
 
         Raises
         ------
@@ -294,7 +294,7 @@ class HilSession:
         if self.trouble is not None:
             raise self.trouble
         if self._board is None:
-            from hiltest.boards import open_board, open_compass
+            from hiltest.boards import open_board
             from hiltest.campaigns.wire_traces import WireTraces
             from hiltest.errors import BenchError, ProtocolError
             from hiltest.procedures.imu_calibration.owner import refuse_another_board
@@ -302,8 +302,7 @@ class HilSession:
             self._opened_s = time.monotonic()
             self._traces = WireTraces(self.folder.path)
             try:
-                opening: Callable[..., Board | CompassBoard] = open_compass if self.rig.own_language else open_board
-                opened = opening(
+                opened = open_board(
                     self.rig,
                     firmware=self.settings.firmware,
                     port=self.settings.port,
@@ -330,15 +329,14 @@ class HilSession:
     @cached_property
     def by_hand(self) -> ByHand | None:
         """The operator's steps, kept for the continuation of the run; None without an operator or a journal."""
-        from hiltest.boards import Board
-
-        if self.is_worker or not isinstance(self._board, Board) or self.rig.turntable.kind != "operator":
+        if self.is_worker or not self._answering_board() or self.rig.turntable.kind != "operator":
             return None
         if self.settings.record or self.settings.replay:  # a recording needs every answer from the first question on
             return None
         from hiltest.rig.rig import conditions_sha256
         from hiltest.session.by_hand import ByHand
 
+        assert self._board is not None
         identity = self._board.identity
         calibration = self.calibration.sha256 if self.calibration else ""
         return ByHand(
@@ -366,7 +364,7 @@ class HilSession:
         self._opened_s = time.monotonic()
 
     @property
-    def board(self) -> Board | CompassBoard | None:
+    def board(self) -> Board | None:
         """The board, if it is open."""
         return self._board
 
@@ -429,11 +427,7 @@ class HilSession:
 
     def _answering_board(self) -> Board | None:
         """Return the board if it is open and answers requests."""
-        if self._board is None:
-            return None
-        from hiltest.boards import Board
-
-        return self._board if isinstance(self._board, Board) else None
+        return self._board if self._board is not None and self._board.answers_requests else None
 
     def keep_trace(self, test: str, phase: str, error: BaseException) -> str:
         """Write the bytes on the line during a failed test; return the file, or an empty text."""

@@ -167,12 +167,12 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
             after = drop(image.intel_hex(), _find_volume(target), find=target.mounted_at, progress=progress)
             serial_number = serial_number or after.unique_id
             hint = "" if after.resets_by_itself else " Press its reset button: its DAPLink does not start firmware."
-        if not image.contains(FIRMWARE_NAME.encode()) or (target.rig is not None and target.rig.own_language):
+        if not image.contains(FIRMWARE_NAME.encode()) or (target.rig is not None and not target.rig.answers_requests):
             rig = target.rig.path if target.rig else "R"
             return Flashed(
                 serial_number,
                 None,
-                "it speaks its own language, so nothing can ask it for its build: see "
+                "it answers no requests, so nothing can ask it for its build: see "
                 f"what it says with hiltest device try --rig {rig}",
             )
         if target.port is None:

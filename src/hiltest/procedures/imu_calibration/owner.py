@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from hashlib import sha256
 
-from hiltest.boards import Board, CompassBoard
+from hiltest.boards import Board
 from hiltest.errors import ConfigError
 from hiltest.link.replies import SensorKind
 from hiltest.procedures.imu_calibration.calibration_file import CalibrationFile
@@ -40,7 +40,7 @@ def world_sha256(rig: Rig) -> str | None:
     return sha256(json.dumps([asdict(rig.world), asdict(rig.field)], sort_keys=True).encode()).hexdigest()
 
 
-def refuse_another_board(file: CalibrationFile, board: Board | CompassBoard, rig: Rig) -> None:
+def refuse_another_board(file: CalibrationFile, board: Board, rig: Rig) -> None:
     """Check that a calibration is of this board and of the sensors that it uses.
 
     Raises
@@ -48,10 +48,10 @@ def refuse_another_board(file: CalibrationFile, board: Board | CompassBoard, rig
     ConfigError
         If it is not; the message has the differences, and a remedy.
     """
-    if isinstance(board, CompassBoard):
+    if not board.answers_requests:
         raise ConfigError(
             f"{file.path}: a calibration is stored by hiltest's protocol, and the firmware of rig "
-            f"{rig.name} speaks its own language: leave the calibration out"
+            f"{rig.name} answers no requests: leave the calibration out"
         )
     other = next(_differences(file.calibration, board, rig), None)
     if other is not None:

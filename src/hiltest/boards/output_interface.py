@@ -1,31 +1,20 @@
-"""A board whose firmware has its own protocol: hiltest listens, or reads its memory, but sends no requests."""
+"""Firmware with its own output as the interface: hiltest listens, or reads its memory, but sends no requests."""
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from pathlib import Path
-from types import TracebackType
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import serial
 from numpy.typing import NDArray
 
-from hiltest.boards.bench import VirtualBench
-from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, Stage, Truth
-from hiltest.boards.daplink import port_of
-from hiltest.boards.faulty_port import with_faults
-from hiltest.boards.function_costs import Costs, FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
-from hiltest.boards.memory_use import seen_memory_use
-from hiltest.boards.virtual import truth_of
-from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import (
     ConfigError,
     DeviceSilentError,
@@ -34,16 +23,16 @@ from hiltest.errors import (
     LinkLostError,
     VersionMismatchError,
 )
-from hiltest.interfaces.kinds import Interface, open_interfaces, sources_of
-from hiltest.interfaces.quantities import Moment, Observation, PolledInterface, Quantity, StreamInterface
-from hiltest.link.ports import SerialPort, open_port
+from hiltest.interfaces.kinds import Decoder, open_interfaces, sources_of
+from hiltest.interfaces.quantities import Moment, Observation, Quantity, StreamInterface
+from hiltest.link.ports import SerialPort
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.rig import Rig
 from hiltest.rig.device import Device
 from hiltest.tape.tape import LIVE, Tape
 from hiltest.text import is_text, join_words, legible
-from hiltest.virtual.processor.executed_code import ExecutionWatch
-from hiltest.virtual.program.elf import load_image
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import FirmwareImage
 
 # Duration of one read, and the period at which variables are read from memory.
 _SLICE_S = 0.1
@@ -55,21 +44,21 @@ POLLED = "device.polled"
 """Question about the kinds that read the board's memory."""
 
 
-class CompassBoard:
-    """A board whose firmware reports its heading in its own protocol.
+class OutputInterface:
+    """Firmware that reports its heading by itself, in lines, packets or variables: it has reported something.
 
     Parameters
     ----------
     port
-        Open; the board closes it. One with a ``now()`` has a clock of its own.
+        Open; the interface closes it. One with a ``now()`` has a clock of its own.
     rig
         Rig with a ``[device]`` table.
-    interfaces
+    decoders
         Decoders of the firmware's output, by kind.
-    description
-        One line for people.
     transcript
         Receives every byte, in both directions.
+    may_be_overheard
+        Whether to listen while an operator answers; that output is no part of a recording.
 
     Attributes
     ----------
@@ -79,52 +68,28 @@ class CompassBoard:
         Latest value of each.
     errors : Counter of str
         Errors that it reported, and how often.
-    costs : Costs or None
-        Costs of the functions that the rig names; None if the board cannot observe them.
-    stage : Stage or None
-        None if an operator or motors turn the board.
-    truth : Truth or None
-        None if unknown: "not offered".
-    seed : int or None
-        Seed of a simulated world.
-    firmware : str
-        Name of the file that runs, empty if there is none.
-    firmware_sha256, compiler_flags, elf_build_id : str or None, str, str
-        Facts about that file.
-    execution : ExecutionWatch or None
-        Instructions that it has executed, if they are recorded.
-    may_be_overheard : bool
-        Whether to listen while an operator answers; that output is no part of a recording.
-    """
 
-    may_be_overheard = True
-    kind: BoardKind
-    description: str
-    costs: Costs | None = None
-    stage: Stage | None = None
-    truth: Truth | None = None
-    seed: int | None = None
-    execution: ExecutionWatch | None = None
-    firmware: str = ""
-    firmware_sha256: str | None = None
-    compiler_flags: str = ""
-    elf_build_id: str = ""
+    Raises
+    ------
+    DeviceSilentError
+        When the firmware stays silent.
+    VersionMismatchError
+        When none of the output can be interpreted.
+    """
 
     def __init__(
         self,
         port: Any,
         rig: Rig,
-        interfaces: Mapping[str, Interface],
+        decoders: Mapping[str, Decoder],
         *,
-        kind: BoardKind,
-        description: str,
         transcript: Transcript | None = None,
+        may_be_overheard: bool = True,
     ) -> None:
         assert rig.device is not None
         self.rig = rig
         self.device: Device = rig.device
-        self.kind = kind
-        self.description = description
+        self.may_be_overheard = may_be_overheard
         self._port = port
         own_clock: Callable[[], float] | None = getattr(port, "now", None)
         self.clock: str = getattr(port, "clock", "virtual" if own_clock else "wall")
@@ -132,8 +97,8 @@ class CompassBoard:
         self._transcript = transcript
         if transcript is not None and not transcript.clock:
             transcript.clock = self.clock
-        self.interfaces = interfaces
-        self._sources = sources_of(rig, interfaces)
+        self.decoders = decoders
+        self._sources = sources_of(rig, decoders)
         self.offers = frozenset(self._sources)
         self.latest: dict[Quantity, NDArray[np.float64]] = {}
         self.errors: Counter[str] = Counter()
@@ -141,17 +106,15 @@ class CompassBoard:
         self._heard = 0
         self._heard_at_s = -math.inf
         self._first = b""
+        try:
+            self._begin()
+        except BaseException:
+            with suppress(OSError):
+                self.close()
+            raise
 
-    def begin(self) -> None:
-        """Wait for the firmware's first output, and send the commands for its start.
-
-        Raises
-        ------
-        DeviceSilentError
-            When the firmware stays silent.
-        VersionMismatchError
-            When none of the output can be interpreted.
-        """
+    def _begin(self) -> None:
+        """Wait for the firmware's first output, and send the commands for its start."""
         self.observe(self.device.start_s)
         self.send(Moment.START)
         began_s = self.now_s()
@@ -186,7 +149,7 @@ class CompassBoard:
         return (
             "; ".join(
                 [
-                    f"{summary} by [device] kind {', '.join(self.interfaces)}",
+                    f"{summary} by [device] kind {', '.join(self.decoders)}",
                     *reasons,
                     f"it began with {self._first_words()}",
                 ]
@@ -209,20 +172,20 @@ class CompassBoard:
         while (left_s := end_s - self.now_s()) > 1e-9:
             data = self._read(min(_SLICE_S, left_s))
             now_s = self.now_s()
-            for kind, interface in self.interfaces.items():
+            for kind, decoder in self.decoders.items():
                 observations: Sequence[Observation]
-                if isinstance(interface, StreamInterface):
-                    observations = interface.feed(data, now_s) if data else ()
+                if isinstance(decoder, StreamInterface):
+                    observations = decoder.feed(data, now_s) if data else ()
                 else:
-                    observations = [interface.read(now_s)] if self._is_due(kind, interface, now_s) else ()
+                    observations = [decoder.read(now_s)] if self._is_due(kind, now_s) else ()
                 heard += (self._use_as_source(kind, observation) for observation in observations)
         for observation in heard:
             self.latest.update(observation.values)
         self.errors.update(observation.error for observation in heard if observation.error)
         return heard
 
-    def _is_due(self, kind: str, interface: PolledInterface, now_s: float) -> bool:
-        """Return whether to read now: an interface with the heading in every slice, the others once a window."""
+    def _is_due(self, kind: str, now_s: float) -> bool:
+        """Return whether to read now: a decoder with the heading in every slice, the others once a window."""
         every_s = 0.0 if self._sources.get(Quantity.HEADING) == kind else self.device.window_s
         if now_s < self._read_at_s.get(kind, -math.inf) + every_s - _SLICE_S / 2.0:
             return False
@@ -231,8 +194,8 @@ class CompassBoard:
 
     def send(self, moment: Moment) -> None:
         """Send the commands of a moment."""
-        for interface in self.interfaces.values():
-            command = interface.commands(moment) if isinstance(interface, StreamInterface) else b""
+        for decoder in self.decoders.values():
+            command = decoder.commands(moment) if isinstance(decoder, StreamInterface) else b""
             if command:
                 self._note(Direction.TO_BOARD, command)
                 with self._raise_as_lost_link():
@@ -246,9 +209,9 @@ class CompassBoard:
         """Return remarks on the interpretation of the firmware's output; empty without any."""
         return tuple(
             remark
-            for interface in self.interfaces.values()
-            if isinstance(interface, _Remarking)
-            for remark in interface.remarks()
+            for decoder in self.decoders.values()
+            if isinstance(decoder, _Remarking)
+            for remark in decoder.remarks()
         )
 
     def position(self) -> str:
@@ -256,48 +219,10 @@ class CompassBoard:
         position: Callable[[], str] | None = getattr(self._port, "position", None)
         return position() if position else ""
 
-    @property
-    def origin(self) -> BoardKind:
-        """See `Board.origin`."""
-        return self.kind
-
-    @property
-    def virtual_seconds(self) -> float | None:
-        """Virtual time since power-on; None if time is not virtual."""
-        return self.now_s() if self.clock == "virtual" else None
-
-    def memory_use(self) -> Mapping[str, int | str]:
-        """See `Board.memory_use`."""
-        return NO_MEMORY_USE
-
-    @property
-    def firmware_line(self) -> str:
-        """Name and build of the firmware, and its interface, for people."""
-        build = f" build {self.elf_build_id[:16]}" if self.elf_build_id else ""
-        return f"{self.firmware or 'its firmware'}{build}, understood by {', '.join(self.interfaces)}"
-
-    @property
-    def core_clock_hz(self) -> int:
-        """Clock of the core now; 0 if it is unknown."""
-        return 0
-
-    @property
-    def cycle_model(self) -> str:
-        """Cycle model of counted functions; ``none`` without a counter."""
-        return "none"
-
     def close(self) -> None:
         """Close the port and the debug server."""
-        hang_up(self.interfaces)
+        hang_up(self.decoders)
         self._port.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _read(self, seconds: float) -> bytes:
         with self._raise_as_lost_link():
@@ -334,125 +259,58 @@ class CompassBoard:
         return replace(observation, values=values)
 
 
-class VirtualCompass(CompassBoard):
-    """A virtual board whose firmware has its own protocol, in stepped time.
+def open_output(
+    rig: Rig,
+    open_line: Callable[[], SerialPort],
+    *,
+    image: FirmwareImage | None,
+    machine: VirtualK64F | None = None,
+    transcript: Transcript | None = None,
+    tape: Tape = LIVE,
+) -> OutputInterface:
+    """Open the decoders of a rig, then its port, and wait for the firmware's first output.
 
     Parameters
     ----------
-    bench
-        Board, sensors and world.
-    interfaces
-        Decoders of the firmware's output, by kind.
+    rig
+        Rig with a ``[device]`` table.
+    open_line
+        Opens the port.
+    image
+        The ELF that runs on the board; None if it is unknown.
+    machine
+        The virtual board, which has not run; None for a real one.
     transcript
         Receives every byte, in both directions.
     tape
         Records all questions.
-    """
-
-    def __init__(
-        self,
-        bench: VirtualBench,
-        interfaces: Mapping[str, Interface],
-        *,
-        transcript: Transcript | None = None,
-        tape: Tape = LIVE,
-    ) -> None:
-        self._machine = bench.machine
-        port = VirtualPort()
-        port.port = "hil://"
-        port.attach(bench.machine)
-        port.open()
-        super().__init__(
-            tape.port(lambda: with_faults(port, bench.rig.faults, baud=bench.rig.link.baud)),
-            bench.rig,
-            on_tape(interfaces, tape),
-            kind=BoardKind.VIRTUAL,
-            description=f"virtual FRDM-K64F, seed {bench.seed}",
-            transcript=transcript,
-        )
-        self.costs = self._costs = FunctionCosts(bench.machine, bench.rig)
-        self.execution = bench.execution
-        self.stage, self.seed, self.truth = bench, bench.seed, truth_of(bench.rig)
-        image = bench.machine.image
-        self.firmware = bench.firmware.name
-        self.firmware_sha256 = hashlib.sha256(Path(bench.firmware).read_bytes()).hexdigest()
-        self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
-
-    def memory_use(self) -> Mapping[str, int | str]:
-        """See `VirtualBoard.memory_use`."""
-        return seen_memory_use(self._machine, self._costs.stacks())
-
-    @property
-    def core_clock_hz(self) -> int:
-        """Clock of the core now."""
-        return round(self._machine.clocks.core_hz)
-
-    @property
-    def cycle_model(self) -> str:
-        """Timing profile of the virtual board."""
-        return self._machine.processor.profile.name
-
-
-def opened_compass(
-    rig: Rig,
-    *,
-    firmware: Path | None,
-    port: str | None,
-    seed: int | None,
-    transcript: Transcript | None,
-    base: int | None,
-    watches_execution: bool,
-    tape: Tape,
-) -> CompassBoard:
-    """Open the board of a rig whose firmware has its own protocol, without waiting for output.
 
     Raises
     ------
-    BenchError
-        When the port cannot be opened.
+    ConfigError
+        When no decoder offers a heading, or the rig names what does not exist; no port is opened then.
+    BenchError, VersionMismatchError
+        When the port cannot be opened; and see `OutputInterface`.
     """
-    url = port or rig.board.port
-    virtual = rig.board.kind == "virtual" and (url is None or url.startswith("hil:"))
-    if watches_execution and not virtual:
-        raise ConfigError(NO_COVERAGE.format(f"on {url}" if url else f"of rig {rig.name}"))
-    bench = (
-        VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
-        if virtual
-        else None
-    )
-    image = bench.machine.image if bench else load_image(firmware, base=base) if firmware else None
-    interfaces = open_interfaces(rig, {"memory": memory_kind(image, bench.machine if bench else None)})
+    decoders = open_interfaces(rig, {"memory": memory_kind(image, machine)})
     try:
-        if Quantity.HEADING not in sources_of(rig, interfaces):  # a bad rig is refused before a port is opened
+        if Quantity.HEADING not in sources_of(rig, decoders):
             raise ConfigError(
-                f"{rig.where('device', 'kind')}: device.kind: {', '.join(interfaces)} offers no heading here, and that "
+                f"{rig.where('device', 'kind')}: device.kind: {', '.join(decoders)} offers no heading here, and that "
                 "is what is judged; name it in the rig (docs/compass.md)"
             )
-        if bench is not None:
-            return VirtualCompass(bench, interfaces, transcript=transcript, tape=tape)
-        url = url or port_of()
-
-        def line() -> SerialPort:
-            return with_faults(open_port(url, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
-
-        return CompassBoard(
-            tape.port(line),
-            rig,
-            on_tape(interfaces, tape),
-            kind=BoardKind.REAL,
-            description=f"board on {url}",
-            transcript=transcript,
-        )
+        port = tape.port(open_line)
+        return OutputInterface(port, rig, on_tape(decoders, tape), transcript=transcript, may_be_overheard=tape is LIVE)
     except BaseException:
-        hang_up(interfaces)
+        hang_up(decoders)
         raise
 
 
-def hang_up(interfaces: Mapping[str, Interface]) -> None:
-    """Close the connections of interfaces. Idempotent."""
-    for interface in interfaces.values():
-        if isinstance(interface, _Closable):
-            interface.close()
+def hang_up(decoders: Mapping[str, Decoder]) -> None:
+    """Close the connections of decoders. Idempotent."""
+    for decoder in decoders.values():
+        if isinstance(decoder, _Closable):
+            decoder.close()
 
 
 @runtime_checkable
@@ -517,13 +375,12 @@ class TapedReadings:
             self._target.close()
 
 
-def on_tape(interfaces: Mapping[str, Interface], tape: Tape) -> Mapping[str, Interface]:
-    """Put polled interfaces on a tape; streams pass it as bytes already."""
+def on_tape(decoders: Mapping[str, Decoder], tape: Tape) -> Mapping[str, Decoder]:
+    """Put polled decoders on a tape; streams pass it as bytes already."""
     if tape is LIVE:
-        return interfaces
-    polled = [kind for kind, interface in interfaces.items() if not isinstance(interface, StreamInterface)]
+        return decoders
+    polled = [kind for kind, decoder in decoders.items() if not isinstance(decoder, StreamInterface)]
     tape.ask(POLLED, {}, tuple[str, ...], lambda: polled)
     return {
-        kind: TapedReadings(tape, kind, interface) if kind in polled else interface
-        for kind, interface in interfaces.items()
+        kind: TapedReadings(tape, kind, decoder) if kind in polled else decoder for kind, decoder in decoders.items()
     }
