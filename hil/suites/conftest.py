@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from hiltest.boards import Board
+from hiltest.boards import Board, open_board
 from hiltest.calibration import FOR_COMPARISON
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.errors import ConfigError
@@ -24,6 +25,7 @@ from hiltest.procedures import (
     KnownAngles,
     MeasuredTurn,
     Progress,
+    RequestedAngles,
     StreamRun,
     Tumble,
     Turntable,
@@ -47,7 +49,16 @@ from hiltest.procedures import (
 )
 from hiltest.procedures.imu_calibration import ImuCalibration
 from hiltest.procedures.imu_calibration.on_board import store_calibration
+from hiltest.procedures.reported_headings import (
+    FIRMWARE,
+    ReportedAngles,
+    SelfCalibration,
+    measure_reported_angles,
+    tumble_until_calibrated,
+)
 from hiltest.rig import Rig
+from hiltest.rig.bench_files import DEFAULT_RIG, shipped
+from hiltest.rig.rig_file import load_rig
 from hiltest.session.session import SESSION
 from hiltest.session.settings import Settings, resolve
 from hiltest.world import EarthField
@@ -62,6 +73,7 @@ ORDER = (
     "test_gyroscope",
     "test_calibration_file",
     "test_heading",
+    "test_reports",
     "test_dpi",
     "test_streams",
     "test_budget",
@@ -76,17 +88,24 @@ ORDER = (
     "test_attitudes",
 )
 
+# The suites of firmware that answers requests, and that of firmware that reports its heading by itself; the heading
+# suite is of both.
+WITH_REQUESTS = frozenset(ORDER) - {"test_heading", "test_reports"}
+WITHOUT_REQUESTS = frozenset({"test_reports"})
+# Fixtures that need requests, by which the heading suite tells its tests apart.
+REQUESTED = frozenset({"tumble", "calibrations"})
+
 # As few as calibrate a magnetometer by gravity too, of 16 readings each.
 STILL_POSES = 40
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out the suites of another language than the firmware's, and what a rig or a run has nothing for."""
+    """Leave out suites that the interface to the firmware, the rig or the run has nothing for."""
     here = Path(__file__).parent
-    of_a_compass = collection_path == here / "compass"
-    if of_a_compass or (collection_path.parent == here and collection_path.stem in ORDER):
-        with suppress(ConfigError):  # which the session says itself
-            if of_a_compass == config.stash[SESSION].rig.answers_requests:
+    if collection_path.parent == here and collection_path.stem in ORDER:
+        with suppress(ConfigError):  # the session reports it
+            answers_requests = config.stash[SESSION].rig.answers_requests
+            if collection_path.stem in (WITHOUT_REQUESTS if answers_requests else WITH_REQUESTS):
                 return True
     if collection_path == here / "test_driving.py":
         with suppress(ConfigError):
@@ -96,18 +115,26 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if of_a_file and resolve(config).calibration is None else None
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put the suites of this folder in their order, and leave all other tests where they are."""
     here = Path(__file__).parent
+    with suppress(ConfigError):
+        if not config.stash[SESSION].rig.answers_requests:
+            items[:] = [item for item in items if item.path.parent != here or not REQUESTED & fixtures_of(item)]
     ours = [item for item in items if item.path.parent == here]
     ours.sort(key=_place)
     ordered = iter(ours)
     items[:] = [next(ordered) if item.path.parent == here else item for item in items]
 
 
+def fixtures_of(item: pytest.Item) -> frozenset[str]:
+    """Return the names of the fixtures that a test asks for, or one of its fixtures does."""
+    return frozenset(getattr(item, "fixturenames", ()))
+
+
 def _place(item: pytest.Item) -> int:
     place = ORDER.index(item.path.stem) if item.path.stem in ORDER else len(ORDER)
-    waits = "known_angles" in getattr(item, "fixturenames", ())
+    waits = "known_angles" in fixtures_of(item)
     return max(place, ORDER.index("test_heading")) if waits else place
 
 
@@ -255,7 +282,23 @@ def streams(
 
 
 @pytest.fixture(scope="session")
-def known_angles(
+def known_angles(board: Board, request: pytest.FixtureRequest) -> KnownAngles:
+    """Headings at known angles, as the firmware's interface offers them, after its calibration."""
+    fixture = "requested_angles" if board.answers_requests else "reported_angles"
+    angles: KnownAngles = request.getfixturevalue(fixture)
+    return angles
+
+
+@pytest.fixture(scope="session")
+def uncalibrated_angles(board: Board, request: pytest.FixtureRequest) -> tuple[KnownAngles, str]:
+    """Headings at known angles without calibration, and their source."""
+    if board.answers_requests:
+        return request.getfixturevalue("known_angles"), UNCALIBRATED
+    return request.getfixturevalue("angles_before_calibration"), FIRMWARE
+
+
+@pytest.fixture(scope="session")
+def requested_angles(
     board: Board,
     turntable: Turntable,
     rig: Rig,
@@ -267,7 +310,7 @@ def known_angles(
     hil_settings: Settings,
     hil_progress: Progress,
     request: pytest.FixtureRequest,
-) -> KnownAngles:
+) -> RequestedAngles:
     """The headings that the board answered at known angles, under every calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
@@ -293,3 +336,42 @@ def known_angles(
         progress=hil_progress,
         journal=request.config.stash[SESSION].by_hand,
     )
+
+
+@pytest.fixture(scope="session")
+def angles_before_calibration(
+    board: Board, turntable: Turntable, rig: Rig, hil_settings: Settings, hil_progress: Progress
+) -> ReportedAngles:
+    """Reported headings before the firmware has seen the board turned all round: not waited for long."""
+    poses = rig.procedure.known_angle_poses(hil_settings.poses)
+    longest_s = 2.0 * board.output.device.window_s
+    return measure_reported_angles(board, turntable, poses, longest_s=longest_s, progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def self_calibration(
+    angles_before_calibration: ReportedAngles, board: Board, turntable: Turntable, hil_progress: Progress
+) -> SelfCalibration:
+    """The board turned all round, until the firmware has calibrated itself."""
+    return tumble_until_calibrated(board, turntable, progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def reported_angles(
+    self_calibration: SelfCalibration,
+    board: Board,
+    turntable: Turntable,
+    rig: Rig,
+    hil_settings: Settings,
+    hil_progress: Progress,
+) -> ReportedAngles:
+    """Reported headings at known angles afterwards."""
+    poses = rig.procedure.known_angle_poses(hil_settings.poses)
+    return measure_reported_angles(board, turntable, poses, progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def our_board() -> Iterator[Board]:
+    """hiltest's own firmware on a virtual board beside: its calibrators get the samples of the firmware under test."""
+    with open_board(load_rig(shipped() / "rigs" / DEFAULT_RIG)) as board:
+        yield board

@@ -9,7 +9,7 @@ from hiltest.calibration.accelerometer import NOMINAL
 from hiltest.procedures import (
     UNCALIBRATED,
     AccelerometerRun,
-    KnownAngles,
+    RequestedAngles,
     Turntable,
     measure_accelerometer_rest,
 )
@@ -31,7 +31,7 @@ def test_six_faces_are_fitted(board: Board, six_positions: AccelerometerRun | No
     measure("accelerometer.faces_askew", six_positions.solution.faces_askew_deg, "deg")
 
 
-def test_gravity_at_the_known_angles(known_angles: KnownAngles, measure: Measure) -> None:
+def test_gravity_at_the_known_angles(known_angles: RequestedAngles, measure: Measure) -> None:
     # Every calibration of the magnetometer is measured with the same one of the accelerometer.
     measure("accelerometer.norm_rms", known_angles.accelerometer_norm_rms_mg(UNCALIBRATED), "mg")
     measure("accelerometer.tilt_error", known_angles.max_tilt_error_deg(UNCALIBRATED), "deg")
@@ -39,7 +39,7 @@ def test_gravity_at_the_known_angles(known_angles: KnownAngles, measure: Measure
 
 
 def test_six_faces_at_the_known_angles(
-    known_angles: KnownAngles, six_positions: AccelerometerRun | None, measure: Measure
+    known_angles: RequestedAngles, six_positions: AccelerometerRun | None, measure: Measure
 ) -> None:
     if six_positions is None:
         pytest.skip('the rig asks for no calibration: accelerometer_calibration = "none"')
@@ -48,7 +48,7 @@ def test_six_faces_at_the_known_angles(
 
 @pytest.mark.full
 def test_an_ellipsoid_of_still_poses(
-    board: Board, known_angles: KnownAngles, ellipsoid: AccelerometerRun, measure: Measure
+    board: Board, known_angles: RequestedAngles, ellipsoid: AccelerometerRun, measure: Measure
 ) -> None:
     record_fit("ellipsoid", ellipsoid, board, measure)
     measure("accelerometer.ellipsoid.residual", ellipsoid.solution.residual_mg, "mg")

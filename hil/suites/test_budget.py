@@ -13,8 +13,8 @@ from hiltest.procedures import (
     UNCALIBRATED,
     CalibratorRun,
     Effort,
-    KnownAngles,
     Progress,
+    RequestedAngles,
     Tumble,
     effort_curve,
     evenly_spread,
@@ -51,7 +51,7 @@ def efforts(
     board: Board,
     tumble: Tumble,
     calibrations: Mapping[str, CalibratorRun],
-    known_angles: KnownAngles,
+    known_angles: RequestedAngles,
     sizes: tuple[int, ...],
     calibrators: tuple[str, ...],
     hil_progress: Progress,
@@ -68,7 +68,7 @@ def efforts(
     return found
 
 
-def test_error_against_budget(efforts: list[Effort], known_angles: KnownAngles, measure: Measure) -> None:
+def test_error_against_budget(efforts: list[Effort], known_angles: RequestedAngles, measure: Measure) -> None:
     measure.table(
         "budget.curve",
         {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": ""}
@@ -94,7 +94,7 @@ def test_error_within_the_budget_of_the_thesis(
     efforts: list[Effort],
     sizes: tuple[int, ...],
     calibrators: tuple[str, ...],
-    known_angles: KnownAngles,
+    known_angles: RequestedAngles,
     measure: Measure,
 ) -> None:
     unit = {effort.calibrator: effort.kind.unit for effort in efforts}
@@ -109,7 +109,7 @@ def test_error_within_the_budget_of_the_thesis(
             measure(f"budget.{name}@{size}.mean_error", mean_deg, "deg")
 
 
-def mean_and_max_deg(known_angles: KnownAngles, effort: Effort) -> tuple[float | None, float | None]:
+def mean_and_max_deg(known_angles: RequestedAngles, effort: Effort) -> tuple[float | None, float | None]:
     """By the host, in float64, from the means that the board took: there are more efforts than slots."""
     errors = heading_errors_deg(known_angles, effort.fit, known_angles.accelerometer_fits[UNCALIBRATED])
     return (None, None) if errors is None else (float(np.abs(errors).mean()), float(np.abs(errors).max()))

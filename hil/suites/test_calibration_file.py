@@ -9,7 +9,7 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.measurement import Limit
-from hiltest.procedures import KnownAngles, MeasuredTurn, Turntable
+from hiltest.procedures import MeasuredTurn, RequestedAngles, Turntable
 from hiltest.procedures.imu_calibration import ImuCalibration
 from hiltest.procedures.imu_calibration.on_board import NAME, field_norm_rms_percent, gyroscope_bias_error_dps
 from hiltest.rig import Rig
@@ -65,12 +65,12 @@ def judge_turns(
     measure(f"gyroscope.{NAME}.{name}", max(float(np.linalg.norm(each)) for each in off_deg), "deg", limit=limit)
 
 
-def test_gravity_under_the_file(known_angles: KnownAngles, measure: Measure) -> None:
+def test_gravity_under_the_file(known_angles: RequestedAngles, measure: Measure) -> None:
     norm_limit = measure.limit("accelerometer.norm_rms") or GRAVITY
     tilt_limit = measure.limit("accelerometer.tilt_error") or TILT
     measure(f"accelerometer.{NAME}.norm_rms", known_angles.accelerometer_norm_rms_mg(NAME), "mg", limit=norm_limit)
     measure(f"accelerometer.{NAME}.tilt_error", known_angles.max_tilt_error_deg(NAME), "deg", limit=tilt_limit)
 
 
-def test_field_under_the_file(known_angles: KnownAngles, hil_calibration: ImuCalibration, measure: Measure) -> None:
+def test_field_under_the_file(known_angles: RequestedAngles, hil_calibration: ImuCalibration, measure: Measure) -> None:
     measure(f"magnetometer.{NAME}.norm_rms", field_norm_rms_percent(known_angles, hil_calibration), "%", limit=FIELD)

@@ -13,7 +13,7 @@ from hiltest.procedures import (
     DPI,
     UNCALIBRATED_SLOT,
     DpiRun,
-    KnownAngles,
+    RequestedAngles,
     Tumble,
     heading_errors_deg,
     summarise,
@@ -59,7 +59,7 @@ def test_gravity_calibrates_the_magnetometer(dpi: DpiRun | None, rig: Rig, measu
 
 
 def test_the_boards_arithmetic_does_not_enter(
-    board: Board, dpi: DpiRun | None, known_angles: KnownAngles, tumble: Tumble, rig: Rig, measure: Measure
+    board: Board, dpi: DpiRun | None, known_angles: RequestedAngles, tumble: Tumble, rig: Rig, measure: Measure
 ) -> None:
     found = asked_for(dpi)
     if not found.run.usable:
@@ -74,7 +74,7 @@ def test_the_boards_arithmetic_does_not_enter(
 
 @pytest.mark.full
 def test_still_poses_do_as_well(
-    board: Board, dpi_of_poses: DpiRun | None, known_angles: KnownAngles, rig: Rig, measure: Measure
+    board: Board, dpi_of_poses: DpiRun | None, known_angles: RequestedAngles, rig: Rig, measure: Measure
 ) -> None:
     found = asked_for(dpi_of_poses)
     measure_fit(measure, found, rig)

@@ -16,8 +16,8 @@ from hiltest.procedures import (
     DrivenCalibrations,
     DrivenStage,
     DrivingResult,
-    KnownAngles,
     Progress,
+    RequestedAngles,
     Tumble,
     Turntable,
     calibrate_while_driving,
@@ -121,7 +121,7 @@ def test_what_a_calibration_from_disturbed_points_says_of_itself(driven: DrivenC
 
 
 def test_what_a_calibration_from_disturbed_points_is_worth(
-    known_angles: KnownAngles, driven: DrivenCalibrations, accelerometer_fit: AccelerometerFit, measure: Measure
+    known_angles: RequestedAngles, driven: DrivenCalibrations, accelerometer_fit: AccelerometerFit, measure: Measure
 ) -> None:
     def worst(fit: MagnetometerFit) -> float:
         errors = heading_errors_deg(known_angles, fit, accelerometer_fit)

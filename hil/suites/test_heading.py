@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 
 from hiltest.measurement import Limit
-from hiltest.procedures import DPI, UNCALIBRATED, CalibratorRun, KnownAngles, Tumble, float32_error_deg
+from hiltest.procedures import (
+    DPI,
+    UNCALIBRATED,
+    CalibratorRun,
+    KnownAngles,
+    RequestedAngles,
+    Tumble,
+    float32_error_deg,
+)
 from hiltest.procedures.imu_calibration.on_board import NAME as CALIBRATION_FILE
+from hiltest.procedures.reported_headings import FIRMWARE, ReportedAngles
 from hiltest.rig import Rig
 from hiltest.session.fixtures import Measure
 from hiltest.world import EarthField
@@ -19,6 +28,9 @@ pytestmark = pytest.mark.hil
 # The limit of a calibrator that the rig does not name: the thesis' goal for a compass heading.
 # A measurement under [information] has no limit.
 GOAL = Limit(max=2.0)
+# Of headings computed from what firmware reports of its field and its calibration: farther off, these do not belong to
+# the heading that it reports. A field in whole uT is wrong by 2 degrees, exchanged numbers by more than 7.
+TOGETHER = Limit(max=5.0)
 # Largest bias beyond what is not known of the mounting, or of angles that a hand sets [deg]; the shipped rigs allow the
 # same. What is measured up to here is then proven to be within the limit.
 BIAS_BEYOND_MOUNTING_DEG = 0.5
@@ -61,67 +73,83 @@ def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun]
 
 
 def test_heading_at_known_angles(
-    known_angles: KnownAngles, calibrations: dict[str, CalibratorRun], rig: Rig, measure: Measure
+    known_angles: KnownAngles, rig: Rig, measure: Measure, request: pytest.FixtureRequest
 ) -> None:
     # What a limit of the whole error means rests on a declared mounting; a centred error does without.
     missing = known_angles.not_measured
     not_checked = missing or ("" if rig.mounting else "the rig declares no mounting")
-    by_hand_deg, mounting_deg = rig.guard_band_deg(f"heading.{DPI}.bias"), rig.mounting and rig.mounting.uncertainty_deg
-    unnamed = {
-        "max": GOAL,
-        "max_centred": GOAL,
-        "bias": Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG),
-    }
-    for name in known_angles.error_deg:
-        if name == UNCALIBRATED:
+    for source in known_angles.heading_deg:
+        if source == UNCALIBRATED:
             continue
-        errors = known_angles.summary(name)
-        # A streaming calibrator has only the limits of the rig: its accuracy depends on the points so far.
-        judged = name in calibrations or name in (DPI, CALIBRATION_FILE)
-        limit = {
-            what: most if judged and f"heading.{name}.{what}" not in rig.information else None
-            for what, most in unnamed.items()
-        }
-        measure(f"heading.{name}.max", errors.max_deg, "deg", limit=limit["max"], not_checked=not_checked)
-        measure(f"heading.{name}.rms", errors.rms_deg, "deg", not_checked=not_checked)
+        errors = known_angles.summary(source)
+        if isinstance(known_angles, RequestedAngles):
+            limit = limits_of_calibration(source, request.getfixturevalue("calibrations"), rig)
+        else:
+            limit = {"max": GOAL if source == FIRMWARE else TOGETHER}
+        limit = {name: most for name, most in limit.items() if f"heading.{source}.{name}" not in rig.information}
+        measure(f"heading.{source}.max", errors.max_deg, "deg", limit=limit.get("max"), not_checked=not_checked)
+        measure(f"heading.{source}.rms", errors.rms_deg, "deg", not_checked=not_checked)
         bias_deg, centred_deg = or_nan(errors.bias_deg), or_nan(errors.max_centred_deg)
-        measure(f"heading.{name}.bias", bias_deg, "deg", limit=limit["bias"], not_checked=not_checked)
-        measure(f"heading.{name}.max_centred", centred_deg, "deg", limit=limit["max_centred"], not_checked=missing)
-        measure(f"heading.{name}.worst_sector", errors.worst_sector.start_deg, "deg")
-        measure(f"heading.{name}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
-    measure.table(
-        "heading.poses",
-        {"heading": "deg", "pitch": "deg", "roll": "deg", "level": "", "reference": "deg"}
-        | {"answered_pitch": "deg", "answered_roll": "deg"}
-        | {f"answered.{name}": "deg" for name in known_angles.heading_deg}
-        | {f"error.{name}": "deg" for name in known_angles.error_deg},
-        [
-            [pose.heading_deg, pose.pitch_deg, pose.roll_deg, bool(level), *numbers]
-            for pose, level, *numbers in zip(
-                known_angles.poses,
-                known_angles.level,
-                known_angles.reference_deg.tolist(),
-                known_angles.pitch_deg[UNCALIBRATED].tolist(),
-                known_angles.roll_deg[UNCALIBRATED].tolist(),
-                *(headings.tolist() for headings in known_angles.heading_deg.values()),
-                *(errors.tolist() for errors in known_angles.error_deg.values()),
-                strict=True,
-            )
-        ],
-    )
+        measure(f"heading.{source}.bias", bias_deg, "deg", limit=limit.get("bias"), not_checked=not_checked)
+        measure(
+            f"heading.{source}.max_centred", centred_deg, "deg", limit=limit.get("max_centred"), not_checked=missing
+        )
+        measure(f"heading.{source}.worst_sector", errors.worst_sector.start_deg, "deg")
+        measure(f"heading.{source}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
+    measure.table(*table_of_poses(known_angles))
+    if isinstance(known_angles, RequestedAngles):
+        record_evidence(known_angles, rig, measure)
+    elif isinstance(known_angles, ReportedAngles):
+        measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, known_angles.contradictions.items()))
+
+
+def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig: Rig) -> dict[str, Limit]:
+    """Return the limits of a calibration whose measurements the rig does not limit.
+
+    A streaming calibrator has only the limits of the rig: its accuracy depends on the points so far.
+    """
+    if name not in calibrations and name not in (DPI, CALIBRATION_FILE):
+        return {}
+    by_hand_deg, mounting_deg = rig.guard_band_deg(f"heading.{DPI}.bias"), rig.mounting and rig.mounting.uncertainty_deg
+    bias = Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG)
+    return {"max": GOAL, "max_centred": GOAL, "bias": bias}
+
+
+def table_of_poses(known_angles: KnownAngles) -> tuple[str, dict[str, str], list[list[object]]]:
+    """Return the table of headings at each pose: its name, its columns with their units, and its rows."""
+    columns: dict[str, tuple[str, list[object]]] = {
+        "heading": ("deg", [pose.heading_deg for pose in known_angles.poses]),
+        "pitch": ("deg", [pose.pitch_deg for pose in known_angles.poses]),
+        "roll": ("deg", [pose.roll_deg for pose in known_angles.poses]),
+        "level": ("", [bool(is_level) for is_level in known_angles.level]),
+        "reference": ("deg", known_angles.reference_deg.tolist()),
+    }
+    if isinstance(known_angles, RequestedAngles):
+        columns["answered_pitch"] = ("deg", known_angles.pitch_deg[UNCALIBRATED].tolist())
+        columns["answered_roll"] = ("deg", known_angles.roll_deg[UNCALIBRATED].tolist())
+    elif isinstance(known_angles, ReportedAngles):
+        columns["settled"] = ("", [pose.settled.is_settled for pose in known_angles.held])
+    for prefix, by_source in (("answered", known_angles.heading_deg), ("error", known_angles.error_deg)):
+        columns |= {f"{prefix}.{source}": ("deg", values.tolist()) for source, values in by_source.items()}
+    rows = [list(row) for row in zip(*(values for _, values in columns.values()), strict=True)]
+    return "heading.poses", {name: unit for name, (unit, _) in columns.items()}, rows
+
+
+def record_evidence(known_angles: RequestedAngles, rig: Rig, measure: Measure) -> None:
+    """Record the tables that the causes of a wrong heading are found from."""
     # Another firmware's headings can be computed from these: the same readings, without noise between the two.
     measure.table(
         "heading.means",
         {f"{sensor}_{axis}": "count" for sensor in ("magnetometer", "accelerometer") for axis in "xyz"},
         np.hstack([known_angles.magnetometer, known_angles.accelerometer]).tolist(),
     )
-    # What the causes of a wrong heading are found from: what there is to read at each pose, and what is made of it.
+    # The true field and gravity at each pose, and the calibrations that the board applies to its readings.
     field = EarthField(rig.field.strength_ut, rig.field.dip_deg)
     known = known_angles.in_body(field.ned_ut), known_angles.in_body((0.0, 0.0, 1.0))
     units = {"field": "uT", "gravity": "g"}
     measure.table(
         "heading.known",
-        {f"{what}_{axis}": unit for what, unit in units.items() for axis in "xyz"},
+        {f"{vector}_{axis}": unit for vector, unit in units.items() for axis in "xyz"},
         np.hstack(known).tolist(),
     )
     measure.table(
@@ -134,18 +162,18 @@ def test_heading_at_known_angles(
         [
             [
                 name,
-                *held.soft_iron.ravel().tolist(),
-                *held.hard_iron.tolist(),
+                *calibration.soft_iron.ravel().tolist(),
+                *calibration.hard_iron.tolist(),
                 *known_angles.accelerometer_fits[name].gain.ravel().tolist(),
                 *known_angles.accelerometer_fits[name].offset.tolist(),
             ]
-            for name, held in known_angles.calibrations.items()
+            for name, calibration in known_angles.calibrations.items()
         ],
     )
 
 
 def test_the_boards_arithmetic_does_not_enter(
-    known_angles: KnownAngles, calibrations: dict[str, CalibratorRun], tumble: Tumble, measure: Measure
+    known_angles: RequestedAngles, calibrations: dict[str, CalibratorRun], tumble: Tumble, measure: Measure
 ) -> None:
     for name, run in calibrations.items():
         if run.usable:
@@ -154,15 +182,23 @@ def test_the_boards_arithmetic_does_not_enter(
 
 def test_headings_are_from_0_to_360(known_angles: KnownAngles) -> None:
     outside = {
-        name: [each for each in headings.tolist() if not 0.0 <= each < 360.0]
-        for name, headings in known_angles.heading_deg.items()
+        source: [heading for heading in headings.tolist() if not 0.0 <= heading < 360.0]
+        for source, headings in known_angles.heading_deg.items()
     }
     assert not any(outside.values()), f"answered headings outside of 0 to 360 degrees: {outside}"
 
 
-def test_heading_without_calibration(known_angles: KnownAngles, measure: Measure) -> None:
-    measure("heading.uncalibrated.max_level", known_angles.max_level_deg(UNCALIBRATED), "deg")
-    measure("heading.uncalibrated.max", known_angles.summary(UNCALIBRATED).max_deg, "deg")
+def test_heading_without_calibration(uncalibrated_angles: tuple[KnownAngles, str], measure: Measure) -> None:
+    known_angles, source = uncalibrated_angles
+    missing, level_deg = known_angles.not_measured, known_angles.max_level_deg(source)
+    measure(
+        "heading.uncalibrated.max_level",
+        level_deg,
+        "deg",
+        not_checked=missing,
+        not_offered="" if level_deg is not None else missing or "the rig has no level known angle",
+    )
+    measure("heading.uncalibrated.max", known_angles.summary(source).max_deg, "deg", not_checked=missing)
 
 
 def matrix(name: str, unit: str) -> dict[str, str]:

@@ -7,7 +7,7 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.accelerometer import AccelerometerFit
-from hiltest.procedures import KnownAngles, StreamRun, heading_errors_deg
+from hiltest.procedures import RequestedAngles, StreamRun, heading_errors_deg
 from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
@@ -40,7 +40,7 @@ def test_points_held_and_tier_at_the_end(streams: dict[str, StreamRun], measure:
 
 
 def test_what_is_known_on_the_way(
-    known_angles: KnownAngles, streams: dict[str, StreamRun], accelerometer_fit: AccelerometerFit, measure: Measure
+    known_angles: RequestedAngles, streams: dict[str, StreamRun], accelerometer_fit: AccelerometerFit, measure: Measure
 ) -> None:
     # Headings by the host, in float64, from the means that the board took: the stages outnumber its slots. The last
     # stage is in a slot too, and what the board answered under it is heading.<name>.max.

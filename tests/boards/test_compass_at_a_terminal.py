@@ -58,7 +58,7 @@ def test_what_it_says_stands_beside_a_question_and_a_stop_says_what_becomes_of_t
     assert "with 2 of 4 known angles taken; the same command begins anew" in shown
 
 
-@pytest.mark.ci  # beside tests/procedures/test_compass_by_hand.py, which needs no command and no port
+@pytest.mark.ci  # beside tests/procedures/test_reported_by_hand.py, which needs no command and no port
 def test_it_calibrates_itself_in_a_hand_and_its_headings_are_judged_with_u(turn: Turn, tmp_path: Path) -> None:
     code, shown = turn()
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))

@@ -10,8 +10,7 @@ import pytest
 
 from hiltest.measurement import Limit, check
 from hiltest.orientation.angles import Pose
-from hiltest.procedures.compass_by_hand import SAY as NEW_RUN
-from hiltest.procedures.hand_poses import Wish, question_of, wish_of
+from hiltest.procedures.hand_poses import BEGINS_ANEW, Wish, question_of, wish_of
 from hiltest.rig.bench_files import shipped
 from hiltest.rig.rig_file import load_rig
 from hiltest.verdict.verdict import decide
@@ -29,7 +28,7 @@ def test_the_questions_are_those_that_are_asked() -> None:
     for number, heading_deg in enumerate((0.0, 90.0, 180.0)):
         assert question_of(number, Pose(heading_deg)) in SESSION
         assert question_of(number, Pose(heading_deg)) in COMPASS
-    assert COMPASS.startswith(NEW_RUN)
+    assert COMPASS.startswith(BEGINS_ANEW)
 
 
 def test_every_wish_is_in_the_table_and_no_other() -> None:

@@ -1,4 +1,4 @@
-"""The page about firmware that speaks its own language: its table is a rig's, its kind of one's own works."""
+"""The page about firmware that reports by itself: its table is a rig's, its kind of one's own works."""
 
 from __future__ import annotations
 

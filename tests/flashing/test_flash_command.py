@@ -142,7 +142,7 @@ def test_a_run_on_a_board_that_could_not_be_flashed_ends_with_20(plugged_in: Ben
 def test_firmware_with_its_own_language_is_not_asked(machine: UsbTree, capsys: pytest.CaptureFixture[str]) -> None:
     with Drive(machine.plug_in(disk="sdb", mounted="/media/me/DAPLINK")) as drive:
         assert run("flash", str(LINES)) == 0
-    assert "it speaks its own language, so nothing can ask it for its build" in capsys.readouterr().out
+    assert "it answers no requests, so nothing can ask it for its build" in capsys.readouterr().out
     segments = load_image(LINES).segments
     assert len(drive.flash) == sum(len(segment.data) for segment in segments)
 

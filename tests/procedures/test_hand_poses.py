@@ -18,7 +18,8 @@ from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.replies import AverageReply
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import KnownAngles, OperatorTurntable, measure_known_angles
-from hiltest.procedures.hand_poses import PoseWalk, Question, Wish, movement, wish_of
+from hiltest.procedures.hand_poses import PoseWalk, Question, Wish, wish_of
+from hiltest.procedures.requested_headings import movement
 
 POSES = (Pose(0.0), Pose(90.0), Pose(180.0))
 _BEGUN_S = 1.0  # a turn of the table begins and gathers way in this time
@@ -182,7 +183,7 @@ def test_a_board_that_still_turns_is_not_taken_until_it_stands(virtual_board: Bo
 def test_a_board_that_never_stands_still_is_asked_for_again(
     virtual_board: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hiltest.procedures.hand_poses.STILL_WITHIN_S", 1.0)
+    monkeypatch.setattr("hiltest.procedures.requested_headings.STILL_WITHIN_S", 1.0)
     stage = virtual_board.stage
     assert stage is not None
     asked: list[str] = []

@@ -170,7 +170,7 @@ class Session:
             if is_text(heard):
                 raise VersionMismatchError(
                     f"nothing on {self._port.name} answers in hiltest's protocol, but text comes: "
-                    f"{_whole_line(heard)!r}. Firmware that speaks its own language is judged with a [device] table "
+                    f"{_whole_line(heard)!r}. Firmware that reports by itself is judged with a [device] table "
                     "in the rig: docs/text-compass.md"
                 )
             raise SyncError(self._port.name, heard, self._attempts_allowed)

@@ -564,7 +564,7 @@ def _driving() -> Iterator[Kind]:
 
 
 def _own_language() -> Iterator[Kind]:
-    """Yield the kinds for firmware that speaks its own language."""
+    """Yield the kinds for firmware that reports by itself."""
     waited = _allow(1, 0.05, "found in steps of a window, a second unless the rig says otherwise")
     converge = "Give its filter time under [device]: converge_s, settle_s."
     hear = "See which lines or bytes are not understood: hiltest device try."

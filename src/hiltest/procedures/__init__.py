@@ -22,10 +22,11 @@ from hiltest.procedures.golden_points import golden_pairs, golden_points
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_gyroscope
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
-from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
+from hiltest.procedures.known_angles import KnownAngles
 from hiltest.procedures.link_checks import LinkCheck, check_link
 from hiltest.procedures.open_table import open_table
 from hiltest.procedures.progress import Progress
+from hiltest.procedures.requested_headings import RequestedAngles, measure_known_angles
 from hiltest.procedures.rest import AccelerometerRestResult, BoardMovedError, measure_accelerometer_rest, rest_gyroscope
 from hiltest.procedures.seen_axes import see_axes
 from hiltest.procedures.six_positions import (
@@ -76,6 +77,7 @@ __all__ = [
     "MeasuredTurn",
     "OperatorTurntable",
     "Progress",
+    "RequestedAngles",
     "SimulatedTurntable",
     "StreamRun",
     "StreamStage",

@@ -15,14 +15,14 @@ from hiltest.calibration.fit import MagnetometerFit
 from hiltest.orientation import DegenerateFieldError
 from hiltest.orientation.angles import heading_error_deg
 from hiltest.procedures.calibrate import CalibratorRun
-from hiltest.procedures.known_angles import KnownAngles, headings_deg
+from hiltest.procedures.requested_headings import RequestedAngles, headings_deg
 from hiltest.procedures.tumble import Tumble
 
 Reals = NDArray[np.float64]
 
 
 def heading_errors_deg(
-    known_angles: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit = NOMINAL
+    known_angles: RequestedAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit = NOMINAL
 ) -> Reals | None:
     """Return the heading errors under two calibrations at all known angles, in (-180, 180], shape (n,) [deg].
 
@@ -32,7 +32,7 @@ def heading_errors_deg(
     return None if headings is None else _differences_deg(headings, known_angles.reference_deg)
 
 
-def float32_error_deg(known_angles: KnownAngles, run: CalibratorRun, tumble: Tumble) -> float | None:
+def float32_error_deg(known_angles: RequestedAngles, run: CalibratorRun, tumble: Tumble) -> float | None:
     """Return the largest difference between a heading of the board and the same one in float64 [deg].
 
     Parameters
@@ -65,7 +65,7 @@ def float32_error_deg(known_angles: KnownAngles, run: CalibratorRun, tumble: Tum
     )
 
 
-def _headings_deg(known_angles: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit) -> Reals | None:
+def _headings_deg(known_angles: RequestedAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit) -> Reals | None:
     if not fit.has_fit:
         return None
     try:

@@ -6,16 +6,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import MOVED_SPREAD_MG
 from hiltest.errors import OperatorAbsentError, TurntableError
-from hiltest.link.messages import Average
-from hiltest.link.replies import G_PER_COUNT, MICROTESLA_PER_COUNT, AverageReply
 from hiltest.orientation.angles import Pose
 from hiltest.procedures.turntables import QUESTIONS, Achieved, OperatorTurntable, heading_of
 from hiltest.text import format_count, join_words
@@ -24,15 +21,13 @@ Reals = NDArray[np.float64]
 
 STILL_WITHIN_S = 20.0
 """Longest wait for the board to stand still [s]; after it the question is repeated."""
-# Interval between two compared averages [s], at which a hand that turns the table at 3 degrees per second is detected.
-_APART_S = 0.3
 # The norm of three normal variables of variance 1 is larger in 2 of 10 000 cases.
 _STILL_SIGMAS = 4.4
 # rms of one reading of a still accelerometer, as in the six faces; a larger measured spread takes precedence.
 _ACCELEROMETER_NOISE_MG = 1.3
-# Readings per display update while a question waits: a tenth of a second.
-_LIVE_READINGS = 8
 _NAMED_AT_MOST = 3
+BEGINS_ANEW = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
+"""Note before the first question about firmware that does not identify its build or its calibration."""
 _ORDERS = (
     "Enter takes the heading at the angle that is asked for, a number says which angle was really reached; "
     "r takes the last one again, s skips, b goes back, q stops.\n"
@@ -121,16 +116,63 @@ class PoseWalk:
         return next((index for index in range(self.of) if index not in self.taken and index not in self.skipped), None)
 
 
-Taken: TypeAlias = tuple[Achieved, AverageReply]
+class Glance(NamedTuple):
+    """The board's heading while a question waits."""
+
+    heading_deg: float | None
+    """None if it has none."""
+    moves: bool
+    """Whether the board moves."""
+
+    def __str__(self) -> str:
+        """Return the text beside the question."""
+        heading = "no heading" if self.heading_deg is None else f"board {self.heading_deg:.1f} deg"
+        return f"{heading}, {'moving' if self.moves else 'still'}"
+
+
+Taken = TypeVar("Taken")
+
+
+class PoseReader(Protocol[Taken]):
+    """Reads a board at known angles, by its interface to the firmware.
+
+    Attributes
+    ----------
+    can_go_on : bool
+        Whether a run that was stopped can go on: the board shows that its firmware and calibration are the same.
+    may_glance : bool
+        Whether the board may be read while a question waits.
+    """
+
+    can_go_on: bool
+    may_glance: bool
+
+    def now_s(self) -> float:
+        """Return the time of the board's clock [s]."""
+
+    def read(self, pose: Pose) -> Taken:
+        """Read the board at a pose where its table stands."""
+
+    def read_when_still(self, pose: Pose) -> tuple[Taken | None, str]:
+        """Read the board as soon as it stands; return None and a description of the motion if it does not."""
+
+    def glance(self) -> Glance:
+        """Return the board's heading now."""
+
+    def calibration_numbers(self) -> dict[str, list[float]]:
+        """Return the parameters of the calibrations that the readings depend on."""
+
+    def is_of_this_run(self, reading: Taken) -> bool:
+        """Return whether a stored reading has all that this run asks for."""
 
 
 class PoseJournal(Protocol):
     """Journal of captured poses, from which a run can resume."""
 
-    def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, Taken], str]:
+    def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, tuple[Achieved, Any]], str]:
         """Return the stored poses under calibrations with these numbers, and a message for the operator."""
 
-    def keep(self, index: int, pose: Taken) -> None:
+    def keep(self, index: int, measured: tuple[Achieved, Any]) -> None:
         """Store a pose."""
 
 
@@ -140,10 +182,10 @@ def walk_by_hand(
     earlier: Iterable[int],
     *,
     take: Callable[[int, float], str],
-    look: Callable[[], str] | None,
+    look: Callable[[], Glance] | None,
     now_s: Callable[[], float],
-    say: str = "",
-    stopped: str = "the same command goes on",
+    say: str,
+    stopped: str,
 ) -> None:
     """Ask for each pose and capture it, until all are done.
 
@@ -155,7 +197,7 @@ def walk_by_hand(
         Captures the reached pose, by its index and heading [deg], and returns a description of the motion; empty if it
         was captured.
     look
-        Returns the live text; None for questions without one.
+        Returns the board's heading while a question waits; None for questions without one.
     now_s
         The board's clock.
     say
@@ -211,80 +253,44 @@ def walk_by_hand(
 
 
 def take_by_hand(
-    board: Board,
-    table: OperatorTurntable,
-    poses: Sequence[Pose],
-    *,
-    readings: int,
-    slots: Sequence[int],
-    shown: int,
-    check: Callable[[Pose, AverageReply], object],
-    earlier: Mapping[int, Taken],
-    keep: Callable[[int, Taken], object],
-    say: str = "",
-) -> dict[int, Taken]:
-    """Ask for each pose, wait until the board stands still, and average its readings; see `walk_by_hand` for errors.
+    reader: PoseReader[Taken], table: OperatorTurntable, poses: Sequence[Pose], journal: PoseJournal | None
+) -> dict[int, tuple[Achieved, Taken]]:
+    """Ask for each pose, wait until the board stands still, and read it; see `walk_by_hand` for errors.
 
     Parameters
     ----------
-    readings
-        New samples of each sensor to average.
-    slots
-        Slots of the calibrations for headings.
-    shown
-        Slot whose heading is shown beside a question.
-    check
-        Raises an error for an answer that must not be used.
-    earlier
-        Poses that are stored already.
-    keep
-        Receives each captured pose.
-    say
-        Text before the first question.
+    journal
+        Stores captured poses, and returns those stored already; None if the run cannot go on after a stop.
 
     Returns
     -------
-    dict of int to (Achieved, AverageReply)
+    dict of int to (Achieved, reading)
         Results by the index of the pose, in order, without skipped ones.
     """
-    answers = {
-        index: pose
-        for index, pose in earlier.items()
-        if 0 <= index < len(poses) and set(pose[1].headings) == set(slots)
+    stored, message = journal.earlier(reader.calibration_numbers()) if journal else ({}, "")
+    taken: dict[int, tuple[Achieved, Taken]] = {
+        index: place for index, place in stored.items() if 0 <= index < len(poses) and reader.is_of_this_run(place[1])
     }
-    mask = sum(1 << slot for slot in slots)
 
     def take(at: int, heading_deg: float) -> str:
-        reply, moved = wait_until_still(board, readings, mask)
-        if reply is not None:
-            check(poses[at], reply)
-            answers[at] = table.achieved(poses[at], heading_deg), reply
-            keep(at, answers[at])
-        return moved
+        reading, motion = reader.read_when_still(poses[at])
+        if reading is not None:
+            taken[at] = table.achieved(poses[at], heading_deg), reading
+            if journal:
+                journal.keep(at, taken[at])
+        return motion
 
-    walk_by_hand(table, poses, answers, take=take, look=_Look(board, shown), now_s=board.now_s, say=say)
-    return dict(sorted(answers.items()))
-
-
-def wait_until_still(board: Board, readings: int, slot_bitmask: int) -> tuple[AverageReply | None, str]:
-    """Average until two consecutive averages agree; return the last one, or None and a description of the motion.
-
-    Parameters
-    ----------
-    slot_bitmask
-        See `Average`.
-    """
-    ends_s = board.now_s() + STILL_WITHIN_S
-    before = board.session.request(Average(readings, slot_bitmask))
-    while True:
-        board.sleep(_APART_S)
-        reply = board.session.request(Average(readings, slot_bitmask))
-        moved = movement(before, reply, board.declared.magnetometer_sigma_ut)
-        if not moved:
-            return reply, ""
-        if board.now_s() > ends_s:
-            return None, moved
-        before = reply
+    walk_by_hand(
+        table,
+        poses,
+        taken,
+        take=take,
+        look=reader.glance if reader.may_glance else None,
+        now_s=reader.now_s,
+        say=message if reader.can_go_on else BEGINS_ANEW,
+        stopped="the same command goes on" if reader.can_go_on else "the same command begins anew",
+    )
+    return dict(sorted(taken.items()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -298,23 +304,6 @@ class Readings:
     """Shape (3,), or None. Means."""
     spread_mg: float
     """Sample deviation of the accelerometer's axis that spreads most."""
-
-
-def movement(before: AverageReply, after: AverageReply, magnetometer_sigma_ut: float) -> str:
-    """Describe how a board moved between two averages; see `moved`."""
-    # Means of whole counts have a rounding error, even if the declared noise is small.
-    noise_ut = math.hypot(magnetometer_sigma_ut, MICROTESLA_PER_COUNT / math.sqrt(12.0))
-    return moved(_readings(before), _readings(after), noise_ut)
-
-
-def _readings(reply: AverageReply) -> Readings:
-    spread = reply.accelerometer.spread
-    return Readings(
-        reply.n,
-        MICROTESLA_PER_COUNT * reply.magnetometer.mean,
-        G_PER_COUNT * reply.accelerometer.mean,
-        0.0 if spread is None else 1000.0 * G_PER_COUNT * float(spread.max()),
-    )
 
 
 def moved(before: Readings, after: Readings, noise_ut: float) -> str:
@@ -362,28 +351,6 @@ class _Pace:
             return ""
         left_s = (self._now_s() - self._began_s) / count * self._walk.left
         return f", {left_s / 60.0:.0f} min left" if left_s >= 90.0 else f", {left_s:.0f} s left"
-
-
-def said_beside(heading_deg: float | None, *, moves: bool) -> str:
-    """Return the board's live text while a question waits."""
-    heading = "no heading" if heading_deg is None else f"board {heading_deg:.1f} deg"
-    return f"{heading}, {'moving' if moves else 'still'}"
-
-
-class _Look:
-    """Display of the board's heading while a question waits, and of motion."""
-
-    def __init__(self, board: Board, slot: int) -> None:
-        self._board, self._slot = board, slot
-        self._before: AverageReply | None = None
-
-    def __call__(self) -> str:
-        """Query the board, and return a short text."""
-        reply = self._board.session.request(Average(_LIVE_READINGS, 1 << self._slot))
-        moves = self._before is None or movement(self._before, reply, self._board.declared.magnetometer_sigma_ut)
-        self._before = reply
-        attitude = reply.headings[self._slot].attitude
-        return said_beside(attitude.heading_deg if attitude else None, moves=bool(moves))
 
 
 def place_of(pose: Pose) -> str:

@@ -17,9 +17,10 @@ from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.replies import AverageReply
 from hiltest.orientation import DegenerateFieldError
 from hiltest.procedures.calibrate import CalibratorRun, run_calibrators
-from hiltest.procedures.compass import CALIBRATED, FIRMWARE, Belief, Reals, belief_of, frame_of
-from hiltest.procedures.known_angles import headings_deg
+from hiltest.procedures.known_angles import Reals
 from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.reported_headings import CALIBRATED, FIRMWARE, Belief, belief_of, frame_of
+from hiltest.procedures.requested_headings import headings_deg
 from hiltest.procedures.tumble import Tumble, collect_until
 from hiltest.rig import COUNTS_PER_UT, Rig
 

@@ -32,7 +32,7 @@ class Cause(StrEnum):
     ROTATION = "rotation"
     GOOD_FIT_BAD_HEADING = "good fit, bad heading"
     BAD_FIT = "bad fit"
-    # The remaining causes belong to firmware that speaks its own language.
+    # The remaining causes belong to firmware that reports by itself.
     FRAME = "another frame than the declared one"
     NOT_TOGETHER = "its field, its calibration and its heading do not belong together"
     STILL = "a heading that does not follow the board"

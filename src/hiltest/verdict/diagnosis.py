@@ -15,7 +15,7 @@ from hiltest.run_record.run import Table
 from hiltest.verdict.calibrators import fit_status, maximum_of, value_of
 from hiltest.verdict.causes import GOOD_FIT_FACTOR, OF_SOURCE, Cause, HeadingSymptoms, name_cause
 from hiltest.verdict.heading_evidence import CALIBRATION_FILE, HeadingEvidence, read_heading_evidence
-from hiltest.verdict.own_language import CALIBRATED, ECOMPASS, FIRMWARE, diagnose_firmware, diagnose_parts
+from hiltest.verdict.reported_headings import CALIBRATED, ECOMPASS, FIRMWARE, diagnose_firmware, diagnose_parts
 
 # The firmware's own arithmetic is the cause if it contributes at least half of the largest error.
 _MAKES_MOST = 0.5

@@ -22,7 +22,7 @@ from hiltest.text import format_count, format_number, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
 from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
-from hiltest.verdict.own_language import FIRMWARE, next_step
+from hiltest.verdict.reported_headings import FIRMWARE, next_step
 
 CLOSE = 0.05
 """A measurement is close to its limit if it is nearer than this fraction of it."""

@@ -20,7 +20,7 @@ from hiltest.verdict.calibrators import (
     has_no_number,
     value_of,
 )
-from hiltest.verdict.own_language import FIRMWARE, costs_in_words, parts_in_words
+from hiltest.verdict.reported_headings import FIRMWARE, costs_in_words, parts_in_words
 from hiltest.verdict.summary import Failure, Summary, held_to, ratio_in_words, summarise, unmeasured_in_words
 from hiltest.verdict.wording import sentence
 

@@ -13,7 +13,7 @@ from hiltest.link.gyroscope import GetGyroscope, SetGyroscope
 from hiltest.link.messages import ClearCalibration, SetCalibration
 from hiltest.procedures.heading_statistics import rms
 from hiltest.procedures.imu_calibration.contents import GyroscopePart, ImuCalibration
-from hiltest.procedures.known_angles import KnownAngles
+from hiltest.procedures.requested_headings import RequestedAngles
 from hiltest.procedures.rest import rest_gyroscope
 
 #: Subject of the headings under a file's calibration: ``heading.calibration.max``.
@@ -54,7 +54,7 @@ def gyroscope_bias_error_dps(board: Board, part: GyroscopePart, *, seconds: floa
     return float(np.abs(np.array(part.matrix) @ rest.corrected_mean).max())
 
 
-def field_norm_rms_percent(known_angles: KnownAngles, calibration: ImuCalibration) -> float:
+def field_norm_rms_percent(known_angles: RequestedAngles, calibration: ImuCalibration) -> float:
     """Return the deviation of the corrected field's norm from 1 at the known angles, rms over the poses [%]."""
     part = calibration.magnetometer
     corrected = (known_angles.magnetometer - np.array(part.hard_iron)) @ np.array(part.soft_iron).T

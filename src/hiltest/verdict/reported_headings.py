@@ -1,4 +1,4 @@
-"""Diagnosis of a wrong heading of firmware that speaks its own language: frame, calibration, or filter."""
+"""Diagnosis of a wrong heading of firmware that reports by itself: frame, calibration, or filter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An operator at the known angles of firmware that speaks its own language: the dialogue, and what is still."""
+"""An operator at the known angles of firmware that reports by itself: the dialogue, and what is still."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hiltest.errors import TurntableError
 from hiltest.interfaces.quantities import Quantity
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import OperatorTurntable
-from hiltest.procedures.compass import CompassHeadings, measure_headings
 from hiltest.procedures.hand_poses import Question
+from hiltest.procedures.reported_headings import ReportedAngles, measure_reported_angles
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import shipped
 from hiltest.rig.rig_file import parse_rig
@@ -66,8 +66,8 @@ def compass() -> Iterator[Board]:
         yield board
 
 
-def measured(board: Board, hand: Hand, poses: Sequence[Pose] = POSES) -> CompassHeadings:
-    return measure_headings(board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses)
+def measured(board: Board, hand: Hand, poses: Sequence[Pose] = POSES) -> ReportedAngles:
+    return measure_reported_angles(board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses)
 
 
 def test_what_the_firmware_says_whether_it_moves_and_what_is_left_stand_beside_a_question(
@@ -90,7 +90,7 @@ def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: Board) -> None:
     hand = Hand(compass, "", "r", "1.5", "s", "b", "s", "", "")
     found = measured(compass, hand)
     assert hand.poses == [1, 2, 1, 2, 3, 2, 3]
-    assert [each.pose for each in found.held] == [POSES[0], POSES[2]]
+    assert found.poses == (POSES[0], POSES[2])
     assert found.reference_deg.tolist() == pytest.approx([3.2, 181.7])  # the second time the operator said 1.5
     assert found.skipped == (POSES[1],)
     assert found.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
@@ -125,7 +125,7 @@ def test_a_board_that_never_stands_is_asked_for_again_where_its_vectors_show_it(
     says_vectors: bool, compass: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of firmware that says its heading alone, a heading that moves is what it says, and is counted as unsettled."""
-    monkeypatch.setattr("hiltest.procedures.compass_by_hand.STILL_WITHIN_S", 1.0)
+    monkeypatch.setattr("hiltest.procedures.reported_headings.STILL_WITHIN_S", 1.0)
     text = re.sub(r"\n  '(RAW|hard)=.*", "", TEXT)
     board = compass if says_vectors else opened(parse_rig(SHIPPED, text.encode()))
     stage = board.stage

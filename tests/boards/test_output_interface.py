@@ -16,7 +16,7 @@ from hiltest.errors import ConfigError, DeviceSilentError, LinkLostError, Versio
 from hiltest.interfaces.packets import AnglesPacket, MainPacket, encode
 from hiltest.interfaces.quantities import Quantity
 from hiltest.link.transcript import Direction, Transcript
-from hiltest.procedures.compass import frame_of
+from hiltest.procedures.reported_headings import frame_of
 from hiltest.procedures.settling import wait_until_settled
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import rig_file

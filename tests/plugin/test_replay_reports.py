@@ -1,4 +1,4 @@
-"""``--hil-record`` and ``--hil-replay`` of firmware that speaks its own language: lines, packets, and its variables."""
+"""``--hil-record`` and ``--hil-replay`` of firmware that reports by itself: lines, packets, and its variables."""
 
 from __future__ import annotations
 

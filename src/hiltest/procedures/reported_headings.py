@@ -1,13 +1,13 @@
-"""The known-angle procedure for firmware with its own protocol: turn, wait, and read the heading."""
+"""Known angles of firmware that reports its heading by itself: at each pose hiltest waits until it has settled."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
@@ -15,18 +15,17 @@ from hiltest.errors import PoorCoverageError
 from hiltest.interfaces.frames import FRAMES, Frame
 from hiltest.interfaces.quantities import Moment, Observation, Quantity
 from hiltest.orientation import DegenerateFieldError, tilt_heading
-from hiltest.orientation.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180, wrap_360
-from hiltest.procedures.compass_by_hand import hold_by_hand
+from hiltest.orientation.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180
 from hiltest.procedures.conventions import other_frame, other_tilt, other_way, standing_still
-from hiltest.procedures.hand_poses import missing_in_words
+from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, Readings, moved
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
+from hiltest.procedures.known_angles import KnownAngles, Reals, attitude_of, take_known_angles
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.settling import Settled, wait_until_settled
-from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
+from hiltest.procedures.turntables import Turntable
 from hiltest.rig import COUNTS_PER_UT, Rig
 from hiltest.text import format_count
 
-Reals = NDArray[np.float64]
 # Pitch and roll [deg]: reported, and true.
 _Tilt: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 
@@ -36,10 +35,14 @@ ECOMPASS = "ecompass"
 """Source: a heading computed from the firmware's calibrated field and gravity, without its filter."""
 CALIBRATED = "calibrated"
 """Source: a heading computed with the firmware's calibration from the raw field."""
-UNCALIBRATED = "uncalibrated"
 
 #: Quantities that give gravity, the calibrated one first.
 _GRAVITY = (Quantity.ACCELEROMETER_CALIBRATED, Quantity.ACCELEROMETER)
+_FIELD = (Quantity.MAGNETOMETER, Quantity.MAGNETOMETER_CALIBRATED)
+# Duration of one reading while a question waits [s]: three lines at ten per second.
+_GLANCE_S = 0.3
+# Change of heading between two readings on a table that turns at 3 degrees per second; the noise of three lines is 0.3.
+_TURNED_DEG = 1.0
 # Interval between checks of whether the firmware has calibrated itself [s].
 _LOOK_S = 1.0
 
@@ -71,9 +74,8 @@ class Belief:
 class HeldPose:
     """Observations at one known angle."""
 
-    pose: Pose
     attitude: Pose
-    """Requested pose of the table; and attitude of the board: the reached pose with the declared mounting."""
+    """Attitude of the board: the reached pose with the declared mounting."""
     settled: Settled
     field_ut: Reals | None
     gravity_g: Reals | None
@@ -84,15 +86,11 @@ class HeldPose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CompassHeadings:
-    """Headings at known angles, by source."""
+class ReportedAngles(KnownAngles):
+    """Headings that the firmware reported at known angles: `FIRMWARE` and other sources."""
 
     held: tuple[HeldPose, ...]
-    reference_deg: Reals
-    """Shape (n,). Heading of the board at each pose."""
-    heading_deg: Mapping[str, Reals]
-    error_deg: Mapping[str, Reals]
-    """Shape (n,). Heading, and heading minus reference in (-180, 180], by source: `FIRMWARE` and others."""
+    """Observations at each pose."""
     belief: Belief
     """Firmware's calibration at the end."""
     tilt_error_deg: float | None
@@ -101,18 +99,6 @@ class CompassHeadings:
     contradictions: Mapping[str, str]
     """Descriptions of conventions under which values that are far off by the declared one are right, for ``heading``,
     ``vectors`` and ``tilt``; and of a heading that stands ``still``."""
-    skipped: tuple[Pose, ...] = ()
-    """Known angles that an operator skipped."""
-
-    @property
-    def not_measured(self) -> str:
-        """Missing known angles, in words; empty without any. A limit applies to the complete set."""
-        return missing_in_words(self.skipped, len(self.held))
-
-    @property
-    def level(self) -> NDArray[np.bool_]:
-        """Mask of the level poses, shape (n,)."""
-        return np.array([pose.pose.pitch_deg == 0.0 and pose.pose.roll_deg == 0.0 for pose in self.held])
 
     def under(self, fit: MagnetometerFit) -> HeadingSummary | None:
         """Return the statistics of another calibration of the same readings; None if they are unknown."""
@@ -122,15 +108,6 @@ class CompassHeadings:
             return None
         errors = [heading_error_deg(*pair) for pair in zip(valid_headings, self.reference_deg.tolist(), strict=True)]
         return summarise(errors, self.reference_deg, level=self.level)
-
-    def summary(self, source: str) -> HeadingSummary:
-        """Return the statistics of one source."""
-        return summarise(self.error_deg[source], self.reference_deg, level=self.level)
-
-    def max_level_deg(self, source: str) -> float | None:
-        """Return the largest error of a source over the level poses; None if none was taken."""
-        level = self.level
-        return summarise(self.error_deg[source][level], self.reference_deg[level]).max_deg if level.any() else None
 
     @property
     def settle_s(self) -> Reals:
@@ -224,17 +201,123 @@ def is_calibrated(observations: Sequence[Observation]) -> bool:
     )
 
 
-def measure_headings(
+class ReportReader:
+    """Reads a board that reports its heading by itself, at known angles.
+
+    Parameters
+    ----------
+    longest_s
+        Longest wait for a heading; by default the rig's.
+    """
+
+    can_go_on = False
+
+    def __init__(self, board: Board, longest_s: float | None = None) -> None:
+        self._board, self._output, self._longest_s = board, board.output, longest_s
+        self._frame = frame_of(board.output.rig)
+        self._before: Sequence[Observation] = ()
+        self.may_glance = board.output.may_be_overheard
+
+    def now_s(self) -> float:
+        """Return the time of the board's clock [s]."""
+        return self._board.now_s()
+
+    def read(self, pose: Pose) -> Settled:
+        """Wait until the heading of a board that stands has settled."""
+        self._output.send(Moment.POSE)
+        return wait_until_settled(self._board, self._frame, self._longest_s)
+
+    def read_when_still(self, pose: Pose) -> tuple[Settled | None, str]:
+        """Wait until the board stands still, and then until its heading has settled; or describe the motion.
+
+        Field and gravity show whether it stands, if the firmware reports them. The heading cannot, because it is under
+        test: if it drifts in a filter or never settles, that is a finding.
+        """
+        window_s, ends_s = self._output.device.window_s, self.now_s() + STILL_WITHIN_S
+        before = self._output.observe(window_s)
+        while True:
+            after = self._output.observe(window_s)
+            motion = self._movement(before, after)
+            if not motion:
+                settled = self.read(pose)
+                motion = self._movement(after, settled.window)
+                if not motion:
+                    return settled, ""
+                after = list(settled.window)
+            if self.now_s() > ends_s:
+                return None, motion
+            before = after
+
+    def glance(self) -> Glance:
+        """Return the board's heading now, and whether it moves: by its vectors, or else by its heading."""
+        before, self._before = self._before, self._output.observe(_GLANCE_S)
+        pair = self._headings(before), self._headings(self._before)
+        mean_deg = circular_mean_deg(pair[1]) if pair[1] else math.nan
+        if min(_stillness(observations).n for observations in (before, self._before)):
+            moves = bool(self._movement(before, self._before))
+        else:
+            moves = not all(pair) or abs(wrap_180(mean_deg - circular_mean_deg(pair[0]))) > _TURNED_DEG
+        return Glance(mean_deg if pair[1] else None, moves)
+
+    def calibration_numbers(self) -> dict[str, list[float]]:
+        """Return nothing: the firmware calibrates itself."""
+        return {}
+
+    def is_of_this_run(self, reading: Settled) -> bool:
+        """Return False: the firmware does not show that its calibration is that of an earlier run."""
+        return False
+
+    def _movement(self, before: Sequence[Observation], after: Sequence[Observation]) -> str:
+        """Describe how the board moved between two windows; empty if it stood, or the firmware reports no vectors.
+
+        Notes
+        -----
+        The noise of the field is the declared one of one reading; firmware that averages has less. With 0.4 uT, ten
+        readings per window and a horizontal field of 22.8 uT, a turn by 2 degrees between windows is detected.
+        """
+        pair = _stillness(before), _stillness(after)
+        noise_ut = self._output.rig.sensors.magnetometer_noise_ut
+        return moved(*pair, noise_ut) if min(readings.n for readings in pair) else ""
+
+    def _headings(self, observations: Sequence[Observation]) -> list[float]:
+        values = [
+            observation.values[Quantity.HEADING]
+            for observation in observations
+            if Quantity.HEADING in observation.values
+        ]
+        return [self._frame.heading_deg(float(value[0])) for value in values]
+
+
+def _stillness(observations: Sequence[Observation]) -> Readings:
+    field, gravity = _vectors(observations, _FIELD), _vectors(observations, _GRAVITY[::-1])
+    vectors = [vector for vector in (field, gravity) if vector is not None]
+    spread_g = gravity.std(axis=0, ddof=1).max() if gravity is not None and len(gravity) > 1 else 0.0
+    return Readings(
+        min((len(vector) for vector in vectors), default=0),
+        None if field is None else field.mean(axis=0),
+        None if gravity is None else gravity.mean(axis=0),
+        1000.0 * float(spread_g),
+    )
+
+
+def _vectors(observations: Sequence[Observation], quantities: Sequence[Quantity]) -> Reals | None:
+    """Return the values of the first quantity that has any, shape (n, 3); None if none has."""
+    for quantity in quantities:
+        values = [observation.values[quantity] for observation in observations if quantity in observation.values]
+        if values:
+            return np.array(values, dtype=np.float64)
+    return None
+
+
+def measure_reported_angles(
     board: Board,
     turntable: Turntable,
     poses: Sequence[Pose],
     *,
     longest_s: float | None = None,
     progress: Progress | None = None,
-) -> CompassHeadings:
+) -> ReportedAngles:
     """Turn the board to each pose, wait until its heading has settled, and compare it with the table's angle.
-
-    For a table that an operator turns, see `hold_by_hand`.
 
     Parameters
     ----------
@@ -243,66 +326,54 @@ def measure_headings(
     longest_s
         Longest wait for a heading; by default the rig's.
     """
-    rig, tell = board.output.rig, progress or silent
+    rig = board.output.rig
     frame, yaw_deg = frame_of(rig), rig.mounting.yaw_deg if rig.mounting else 0.0
-    held: dict[int, HeldPose] = {}
-
-    def hold(index: int, achieved: Achieved, settled: Settled) -> None:
-        attitude = Pose(wrap_360(achieved.heading_deg + yaw_deg), achieved.pitch_deg, achieved.roll_deg)
-        held[index] = HeldPose(
-            poses[index],
-            attitude,
-            settled,
-            field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
-            gravity_g=_mean(settled, _gravity(board), frame.gravity),
-            read_ut=_read_ut(board, settled, attitude, frame),
+    taken = take_known_angles(ReportReader(board, longest_s), turntable, poses, progress=progress)
+    held: list[HeldPose] = []
+    for achieved, settled in taken.values():
+        attitude = attitude_of(achieved, yaw_deg)
+        held.append(
+            HeldPose(
+                attitude,
+                settled,
+                field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
+                gravity_g=_mean(settled, _gravity(board), frame.gravity),
+                read_ut=_read_ut(board, settled, attitude, frame),
+            )
         )
-
-    if isinstance(turntable, OperatorTurntable):
-        hold_by_hand(board, turntable, poses, frame, hold, longest_s=longest_s)
-    else:
-        for index, pose in enumerate(poses):
-            achieved = turntable.turn_to(pose, known_angle=index)
-            board.output.send(Moment.POSE)
-            hold(index, achieved, wait_until_settled(board, frame, longest_s))
-            tell("known angles", index + 1, len(poses))
-    skipped = tuple(pose for index, pose in enumerate(poses) if index not in held)
-    headings = _headings(tuple(held[index] for index in sorted(held)), belief_of(board.output.latest, frame), board)
-    return replace(headings, skipped=skipped)
-
-
-def _headings(held: tuple[HeldPose, ...], belief: Belief, board: Board) -> CompassHeadings:
-    reference_deg = np.array([pose.attitude.heading_deg for pose in held])
-    answered = {FIRMWARE: [pose.settled.heading_deg for pose in held]}
-    own = [_heading(pose.gravity_g, pose.field_ut) for pose in held]
-    if None not in own:
-        answered[ECOMPASS] = [heading_deg for heading_deg in own if heading_deg is not None]
-    applied = [_heading(pose.gravity_g, _corrected_field(pose, belief.fit)) for pose in held]
-    if None not in applied:
-        answered[CALIBRATED] = [heading_deg for heading_deg in applied if heading_deg is not None]
-    error_deg = {
-        source: np.array([heading_error_deg(*pair) for pair in zip(headings, reference_deg.tolist(), strict=True)])
-        for source, headings in answered.items()
-    }
+    belief = belief_of(board.output.latest, frame)
+    headings = _headings_by_source(held, belief)
     tilts = _tilts(held, board)
-    errors = [
-        abs(wrap_180(a - b))
-        for answered_tilt, true_tilt in tilts
-        for a, b in zip(answered_tilt, true_tilt, strict=True)
-    ]
-    return CompassHeadings(
-        held,
-        reference_deg,
-        {source: np.array(values) for source, values in answered.items()},
-        error_deg,
-        belief,
-        max(errors, default=None),
-        _contradictions(held, answered[FIRMWARE], tilts, board.output.rig),
+    return ReportedAngles(
+        poses=tuple(poses[index] for index in taken),
+        attitudes=tuple(pose.attitude for pose in held),
+        heading_deg={source: np.array(values) for source, values in headings.items()},
+        skipped=tuple(pose for index, pose in enumerate(poses) if index not in taken),
+        held=tuple(held),
+        belief=belief,
+        tilt_error_deg=max(
+            (abs(wrap_180(a - b)) for reported, true in tilts for a, b in zip(reported, true, strict=True)),
+            default=None,
+        ),
+        contradictions=_contradictions(held, headings[FIRMWARE], tilts, rig),
     )
 
 
+def _headings_by_source(held: Sequence[HeldPose], belief: Belief) -> dict[str, list[float]]:
+    """Return the reported headings, and those computed from the firmware's vectors and calibration if it has them."""
+    computed = {
+        ECOMPASS: [_heading(pose.gravity_g, pose.field_ut) for pose in held],
+        CALIBRATED: [_heading(pose.gravity_g, _corrected_field(pose, belief.fit)) for pose in held],
+    }
+    headings = {FIRMWARE: [pose.settled.heading_deg for pose in held]}
+    for source, values in computed.items():
+        if None not in values:
+            headings[source] = [value for value in values if value is not None]
+    return headings
+
+
 def _contradictions(
-    held: tuple[HeldPose, ...], answered_deg: list[float], tilts: Sequence[_Tilt], rig: Rig
+    held: Sequence[HeldPose], answered_deg: list[float], tilts: Sequence[_Tilt], rig: Rig
 ) -> dict[str, str]:
     assert rig.device is not None
     reference_deg, frame = [pose.attitude.heading_deg for pose in held], frame_of(rig)
@@ -317,7 +388,7 @@ def _contradictions(
     return {name: reason for name, reason in reasons.items() if reason}
 
 
-def _tilts(held: tuple[HeldPose, ...], board: Board) -> list[_Tilt]:
+def _tilts(held: Sequence[HeldPose], board: Board) -> list[_Tilt]:
     """Return reported and true pitch and roll at each pose that has them."""
     if board.output.device.frame != "ned":
         return []

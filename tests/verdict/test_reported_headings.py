@@ -1,4 +1,4 @@
-"""Firmware that speaks its own language: the part of it that makes a wrong heading is named."""
+"""Firmware that reports by itself: the part of it that makes a wrong heading is named."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hiltest.run_record.run import Column, Findings, Table
 from hiltest.verdict.calibrators import calibrator_results
 from hiltest.verdict.causes import Cause
 from hiltest.verdict.diagnosis import diagnose_run
-from hiltest.verdict.own_language import costs_in_words, next_step
+from hiltest.verdict.reported_headings import costs_in_words, next_step
 from hiltest.verdict.summary import summarise
 
 LIMITS = {"heading.firmware.max": 2.0, "heading.ecompass.max": 5.0, "heading.calibrated.max": 5.0}

@@ -1,0 +1,163 @@
+"""Firmware that reports its heading by itself: what it reports of its sensors, of its errors and of its calibration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.calibration.quality import offset_error_ut, rotation_left_deg
+from hiltest.interfaces.quantities import StreamInterface
+from hiltest.measurement import Limit
+from hiltest.procedures import upload_points
+from hiltest.procedures.calibrate import calibrate_once
+from hiltest.procedures.reported_headings import ReportedAngles, SelfCalibration, samples_of
+from hiltest.rig import Rig
+from hiltest.session.fixtures import Measure
+from hiltest.text import join_words
+
+pytestmark = pytest.mark.hil
+
+# Mistaken units make a factor of ten and more, and steel in a building changes the field by less than half.
+SAME_UNIT = 2.0
+# Calibrators of hiltest's own firmware that are shown beside; with fewer samples there is no ellipsoid.
+OURS = ("direct", "corrected", "iterative")
+FEWEST_SAMPLES = 50
+
+
+def test_the_firmware_calibrates_itself(
+    self_calibration: SelfCalibration, known_angles: ReportedAngles, board: Board, rig: Rig, measure: Measure
+) -> None:
+    after_s = self_calibration.calibrated_after_s
+    measure("device.calibrated_after", after_s, "s", not_offered=not_reported(after_s))
+    believed, truth = known_angles.belief, board.truth
+    same_unit = Limit(min=rig.field.strength_ut / SAME_UNIT, max=rig.field.strength_ut * SAME_UNIT)
+    measure(
+        "fit.firmware.residual", believed.fit_error_percent, "%", not_offered=not_reported(believed.fit_error_percent)
+    )
+    measure(
+        "fit.firmware.strength",
+        believed.field_strength_ut,
+        "uT",
+        not_offered=not_reported(believed.field_strength_ut),
+        limit=None if believed.field_strength_ut is None else same_unit,
+    )
+    measure("fit.firmware.dip", believed.dip_deg, "deg", not_offered=not_reported(believed.dip_deg))
+    offset_ut = rotation_deg = None
+    if believed.fit is not None and truth is not None:
+        offset_ut = offset_error_ut(believed.fit, truth.hard_iron_ut)
+        rotation_deg = rotation_left_deg(believed.fit, truth.soft_iron)
+    measure("fit.firmware.offset_error", offset_ut, "uT", not_offered=not_reported(believed.fit))
+    measure("fit.firmware.rotation_left", rotation_deg, "deg", not_offered=not_reported(believed.fit))
+    bias_dps = None
+    if believed.gyroscope_bias_dps is not None and truth is not None:
+        bias_dps = float(np.linalg.norm(believed.gyroscope_bias_dps - truth.gyroscope_bias_dps))
+    measure("gyroscope.firmware.bias_error", bias_dps, "dps", not_offered=not_reported(believed.gyroscope_bias_dps))
+
+
+def test_pitch_and_roll_at_known_angles(known_angles: ReportedAngles, board: Board, measure: Measure) -> None:
+    why = (
+        not_reported(known_angles.tilt_error_deg)
+        if board.output.device.frame == "ned"
+        else "they are other angles in other frames"
+    )
+    measure(
+        "accelerometer.tilt_error",
+        known_angles.tilt_error_deg,
+        "deg",
+        not_offered=why,
+        note=known_angles.contradictions.get("tilt", ""),
+    )
+
+
+def test_the_firmware_reports_no_error(known_angles: ReportedAngles, board: Board, rig: Rig, measure: Measure) -> None:
+    reported = [
+        f"{text!r}" + (f" {times} times" if times > 1 else "") for text, times in board.output.errors.most_common()
+    ]
+    limit = None if "device.errors" in rig.information else Limit(max=0)
+    measure("device.errors", board.output.errors.total(), "", limit=limit, note=join_words(reported, 2))
+
+
+def test_headings_settle(known_angles: ReportedAngles, board: Board, measure: Measure) -> None:
+    measure("device.settle_time", float(known_angles.settle_s.max()), "s", note="; ".join(board.output.remarks()))
+    measure("device.unsettled", known_angles.unsettled, "")
+    measure("device.unconfirmed", known_angles.unconfirmed, "")
+    streams = [decoder for decoder in board.output.decoders.values() if isinstance(decoder, StreamInterface)]
+    if streams:
+        measure("device.not_understood", min(stream.not_understood for stream in streams), "")
+
+
+def test_cycles_of_the_functions_that_the_rig_names(
+    known_angles: ReportedAngles, board: Board, rig: Rig, measure: Measure
+) -> None:
+    if not rig.cycles:
+        pytest.skip("the rig names no function under [cycles]")
+    if board.costs is None:
+        pytest.skip("this board does not execute the firmware where it could be seen")
+    model = board.cycle_model
+    for name, calls in board.costs.calls().items():
+        why = calls.refusal or ("" if calls.calls else f"{calls.function} was not called")
+        note = f"it ends in {', '.join(calls.ended_in)}" if calls.ended_in else ""
+        measure(f"cycles.{name}.calls", calls.calls, "", note=note)
+        for what, cycles in (("least", calls.least), ("median", calls.median), ("most", calls.most)):
+            measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
+        share = None if calls.share is None else 100.0 * calls.share
+        measure(f"cycles.{name}.share", share, "%", not_offered=why)
+        measure(f"cycles.{name}.interrupted", calls.interrupted, "")
+    for name, solved in board.costs.solutions().items():
+        why = "" if solved.solutions else "no solution was begun and completed"
+        measure(f"cycles.{name}.solutions", solved.solutions, "")
+        for what, cycles in (
+            ("solution_median", solved.median),
+            ("solution_most", solved.most),
+            ("slice_most", solved.longest_slice),
+        ):
+            measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
+        measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=why)
+    if (latest := board.costs.latest_solution()) is not None:
+        measure(
+            "cycles.calibrated.total",
+            latest.cycles,
+            "cycle",
+            cycle_model=model,
+            note=f"{latest.name} in {latest.slices} slices",
+        )
+        flash = board.costs.from_flash()
+        measure(
+            "cycles.calibrated.from_flash",
+            flash.cycles,
+            "cycle",
+            cycle_model=flash.cycle_model,
+            band=flash.band,
+            note="the same slices",
+            not_offered=flash.refusal,
+        )
+
+
+def test_our_calibrators_on_the_same_samples(
+    known_angles: ReportedAngles, board: Board, our_board: Board, measure: Measure
+) -> None:
+    points = samples_of(board)
+    if len(points) < FEWEST_SAMPLES or board.costs is None:
+        pytest.skip("the firmware does not show the samples that it calibrated itself from, or its cycles are not seen")
+    upload_points(our_board, points.astype(np.int16))
+    for name in OURS:
+        fit, cost = calibrate_once(our_board, name, len(points))
+        errors = known_angles.under(fit) if fit.has_fit else None
+        if errors is None or cost is None:
+            continue
+        measure(f"heading.{name}.max", errors.max_deg, "deg")
+        measure(f"heading.{name}.rms", errors.rms_deg, "deg")
+        measure(
+            f"cycles.{name}.total",
+            cost.cycles,
+            "cycle",
+            cycle_model=our_board.cycle_model,
+            band=our_board.cycle_range(cost, name),
+            note=f"the same {len(points)} samples",
+        )
+
+
+def not_reported(value: object) -> str:
+    """Return why there is no number."""
+    return "" if value is not None else "the firmware does not say it"

@@ -1,0 +1,372 @@
+"""Known angles of firmware that answers requests: the mean of new samples and a heading per calibration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from hiltest.boards.board import Board
+from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
+from hiltest.errors import DeviceError, FirmwareContradictionError
+from hiltest.link.accelerometer import GetAccelerometer
+from hiltest.link.messages import Average, GetCalibration
+from hiltest.link.replies import (
+    G_PER_COUNT,
+    MICROTESLA_PER_COUNT,
+    AverageReply,
+    CalibrationReply,
+    SensorKind,
+    SlotHeading,
+)
+from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.orientation.angles import Pose, heading_error_deg, wrap_180
+from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
+from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, PoseJournal, Readings, moved, place_of
+from hiltest.procedures.heading_statistics import rms
+from hiltest.procedures.known_angles import KnownAngles, Reals, attitude_of, take_known_angles
+from hiltest.procedures.progress import Progress
+from hiltest.procedures.turntables import Achieved, Turntable
+
+LARGEST_ROUNDING_DEG = 0.002
+"""A heading in float32 is within 3e-5 degrees of float64; a difference of eighty times that means another
+computation."""
+# Interval between two compared averages [s], at which a hand that turns the table at 3 degrees per second is detected.
+_APART_S = 0.3
+# Readings per display update while a question waits: a tenth of a second.
+_LIVE_READINGS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RequestedAngles(KnownAngles):
+    """Headings that the board answered at known angles, per calibration."""
+
+    pitch_deg: dict[str, Reals]
+    roll_deg: dict[str, Reals]
+    """Shape (n,). Pitch and roll from the board, per calibration with its accelerometer calibration."""
+    tilt_error_deg: dict[str, Reals]
+    """Shape (n, 2). Answered pitch and roll minus the turntable's, in (-180, 180]."""
+    magnetometer: Reals
+    accelerometer: Reals
+    """Shape (n, 3). Means of the board at each pose [counts], from which its headings are computed."""
+    accelerometer_fits: dict[str, AccelerometerFit]
+    """Accelerometer calibration in the slot of each calibration."""
+    calibrations: dict[str, CalibrationReply]
+    """Magnetometer calibrations on the board."""
+
+    def accelerometer_norm_rms_mg(self, name: str) -> float:
+        """Return the deviation of gravity under a calibration from 1 g, rms over the poses [mg]."""
+        return self.norm_rms_mg(self.accelerometer_fits[name])
+
+    def norm_rms_mg(self, fit: AccelerometerFit) -> float:
+        """Return the deviation of gravity from 1 g under any accelerometer calibration, rms over the poses [mg]."""
+        gravity_g = fit.gravity_g(self.accelerometer)
+        # hypot is not correctly rounded on all platforms; run.json keeps 9 digits of it.
+        return rms([1000.0 * (math.hypot(*vector) - 1.0) for vector in gravity_g.tolist()])
+
+    def max_tilt_error_deg(self, name: str) -> float:
+        """Return the largest error of pitch or roll over the poses [deg], which depends on the accelerometer only."""
+        return float(np.abs(self.tilt_error_deg[name]).max())
+
+
+class RequestReader:
+    """Reads a board that answers requests, at known angles.
+
+    Parameters
+    ----------
+    slots
+        Slots of the calibrations, by name.
+    readings
+        New samples of each sensor to average at each pose.
+    """
+
+    can_go_on = may_glance = True
+
+    def __init__(self, board: Board, slots: Mapping[str, int], readings: int) -> None:
+        self._board, self._slots, self._readings = board, slots, readings
+        self._mask = sum(1 << slot for slot in slots.values())
+        self._shown = next((slot for name, slot in slots.items() if name != UNCALIBRATED), UNCALIBRATED_SLOT)
+        self._before: AverageReply | None = None
+
+    def now_s(self) -> float:
+        """Return the time of the board's clock [s]."""
+        return self._board.now_s()
+
+    def read(self, pose: Pose) -> AverageReply:
+        """Return the means and headings of a board that stands.
+
+        Raises
+        ------
+        DeviceError
+            When the board refuses a heading; the message names the pose.
+        """
+        reply = self._board.session.request(Average(self._readings, self._mask))
+        self._check(pose, reply)
+        return reply
+
+    def read_when_still(self, pose: Pose) -> tuple[AverageReply | None, str]:
+        """Average until two consecutive averages agree; return the last one, or None and the motion."""
+        board = self._board
+        ends_s = board.now_s() + STILL_WITHIN_S
+        before = board.session.request(Average(self._readings, self._mask))
+        while True:
+            board.sleep(_APART_S)
+            reply = board.session.request(Average(self._readings, self._mask))
+            motion = movement(before, reply, board.declared.magnetometer_sigma_ut)
+            if not motion:
+                self._check(pose, reply)
+                return reply, ""
+            if board.now_s() > ends_s:
+                return None, motion
+            before = reply
+
+    def glance(self) -> Glance:
+        """Return the board's heading now, under the first calibration, and whether it moves."""
+        reply = self._board.session.request(Average(_LIVE_READINGS, 1 << self._shown))
+        moves = self._before is None or movement(self._before, reply, self._board.declared.magnetometer_sigma_ut)
+        self._before = reply
+        attitude = reply.headings[self._shown].attitude
+        return Glance(attitude.heading_deg if attitude else None, bool(moves))
+
+    def calibration_numbers(self) -> dict[str, list[float]]:
+        """Return the parameters of the calibrations on the board."""
+        numbers = {}
+        for name, slot in self._slots.items():
+            calibration = self._board.session.request(GetCalibration(slot))
+            fit = self._board.session.request(GetAccelerometer(slot))
+            parts = (calibration.soft_iron, calibration.hard_iron, fit.gain, fit.offset)
+            numbers[name] = np.concatenate([part.ravel() for part in parts]).tolist()
+        return numbers
+
+    def is_of_this_run(self, reading: AverageReply) -> bool:
+        """Return whether a stored reading has the headings that this run asks for."""
+        return set(reading.headings) == set(self._slots.values())
+
+    def _check(self, pose: Pose, reply: AverageReply) -> None:
+        for name, slot in self._slots.items():
+            _attitude(reply.headings[slot], name, pose)
+
+
+def measure_known_angles(
+    board: Board,
+    turntable: Turntable,
+    *,
+    poses: Sequence[Pose],
+    slots: Mapping[str, int],
+    mounting_yaw_deg: float,
+    readings: int = 16,
+    progress: Progress | None = None,
+    journal: PoseJournal | None = None,
+) -> RequestedAngles:
+    """Turn to each pose and ask the board for its heading under each calibration.
+
+    Parameters
+    ----------
+    turntable
+        Turntable whose angle is the reference, independent of the sensors under test.
+    poses
+        Poses, at least one.
+    slots
+        Slots of the calibrations, by name.
+    mounting_yaw_deg
+        Declared turn of the board on the table: board heading = table heading + this.
+    readings
+        New samples of each sensor to average at each pose.
+    journal
+        Stores captured poses of an operator, and returns those stored already.
+
+    Raises
+    ------
+    SensorAbsentError
+        When magnetometer or accelerometer is missing.
+    DeviceError
+        When the board refuses a heading; the message names the pose.
+    FirmwareContradictionError
+        When a heading contradicts the answered calibration and means.
+    """
+    for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
+        board.sensor(kind)
+    reader = RequestReader(board, slots, readings)
+    taken = take_known_angles(reader, turntable, poses, progress=progress, journal=journal)
+    known_angles = _requested_angles(
+        poses,
+        taken,
+        slots,
+        mounting_yaw_deg,
+        fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
+        calibrations={name: board.session.request(GetCalibration(slot)) for name, slot in slots.items()},
+    )
+    for name in slots:
+        _check_arithmetic(known_angles, name)
+    return known_angles
+
+
+def movement(before: AverageReply, after: AverageReply, magnetometer_sigma_ut: float) -> str:
+    """Describe how a board moved between two averages; see `moved`."""
+    # Means of whole counts have a rounding error, even if the declared noise is small.
+    noise_ut = math.hypot(magnetometer_sigma_ut, MICROTESLA_PER_COUNT / math.sqrt(12.0))
+    return moved(_stillness(before), _stillness(after), noise_ut)
+
+
+def _stillness(reply: AverageReply) -> Readings:
+    spread = reply.accelerometer.spread
+    return Readings(
+        reply.n,
+        MICROTESLA_PER_COUNT * reply.magnetometer.mean,
+        G_PER_COUNT * reply.accelerometer.mean,
+        0.0 if spread is None else 1000.0 * G_PER_COUNT * float(spread.max()),
+    )
+
+
+def headings_deg(
+    magnetometer: Reals, accelerometer: Reals, soft_iron: Reals, hard_iron: Reals, fit: AccelerometerFit
+) -> Reals:
+    """Compute headings in float64 from means and a calibration.
+
+    Parameters
+    ----------
+    magnetometer, accelerometer : shape (n, 3)
+        Means [counts], body frame.
+    soft_iron : shape (3, 3)
+        [1/count].
+    hard_iron : shape (3,)
+        [counts].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Headings in [0, 360) [deg].
+
+    Raises
+    ------
+    DegenerateFieldError
+        When a pose leaves no horizontal field.
+    """
+    field = (magnetometer - hard_iron) @ soft_iron.T
+    pairs = zip(fit.gravity_g(accelerometer), field, strict=True)
+    return np.array([tilt_heading(*pair).heading_deg for pair in pairs])
+
+
+def _check_arithmetic(known_angles: RequestedAngles, name: str) -> None:
+    """Refuse headings that contradict the board's calibration and means."""
+    for index, (pose, heading) in enumerate(zip(known_angles.poses, known_angles.heading_deg[name], strict=True)):
+        try:
+            (computed,) = _headings_under(
+                known_angles, known_angles.calibrations[name], known_angles.accelerometer_fits[name], index
+            )
+            contradiction = f"its own calibration and means give {computed:.4f} degrees"
+        except DegenerateFieldError as error:
+            computed, contradiction = math.inf, f"by its own calibration and means {error}"
+        if not abs(wrap_180(heading - computed)) <= LARGEST_ROUNDING_DEG:
+            raise FirmwareContradictionError(
+                f"the firmware contradicts itself: it answers a heading of {heading:.4f} degrees under {name!r} at "
+                f"{place_of(pose)}, and {contradiction}{_mistake(known_angles, name)}"
+            )
+
+
+def _headings_under(
+    known_angles: RequestedAngles, calibration: CalibrationReply, fit: AccelerometerFit, index: int | None = None
+) -> Reals:
+    """Compute the headings of all poses, or of one, under two calibrations."""
+    rows = slice(None) if index is None else slice(index, index + 1)
+    return headings_deg(
+        known_angles.magnetometer[rows],
+        known_angles.accelerometer[rows],
+        calibration.soft_iron,
+        calibration.hard_iron,
+        fit,
+    )
+
+
+def _mistake(known_angles: RequestedAngles, name: str) -> str:
+    """Return the known mistake that explains all answered headings to within rounding; empty without one."""
+    try:
+        right = _headings_under(known_angles, known_angles.calibrations[name], known_angles.accelerometer_fits[name])
+        added = wrap_180(known_angles.heading_deg[name][0] - right[0])
+        mistakes: dict[str, Callable[[], Reals]] = {
+            f"a constant {added:+.3g} degrees is added to each heading": lambda: right + added,
+            "each heading is counted the wrong way round": lambda: -right,
+            **_mistaken_tilts(known_angles, name),
+            **{
+                f"the calibration is stale, it is that of {other!r}": partial(
+                    _headings_under, known_angles, calibration, known_angles.accelerometer_fits[name]
+                )
+                for other, calibration in known_angles.calibrations.items()
+                if other != name
+            },
+        }
+        return next(
+            (f"; {words}" for words, headings in mistakes.items() if _matches(headings, known_angles, name)), ""
+        )
+    except DegenerateFieldError:
+        return ""
+
+
+def _mistaken_tilts(known_angles: RequestedAngles, name: str) -> dict[str, Callable[[], Reals]]:
+    calibration, fit = known_angles.calibrations[name], known_angles.accelerometer_fits[name]
+    level = replace(known_angles, accelerometer=np.tile([0.0, 0.0, 1.0], (len(known_angles.poses), 1)))
+    upwards = AccelerometerFit(-fit.gain, fit.offset)
+    return {
+        "tilt compensation is missing": partial(_headings_under, level, calibration, NOMINAL),
+        "the calibration of the accelerometer is left out": partial(
+            _headings_under, known_angles, calibration, NOMINAL
+        ),
+        "gravity has the opposite sign": partial(_headings_under, known_angles, calibration, upwards),
+    }
+
+
+def _matches(headings: Callable[[], Reals], known_angles: RequestedAngles, name: str) -> bool:
+    pairs = zip(known_angles.heading_deg[name].tolist(), headings().tolist(), strict=True)
+    return all(abs(heading_error_deg(*pair)) <= LARGEST_ROUNDING_DEG for pair in pairs)
+
+
+def _requested_angles(
+    asked: Sequence[Pose],
+    by_index: Mapping[int, tuple[Achieved, AverageReply]],
+    slots: Mapping[str, int],
+    mounting_yaw_deg: float,
+    *,
+    fits: dict[str, AccelerometerFit],
+    calibrations: dict[str, CalibrationReply],
+) -> RequestedAngles:
+    poses = [asked[index] for index in by_index]
+    achieved, answers = [position for position, _ in by_index.values()], [answer for _, answer in by_index.values()]
+    attitudes = {
+        name: [_attitude(answer.headings[slot], name, pose) for answer, pose in zip(answers, poses, strict=True)]
+        for name, slot in slots.items()
+    }
+    return RequestedAngles(
+        poses=tuple(poses),
+        attitudes=tuple(attitude_of(place, mounting_yaw_deg) for place in achieved),
+        heading_deg={name: np.array([tilt.heading_deg for tilt in tilts]) for name, tilts in attitudes.items()},
+        skipped=tuple(pose for index, pose in enumerate(asked) if index not in by_index),
+        pitch_deg={name: np.array([tilt.pitch_deg for tilt in tilts]) for name, tilts in attitudes.items()},
+        roll_deg={name: np.array([tilt.roll_deg for tilt in tilts]) for name, tilts in attitudes.items()},
+        tilt_error_deg={name: _tilt_errors_deg(tilts, achieved) for name, tilts in attitudes.items()},
+        magnetometer=np.array([answer.magnetometer.mean for answer in answers], dtype=np.float64),
+        accelerometer=np.array([answer.accelerometer.mean for answer in answers], dtype=np.float64),
+        accelerometer_fits=fits,
+        calibrations=calibrations,
+    )
+
+
+def _tilt_errors_deg(attitudes: Sequence[Pose], achieved: Sequence[Achieved]) -> Reals:
+    return np.array(
+        [
+            [wrap_180(tilt.pitch_deg - place.pitch_deg), wrap_180(tilt.roll_deg - place.roll_deg)]
+            for tilt, place in zip(attitudes, achieved, strict=True)
+        ]
+    )
+
+
+def _attitude(heading: SlotHeading, name: str, pose: Pose) -> Pose:
+    if heading.attitude is None:
+        raise DeviceError(
+            "AVERAGE",
+            heading.status.name,
+            f"no heading with calibration {name!r} at {place_of(pose)}",
+        )
+    return heading.attitude
