@@ -146,7 +146,7 @@ def test_a_heading_at_an_angle_that_a_hand_set_is_held_against_its_limit_with_u(
         "--import-mode=importlib",
         f"--rootdir={pytester.path}",
         "-k",
-        "before_calibration",
+        "without_calibration",
         f"--hil-replay={recordings / 'text-by-hand.jsonl.gz'}",
         "--hil-rig=other.toml",
         "--hil-out=hil-out",

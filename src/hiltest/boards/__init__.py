@@ -75,7 +75,7 @@ def open_board(
     base
         Address of a raw binary.
     watches_execution
-        Whether to record the instructions that the firmware executes; only a virtual board can.
+        True to record the instructions that the firmware executes; only a virtual board can.
     tape
         Records all questions and answers, or answers from a recording.
     on_chip

@@ -103,7 +103,7 @@ class VirtualBench:
     flash_file
         File that keeps the flash contents between runs.
     watches_execution
-        Whether to record the instructions that the firmware executes.
+        True to record the instructions that the firmware executes.
 
     Attributes
     ----------

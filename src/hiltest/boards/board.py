@@ -249,7 +249,7 @@ class Board(ABC):
 
     @property
     def answers_requests(self) -> bool:
-        """Whether the firmware answers hiltest's requests; otherwise hiltest reads what it sends by itself."""
+        """True if the firmware answers hiltest's requests; otherwise hiltest reads what it sends by itself."""
         return isinstance(self.interface, ProtocolInterface)
 
     @property
@@ -333,13 +333,13 @@ class Board(ABC):
 
     @property
     def line_is_exact(self) -> bool:
-        """Whether the line is free of errors, as a simulated line without faults is."""
+        """True if the line is free of errors, as a simulated line without faults is."""
         faults = self.declared.faults
         return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_line)
 
     @property
     def sensors_are_sound(self) -> bool:
-        """Whether its sensors and buses cannot fail: true for a virtual board without such faults in its rig."""
+        """True if its sensors and buses cannot fail: true for a virtual board without such faults in its rig."""
         faults = self.declared.faults
         return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_sensors)
 
@@ -392,7 +392,7 @@ class Board(ABC):
 
     @property
     def executes_firmware(self) -> bool:
-        """Whether the board executes every instruction, and so can check the firmware's reports."""
+        """True if the board executes every instruction, and so can check the firmware's reports."""
         return False
 
     def timed(self, request: Request[TimedReply], calibrator: str) -> TimedReply:

@@ -78,7 +78,7 @@ class UsbBoard:
 
     @property
     def is_daplink(self) -> bool:
-        """Whether it has DAPLink's identity."""
+        """True if it has DAPLink's identity."""
         return (self.vendor_id, self.product_id) == (VENDOR_ID, PRODUCT_ID)
 
     @property

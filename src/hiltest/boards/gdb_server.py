@@ -63,7 +63,7 @@ class GdbServer:
 
     @property
     def connected(self) -> bool:
-        """Whether a GDB is connected."""
+        """True if a GDB is connected."""
         return self._machine.debugged
 
     def close(self) -> None:

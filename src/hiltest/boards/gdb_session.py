@@ -89,7 +89,7 @@ class GdbSession:
 
     @property
     def awaits_halt(self) -> bool:
-        """Whether GDB has resumed the processor, and waits for a halt."""
+        """True if GDB has resumed the processor, and waits for a halt."""
         return self._goes
 
     def feed(self, data: bytes) -> bytes:

@@ -28,7 +28,7 @@ class Place:
 
     name: str
     power_cycle: bool = False
-    """Whether it is switched off and on again before its port is opened."""
+    """True if it is switched off and on again before its port is opened."""
     options: str = ""
     """Options of pyserial's RFC 2217 client, such as ``ign_set_control``; empty for none."""
 

@@ -58,7 +58,7 @@ class OutputInterface:
     transcript
         Receives every byte, in both directions.
     may_be_overheard
-        Whether to listen while an operator answers; that output is no part of a recording.
+        True to listen while an operator answers; that output is no part of a recording.
 
     Attributes
     ----------

@@ -95,7 +95,7 @@ class _ServedLine:
     Parameters
     ----------
     keeps
-        Whether the device's output before the first program connects is saved for it, or lost.
+        True if the device's output before the first program connects is saved for it; otherwise it is lost.
     """
 
     def __init__(self, line: PortLine, device: Device, *, keeps: bool) -> None:
@@ -201,12 +201,12 @@ class PacedBench:
 
     @property
     def over(self) -> bool:
-        """Whether its time has ended."""
+        """True if its time has ended."""
         return self.time_s >= self._until_s
 
     @property
     def running(self) -> bool:
-        """Whether the thread runs: not before `start`, after `stop`, or after a fault."""
+        """True if the thread runs: not before `start`, after `stop`, or after a fault."""
         return self._running
 
     def start(self) -> None:

@@ -118,7 +118,7 @@ class ReplayBoard(Board):
 
     @property
     def executes_firmware(self) -> bool:
-        """Whether the recorded board saw every instruction."""
+        """True if the recorded board saw every instruction."""
         executed: bool = self._facts.get("executes_firmware", False)
         return executed
 

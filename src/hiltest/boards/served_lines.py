@@ -48,7 +48,7 @@ class PortLine(Protocol):
 
     @property
     def connected(self) -> bool:
-        """Whether a program had it open at the latest poll."""
+        """True if a program had it open at the latest poll."""
 
     def sources(self) -> list[int]:
         """Return the file descriptors on which something may happen."""
@@ -74,7 +74,7 @@ class Queue:
     lost : int
         Number of bytes that were not delivered.
     used : bool
-        Whether anything has come so far.
+        True if anything has come so far.
     """
 
     def __init__(self) -> None:
@@ -257,7 +257,7 @@ class TcpLine:
 
     @property
     def connected(self) -> bool:
-        """Whether a client is connected."""
+        """True if a client is connected."""
         return self._client is not None
 
     def sources(self) -> list[int]:

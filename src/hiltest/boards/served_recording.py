@@ -64,7 +64,7 @@ class ServedRecording:
 
     @property
     def over(self) -> bool:
-        """Whether the recording is at its end."""
+        """True if the recording is at its end."""
         return self._at == len(self._entries)
 
     def hear(self, data: bytes, now_s: float) -> None:

@@ -47,9 +47,9 @@ class TableAxes:
     Attributes
     ----------
     held : bool
-        Whether no move starts until `resume`.
+        True if no move starts until `resume`.
     homing : bool
-        Whether homing is in progress.
+        True if homing is in progress.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -68,17 +68,17 @@ class TableAxes:
 
     @property
     def turning(self) -> bool:
-        """Whether an axis is in motion."""
+        """True if an axis is in motion."""
         return self._segment is not None
 
     @property
     def busy(self) -> bool:
-        """Whether an axis is in motion, or will be."""
+        """True if an axis is in motion, or will be."""
         return self.turning or bool(self._waiting)
 
     @property
     def full(self) -> bool:
-        """Whether no further move can wait."""
+        """True if no further move can wait."""
         return len(self._waiting) >= CAPACITY
 
     @property

@@ -1,4 +1,4 @@
-"""Whether a calibration may be used: good, fair, poor or refused, and why."""
+"""Acceptance of a calibration: good, fair, poor or refused, and why."""
 
 from __future__ import annotations
 

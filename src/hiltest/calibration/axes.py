@@ -51,17 +51,17 @@ class Axes:
 
     @property
     def are_right(self) -> bool:
-        """Whether each axis of the sensor equals the board's."""
+        """True if each axis of the sensor equals the board's."""
         return self == RIGHT
 
     @property
     def are_left_handed(self) -> bool:
-        """Whether they are mirrored, which no mounting of a part can cause."""
+        """True if they are mirrored, which no mounting of a part can cause."""
         return float(np.linalg.det(self.matrix)) < 0.0
 
     @property
     def turn_about_z(self) -> bool:
-        """Whether the part is turned about its z axis, or not at all."""
+        """True if the part is turned about its z axis, or not at all."""
         return self.order[2] == 2 and self.signs[2] == 1 and not self.are_left_handed
 
     def __str__(self) -> str:
@@ -111,7 +111,7 @@ class LinearMap:
 
     @property
     def is_right(self) -> bool:
-        """Whether it is near the identity."""
+        """True if it is near the identity."""
         return self.axes == RIGHT
 
     @property

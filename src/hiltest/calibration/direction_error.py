@@ -51,7 +51,7 @@ def predicted_direction_error(
     points : shape (n, 3)
         Points that the calibration was fitted to, in its unit, in the order of time.
     unbiased
-        Whether the calibrator has removed the noise bias, as `corrected` does with its steps.
+        True if the calibrator has removed the noise bias, as `corrected` does with its steps.
 
     Returns
     -------

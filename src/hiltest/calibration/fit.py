@@ -42,7 +42,7 @@ class MagnetometerFit:
 
     status: FitStatus
     is_sphere: bool
-    """Whether this is a sphere fit: the ellipsoid was refused, or a stream calibrator has not tried it yet."""
+    """True if this is a sphere fit: the ellipsoid was refused, or a stream calibrator has not tried it yet."""
     iterations: int
     """Sweeps of the firmware's solver; 0 for a closed form and for a float64 reference."""
     soft_iron: Array
@@ -55,7 +55,7 @@ class MagnetometerFit:
 
     @property
     def has_fit(self) -> bool:
-        """Whether soft_iron and hard_iron were fitted to the points."""
+        """True if soft_iron and hard_iron were fitted to the points."""
         return self.status not in _WITHOUT_A_FIT
 
     def corrected(self, points_counts: ArrayLike) -> Array:

@@ -35,7 +35,7 @@ class PairFit:
 
     @property
     def is_ellipsoid(self) -> bool:
-        """Whether both are calibrated."""
+        """True if both are calibrated."""
         return self.magnetometer.status is FitStatus.ELLIPSOID
 
     def turned(self, rotation: Array) -> PairFit:

@@ -20,21 +20,21 @@ class SensorAxes:
     magnetometer: Axes | None
     accelerometer: Axes | None
     dip_may_be_opposite: bool = False
-    """Whether right axes in a field of the opposite dip would give the same readings."""
+    """True if right axes in a field of the opposite dip would give the same readings."""
     dip_is_opposite: bool = False
-    """Whether only the opposite dip explains the readings."""
+    """True if only the opposite dip explains the readings."""
     is_level: bool = False
-    """Whether all attitudes are level, so that a rotation of the part about z equals one of the board."""
+    """True if all attitudes are level, so that a rotation of the part about z equals one of the board."""
 
     @property
     def explain_headings(self) -> bool:
-        """Whether wrong axes are the only explanation of the headings."""
+        """True if wrong axes are the only explanation of the headings."""
         wrong = [axes for axes in (self.magnetometer, self.accelerometer) if axes is not None and not axes.are_right]
         return bool(wrong) and not (self.is_level and all(axes.turn_about_z for axes in wrong))
 
     @property
     def are_as_declared(self) -> bool:
-        """Whether the magnetometer's axes and the sign of the dip are confirmed, and no axes are wrong."""
+        """True if the magnetometer's axes and the sign of the dip are confirmed, and no axes are wrong."""
         return self.magnetometer is not None and not str(self)
 
     def __str__(self) -> str:

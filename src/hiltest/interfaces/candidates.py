@@ -50,7 +50,7 @@ class Meaning:
     unit: str
     """Unit that the words name; empty if they name none, or the quantity has none."""
     is_sure: bool
-    """Whether the words have no other meaning."""
+    """True if the words have no other meaning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Candidate:
 
     @property
     def needs_unit(self) -> bool:
-        """Whether its quantity has a unit and the candidate's is unknown."""
+        """True if its quantity has a unit and the candidate's is unknown."""
         return bool(self.meaning.quantity.unit) and not self.meaning.unit
 
 
@@ -91,7 +91,7 @@ def meaning_of(names: Sequence[str], size: int | None, *, is_whole: bool = False
     size
         Number of its numbers; None if unknown.
     is_whole
-        Whether they are integers.
+        True if they are integers.
     """
     around = " ".join(word for name in names[:-1] for word in words_of(name))
     meaning = _match_with_unit(around, names[-1], size) or _longest_match(around, words_of(names[-1]), size)

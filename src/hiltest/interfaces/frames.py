@@ -23,7 +23,7 @@ class Frame:
     gravity_sign: float
     """1 if a level board's accelerometer reads gravity, -1 if it reads the reaction force."""
     clockwise: bool
-    """Whether headings increase clockwise, seen from above."""
+    """True if headings increase clockwise, seen from above."""
     zero_deg: float = 0.0
     """Compass heading at which the firmware's heading is 0: 90 for east."""
 

@@ -27,7 +27,7 @@ def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
     Returns
     -------
     bool
-        Whether there was a call that returned. The firmware is halted either way.
+        True if there was a call that returned. The firmware is halted either way.
 
     Raises
     ------

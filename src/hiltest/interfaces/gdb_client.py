@@ -52,7 +52,7 @@ class GdbClient:
     Attributes
     ----------
     running : bool
-        Whether the processor was resumed and has not halted.
+        True if the processor was resumed and has not halted.
     console : str
         Latest console output of the server.
 

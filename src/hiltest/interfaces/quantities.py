@@ -80,7 +80,7 @@ class Observation:
     error: str = ""
     """Error that the firmware reports; empty without one."""
     checked: bool = False
-    """Whether it had a check value, which is correct."""
+    """True if it had a check value, which is correct."""
 
 
 @runtime_checkable

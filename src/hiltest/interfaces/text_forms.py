@@ -23,7 +23,7 @@ class Found:
     remark: str = ""
     """Description of a line without a quantity."""
     is_header: bool = False
-    """Whether the line is a header."""
+    """True if the line is a header."""
 
 
 class Form(Protocol):

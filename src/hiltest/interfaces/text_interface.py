@@ -32,9 +32,9 @@ class Reading:
     remark: str = ""
     """Description of a line without a value, or of the uninterpreted part."""
     understood: bool = False
-    """Whether the line has a meaning, even without a value; also true for the first line, which may be incomplete."""
+    """True if the line has a meaning, even without a value; also true for the first line, which may be incomplete."""
     checked: bool = False
-    """Whether it has a checksum, which is correct."""
+    """True if it has a checksum, which is correct."""
 
 
 class TextInterface:

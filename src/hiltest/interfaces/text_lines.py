@@ -81,7 +81,7 @@ class Pattern:
     groups : frozenset of str
         Names of its groups.
     given_up : bool
-        Whether it is disabled.
+        True if it is disabled.
     """
 
     def __init__(self, text: str) -> None:

@@ -27,7 +27,7 @@ class PacketReader:
     Parameters
     ----------
     runs
-        Whether run-length encoding is allowed, as in a server's answers.
+        True if run-length encoding is allowed, as in a server's answers.
     """
 
     def __init__(self, *, runs: bool = False) -> None:

@@ -75,7 +75,7 @@ class GrblLine:
         Parameters
         ----------
         moving
-            Whether the answer comes at standstill, so that the wait lasts as long as the table turns.
+            True if the answer comes at standstill, so that the wait lasts as long as the table turns.
 
         Raises
         ------

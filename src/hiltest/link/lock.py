@@ -69,7 +69,7 @@ class Holder:
 
     @property
     def is_running(self) -> bool:
-        """Whether the process exists."""
+        """True if the process exists."""
         try:
             os.kill(self.pid, 0)
         except PermissionError:  # another user's process

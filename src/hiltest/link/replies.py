@@ -255,7 +255,7 @@ class CalibrateReply:
 
     fit: FitStatus
     is_sphere: bool
-    """Whether the calibration is the sphere fit in place of a refused ellipsoid."""
+    """True if the calibration is the sphere fit in place of a refused ellipsoid."""
     iterations: int
     calibration: CalibrationReply
     coverage: float

@@ -53,9 +53,9 @@ class StreamStateReply:
 
     fit: FitStatus
     is_sphere: bool
-    """Whether the calibration is a sphere: the ellipsoid was refused, or not tried yet."""
+    """True if the calibration is a sphere: the ellipsoid was refused, or not tried yet."""
     is_solving: bool
-    """Whether a solver is in progress, with some of its slices done."""
+    """True if a solver is in progress, with some of its slices done."""
     iterations: int
     calibration: CalibrationReply
     coverage: float

@@ -160,7 +160,7 @@ class SampleFit:
     dropped: tuple[tuple[int, int], ...]
     """First and last line of each run of them; without a file, numbers of readings from 1."""
     in_order: bool
-    """Whether the rows are in the order of time: false if a reading is as far from the next one as from any other."""
+    """True if the rows are in the order of time: false if a reading is as far from the next one as from any other."""
     change: FieldChange | None
     """Step of the hard iron."""
     condition: float

@@ -55,7 +55,7 @@ def against_gravity(
     rating
         Rating of these samples.
     robust
-        Whether to omit outliers of the accelerometer's ellipsoid too.
+        True to omit outliers of the accelerometer's ellipsoid too.
 
     Returns
     -------

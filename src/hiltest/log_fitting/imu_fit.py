@@ -61,7 +61,7 @@ class ImuLogFit:
 
     @property
     def complete(self) -> bool:
-        """Whether all sensors of the log have a calibration."""
+        """True if all sensors of the log have a calibration."""
         return self.accelerometer.fit is not None and (
             self.log.rate is None or (self.gyroscope is not None and self.gyroscope.fit is not None)
         )

@@ -100,7 +100,7 @@ def read_imu_log(
     acceleration_unit, rate_unit
         Units, by default from the headers, otherwise counts.
     gyroscope_alone
-        Whether a log of only the gyroscope is accepted.
+        True if a log of only the gyroscope is accepted.
 
     Raises
     ------

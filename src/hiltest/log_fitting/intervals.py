@@ -57,7 +57,7 @@ class Intervals:
     motions: tuple[Interval, ...]
     """Motions between two detected rests, or annotated turns."""
     found: bool
-    """Whether they were detected in the readings; otherwise they are annotations."""
+    """True if they were detected in the readings; otherwise they are annotations."""
 
 
 def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals:

@@ -19,7 +19,7 @@ class LeftOut:
     samples: Samples
     """All samples."""
     robust: bool
-    """Whether readings are omitted at all."""
+    """True if readings are omitted at all."""
     repeated: Mask
     """Shape (n,). Mask of readings that equal the previous one and are not dropped."""
     dropped: Mask

@@ -63,7 +63,7 @@ class RateLog:
 
     @property
     def in_degrees(self) -> bool:
-        """Whether the rates are in deg/s."""
+        """True if the rates are in deg/s."""
         return DEGREES_PER_SECOND[self.unit] is not None
 
 

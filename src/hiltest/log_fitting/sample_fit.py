@@ -47,9 +47,9 @@ def fit_on_host(
     calibrator
         A name, `BOARD` or `ALL`.
     robust
-        Whether to omit the readings of `hiltest.log_fitting.left_out.left_out`.
+        True to omit the readings of `hiltest.log_fitting.left_out.left_out`.
     any_shape
-        Whether to fit the shape that the samples allow if all calibrators are refused.
+        True to fit the shape that the samples allow if all calibrators are refused.
     field_ut
         Strength of the field, if it is known.
 

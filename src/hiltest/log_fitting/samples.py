@@ -82,7 +82,7 @@ class _Layout:
     accelerometer: tuple[int, ...]
     accelerometer_names: tuple[str, ...]
     strict: bool
-    """Whether to refuse accelerometer cells that are not numbers, because an option names the columns."""
+    """True to refuse accelerometer cells that are not numbers, because an option names the columns."""
     time: tuple[int, float] | None
     notes: tuple[str, ...]
 

@@ -61,7 +61,7 @@ class CalibratorRun:
 
     @property
     def is_sphere(self) -> bool:
-        """Whether the ellipsoid was refused and this is the sphere fit."""
+        """True if the ellipsoid was refused and this is the sphere fit."""
         return self.result.is_sphere
 
     @property
@@ -87,7 +87,7 @@ class CalibratorRun:
 
     @property
     def usable(self) -> bool:
-        """Whether there is a calibration to test."""
+        """True if there is a calibration to test."""
         return self.result.has_fit
 
 

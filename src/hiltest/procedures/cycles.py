@@ -74,7 +74,7 @@ class CycleCost:
 
     @property
     def is_mostly_iterations(self) -> bool:
-        """Whether iterations are most of its cost, instead of a few steps after a closed form."""
+        """True if iterations are most of its cost, instead of a few steps after a closed form."""
         return _is_mostly_iterations(self.per_iteration, self.iterations, self.total)
 
     @property

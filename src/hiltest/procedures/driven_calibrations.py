@@ -34,7 +34,7 @@ class DrivenStage:
     """Result of a streaming calibrator at the end of a tumble."""
 
     disturbed: bool
-    """Whether the field was disturbed when the tumble began."""
+    """True if the field was disturbed when the tumble began."""
     time_s: float
     """Time since the start of the disturbance, or since its end."""
     stage: StreamStage

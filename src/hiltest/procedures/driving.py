@@ -50,7 +50,7 @@ class DrivenHeadings:
     recovery_s: float
     """Longest time from the end of a disturbance until the heading is right and stays so until the next one."""
     recovered: bool
-    """Whether the heading recovered after every disturbance."""
+    """True if the heading recovered after every disturbance."""
     unsaid_s: float
     """Total time with a wrong heading."""
 

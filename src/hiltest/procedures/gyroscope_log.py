@@ -31,7 +31,7 @@ class LogChunk:
     """Shape (n, 3)."""
     die_temperature_degc: int
     lost: bool
-    """Whether samples are missing before or among them."""
+    """True if samples are missing before or among them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

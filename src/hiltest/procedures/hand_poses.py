@@ -122,7 +122,7 @@ class Glance(NamedTuple):
     heading_deg: float | None
     """None if it has none."""
     moves: bool
-    """Whether the board moves."""
+    """True if the board moves."""
 
     def __str__(self) -> str:
         """Return the text beside the question."""
@@ -139,9 +139,9 @@ class PoseReader(Protocol[Taken]):
     Attributes
     ----------
     can_go_on : bool
-        Whether a run that was stopped can go on: the board shows that its firmware and calibration are the same.
+        True if a run that was stopped can go on: the board shows that its firmware and calibration are the same.
     may_glance : bool
-        Whether the board may be read while a question waits.
+        True if the board may be read while a question waits.
     """
 
     can_go_on: bool
@@ -268,29 +268,29 @@ def take_by_hand(
         Results by the index of the pose, in order, without skipped ones.
     """
     stored, message = journal.earlier(reader.calibration_numbers()) if journal else ({}, "")
-    taken: dict[int, tuple[Achieved, Taken]] = {
+    readings: dict[int, tuple[Achieved, Taken]] = {
         index: place for index, place in stored.items() if 0 <= index < len(poses) and reader.is_of_this_run(place[1])
     }
 
     def take(at: int, heading_deg: float) -> str:
         reading, motion = reader.read_when_still(poses[at])
         if reading is not None:
-            taken[at] = table.achieved(poses[at], heading_deg), reading
+            readings[at] = table.achieved(poses[at], heading_deg), reading
             if journal:
-                journal.keep(at, taken[at])
+                journal.keep(at, readings[at])
         return motion
 
     walk_by_hand(
         table,
         poses,
-        taken,
+        readings,
         take=take,
         look=reader.glance if reader.may_glance else None,
         now_s=reader.now_s,
         say=message if reader.can_go_on else BEGINS_ANEW,
         stopped="the same command goes on" if reader.can_go_on else "the same command begins anew",
     )
-    return dict(sorted(taken.items()))
+    return dict(sorted(readings.items()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

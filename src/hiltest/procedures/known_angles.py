@@ -96,13 +96,13 @@ def take_known_angles(
     """
     if isinstance(turntable, OperatorTurntable):
         return take_by_hand(reader, turntable, poses, journal)
-    tell, taken = progress or silent, {}
+    tell, readings = progress or silent, {}
     for index, pose in enumerate(poses):
         tell("known angles", index, len(poses))
         achieved = turntable.turn_to(pose, known_angle=index)
-        taken[index] = achieved, reader.read(pose)
+        readings[index] = achieved, reader.read(pose)
     tell("known angles", len(poses), len(poses))
-    return taken
+    return readings
 
 
 def attitude_of(achieved: Achieved, mounting_yaw_deg: float) -> Pose:

@@ -47,9 +47,9 @@ class LinkCheck:
     damaged_answered: int
     """Number of damaged frames that were answered: must be 0."""
     repeated_answered: bool
-    """Whether a request sent twice with one sequence number got the same answer twice."""
+    """True if a request sent twice with one sequence number got the same answer twice."""
     executed_once: bool
-    """Whether it was executed once."""
+    """True if it was executed once."""
     uart_overruns: int
     """Bytes that the firmware lost in overruns since its reset."""
     noise: str

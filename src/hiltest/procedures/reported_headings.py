@@ -328,9 +328,9 @@ def measure_reported_angles(
     """
     rig = board.output.rig
     frame, yaw_deg = frame_of(rig), rig.mounting.yaw_deg if rig.mounting else 0.0
-    taken = take_known_angles(ReportReader(board, longest_s), turntable, poses, progress=progress)
+    readings = take_known_angles(ReportReader(board, longest_s), turntable, poses, progress=progress)
     held: list[HeldPose] = []
-    for achieved, settled in taken.values():
+    for achieved, settled in readings.values():
         attitude = attitude_of(achieved, yaw_deg)
         held.append(
             HeldPose(
@@ -345,10 +345,10 @@ def measure_reported_angles(
     headings = _headings_by_source(held, belief)
     tilts = _tilts(held, board)
     return ReportedAngles(
-        poses=tuple(poses[index] for index in taken),
+        poses=tuple(poses[index] for index in readings),
         attitudes=tuple(pose.attitude for pose in held),
         heading_deg={source: np.array(values) for source, values in headings.items()},
-        skipped=tuple(pose for index, pose in enumerate(poses) if index not in taken),
+        skipped=tuple(pose for index, pose in enumerate(poses) if index not in readings),
         held=tuple(held),
         belief=belief,
         tilt_error_deg=max(

@@ -190,10 +190,10 @@ def measure_known_angles(
     for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
         board.sensor(kind)
     reader = RequestReader(board, slots, readings)
-    taken = take_known_angles(reader, turntable, poses, progress=progress, journal=journal)
+    by_index = take_known_angles(reader, turntable, poses, progress=progress, journal=journal)
     known_angles = _requested_angles(
         poses,
-        taken,
+        by_index,
         slots,
         mounting_yaw_deg,
         fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},

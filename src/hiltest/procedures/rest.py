@@ -97,7 +97,7 @@ def rest_gyroscope(
     seconds
         Length of the rest, at most 20.
     store
-        Whether the board subtracts the mean as its bias from now on.
+        True if the board subtracts the mean as its bias from now on.
 
     Raises
     ------

@@ -31,7 +31,7 @@ class Settled:
     heading_deg: float
     """Mean of the last window, from magnetic north, clockwise."""
     is_settled: bool
-    """Whether it settled before the timeout."""
+    """True if it settled before the timeout."""
     took_s: float
     """Time from the start to the end of the last window."""
     window: Sequence[Observation]

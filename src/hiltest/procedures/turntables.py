@@ -189,7 +189,7 @@ class OperatorTurntable:
     tumble_s
         Duration of a tumble by hand.
     shows_coverage
-        Whether the coverage of the sphere is shown meanwhile.
+        True if the coverage of the sphere is shown meanwhile.
     """
 
     name = "operator"

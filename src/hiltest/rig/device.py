@@ -94,5 +94,5 @@ class Device:
 
     @property
     def speaks_our_protocol(self) -> bool:
-        """Whether the firmware uses hiltest's protocol."""
+        """True if the firmware uses hiltest's protocol."""
         return self.kinds == ("hiltest",)

@@ -128,7 +128,7 @@ class Faults:
 
     @property
     def of_line(self) -> bool:
-        """Whether the line has any fault."""
+        """True if the line has any fault."""
         return any(self._line_fault_texts())
 
     @property
@@ -138,7 +138,7 @@ class Faults:
 
     @property
     def of_sensors(self) -> bool:
-        """Whether a sensor or its bus has any fault."""
+        """True if a sensor or its bus has any fault."""
         return self.sensor is not None or self.held_line is not None
 
     def __str__(self) -> str:

@@ -163,7 +163,7 @@ class Rig:
 
     @property
     def answers_requests(self) -> bool:
-        """Whether the firmware answers hiltest's requests; otherwise ``[device]`` says how to understand its output."""
+        """True if the firmware answers hiltest's requests; otherwise ``[device]`` says how to understand its output."""
         return self.device is None or self.device.speaks_our_protocol
 
     def where(self, *key: str) -> str:

@@ -249,7 +249,7 @@ class Procedure:
     untrimmed_calibrations: tuple[str, ...] = ()
     """Calibrations that are also measured without the accelerometer's: ``direct`` as ``direct-untrimmed``."""
     dpi: Literal["pairs", "none"] = "pairs"
-    """Whether the magnetometer is also calibrated against gravity, on all pairs of the tumble."""
+    """True if the magnetometer is also calibrated against gravity, on all pairs of the tumble."""
     gyroscope_calibration: Literal["rest", "turns"] = "turns"
     """Extent of `hiltest calibrate`: the bias only, or turns about all three axes for scale and axes too."""
     further_calibrations: tuple[str, ...] = ()

@@ -81,7 +81,7 @@ class SimulatedWorld:
     fitted: tuple[str, ...] = tuple(PARTS)
     """Fitted parts: see `PARTS`."""
     mirrored: bool | None = None
-    """Whether the soft iron intentionally mirrors the field; otherwise that is refused as a wrong sign."""
+    """True if the soft iron intentionally mirrors the field; otherwise that is refused as a wrong sign."""
     playback: PlaybackFile | None = None
     """Recording that the parts measure instead of this world."""
     current: CurrentTable | None = None

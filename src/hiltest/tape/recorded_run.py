@@ -21,7 +21,7 @@ class RecordedRun:
     rig_text: str
     """Name and contents of the rig's file."""
     holds_limits: bool
-    """Whether an unmeasured limit of the rig failed the run."""
+    """True if an unmeasured limit of the rig failed the run."""
     seed: int | None
     """Seed from the command line."""
     poses: str | None

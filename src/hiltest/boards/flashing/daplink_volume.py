@@ -56,7 +56,7 @@ class DriveState(NamedTuple):
 
     @property
     def resets_by_itself(self) -> bool:
-        """Whether the firmware starts after programming, which is DAPLink's default."""
+        """True if the firmware starts after programming, which is DAPLink's default."""
         return _field(self.details, "Auto Reset") != "0"
 
 

@@ -100,7 +100,7 @@ def find_target(
     volume
         Mount point of its DAPLink's drive, instead of a search.
     by_probe
-        Whether to use a debug probe, which need not be a DAPLink.
+        True to use a debug probe, which need not be a DAPLink.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
     Parameters
     ----------
     by_probe
-        Whether to use a debug probe with pyOCD; by default the image is copied to the drive of the board's DAPLink.
+        True to use a debug probe with pyOCD; by default the image is copied to the drive of the board's DAPLink.
     progress
         Callback with the current task, the amount done, and its total.
 

@@ -137,7 +137,7 @@ class _GuidedSteps:
 
     @property
     def has_faces(self) -> bool:
-        """Whether the rig has the six faces and declares their uncertainty."""
+        """True if the rig has the six faces and declares their uncertainty."""
         return self._rig.faces is not None and self._rig.procedure.accelerometer_calibration == "six-position"
 
     def step(self, part: str, do: Callable[[], Done]) -> Done:

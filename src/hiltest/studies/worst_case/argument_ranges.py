@@ -38,9 +38,9 @@ class Range:
     low: float
     high: float
     is_whole: bool
-    """Whether only whole numbers are allowed: both ends are integers, and the type is not a float."""
+    """True if only whole numbers are allowed: both ends are integers, and the type is not a float."""
     is_single: bool = False
-    """Whether the type is float32."""
+    """True if the type is float32."""
 
     @classmethod
     def of(cls, match: re.Match[str]) -> Range:

@@ -35,7 +35,7 @@ class Call:
     returned: int | float | None
     """Return value; for a calibrator the status of the fit."""
     counts: bool
-    """Whether the call succeeded: only then it can be a worst case."""
+    """True if the call succeeded: only then it can be a worst case."""
 
     @property
     def rank(self) -> tuple[bool, int]:

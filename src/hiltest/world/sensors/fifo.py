@@ -40,7 +40,7 @@ class SampleFifo(Restorable):
     output
         Output to store.
     has_trigger
-        Whether F_MODE = 11 is the trigger mode; otherwise it is another code for the stop mode.
+        True if F_MODE = 11 is the trigger mode; otherwise it is another code for the stop mode.
 
     Notes
     -----
@@ -63,7 +63,7 @@ class SampleFifo(Restorable):
 
     @property
     def on(self) -> bool:
-        """Whether F_MODE is other than 00."""
+        """True if F_MODE is other than 00."""
         return self.mode is not FifoMode.OFF
 
     def reset(self) -> None:
