@@ -45,7 +45,7 @@ def device() -> None:
 
 
 @device.command("try", epilog=_TRY_EXIT_CODES)
-@documented("hiltest.interfaces-try/1")
+@documented("hiltest.device-try/1")
 @click.option(
     "--rig",
     metavar="R",
