@@ -13,7 +13,7 @@ import click
 import hiltest
 from hiltest.commands.cli import every_command
 from hiltest.documents import DOCUMENTS, schema_file
-from hiltest.json_schema import field_descriptions
+from hiltest.json_files import field_descriptions
 
 PAGE = Path(__file__).with_name("json.md")
 PACKAGE = Path(hiltest.__file__).parent
@@ -30,6 +30,8 @@ PAGES = {
     "hiltest.flash/1": "flash.md",
     "hiltest.play/1": "playback.md",
 }
+# Their pages say what the keys of these mean.
+LONG = {"hiltest.run/1", "hiltest.fit/1", "hiltest.profile/1"}
 HEAD = """\
 # JSON of every command
 
@@ -82,7 +84,7 @@ def page() -> str:
     lines = ["| command | schema | keys |", "|---|---|---|"]
     for name, schema in [*rows, ("any", "hiltest.error/1")]:
         file = schema_file(schema).relative_to(PACKAGE.parent)
-        kind = DOCUMENTS.get(schema)
+        kind = None if schema in LONG else DOCUMENTS[schema][0]
         keys = list(meanings(kind)) if kind else []
         more = f"[{PAGES[schema]}]({PAGES[schema]})" if schema in PAGES else ""
         summary = (inspect.cleandoc(kind.__doc__ or "").splitlines()[0].replace("``", "`"),) if kind else ()

@@ -19,7 +19,8 @@ from tests.command_files import checked, folder_of_all_inputs, run
 from tests.finished_run import Finished
 
 from hiltest.commands.cli import every_command
-from hiltest.documents import DOCUMENTS, schema_file, schema_text
+from hiltest.documents import DOCUMENTS, schema_file
+from hiltest.json_files import schema_text
 from hiltest.rig.bench_files import shipped
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -76,7 +77,9 @@ def test_every_command_has_it_and_is_tried_here() -> None:
 
 @pytest.mark.parametrize("schema", sorted(DOCUMENTS))
 def test_the_shipped_schema_is_the_one_of_its_class(schema: str) -> None:
-    assert schema_file(schema).read_text(encoding="utf-8") == schema_text(schema), "python -m hiltest.documents"
+    assert schema_file(schema).read_text(encoding="utf-8") == schema_text(schema, *DOCUMENTS[schema]), (
+        "python -m hiltest.documents"
+    )
 
 
 def test_the_page_is_the_one_that_its_script_writes() -> None:

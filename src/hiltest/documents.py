@@ -5,17 +5,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hiltest.campaigns.bisection import FirstWorse
-from hiltest.json_schema import DescribedFields
+from hiltest.json_files import schema_text
+from hiltest.log_fitting.fit_result import SampleFit
+from hiltest.log_fitting.sample_fit_exports import FitHead
 from hiltest.procedures.imu_calibration.contents import ImuCalibration
 from hiltest.run_record.comparison import Comparison
-from hiltest.run_record.run import Verdict
+from hiltest.run_record.run import Run, Verdict
 from hiltest.verdict.detection import Detection
+from hiltest.virtual.profiling.document import ProfileDocument
 
 SCHEMAS = Path(__file__).with_name("schemas")
 
@@ -401,63 +403,46 @@ class Studied:
     """Verdict of its record."""
 
 
-DOCUMENTS: dict[str, type] = {
-    "hiltest.error/1": Failed,
-    "hiltest.seeds/1": Seeds,
-    "hiltest.boards/1": Boards,
-    "hiltest.comparison/1": Comparisons,
-    "hiltest.baseline-save/1": Saved,
-    "hiltest.baseline-update/1": Updated,
-    "hiltest.bisection/1": FirstWorse,
-    "hiltest.trend/1": Trend,
-    "hiltest.report/1": Reported,
-    "hiltest.export/1": Exported,
-    "hiltest.worst/1": Worst,
-    "hiltest.timing/1": Timing,
-    "hiltest.timing-measure/1": Measured,
-    "hiltest.timing-check/1": ProfileChecked,
-    "hiltest.ports/1": Ports,
-    "hiltest.doctor/1": Examined,
-    "hiltest.init/1": Copied,
-    "hiltest.device-try/1": Understood,
-    "hiltest.serve/1": Served,
-    "hiltest.imu-calibration/1": ImuCalibration,
-    "hiltest.flash/1": Flashed,
-    "hiltest.log/1": Logged,
-    "hiltest.fit-imu/1": ImuFit,
-    "hiltest.allan/1": Allan,
-    "hiltest.decode/1": Decoded,
-    "hiltest.play/1": Played,
-    "hiltest.study/1": Studied,
+DOCUMENTS: dict[str, tuple[type, ...]] = {
+    "hiltest.run/1": (Run,),
+    "hiltest.fit/1": (FitHead, SampleFit),
+    "hiltest.profile/1": (ProfileDocument,),
+    "hiltest.error/1": (Failed,),
+    "hiltest.seeds/1": (Seeds,),
+    "hiltest.boards/1": (Boards,),
+    "hiltest.comparison/1": (Comparisons,),
+    "hiltest.baseline-save/1": (Saved,),
+    "hiltest.baseline-update/1": (Updated,),
+    "hiltest.bisection/1": (FirstWorse,),
+    "hiltest.trend/1": (Trend,),
+    "hiltest.report/1": (Reported,),
+    "hiltest.export/1": (Exported,),
+    "hiltest.worst/1": (Worst,),
+    "hiltest.timing/1": (Timing,),
+    "hiltest.timing-measure/1": (Measured,),
+    "hiltest.timing-check/1": (ProfileChecked,),
+    "hiltest.ports/1": (Ports,),
+    "hiltest.doctor/1": (Examined,),
+    "hiltest.init/1": (Copied,),
+    "hiltest.device-try/1": (Understood,),
+    "hiltest.serve/1": (Served,),
+    "hiltest.imu-calibration/1": (ImuCalibration,),
+    "hiltest.flash/1": (Flashed,),
+    "hiltest.log/1": (Logged,),
+    "hiltest.fit-imu/1": (ImuFit,),
+    "hiltest.allan/1": (Allan,),
+    "hiltest.decode/1": (Decoded,),
+    "hiltest.play/1": (Played,),
+    "hiltest.study/1": (Studied,),
 }
-"""Class of each schema. The schemas of runs, fits and profiles are in other packages."""
+"""Classes of each schema, whose fields are the keys."""
 
 
 def schema_file(schema: str) -> Path:
     """Return the path of a document's JSON Schema."""
-    from hiltest.log_fitting.sample_fit_exports import SCHEMA_FILE as FIT
-    from hiltest.run_record.schema import SCHEMA_FILE as RUN
-    from hiltest.virtual.profiling.document import SCHEMA_FILE as PROFILE
-
-    elsewhere = {"hiltest.run/1": RUN, "hiltest.fit/1": FIT, "hiltest.profile/1": PROFILE}
-    return elsewhere.get(schema) or SCHEMAS / f"{schema.partition('/')[0].removeprefix('hiltest.')}.schema.json"
-
-
-def schema_text(schema: str) -> str:
-    """Return the text of a JSON Schema, generated from the document's class.
-
-    Keys without a default are required. Keys that a later version adds have one, and readers ignore unknown keys.
-    """
-    from pydantic import TypeAdapter
-
-    document = TypeAdapter(DOCUMENTS[schema]).json_schema(mode="validation", schema_generator=DescribedFields)
-    document["properties"] = {"schema": {"const": schema}, **document["properties"]}
-    document["required"] = ["schema", *(key for key in document["required"] if key != "schema")]
-    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", **document, "title": schema}
-    return json.dumps(head, indent=1, ensure_ascii=False) + "\n"
+    return SCHEMAS / f"{schema.partition('/')[0].removeprefix('hiltest.')}.schema.json"
 
 
 if __name__ == "__main__":
-    SCHEMAS.mkdir(exist_ok=True)
     for schema_name in DOCUMENTS:
-        schema_file(schema_name).write_text(schema_text(schema_name), encoding="utf-8")
+        schema_file(schema_name).write_text(schema_text(schema_name, *DOCUMENTS[schema_name]), encoding="utf-8")

@@ -14,7 +14,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from hiltest.boards import default_firmware
+from hiltest.boards.bench import packaged_build_id
 from hiltest.campaigns.folders import remove_record_in
 from hiltest.campaigns.gate import PACKAGED, Gate, read_gate
 from hiltest.campaigns.older_firmware import (
@@ -289,8 +289,7 @@ def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mappin
     named = environment.get("HIL_FIRMWARE") or any(option.startswith("--hil-firmware") for option in options)
     if named or not evidence.side.build_id:
         return False
-    manifest = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))
-    return bool(evidence.side.build_id == manifest["build_id"])  # an ini file may have named another one
+    return evidence.side.build_id == packaged_build_id()  # an ini file may have named another one
 
 
 def _older_gate(results: Sequence[SeedResult], out: Path) -> Gate:

@@ -82,8 +82,8 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     A measurement that RUN no longer makes is removed, but none after a run of chosen tests (-k, node ids). Of a real
     board as many runs are named as the baseline has.
     """
+    from hiltest.json_files import read_json
     from hiltest.run_record.run import utc_now
-    from hiltest.strict_json import read_json
     from hiltest.verdict.baseline import accept
     from hiltest.verdict.baseline_file import OTHERWISE, baseline_in
     from hiltest.verdict.evidence_reader import read_runs

@@ -86,7 +86,7 @@ def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int)
 def _read(source: str, csv_file: Path | None) -> StreamSummary:
     from hiltest.interfaces.packet_stream import batches
     from hiltest.interfaces.packet_summary import summary_of
-    from hiltest.strict_json import read_bounded
+    from hiltest.json_files import read_bounded
 
     data = read_bounded(Path(source), largest_bytes=_LARGEST_BYTES, otherwise="give a recording of the packets")
     summary, release = summary_of(data)
