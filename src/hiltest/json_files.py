@@ -154,8 +154,13 @@ def _fault(detail: ErrorDetails) -> str:
     return f"{fault}; nothing is converted" if kind == "literal_error" else fault
 
 
-def json_text(document: object) -> str:
+def json_text(document: object, schema: str | None = None) -> str:
     """Return the text of a document, a dataclass or plain data, without a line break at its end.
+
+    Parameters
+    ----------
+    schema
+        First key of a dataclass that has none.
 
     Raises
     ------
@@ -163,6 +168,8 @@ def json_text(document: object) -> str:
         If a number is NaN or infinite, which JSON has not.
     """
     content = asdict(document) if is_dataclass(document) and not isinstance(document, type) else document
+    if schema is not None and isinstance(content, dict):
+        content = {"schema": schema, **content}
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
 
 
