@@ -1,4 +1,4 @@
-"""Write docs/json.md anew from the commands and the classes of their documents: ``python docs/documents.py``."""
+"""Write docs/json.md and all JSON Schemas anew from the classes of documents: ``python docs/documents.py``."""
 
 from __future__ import annotations
 
@@ -11,12 +11,73 @@ from pathlib import Path
 import click
 
 import hiltest
+from hiltest.campaigns.bisection import FirstWorse
+from hiltest.campaigns.campaign import Seeds
+from hiltest.campaigns.several_boards import Boards
+from hiltest.commands.baseline import Saved, Updated
 from hiltest.commands.cli import every_command
-from hiltest.documents import DOCUMENTS, schema_file
-from hiltest.json_schema import field_descriptions
+from hiltest.commands.decode import Decoded
+from hiltest.commands.device import Understood
+from hiltest.commands.doctor import Examined
+from hiltest.commands.export import ExportedNumbers
+from hiltest.commands.flash import Flashed
+from hiltest.commands.init import Copied
+from hiltest.commands.log import Logged
+from hiltest.commands.options import Failed
+from hiltest.commands.play import Played
+from hiltest.commands.ports import Ports
+from hiltest.commands.serve import Served
+from hiltest.commands.timing import Measured, ProfileChecked
+from hiltest.commands.worst import Worst
+from hiltest.json_files import field_descriptions, schema_text
+from hiltest.log_fitting.allan_page import Allan
+from hiltest.log_fitting.fit_result import SampleFit
+from hiltest.log_fitting.imu_fit import ImuFitDocument
+from hiltest.log_fitting.sample_fit_exports import FitHead
+from hiltest.procedures.imu_calibration.contents import ImuCalibration
+from hiltest.report.comparison_text import Comparisons
+from hiltest.report.render import Reported
+from hiltest.report.trend.outputs import TrendDocument
+from hiltest.run_record.run import Run
+from hiltest.studies.study_page import Studied
+from hiltest.virtual.profiling.document import ProfileDocument
+from hiltest.virtual.profiling.timing_table import Timing
 
 PAGE = Path(__file__).with_name("json.md")
 PACKAGE = Path(hiltest.__file__).parent
+DOCUMENTS: dict[str, tuple[type, ...]] = {
+    "hiltest.run/1": (Run,),
+    "hiltest.fit/1": (FitHead, SampleFit),
+    "hiltest.profile/1": (ProfileDocument,),
+    "hiltest.error/1": (Failed,),
+    "hiltest.seeds/1": (Seeds,),
+    "hiltest.boards/1": (Boards,),
+    "hiltest.comparison/1": (Comparisons,),
+    "hiltest.baseline-save/1": (Saved,),
+    "hiltest.baseline-update/1": (Updated,),
+    "hiltest.bisection/1": (FirstWorse,),
+    "hiltest.trend/1": (TrendDocument,),
+    "hiltest.report/1": (Reported,),
+    "hiltest.export/1": (ExportedNumbers,),
+    "hiltest.worst/1": (Worst,),
+    "hiltest.timing/1": (Timing,),
+    "hiltest.timing-measure/1": (Measured,),
+    "hiltest.timing-check/1": (ProfileChecked,),
+    "hiltest.ports/1": (Ports,),
+    "hiltest.doctor/1": (Examined,),
+    "hiltest.init/1": (Copied,),
+    "hiltest.device-try/1": (Understood,),
+    "hiltest.serve/1": (Served,),
+    "hiltest.imu-calibration/1": (ImuCalibration,),
+    "hiltest.flash/1": (Flashed,),
+    "hiltest.log/1": (Logged,),
+    "hiltest.fit-imu/1": (ImuFitDocument,),
+    "hiltest.allan/1": (Allan,),
+    "hiltest.decode/1": (Decoded,),
+    "hiltest.play/1": (Played,),
+    "hiltest.study/1": (Studied,),
+}
+"""Classes of each schema, whose fields are the keys."""
 # Documents with many keys have a page that says what they mean.
 PAGES = {
     "hiltest.run/1": "record.md",
@@ -30,6 +91,8 @@ PAGES = {
     "hiltest.flash/1": "flash.md",
     "hiltest.play/1": "playback.md",
 }
+# Their pages say what the keys of these mean.
+LONG = {"hiltest.run/1", "hiltest.fit/1", "hiltest.profile/1"}
 HEAD = """\
 # JSON of every command
 
@@ -42,7 +105,7 @@ hiltest compare baseline.json after --json
 
 Its first key, `schema`, is a name and the number of a version. The number changes when a key is removed, or is called
 or means something else; a reader ignores keys that it does not know. Each schema has a JSON Schema (draft 2020-12) in
-the package, written from the classes in [documents.py](../src/hiltest/documents.py).
+the folder `schemas` of the package. Every key is always there; one without a value is null.
 
 A command that cannot do what it was asked to prints a document of `hiltest.error/1` in the place of its own. A run or
 a comparison that is red has done it: its document is the usual one, and says so.
@@ -56,9 +119,14 @@ a comparison that is red has done it: its document is the usual one, and says so
 - `hiltest export` writes what another tool reads; with the option that is the key `content`.
 - `hiltest fit DIR`, the table of many logs, has none: ask for one log after the other.
 
-The page is written by `python docs/documents.py`.
+This page and the schemas are written by `python docs/documents.py`.
 
 """
+
+
+def schema_file(schema: str) -> Path:
+    """Return the path of a document's JSON Schema."""
+    return PACKAGE / "schemas" / f"{schema.partition('/')[0].removeprefix('hiltest.')}.schema.json"
 
 
 def schemas_of(command: click.Command) -> list[str]:
@@ -82,7 +150,7 @@ def page() -> str:
     lines = ["| command | schema | keys |", "|---|---|---|"]
     for name, schema in [*rows, ("any", "hiltest.error/1")]:
         file = schema_file(schema).relative_to(PACKAGE.parent)
-        kind = DOCUMENTS.get(schema)
+        kind = None if schema in LONG else DOCUMENTS[schema][0]
         keys = list(meanings(kind)) if kind else []
         more = f"[{PAGES[schema]}]({PAGES[schema]})" if schema in PAGES else ""
         summary = (inspect.cleandoc(kind.__doc__ or "").splitlines()[0].replace("``", "`"),) if kind else ()
@@ -94,3 +162,5 @@ def page() -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
+    for name, kinds in DOCUMENTS.items():
+        schema_file(name).write_text(schema_text(name, *kinds), encoding="utf-8")

@@ -19,8 +19,8 @@ HEAD = """\
 
 Every kind of measurement that hiltest makes. In braces stands what a measurement is of: `heading.{calibrator}.max` is
 `heading.direct.max` for the calibrator `direct`. The page is written by `python docs/measurements.py` from
-[the catalogue](../src/hiltest/measurement/catalogue.py), which is the only place that states these facts, and from the
-limits of [the default rig](../hil/rigs/virtual-k64f.toml).
+[the catalogue](../src/hiltest/measurement/measurements.toml), which is the only place that states these facts, and
+from the limits of [the default rig](../hil/rigs/virtual-k64f.toml).
 
 - **Better** says which way a change is an improvement: lower, higher, or nearer zero. Where it says nothing, a change
   is neither.

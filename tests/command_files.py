@@ -14,8 +14,8 @@ from tests.finished_run import Finished
 from tests.interfaces.test_packet_stream import RECORDING
 from tests.log_fitting.recording import six_faces_and_turns, write
 
+import hiltest
 from hiltest.commands.cli import main
-from hiltest.documents import schema_file
 from hiltest.procedures.golden_points import golden_points
 
 
@@ -51,10 +51,18 @@ def folder_of_all_inputs(parent: pytest.TempPathFactory, default_run: Finished) 
     return folder
 
 
+def json_schema(schema: str) -> dict[str, Any]:
+    """Return the shipped JSON Schema of a document."""
+    name = schema.partition("/")[0].removeprefix("hiltest.")
+    path = Path(hiltest.__file__).parent / "schemas" / f"{name}.schema.json"
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return content
+
+
 def checked(text: str, schema: str) -> dict[str, Any]:
     """Return a document that its schema describes."""
     content: dict[str, Any] = json.loads(text)
     assert content["schema"] == schema
-    validator = Draft202012Validator(json.loads(schema_file(schema).read_text(encoding="utf-8")))
-    assert [f"{error.json_path}: {error.message}" for error in validator.iter_errors(content)] == []
+    errors = Draft202012Validator(json_schema(schema)).iter_errors(content)
+    assert [f"{error.json_path}: {error.message}" for error in errors] == []
     return content

@@ -193,11 +193,11 @@ def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory, shared_fold
     if not records:
         return
     from jsonschema import Draft202012Validator
+    from tests.command_files import json_schema
 
     from hiltest.run_record.reader import read_record
-    from hiltest.run_record.schema import SCHEMA_FILE
 
-    validator = Draft202012Validator(json.loads(SCHEMA_FILE.read_text(encoding="utf-8")))
+    validator = Draft202012Validator(json_schema("hiltest.run/1"))
     for path in records:
         content = json.loads(path.read_text(encoding="utf-8"))
         assert [f"{path}: {each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []

@@ -35,6 +35,7 @@ from hiltest.interfaces.packets import KINDS
 from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
 from hiltest.interfaces.sensor_files.recorded_motion import read_playback
 from hiltest.interfaces.trial import Trial
+from hiltest.json_files import parse_json
 from hiltest.link import grbl
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame, stuff, unstuff
 from hiltest.link.request import decode_reply
@@ -51,7 +52,6 @@ from hiltest.rig.recorded_motion import PlaybackFile
 from hiltest.rig.rig_file import load_rig, parse_rig
 from hiltest.run_record.reader import read_record
 from hiltest.session.settings import file_name, label, seed
-from hiltest.strict_json import parse_json
 from hiltest.tape.player import Player
 from hiltest.tape.recorded_run import read_transcript
 from hiltest.verdict.evidence_reader import read_evidence

@@ -19,7 +19,7 @@ from tests.command_files import checked, folder_of_all_inputs, run
 from tests.finished_run import Finished
 
 from hiltest.commands.cli import every_command
-from hiltest.documents import DOCUMENTS, schema_file, schema_text
+from hiltest.json_files import schema_text
 from hiltest.rig.bench_files import shipped
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -74,18 +74,17 @@ def test_every_command_has_it_and_is_tried_here() -> None:
     assert {name for name, _ in every_command()} == PRINTING.keys() | ELSEWHERE
 
 
-@pytest.mark.parametrize("schema", sorted(DOCUMENTS))
-def test_the_shipped_schema_is_the_one_of_its_class(schema: str) -> None:
-    assert schema_file(schema).read_text(encoding="utf-8") == schema_text(schema), "python -m hiltest.documents"
-
-
-def test_the_page_is_the_one_that_its_script_writes() -> None:
+def test_the_page_and_the_schemas_are_those_that_their_script_writes() -> None:
     spec = importlib.util.spec_from_file_location("documents_page", DOCS / "documents.py")
     assert spec is not None
     assert spec.loader is not None
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
-    assert script.page() == (DOCS / "json.md").read_text(encoding="utf-8"), "python docs/documents.py"
+    shipped_schemas = {path: path.read_text(encoding="utf-8") for path in (script.PACKAGE / "schemas").iterdir()}
+    assert shipped_schemas == {
+        script.schema_file(name): schema_text(name, *kinds) for name, kinds in script.DOCUMENTS.items()
+    }
+    assert script.page() == (DOCS / "json.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

@@ -192,7 +192,15 @@ def break_shape(entry: dict[str, object]) -> dict[str, object]:
     return entry | {"tumble": {**entry["tumble"], "points": [[1]]}} if "tumble" in entry else entry  # type: ignore[dict-item]
 
 
-@pytest.mark.parametrize("damage", [break_answer, break_shape])
+def break_axes(entry: dict[str, object]) -> dict[str, object]:
+    if "pose" not in entry:
+        return entry
+    answer = entry["answer"]
+    assert isinstance(answer, dict)
+    return entry | {"answer": answer | {"magnetometer": {"mean": [1.0], "spread": None}}}
+
+
+@pytest.mark.parametrize("damage", [break_answer, break_axes, break_shape])
 def test_a_damaged_journal_begins_anew(runs: Runs, damage: Callable[[dict[str, object]], dict[str, object]]) -> None:
     runs("", "q")
     path = runs.folder / JOURNAL_FILE

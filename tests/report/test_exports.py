@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import pytest
 
 from hiltest.measurement import Limit, Measurement, check
-from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json
+from hiltest.report.exports import bencher_metrics, exported, github_action_entries
 
 MODEL = "cortex-m4-trm/2@sram"
 
@@ -69,7 +68,7 @@ def check_action(content: Any) -> None:
 
 
 def test_bencher_gets_every_number_with_a_sense_in_a_measure_of_its_sense() -> None:
-    content = json.loads(bencher_json(exported(ALL)))
+    content = bencher_metrics(exported(ALL))
     check_bmf(content)
     assert content == {
         f"cycles.direct.total ({MODEL})": {"cycle, smaller is better": {"value": 11_061}},
@@ -81,8 +80,8 @@ def test_bencher_gets_every_number_with_a_sense_in_a_measure_of_its_sense() -> N
 
 def test_the_action_gets_one_sense_a_file() -> None:
     numbers = exported(ALL)
-    smaller = json.loads(github_action_benchmark_json([number for number in numbers if not number.larger_is_better]))
-    larger = json.loads(github_action_benchmark_json([number for number in numbers if number.larger_is_better]))
+    smaller = github_action_entries([number for number in numbers if not number.larger_is_better])
+    larger = github_action_entries([number for number in numbers if number.larger_is_better])
     check_action(smaller)
     check_action(larger)
     assert smaller == [
@@ -96,7 +95,7 @@ def test_over_seeds_it_is_the_mean_with_the_smallest_and_the_largest() -> None:
     values = {1: -0.1, 2: 0.4, 3: 0.1, 4: None}
     by_seed = {seed: {BIAS.name: check(BIAS.name, value, unit="deg")} for seed, value in values.items()}
     numbers = exported(by_seed)
-    bmf = json.loads(bencher_json(numbers))
+    bmf = bencher_metrics(numbers)
     check_bmf(bmf)
     # Of magnitudes: the mean of the values themselves, 0.13, would hide that two seeds are off.
     assert bmf == {
@@ -104,7 +103,7 @@ def test_over_seeds_it_is_the_mean_with_the_smallest_and_the_largest() -> None:
             "deg, smaller is better": {"value": 0.2, "lower_value": 0.1, "upper_value": 0.4},
         }
     }
-    (entry,) = json.loads(github_action_benchmark_json(numbers))
+    (entry,) = github_action_entries(numbers)
     check_action([entry])
     assert (entry["value"], entry["range"]) == (0.2, "± 0.2")
     assert entry["extra"] == "no limit\nmean of 3 seeds, 0.1 to 0.4"
@@ -118,7 +117,7 @@ def test_cycles_of_two_models_have_two_names() -> None:
 
 def test_names_longer_than_bencher_keeps_are_cut_behind_no_sense() -> None:
     long = check("x" * 2000, 1.0, unit="<u>" * 100, limit=Limit(max=2))
-    content = json.loads(bencher_json(exported(one(long))))
+    content = bencher_metrics(exported(one(long)))
     check_bmf(content)
     ((measure, _),) = content["x" * 1024].items()
     assert measure.endswith(", smaller is better")

@@ -167,8 +167,8 @@ def test_an_entry_of_a_kind_that_is_not_known_yet_is_passed_over(cut_short: Path
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('{"kind": "start", "schema": "hiltest.run/9"}\n', '"hiltest.run/9", this hiltest reads "hiltest.run/1": use'),
-        ('{"kind": "start", "schema": "hiltest.run/1"}\n', "suite: Field required"),
+        ('{"kind": "start", "schema": "hiltest.run/9"}\n', '"hiltest.run/9", this hiltest reads "hiltest.run/1"; use'),
+        ('{"kind": "start", "schema": "hiltest.run/1"}\n', "suite is missing"),
         ('{"kind": "test"}\n', "no record of a run"),
         ("\n", "line 1 is damaged"),
     ],

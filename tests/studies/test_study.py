@@ -16,12 +16,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from scipy.stats import binom
-from tests.command_files import run
+from tests.command_files import json_schema, run
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import KINDS, identify
 from hiltest.run_record.reader import read_record
-from hiltest.run_record.schema import run_schema
 from hiltest.studies import NAMES
 from hiltest.studies.ellipsoids import NOISE_UT, interval
 from hiltest.studies.instances import Model, non_ellipsoids
@@ -195,7 +194,7 @@ class TestEveryStudy:
         assert run("study", name, "--instances", "2", "--jobs", "1", "--out", str(tmp_path)) == 0
         said = capsys.readouterr().out
         record = read_record(tmp_path)
-        assert not list(Draft202012Validator(run_schema()).iter_errors(record.content))
+        assert not list(Draft202012Validator(json_schema("hiltest.run/1")).iter_errors(record.content))
         kinds = [identify(measurement.name).kind for measurement in record.run.measurements]
         assert {kind.name for kind in kinds if kind} == {each for each in KINDS if each.startswith(f"study.{name}.")}
         assert None not in kinds

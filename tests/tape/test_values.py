@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from hiltest.boards import (
     Board,
@@ -64,6 +65,20 @@ def test_an_array_comes_back_as_it_was() -> None:
     assert isinstance(again, Truth)
     assert np.array_equal(again.accelerometer_response, truth.accelerometer_response)
     assert again.field_ut == truth.field_ut
+
+
+def test_an_array_comes_back_as_the_integers_that_it_was() -> None:
+    counts = np.array([[1, -2, 3]], dtype=np.int16)
+    again = restored(NDArray[np.int16], json.loads(json.dumps(plain(counts))))
+    assert (again.dtype, again.tolist()) == (counts.dtype, counts.tolist())
+    with pytest.raises(ValueError, match="array"):
+        restored(NDArray[np.int16], [40_000])
+
+
+def test_numbers_that_are_keys_come_back_as_numbers() -> None:
+    assert restored(dict[int, str], plain({3: "c"})) == {3: "c"}
+    with pytest.raises(ValueError, match="invalid literal"):
+        restored(dict[int, str], {"c": "c"})
 
 
 @given(JSON, st.sampled_from([Pose, CycleRange | None, BoardKind, dict[str, Vector], list[int], Truth | None, bool]))

@@ -234,7 +234,7 @@ GOOD = {
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"schema": "hiltest.run/1"}, "no worst case"),
+        ({"schema": "hiltest.run/1"}, 'schema is "hiltest.run/1"'),
         ({"more": 1}, "more"),
         ({"cycles": "5"}, "cycles"),
         ({"cycles": -1}, "are counted"),

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.recorded_motion import load_playback
+from hiltest.json_files import read_json
 from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.board_faults import span_of
@@ -31,6 +32,12 @@ _RESETS = {"button": ResetSource.PIN, "brown-out": ResetSource.POWER_ON}
 def default_firmware() -> Path:
     """Return the prebuilt ELF that ships in the package."""
     return Path(__file__).parents[1] / "firmware" / "hiltest-frdm-k64f.elf"
+
+
+def packaged_build_id() -> str:
+    """Return the build of the ELF that ships in the package."""
+    manifest = default_firmware().with_name("manifest.json")
+    return str(read_json(manifest, otherwise="install hiltest again").content["build_id"])
 
 
 def firmware_of(rig: Rig) -> Path:

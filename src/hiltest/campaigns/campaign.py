@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from hiltest.boards import default_firmware
+from hiltest.boards.bench import packaged_build_id
 from hiltest.campaigns.folders import remove_record_in
 from hiltest.campaigns.gate import PACKAGED, Gate, read_gate
 from hiltest.campaigns.older_firmware import (
@@ -28,6 +27,7 @@ from hiltest.campaigns.older_firmware import (
 )
 from hiltest.campaigns.sent_bench import run_there, sent_bench
 from hiltest.errors import ConfigError, SchedulerError
+from hiltest.json_files import json_text
 from hiltest.measurement import Measurement, Outcome, identify, round_significant
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
@@ -91,6 +91,21 @@ class SeedResult:
     made_with: MadeWith | None = None
     evidence: Evidence | None = None
     excusable: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Seeds:
+    """``seeds.json``: a campaign over several seeds."""
+
+    exit_code: int
+    """Exit code of the seeds, without a comparison."""
+    made_with: list[MadeWith]
+    """Firmware, build, cycle model and rig of the runs."""
+    seeds: list[SeedLine]
+    measurements: list[Spread]
+    """Smallest, median and largest value of each measurement."""
+    comparison: Comparison | None
+    """Comparison with the base; null if none was named."""
 
 
 def run_seeds(
@@ -182,13 +197,13 @@ def _conclude(
 ) -> int:
     """Write and print the verdict over all seeds, and return the exit code."""
     spreads = spreads_of(results)
-    write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison, may_fail=may_fail))
+    _write_seeds(out, results, spreads, comparison, may_fail=may_fail)
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
     sentence = campaign_sentence(results, spreads, may_fail=may_fail, comparison=comparison)
     verdict = Verdict(_word(results, may_fail=may_fail, comparison=comparison), code, sentence, complete=True)
     page = campaign_markdown(
         verdict,
-        [SeedLine(result.seed, result.exit_code, result.sentence) for result in results],
+        _seed_lines(results),
         spreads,
         comparison,
         {measurement.cycle_model for result in results for measurement in result.measurements},
@@ -289,13 +304,12 @@ def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mappin
     named = environment.get("HIL_FIRMWARE") or any(option.startswith("--hil-firmware") for option in options)
     if named or not evidence.side.build_id:
         return False
-    manifest = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))
-    return bool(evidence.side.build_id == manifest["build_id"])  # an ini file may have named another one
+    return evidence.side.build_id == packaged_build_id()  # an ini file may have named another one
 
 
 def _older_gate(results: Sequence[SeedResult], out: Path) -> Gate:
     """Return the seeds of the older firmware as the base for the newer one."""
-    write_atomically(out / SEEDS_FILE, _to_json(results, spreads_of(results), None))
+    _write_seeds(out, results, spreads_of(results), None)
     evidence = evidence_of_all(results, str(out))
     if not evidence.measurements:
         return Gate(str(out), None, f"{out}: no seed of the older firmware left a record: {results[0].sentence}")
@@ -420,21 +434,29 @@ def _firmware_and_rig(run: Run) -> MadeWith | None:
     return MadeWith(firmware, run.board.build_id, run.board.cycle_model, run.rig.name, run.rig.sha256)
 
 
-def _to_json(
-    results: Sequence[SeedResult], spreads: Sequence[Spread], comparison: Comparison | None, *, may_fail: int = 0
-) -> str:
-    seeds = [{"seed": result.seed, "exit_code": result.exit_code, "sentence": result.sentence} for result in results]
-    made_with = dict.fromkeys(result.made_with for result in results if result.made_with)
-    content = {
-        "schema": SEEDS_SCHEMA,
-        "exit_code": int(campaign_exit_code(results, may_fail=may_fail)),  # of the seeds, apart from a comparison
-        "made_with": [asdict(origin) for origin in made_with],
-        "seeds": seeds,
-        "measurements": [_round_values(asdict(spread)) for spread in spreads],
-        **({} if comparison is None else {"comparison": asdict(comparison)}),
-    }
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+def _write_seeds(
+    out: Path,
+    results: Sequence[SeedResult],
+    spreads: Sequence[Spread],
+    comparison: Comparison | None,
+    *,
+    may_fail: int = 0,
+) -> None:
+    """Write ``seeds.json``."""
+    document = Seeds(
+        exit_code=int(campaign_exit_code(results, may_fail=may_fail)),
+        made_with=list(dict.fromkeys(result.made_with for result in results if result.made_with)),
+        seeds=_seed_lines(results),
+        measurements=[_round_numbers(spread) for spread in spreads],
+        comparison=comparison,
+    )
+    write_atomically(out / SEEDS_FILE, json_text(document, SEEDS_SCHEMA) + "\n")
 
 
-def _round_values(content: Mapping[str, object]) -> dict[str, object]:
-    return {key: round_significant(value) if isinstance(value, float) else value for key, value in content.items()}
+def _seed_lines(results: Sequence[SeedResult]) -> list[SeedLine]:
+    return [SeedLine(result.seed, result.exit_code, result.sentence) for result in results]
+
+
+def _round_numbers(spread: Spread) -> Spread:
+    low, median, high = (round_significant(number) or number for number in (spread.min, spread.median, spread.max))
+    return replace(spread, min=low, median=median, max=high)

@@ -7,7 +7,6 @@ for a commit that is not worse, 1 for one that is worse, and 125 for one that is
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 import shutil
@@ -25,6 +24,7 @@ import click
 
 from hiltest.campaigns.older_firmware import UNCOVERED, UNJUDGED, last_words, run_command
 from hiltest.errors import ConfigError, HiltestError, nearest_hint
+from hiltest.json_files import adapter, json_line, json_text, read_as
 from hiltest.report.comparison_text import printable
 from hiltest.run_record.comparison import Answer, Change, Comparison, Difference
 from hiltest.run_record.exit_codes import ExitCode
@@ -111,14 +111,12 @@ class Bisection:
 
     def write(self) -> None:
         """Write the settings for the processes that ``git bisect run`` starts."""
-        (Path(self.out) / _SETTINGS_FILE).write_text(json.dumps(asdict(self)), encoding="utf-8")
+        (Path(self.out) / _SETTINGS_FILE).write_text(json_text(self), encoding="utf-8")
 
 
 def read_bisection(out: Path) -> Bisection:
     """Read the settings that `Bisection.write` wrote."""
-    content = json.loads((out / _SETTINGS_FILE).read_text(encoding="utf-8"))
-    lists = {name: tuple(value) for name, value in content.items() if isinstance(value, list)}
-    return Bisection(**{**content, **lists})
+    return read_as(out / _SETTINGS_FILE, Bisection, otherwise="bisect again: hiltest bisect")
 
 
 def git(tree: str, *arguments: str) -> str:
@@ -178,7 +176,7 @@ def judge(bisection: Bisection, say: str = "") -> JudgedCommit:
     click.echo(f": {result}, {because}", nl=False, err=True)
     commit_result = JudgedCommit(commit, author, date, subject, result, because, record, round(took_s, 1))
     with (Path(bisection.out) / _JUDGED_FILE).open("a", encoding="utf-8") as file:
-        file.write(json.dumps(asdict(commit_result)) + "\n")
+        file.write(json_line(asdict(commit_result)) + "\n")
     click.echo(" [remembered]" if is_remembered else f" [{took_s:.0f} s]", err=True)
     return commit_result
 
@@ -186,8 +184,8 @@ def judge(bisection: Bisection, say: str = "") -> JudgedCommit:
 def judged_commits(out: Path) -> Iterator[JudgedCommit]:
     """Yield the commits that were judged since `forget_judged`, in this order."""
     for line in (out / _JUDGED_FILE).read_text(encoding="utf-8").splitlines():
-        content = json.loads(line)
-        yield JudgedCommit(**{**content, "found": Found(content["found"])})
+        judged: JudgedCommit = adapter(JudgedCommit).validate_json(line)
+        yield judged
 
 
 def forget_judged(out: Path) -> None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from hiltest.campaigns.older_firmware import last_words, run_command
 from hiltest.errors import ConfigError
+from hiltest.json_files import json_text
 from hiltest.measurement import Measurement, identify, round_significant
 from hiltest.report.boards_page import Apart, BoardLine, boards_html, boards_markdown, print_boards
 from hiltest.report.console import standard_output
@@ -33,6 +33,19 @@ SCHEMA = "hiltest.boards/1"
 _KEPT = "the records of the boards that finished are kept"
 _NAMED_AT_MOST = 4
 _NO_FOLDER = re.compile(r"[^A-Za-z0-9._-]")
+
+
+@dataclass(frozen=True, slots=True)
+class Boards:
+    """``boards.json``: several boards that ran at once."""
+
+    exit_code: int
+    """Exit code that takes precedence among those of the boards."""
+    sentence: str
+    """Number of boards that pass, and the results of the others."""
+    boards: Sequence[BoardLine]
+    measurements: Sequence[Apart]
+    """Measurements of each board, and how far apart they are."""
 
 
 def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashes: bool = False) -> int:
@@ -79,7 +92,8 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     boards = [ended[name][0] for name in files]
     apart = apart_of({name: ended[name][1] for name in files})
     verdict = verdict_of(boards)
-    write_atomically(out / BOARDS_FILE, _to_json(verdict, boards, apart))
+    document = Boards(verdict.exit_code, verdict.sentence, boards, apart)
+    write_atomically(out / BOARDS_FILE, json_text(document, SCHEMA) + "\n")
     write_atomically(out / BOARDS_PAGE, boards_html(verdict, boards, apart))
     page = boards_markdown(verdict, boards, apart)
     write_atomically(out / BOARDS_MARKDOWN, page)
@@ -174,14 +188,3 @@ def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
 def _word(code: int) -> str:
     """Return the name of an exit code; a process that a signal ended has another code."""
     return {int(exit_code): word for exit_code, word in WORDS.items()}.get(code, "killed")
-
-
-def _to_json(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
-    content = {
-        "schema": SCHEMA,
-        "exit_code": verdict.exit_code,
-        "sentence": verdict.sentence,
-        "boards": [asdict(board) for board in boards],
-        "measurements": [asdict(row) for row in apart],
-    }
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

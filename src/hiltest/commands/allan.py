@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from hiltest.commands.options import RATE_UNITS, NumberRange, json_option
+from hiltest.commands.options import RATE_UNITS, NumberRange, json_option, print_document
 
 _EXIT_CODES = """
 \b
@@ -66,7 +66,7 @@ def allan(
     is used.
     """
     from hiltest.calibration.allan import allan_curve
-    from hiltest.log_fitting.allan_page import HEADER, headline, table, to_json, write_page
+    from hiltest.log_fitting.allan_page import HEADER, allan_document, headline, table, write_page
     from hiltest.log_fitting.rate_log import check_rest, read_rate_log
     from hiltest.measurement.units import RATE_WORDS
 
@@ -92,4 +92,4 @@ def allan(
     if html is not None:
         write_page(read, curve, html)
     if as_json:  # the document is last, since an error prints a document of its own
-        click.echo(to_json(read, curve), nl=False)
+        print_document("hiltest.allan/1", allan_document(read, curve))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -26,6 +27,41 @@ Exit codes:
 _PATH = click.Path(path_type=Path)
 
 
+@dataclass(frozen=True, slots=True)
+class Saved:
+    """A baseline that was saved."""
+
+    file: str
+    """File that was written."""
+    measurements: int
+    """Number of measurements in it."""
+    build_id: str
+    """Build of the measurements."""
+    seeds: tuple[int | None, ...]
+    """Seeds of the run; null for a run without a seed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """A measurement that was accepted."""
+
+    name: str
+    was: float | None
+    now: float | None
+    """Values before and after; null for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Updated:
+    """A baseline that was updated."""
+
+    file: str
+    """File that was written."""
+    moved: tuple[Moved, ...]
+    measurements: int
+    """Number of measurements in it."""
+
+
 @click.group()
 def baseline() -> None:
     """Save a run as a baseline, or accept single changes into one."""
@@ -35,7 +71,7 @@ def baseline() -> None:
 @documented("hiltest.baseline-save/1")
 @click.argument("run", nargs=-1, required=True, type=_PATH)
 @click.argument("file", type=_PATH)
-def save(run: tuple[Path, ...], file: Path) -> tuple[int, dict[str, Any]]:
+def save(run: tuple[Path, ...], file: Path) -> tuple[int, Saved]:
     """Write the measurements of RUN to FILE, without the volatile ones.
 
     RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). An existing
@@ -55,12 +91,7 @@ def save(run: tuple[Path, ...], file: Path) -> tuple[int, dict[str, Any]]:
     click.echo(
         f"{file}: {_count_measurements(len(saved.measurements))} of build {saved.side.build_id}, {_seeds(saved)}"
     )
-    return 0, {
-        "file": str(file),
-        "measurements": len(saved.measurements),
-        "build_id": saved.side.build_id,
-        "seeds": saved.seeds,
-    }
+    return 0, Saved(str(file), len(saved.measurements), saved.side.build_id, saved.seeds)
 
 
 @baseline.command(epilog=_EXIT_CODES)
@@ -76,14 +107,14 @@ def save(run: tuple[Path, ...], file: Path) -> tuple[int, dict[str, Any]]:
 @click.option("--because", metavar="TEXT", required=True, help="Reason for the change; goes into the file's history.")
 @click.argument("file", type=_PATH)
 @click.argument("run", nargs=-1, required=True, type=_PATH)
-def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: str) -> tuple[int, dict[str, Any]]:
+def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: str) -> tuple[int, Updated]:
     """Copy the named measurements of RUN into FILE, and keep all others.
 
     A measurement that RUN no longer makes is removed, but none after a run of chosen tests (-k, node ids). Of a real
     board as many runs are named as the baseline has.
     """
+    from hiltest.json_files import read_json
     from hiltest.run_record.run import utc_now
-    from hiltest.strict_json import read_json
     from hiltest.verdict.baseline import accept
     from hiltest.verdict.baseline_file import OTHERWISE, baseline_in
     from hiltest.verdict.evidence_reader import read_runs
@@ -109,8 +140,8 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     click.echo(
         f"{file}: {_count_measurements(len(moved))} moved, {len(after.measurements)} in it, of {build(after.side)}"
     )
-    changes = [{"name": change.name, "was": change.was, "now": change.now} for change in moved]
-    return 0, {"file": str(file), "moved": changes, "measurements": len(after.measurements)}
+    changes = tuple(Moved(change.name, change.was, change.now) for change in moved)
+    return 0, Updated(str(file), changes, len(after.measurements))
 
 
 def _existing_baseline(file: Path) -> Baseline | None:

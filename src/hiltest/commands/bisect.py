@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -78,7 +77,7 @@ def bisect(
     suite: str | None,
     tests: str | None,
     out: str,
-) -> tuple[int, dict[str, Any]]:
+) -> tuple[int, FirstWorse]:
     """Find the first commit after GOOD that is worse than it.
 
     BAD is a later one that is worse. Each commit on the way is built by the command that follows --, in a working tree
@@ -110,7 +109,7 @@ def bisect(
         click.echo(f"\nthe same command goes on: {out} keeps what was built and run", err=True)
         raise
     _print(result, measures)
-    return int(result.exit_code), asdict(result)
+    return int(result.exit_code), result
 
 
 def _print(result: FirstWorse, measures: tuple[str, ...]) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -74,7 +73,7 @@ Exit codes:
 )
 def calibrate(
     rig: str | None, hil_port: str | None, firmware: str | None, seed: str | None, calibrator: str, out: Path
-) -> tuple[int, dict[str, Any]]:
+) -> tuple[int, ImuCalibration]:
     """Calibrate the IMU of a board step by step, and write one file.
 
     A virtual board runs without questions. For a board that is turned by hand it says what to do next, shows progress,
@@ -97,7 +96,7 @@ def calibrate(
         calibration = _calibrate_guided(board, described, calibrator)
     _write(calibration, out, header)
     click.echo(f"{out}, {header}")
-    return 0, asdict(calibration)
+    return 0, calibration
 
 
 def _check_before_the_work(out: Path, header: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from hiltest import __version__
-from hiltest.commands.options import ERROR_SCHEMA, EXIT_CODES, print_document
+from hiltest.commands.options import EXIT_CODES, print_error
 from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
@@ -111,5 +111,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _report_failure(error: BaseException, message: str, code: int, *, as_json: bool) -> int:
     """Return the exit code; with ``--json``, print the document of an error instead of the command's."""
     if as_json:
-        print_document(ERROR_SCHEMA, {"error": type(error).__name__, "message": message, "exit_code": code})
+        print_error(type(error).__name__, message, code)
     return code

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import json_option
+from hiltest.commands.options import json_option, print_document
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None
     Each is a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline file. With
     --detect there may be no NEW: BASE alone says how much its runs differ.
     """
-    from hiltest.report.comparison_text import json_text, print_comparison, say_how_to_keep
+    from hiltest.report.comparison_text import Comparisons, print_comparison, say_how_to_keep
     from hiltest.run_record.exit_codes import ExitCode, comparison_code
     from hiltest.verdict.evidence_reader import read_evidence
 
@@ -49,7 +49,7 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None
     planned = _plan_runs(base, evidence, detect) if detect is not None else None
     comparisons = _compare_all(base, evidence)
     if as_json:
-        click.echo(json_text(comparisons, planned), nl=False)
+        print_document("hiltest.comparison/1", Comparisons(comparisons, planned))
     else:
         from hiltest.report.console import standard_output
         from hiltest.report.detection_text import print_detection

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -29,6 +30,37 @@ Exit codes:
 """
 # Half a day at the line's 11.5 kB/s.
 _LARGEST_BYTES = 512 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedKind:
+    """A kind of packet."""
+
+    type: int
+    title: str
+    packets: int
+    per_second: float | None
+    """Rate by the board's clock; null without time stamps."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """Packets of NXP's sensor fusion."""
+
+    source: str
+    """File or port."""
+    packets: int
+    lost_bytes: int
+    missing: int
+    resets: int
+    """Numbers of packets, of bytes outside of packets, of missing packets by their numbers, and of clock resets."""
+    releases: list[str]
+    """Releases that send such packets."""
+    firmware: int | None
+    """Number of the firmware, 720 for 7.20; null if no packet has it."""
+    elapsed_s: float
+    """Time by the board's clock."""
+    kinds: list[DecodedKind]
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -55,38 +87,32 @@ _LARGEST_BYTES = 512 << 20
     show_default=True,
     help="Of a port: speed of the line.",
 )
-def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> tuple[int, dict[str, Any]]:
+def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> tuple[int, Decoded]:
     """Show the packets of NXP's sensor fusion in a recording.
 
     FILE holds the bytes as they came, PORT is a serial device or a pyserial URL. Packets of releases 4.22, 5.00 and 7
     are known: see docs/decode.md.
     """
     summary = _listen(source, csv_file, seconds, baud) if _is_port(source) else _read(source, csv_file)
-    return 0 if summary.kinds else 1, {
-        "source": source,
-        "packets": sum(summary.counts.values()),
-        "lost_bytes": summary.lost_bytes,
-        "missing": summary.missing,
-        "resets": summary.clock.resets,
-        "releases": [str(release) for release in summary.releases()],
-        "firmware": summary.firmware,
-        "elapsed_s": summary.clock.elapsed_us / 1e6,
-        "kinds": [
-            {
-                "type": kind.type,
-                "title": kind.title,
-                "packets": summary.counts[kind],
-                "per_second": summary.rate_hz(kind),
-            }
-            for kind in summary.kinds
+    return 0 if summary.kinds else 1, Decoded(
+        source=source,
+        packets=sum(summary.counts.values()),
+        lost_bytes=summary.lost_bytes,
+        missing=summary.missing,
+        resets=summary.clock.resets,
+        releases=[str(release) for release in summary.releases()],
+        firmware=summary.firmware,
+        elapsed_s=summary.clock.elapsed_us / 1e6,
+        kinds=[
+            DecodedKind(kind.type, kind.title, summary.counts[kind], summary.rate_hz(kind)) for kind in summary.kinds
         ],
-    }
+    )
 
 
 def _read(source: str, csv_file: Path | None) -> StreamSummary:
     from hiltest.interfaces.packet_stream import batches
     from hiltest.interfaces.packet_summary import summary_of
-    from hiltest.strict_json import read_bounded
+    from hiltest.json_files import read_bounded
 
     data = read_bounded(Path(source), largest_bytes=_LARGEST_BYTES, otherwise="give a recording of the packets")
     summary, release = summary_of(data)

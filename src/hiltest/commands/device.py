@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -37,6 +37,28 @@ _LONGEST_SHOWN = 160
 _MEMORY = "memory"
 _LOOK_EVERY_S = 1.0
 _WITHOUT_PORT_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class QuantityRate:
+    """How often a quantity came."""
+
+    values: int
+    """Number of values."""
+    per_second: float | None
+    """Rate by the board's clock; null if it is unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Understood:
+    """Interpretation of firmware that reports by itself."""
+
+    seconds: float
+    """Duration of listening, by the board's clock."""
+    understood: int
+    not_understood: int
+    """Numbers of lines, packets or readings."""
+    quantities: dict[str, QuantityRate]
 
 
 @click.group()
@@ -72,7 +94,7 @@ def device() -> None:
     type=NumberRange(min=0.0, max=1e9, min_open=True),
     help="How long to listen, by the board's clock.  [default: until Ctrl-C]",
 )
-def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
+def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | None) -> tuple[int, Understood]:
     """Show each line that the board sends, and what is understood of it; and variables, with what they hold.
 
     A line that means nothing has a question mark, and why. What the rig sends at the start is sent; nothing is turned,
@@ -99,16 +121,8 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
         opened.close()
     for sentence in opened.bench.said_of_playback if opened.bench else ():
         click.echo(sentence, err=True)
-    rates = {
-        quantity.key: {"values": count, "per_second": trial.rate_hz(quantity)}
-        for quantity, count in trial.values.items()
-    }
-    return int(not trial.values), {
-        "seconds": listened_s,
-        "understood": trial.understood,
-        "not_understood": trial.not_understood,
-        "quantities": rates,
-    }
+    rates = {quantity.key: QuantityRate(count, trial.rate_hz(quantity)) for quantity, count in trial.values.items()}
+    return int(not trial.values), Understood(listened_s, trial.understood, trial.not_understood, rates)
 
 
 def _table(rig: Rig) -> Device:

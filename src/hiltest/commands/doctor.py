@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -28,6 +29,28 @@ Exit codes:
 _COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
 
 
+@dataclass(frozen=True, slots=True)
+class ExaminedCheck:
+    """One check of a bench."""
+
+    name: str
+    health: str
+    """``ok``, ``warning``, ``FAILED`` or ``not looked at``."""
+    found: str
+    """Finding, or the reason why the check was not made."""
+    remedy: str | None
+    """Remedy; null if none is needed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Examined:
+    """Checks of a bench."""
+
+    rig: str
+    exit_code: int
+    checks: list[ExaminedCheck]
+
+
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.doctor/1")
 @click.option(
@@ -43,7 +66,7 @@ _COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
     help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's, or the one board "
     "that is plugged in]",
 )
-def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
+def doctor(rig: str | None, hil_port: str | None) -> tuple[int, Examined]:
     """Look what is wrong with a bench, and say what to do about it.
 
     Board, DAPLink, permission, other programs, the port of a motor table, baud rate, firmware, sensors, clock, cycle
@@ -57,14 +80,8 @@ def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
     described = load_rig(rig_file(Path.cwd(), rig or "frdm-k64f"))
     checks = [*_print_checks(examine(described, port=hil_port, today=datetime.now(UTC).date()))]
     code = exit_code(checks)
-    return code, {
-        "rig": described.name,
-        "exit_code": code,
-        "checks": [
-            {"name": check.name, "health": check.health, "found": check.finding, "remedy": check.remedy or None}
-            for check in checks
-        ],
-    }
+    results = [ExaminedCheck(check.name, check.health.value, check.finding, check.remedy or None) for check in checks]
+    return code, Examined(described.name, code, results)
 
 
 def _print_checks(checks: Iterable[Check]) -> Iterator[Check]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,20 @@ Exit codes:
   4   usage: there is no record, no number for this format, or the file
       cannot be written
 """
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedNumbers:
+    """Numbers for another tool."""
+
+    format: str
+    """Requested format."""
+    numbers: int
+    """Number of exported numbers."""
+    file: str | None
+    """File that was written; null if none was requested."""
+    content: dict[str, Any] | list[Any]
+    """Content for the other tool."""
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -43,14 +57,15 @@ Exit codes:
     type=click.Path(dir_okay=False, path_type=Path),
     help="File to write.  [default: standard output]",
 )
-def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
+def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[int, ExportedNumbers]:
     """Write the numbers of a run as JSON for dashboards.
 
     RUN is a run.json, its folder, the folder of a campaign or a baseline. Measurements that should be near zero are
     exported as their magnitude; those without a better direction, such as a worst sector, are left out. Several seeds
     give mean, smallest and largest.
     """
-    from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json
+    from hiltest.json_files import json_text
+    from hiltest.report.exports import bencher_metrics, exported, github_action_entries
     from hiltest.run_record.files import write_asked_for
     from hiltest.verdict.evidence_reader import read_evidence
 
@@ -67,11 +82,11 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[
     if len(selected) < len(numbers):
         other = "smaller" if better == "larger" else "larger"
         click.echo(f"{len(numbers) - len(selected)} others are better when {other}: --better {other}", err=True)
-    text = bencher_json(selected) if form == "bencher" else github_action_benchmark_json(selected)
+    content = bencher_metrics(selected) if form == "bencher" else github_action_entries(selected)
     if out is None:
-        click.echo(text, nl=False)
+        click.echo(json_text(content))
     else:
-        write_asked_for(out, text)
+        write_asked_for(out, json_text(content) + "\n")
         click.echo(f"{out}: {len(selected)} numbers", err=True)
     file = None if out is None else str(out)
-    return 0, {"format": form, "numbers": len(selected), "file": file, "content": json.loads(text)}
+    return 0, ExportedNumbers(form, len(selected), file, content)

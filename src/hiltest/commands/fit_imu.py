@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import RATE_UNITS, NumberRange, json_option
+from hiltest.commands.options import RATE_UNITS, NumberRange, json_option, print_document
 
 if TYPE_CHECKING:
     import numpy as np
@@ -111,7 +111,7 @@ def fit_imu(**arguments: Any) -> int:
     Rests, six faces and whole turns about the vertical are detected.
     """
     from hiltest.log_fitting import AccelerationUnit, LogColumns, read_imu_log
-    from hiltest.log_fitting.imu_fit import fit_imu_log, print_fit, to_json
+    from hiltest.log_fitting.imu_fit import SCHEMA, fit_imu_log, imu_fit_document, print_fit
     from hiltest.measurement.units import RATE_WORDS
     from hiltest.report.console import standard_output
 
@@ -140,12 +140,13 @@ def fit_imu(**arguments: Any) -> int:
         print_fit(fitted, standard_output())
     code = _export(fitted, options)
     if options.as_json:  # the document is last, since an error prints a document of its own
-        click.echo(to_json(fitted), nl=False)
+        print_document(SCHEMA, imu_fit_document(fitted))
     return code
 
 
 def _export(fitted: ImuLogFit, options: _Options) -> int:
-    from hiltest.log_fitting.imu_fit import to_header, to_json
+    from hiltest.json_files import json_text
+    from hiltest.log_fitting.imu_fit import SCHEMA, imu_fit_document, to_header
     from hiltest.run_record.files import write_asked_for
 
     if not (fitted.accelerometer.fit is not None if options.rate_rpm is None else fitted.scales):
@@ -153,7 +154,7 @@ def _export(fitted: ImuLogFit, options: _Options) -> int:
             click.echo("refused: no calibration was exported", err=True)
         return 1
     if options.export_json is not None:
-        write_asked_for(options.export_json, to_json(fitted))
+        write_asked_for(options.export_json, json_text(imu_fit_document(fitted), SCHEMA) + "\n")
     if options.export_header is not None:
         write_asked_for(options.export_header, to_header(fitted))
     return 0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -21,6 +21,28 @@ Exit codes:
       shown), or nothing answers afterwards
   23  other firmware answers afterwards
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Flashed:
+    """Firmware that was flashed."""
+
+    file: str
+    """File that was flashed."""
+    bytes: int
+    """Number of bytes that were written."""
+    build_id: str
+    """Build of the file; empty if it has none."""
+    by: str
+    """Method: ``daplink``, by its drive, or ``pyocd``."""
+    serial_number: str | None
+    port: str | None
+    volume: str | None
+    """Properties of the board, as far as they are known."""
+    answered: str | None
+    """Build that the board answered afterwards; null if it was not asked."""
+    said: str
+    """Description of the firmware that runs now."""
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -49,7 +71,7 @@ Exit codes:
 @click.argument("elf", required=False, callback=checked(file_name))
 def flash(
     elf: str | None, rig: str | None, hil_port: str | None, volume: Path | None, probe: str | None
-) -> tuple[int, dict[str, Any]]:
+) -> tuple[int, Flashed]:
     """Put firmware onto an FRDM-K64F, and check that it runs.
 
     ELF may be Intel HEX or a raw binary (.bin) too; without it, hiltest's own firmware is flashed. What is for another
@@ -76,14 +98,14 @@ def flash(
     finally:
         line.clear()
     click.echo(done.sentence(image, target))
-    return 0, {
-        "file": image.image.name,
-        "bytes": image.size,
-        "build_id": image.image.build_id,
-        "by": probe or "daplink",
-        "serial_number": done.serial_number or None,
-        "port": target.port,
-        "volume": str(target.volume) if target.volume and not probe else None,
-        "answered": done.identity.build_id if done.identity else None,
-        "said": done.said,
-    }
+    return 0, Flashed(
+        file=image.image.name,
+        bytes=image.size,
+        build_id=image.image.build_id,
+        by=probe or "daplink",
+        serial_number=done.serial_number or None,
+        port=target.port,
+        volume=str(target.volume) if target.volume and not probe else None,
+        answered=done.identity.build_id if done.identity else None,
+        said=done.said,
+    )

@@ -7,8 +7,8 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -29,6 +29,18 @@ _LONGEST_NAME = 64  # of a rig
 _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 
+@dataclass(frozen=True, slots=True)
+class Copied:
+    """A bench of one's own."""
+
+    folder: str
+    """Folder of suites, rigs, benchmarks and a baseline."""
+    rig: str | None
+    """Rig that was proposed for the firmware; null without one."""
+    next: list[str]
+    """Arguments of the next command, to be run in DIR."""
+
+
 @click.command()
 @documented("hiltest.init/1")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
@@ -38,7 +50,7 @@ _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
     callback=checked(file_name),
     help="Also write a rig for this firmware: what its names and texts tell of headings.",
 )
-def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
+def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
     """Copy suites, rigs, benchmarks and a baseline to DIR/hil.
 
     The baseline holds the numbers of the packaged firmware on the default rig.
@@ -68,7 +80,7 @@ def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
     options = ["--rig", proposed[0]] if proposed else ["--baseline", str("hil" / _BASELINE)]
     click.echo(f"cd {folder} && hiltest run {' '.join(options)}")
     rig = proposed[0] if proposed else None
-    return 0, {"folder": str(target), "rig": rig, "next": ["hiltest", "run", *options]}
+    return 0, Copied(str(target), rig, ["hiltest", "run", *options])
 
 
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
@@ -29,6 +30,20 @@ Exit codes:
       to there
   23  wrong firmware, or another protocol version
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Logged:
+    """Samples that were logged."""
+
+    file: str
+    """File that was written."""
+    samples: dict[str, int]
+    """Number of samples by sensor."""
+    lost: int
+    """Number of gaps in the samples of the gyroscope."""
+    ended_early: bool
+    """True if Ctrl-C ended the log."""
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -79,7 +94,7 @@ def log(
     hil_port: str | None,
     firmware: str | None,
     seed: str | None,
-) -> tuple[int, dict[str, Any]]:
+) -> tuple[int, Logged]:
     """Record sensor samples of a board to a CSV file.
 
     Every sample of the gyroscope is written, with the board's time. Samples of accelerometer and magnetometer between
@@ -103,12 +118,8 @@ def log(
     words = ", ".join(f"{counts[kind]} of the {kind.name.lower()}" for kind in kinds)
     _print_playback_warnings(board)
     click.echo(f"{out}: {words}" + (f"; {counts[None]} times samples were lost" if counts[None] else ""))
-    return _INTERRUPTED if ending else 0, {
-        "file": str(out),
-        "samples": {kind.name.lower(): counts[kind] for kind in kinds},
-        "lost": counts[None],
-        "ended_early": bool(ending),
-    }
+    samples = {kind.name.lower(): counts[kind] for kind in kinds}
+    return _INTERRUPTED if ending else 0, Logged(str(out), samples, counts[None], bool(ending))
 
 
 def _print_playback_warnings(board: Board) -> None:

@@ -6,18 +6,22 @@ import argparse
 import contextlib
 import functools
 import io
-import json
 import math
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
 
 from hiltest.errors import ConfigError
+from hiltest.json_files import json_text
 from hiltest.session.settings import jobs, seed
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 EXIT_CODES = """
 \b
@@ -34,11 +38,21 @@ Exit codes:
   23  wrong firmware, or another protocol version
 """
 
-ERROR_SCHEMA = "hiltest.error/1"
-"""Schema of the document that a command prints instead of its own if it fails."""
 _SAID_MOST = 10_000
 #: Keys of `hiltest.measurement.units.RATE_WORDS`, repeated since commands import that module only when they run.
 RATE_UNITS = ("deg/s", "dps", "mdps", "rad/s", "deg/h", "counts")
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """Error of any command, which replaces its document; standard error has the same text."""
+
+    error: str
+    """Class of the error, as in ``hiltest.errors``."""
+    message: str
+    """Description of the error, its place, and the next step."""
+    exit_code: int
+    """Exit code of the command."""
 
 
 class NumberRange(click.FloatRange):
@@ -107,21 +121,21 @@ def json_option(schema: str) -> Callable[[Callable[..., Any]], Callable[..., Any
     return click.option("--json", "as_json", is_flag=True, help=f"Print JSON ({schema}) and nothing else.")
 
 
-def documented(schema: str) -> Callable[[Callable[..., tuple[int, Mapping[str, Any]]]], Callable[..., int]]:
+def documented(schema: str) -> Callable[[Callable[..., tuple[int, DataclassInstance]]], Callable[..., int]]:
     """Return a decorator that gives a command ``--json``.
 
-    Such a command prints text, and returns its exit code and the content of its document. With the option the text
+    Such a command prints text, and returns its exit code and its document. With the option the text
     goes to standard error, and only the document to standard output.
     """
 
-    def decorated(command: Callable[..., tuple[int, Mapping[str, Any]]]) -> Callable[..., int]:
+    def decorated(command: Callable[..., tuple[int, DataclassInstance]]) -> Callable[..., int]:
         @functools.wraps(command)
         def command_with_json(*, as_json: bool, **arguments: Any) -> int:
             if not as_json:
                 return command(**arguments)[0]
             with contextlib.redirect_stdout(sys.stderr):
-                code, content = command(**arguments)
-            print_document(schema, content)
+                code, document = command(**arguments)
+            print_document(schema, document)
             return code
 
         return json_option(schema)(command_with_json)
@@ -129,9 +143,14 @@ def documented(schema: str) -> Callable[[Callable[..., tuple[int, Mapping[str, A
     return decorated
 
 
-def print_document(schema: str, content: Mapping[str, Any]) -> None:
+def print_document(schema: str, document: DataclassInstance) -> None:
     """Print a document on standard output."""
-    click.echo(json.dumps({"schema": schema, **content}, indent=1, ensure_ascii=False, allow_nan=False))
+    click.echo(json_text(document, schema))
+
+
+def print_error(error: str, message: str, exit_code: int) -> None:
+    """Print the document of an error on standard output."""
+    print_document("hiltest.error/1", Failed(error, message, exit_code))
 
 
 class CapturedErrors(io.TextIOBase):

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import ErrorOutput, NumberRange, checked, json_option
+from hiltest.commands.options import ErrorOutput, NumberRange, checked, json_option, print_document
 from hiltest.errors import ConfigError
 from hiltest.rig.bench_files import rig_file
 from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import numpy as np
     from numpy.typing import NDArray
 
@@ -32,10 +31,38 @@ Exit codes:
   20  the firmware does not answer
   23  wrong firmware
 """
-_SCHEMA = "hiltest.play/1"
 # Number of headings over a recording without --every.
 _MOMENTS = 12
 _MOST_MOMENTS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedRow:
+    """Results by firmware or calibrator."""
+
+    name: str
+    hard_iron_ut: list[float] | None
+    field_ut: float | None
+    said_error_percent: float | None
+    residual_percent: float | None
+    cycles: int | None
+    heading_deg: Sequence[float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """Results of firmware from a recording."""
+
+    hiltest: str
+    playing: str
+    """Version, and the recording in words."""
+    points: int
+    """Number of points of the magnetometer."""
+    moments_s: list[float]
+    """Times of the headings, relative to the recording's beginning."""
+    remarks: tuple[str, ...]
+    """Further remarks."""
+    found: list[PlayedRow]
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -92,7 +119,7 @@ def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -
     elf = Path(firmware) if firmware else None
     played = play_back(described, magnetometer.times_s, moments_s, firmware=elf, progress=progress)
     if as_json:
-        click.echo(_to_json(played, playback), nl=False)
+        print_document("hiltest.play/1", _document(played, playback))
         return 0
     click.echo("\n".join(["", *_calibrations(played), "", *_headings(played, playback)]))
     for remark in played.remarks:
@@ -116,31 +143,28 @@ def _moments_s(playback: Playback, every_s: float | None) -> NDArray[np.float64]
     return playback.begins_s + step_s * steps
 
 
-def _to_json(played: PlayedBack, playback: Playback) -> str:
-    """Return the text of ``hiltest play --json``; times are relative to the beginning of the recording."""
+def _document(played: PlayedBack, playback: Playback) -> Played:
     from hiltest import __version__
 
-    content = {
-        "schema": _SCHEMA,
-        "hiltest": __version__,
-        "playing": playback.described(),
-        "points": played.points,
-        "moments_s": [float(moment_s - playback.begins_s) for moment_s in played.moments_s],
-        "remarks": played.remarks,
-        "found": [
-            {
-                "name": row.name,
-                "hard_iron_ut": None if row.hard_iron_ut is None else row.hard_iron_ut.tolist(),
-                "field_ut": row.field_ut,
-                "said_error_percent": row.said_error_percent,
-                "residual_percent": row.residual_percent,
-                "cycles": row.cycles,
-                "heading_deg": row.heading_deg,
-            }
+    return Played(
+        hiltest=__version__,
+        playing=playback.described(),
+        points=played.points,
+        moments_s=[float(moment_s - playback.begins_s) for moment_s in played.moments_s],
+        remarks=played.remarks,
+        found=[
+            PlayedRow(
+                row.name,
+                None if row.hard_iron_ut is None else row.hard_iron_ut.tolist(),
+                row.field_ut,
+                row.said_error_percent,
+                row.residual_percent,
+                row.cycles,
+                row.heading_deg,
+            )
             for row in played.found
         ],
-    }
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    )
 
 
 def _calibrations(played: PlayedBack) -> list[str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,9 +21,41 @@ no FRDM-K64F is plugged in. Check that
   - the board's interface chip runs DAPLink (https://daplink.io): one that is not taken below may be it."""
 
 
+@dataclass(frozen=True, slots=True)
+class PluggedBoard:
+    """A board; keys are null if missing or unknown."""
+
+    serial_number: str
+    usb_id: str
+    product: str
+    port: str | None
+    volume: str | None
+    daplink_version: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class UnusedPort:
+    """Another serial port."""
+
+    port: str | None
+    usb_id: str | None
+    serial_number: str | None
+    product: str | None
+    reason: str
+    """Reason why the port is not used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Boards that are plugged in, and the other serial ports."""
+
+    boards: list[PluggedBoard]
+    others: list[UnusedPort]
+
+
 @click.command()
 @documented("hiltest.ports/1")
-def ports() -> tuple[int, dict[str, Any]]:
+def ports() -> tuple[int, Ports]:
     """List the boards that are plugged in, and the other serial ports.
 
     A board is found by the USB identity of its DAPLink, 0d28:0204, and a serial number that begins with 0240, DAPLink's
@@ -37,29 +70,28 @@ def ports() -> tuple[int, dict[str, Any]]:
         click.echo(_NONE_FOUND)
     if plugged.others:
         _print_others(plugged.others)
-    return 0, {
-        "boards": [
-            {
-                "serial_number": board.serial_number,
-                "usb_id": board.usb_id,
-                "product": board.product,
-                "port": str(board.port) if board.port else None,
-                "volume": str(board.volume.path) if board.volume else None,
-                "daplink_version": (board.volume.interface_version or None) if board.volume else None,
-            }
-            for board in plugged.boards
-        ],
-        "others": [
-            {
-                "port": str(port.port) if port.port else None,
-                "usb_id": port.device.usb_id if port.device else None,
-                "serial_number": port.device.serial_number if port.device else None,
-                "product": port.device.product if port.device else None,
-                "reason": port.not_taken,
-            }
-            for port in plugged.others
-        ],
-    }
+    boards = [
+        PluggedBoard(
+            serial_number=board.serial_number,
+            usb_id=board.usb_id,
+            product=board.product,
+            port=str(board.port) if board.port else None,
+            volume=str(board.volume.path) if board.volume else None,
+            daplink_version=(board.volume.interface_version or None) if board.volume else None,
+        )
+        for board in plugged.boards
+    ]
+    others = [
+        UnusedPort(
+            port=str(port.port) if port.port else None,
+            usb_id=port.device.usb_id if port.device else None,
+            serial_number=port.device.serial_number if port.device else None,
+            product=port.device.product if port.device else None,
+            reason=port.not_taken,
+        )
+        for port in plugged.others
+    ]
+    return 0, Ports(boards, others)
 
 
 def _print_boards(boards: Sequence[UsbBoard]) -> None:

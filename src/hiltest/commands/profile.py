@@ -107,6 +107,7 @@ def profile(
     ELF is any program for a Cortex-M4; "shipped" is the firmware that comes with hiltest.
     """
     from hiltest.boards import default_firmware
+    from hiltest.json_files import json_text
     from hiltest.run_record.files import write_asked_for
     from hiltest.virtual.profiling import document as documents
     from hiltest.virtual.profiling.arguments import parse_argument
@@ -125,7 +126,7 @@ def profile(
 
         write_asked_for(flame_graph, draw(document))
     if as_json:
-        click.echo(documents.json_text(document))
+        click.echo(json_text(documents.replace_nan(document)))
         return 0
     from hiltest.report.console import standard_output
     from hiltest.virtual.profiling.profile_tables import print_profile

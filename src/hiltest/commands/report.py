@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,6 +12,7 @@ from hiltest.commands.options import documented
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
+    from hiltest.report.render import Reported
     from hiltest.run_record.reader import RecordFile
 
 _EXIT_CODES = """
@@ -35,12 +35,13 @@ _TRIES = 3
     type=click.Path(path_type=Path),
     help="Folder for run.json and the reports.  [default: where the record is]",
 )
-def report(record: Path, out: Path | None) -> tuple[int, dict[str, Any]]:
+def report(record: Path, out: Path | None) -> tuple[int, Reported]:
     """Write the reports of a run again, and print the verdict.
 
     DIR is the folder of a run, FILE a run.json. If the run was cut short or is still running, the reports say so and
     hold every test that has finished.
     """
+    from hiltest.report.render import Reported
     from hiltest.run_record.reader import read_record
 
     folder = record if record.is_dir() else record.parent
@@ -51,11 +52,7 @@ def report(record: Path, out: Path | None) -> tuple[int, dict[str, Any]]:
         _copy_record(stored, out)
     click.echo(f"{out or folder}: report.html, report.md")
     click.echo(stored.run.verdict.sentence)
-    return 0, {
-        "folder": str(out or folder),
-        "files": ["report.html", "report.md"],
-        "verdict": asdict(stored.run.verdict),
-    }
+    return 0, Reported(str(out or folder), ["report.html", "report.md"], stored.run.verdict)
 
 
 def _rewrite_reports(record: Path, folder: Path) -> RecordFile:

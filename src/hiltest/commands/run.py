@@ -12,13 +12,12 @@ from typing import Any
 import click
 
 from hiltest.commands.options import (
-    ERROR_SCHEMA,
     EXIT_CODES,
     CapturedErrors,
     checked,
     jobs_option,
     json_option,
-    print_document,
+    print_error,
     seed_range,
 )
 from hiltest.errors import ConfigError
@@ -156,7 +155,7 @@ def run(*, as_json: bool, **arguments: Any) -> int:
         click.echo(record.read_text(encoding="utf-8"), nl=False)
     else:
         error = "UsageError" if code == ExitCode.USAGE_ERROR else "NoRecord"
-        print_document(ERROR_SCHEMA, {"error": error, "message": captured.last_words, "exit_code": code})
+        print_error(error, captured.last_words, code)
     return code
 
 

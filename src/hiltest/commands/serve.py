@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import click
 
 from hiltest.commands.options import NumberRange, checked, json_option
 from hiltest.errors import BenchError, ConfigError
+from hiltest.json_files import json_line
 from hiltest.rig.bench_files import rig_file
 from hiltest.session.settings import address, file_name, seed
 
@@ -39,6 +40,23 @@ _START_S = 2.0
 _BEHIND_S = 3.0
 _LAST_PORT = 65_535
 _PORTS = click.IntRange(0, _LAST_PORT)
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """The ports of a board, in one line, as soon as they can be opened; the command keeps running."""
+
+    board: str
+    turntable: str | None
+    """Names of their ports; with ``--replay`` there is no turntable."""
+    uarts: dict[str, str]
+    """Ports of further UARTs, by name."""
+    gdb: str | None
+    """Address for GDB; null without ``--gdb``."""
+    firmware: str
+    rig: str
+    cycle_model: str
+    """Firmware, rig and cycle model of the served board."""
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -182,19 +200,8 @@ def serve(
             urls_of_uarts = {port.name: url for port, _, url in further}
             gdb_at = None if debugger is None else f"{host}:{debugger.port}"
             if as_json:
-                click.echo(
-                    json.dumps(
-                        {
-                            "schema": "hiltest.serve/1",
-                            "board": urls[0],
-                            "turntable": urls[1],
-                            "uarts": urls_of_uarts,
-                            "gdb": gdb_at,
-                            "firmware": bench.firmware.name,
-                            "rig": bench.rig.name,
-                            "cycle_model": model,
-                        }
-                    )
+                _print_served(
+                    Served(urls[0], urls[1], urls_of_uarts, gdb_at, bench.firmware.name, bench.rig.name, model)
                 )
             else:
                 urls_by_name = {"board": urls[0], "turntable": urls[1], **urls_of_uarts, "gdb": gdb_at}
@@ -231,25 +238,17 @@ def _serve_recording(file: Path, tcp: int | None, host: str, link: str | None, u
             stack.enter_context(port_link(Path(link), line.url))
         url = link or line.url
         if as_json:
-            click.echo(
-                json.dumps(
-                    {
-                        "schema": "hiltest.serve/1",
-                        "board": url,
-                        "turntable": None,
-                        "uarts": {},
-                        "gdb": None,
-                        "firmware": file.name,
-                        "rig": recorded.rig_file,
-                        "cycle_model": "recorded",
-                    }
-                )
-            )
+            _print_served(Served(url, None, {}, None, file.name, recorded.rig_file, "recorded"))
         else:
             click.echo(f"board: {url}")
         _tell(f"serving the line of {file}, recorded {recorded.recorded_utc}; Ctrl-C ends it")
         serve_recorded(ServedRecording(transcript, file), line, _tell, lambda now_s: bool(ending) or now_s > until_s)
     return 0
+
+
+def _print_served(document: Served) -> None:
+    """Print the document in one line, since programs read it while the command goes on."""
+    click.echo(json_line({"schema": "hiltest.serve/1", **asdict(document)}))
 
 
 def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -18,6 +18,7 @@ from hiltest.studies import NAMES
 
 if TYPE_CHECKING:
     from hiltest.studies.study import Plan
+    from hiltest.studies.study_page import Studied
 
 _EXIT_CODES = """
 \b
@@ -118,7 +119,7 @@ def study(
     seed_text: str,
     jobs: int | str | None,
     out: str | None,
-) -> tuple[int, dict[str, Any]]:
+) -> tuple[int, Studied]:
     """Run an experiment of a paper again, and compare.
 
     \b
@@ -137,7 +138,7 @@ def study(
     from hiltest.session.settings import make_folder
     from hiltest.studies.run import run_study
     from hiltest.studies.study import Plan, study_of
-    from hiltest.studies.study_page import PAGE_FILE, printed_rows
+    from hiltest.studies.study_page import PAGE_FILE, Studied, StudiedFigure, printed_rows
 
     chosen = study_of(name)
     plan = Plan(name, seed(seed_text), instances or chosen.instances, points or chosen.points)
@@ -167,6 +168,8 @@ def study(
         click.echo(f"{paper}: {figure}: printed {printed}, measured {measured}: {word}: {why}")
     click.echo(f"{folder}: run.json, {PAGE_FILE}")
     click.echo(run.verdict.sentence)
-    names = ("figure", "paper", "printed", "measured", "reproduced", "because")
-    figures = [dict(zip(names, (*row[:4], row[4] == "yes", *row[5:]), strict=True)) for row in rows]
-    return 0, {"folder": str(folder), "figures": figures, "verdict": asdict(run.verdict)}
+    figures = [
+        StudiedFigure(figure, paper, printed, measured, reproduced == "yes", why)
+        for figure, paper, printed, measured, reproduced, why in rows
+    ]
+    return 0, Studied(str(folder), figures, run.verdict)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import ErrorOutput, checked, documented, json_option
+from hiltest.commands.options import ErrorOutput, checked, documented, json_option, print_document
 from hiltest.errors import ConfigError
 from hiltest.rig.bench_files import rig_file
 from hiltest.session.settings import file_name
@@ -45,6 +46,33 @@ Exit codes:
 """
 
 
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A timing profile that was measured."""
+
+    file: str
+    """File that was written; ``hiltest timing show --profile FILE --json`` has its rows."""
+    name: str
+    """Name of the profile."""
+    rows: int
+    """Number of measured rows."""
+    remarks: tuple[str, ...]
+    """Deviations from the rules."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileChecked:
+    """A measured timing profile, checked before it is sent in."""
+
+    file: str
+    name: str
+    """Name of the profile."""
+    objections: tuple[str, ...]
+    """Reasons why it cannot be accepted unchanged; empty if it can."""
+    remarks: tuple[str, ...]
+    """Deviations from the rules."""
+
+
 @click.group()
 def timing() -> None:
     """Show the costs that cycles are counted by, or measure them."""
@@ -61,12 +89,12 @@ def timing() -> None:
 def show(named: str | None, as_json: bool) -> int:
     """Print a timing profile: cycles, range and source of each row."""
     from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile, place_of
-    from hiltest.virtual.profiling.timing_table import json_text, print_table
+    from hiltest.virtual.profiling.timing_table import print_table, timing_document
 
     name = named or DEFAULT_PROFILE
     profile = load_profile(name)
     if as_json:
-        click.echo(json_text(profile, place_of(name)))
+        print_document("hiltest.timing/1", timing_document(profile, place_of(name)))
         return 0
     from hiltest.report.console import standard_output
 
@@ -95,7 +123,7 @@ def show(named: str | None, as_json: bool) -> int:
     help="Profile to write; one of this board is replaced.  "
     "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]",
 )
-def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
+def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[int, Measured]:
     """Time instructions on a board and write its timing profile.
 
     The firmware runs sequences of one kind of instruction each, from SRAM and from flash, with nothing but its cycle
@@ -125,13 +153,13 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     print_judgements(standard_output(), measured.judgements)
     print_places(standard_output(), raw)
     click.echo(f"{file}: {name}, {len(measured.rows)} rows")
-    return 0, {"file": str(file), "name": name, "rows": len(measured.rows), "remarks": measured.remarks}
+    return 0, Measured(str(file), name, len(measured.rows), measured.remarks)
 
 
 @timing.command(epilog=_CHECK_EXIT_CODES)
 @documented("hiltest.timing-check/1")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
-def check(file: Path) -> tuple[int, dict[str, Any]]:
+def check(file: Path) -> tuple[int, ProfileChecked]:
     """Check a measured profile before it is sent in.
 
     FILE is what measure wrote of a real board, with the board's name and revision and your signature filled in. Its
@@ -152,8 +180,7 @@ def check(file: Path) -> tuple[int, dict[str, Any]]:
             f"{file}: {result.board.name} {result.board.revision}, signed off by {result.board.signed_off_by}: "
             "complete, and its rows are those of its clocks"
         )
-    document = {"file": str(file), "name": result.name, "objections": result.objections, "remarks": result.remarks}
-    return int(bool(result.objections)), document
+    return int(bool(result.objections)), ProfileChecked(str(file), result.name, result.objections, result.remarks)
 
 
 def _measured_on(board: Board, by_hand: dict[str, str]) -> MeasuredOn:

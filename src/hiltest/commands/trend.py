@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import json_option
+from hiltest.commands.options import json_option, print_document
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     that are no records are named and skipped.
     """
     from hiltest.report.trend import read_folder, trend_of
-    from hiltest.report.trend.outputs import print_trend, to_json, trend_page
+    from hiltest.report.trend.outputs import print_trend, trend_document, trend_page
     from hiltest.run_record.files import write_asked_for
 
     entries, skipped = read_folder(folder)
@@ -58,7 +58,7 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
         write_asked_for(page, trend_page(trend_of_folder, skipped))
         click.echo(f"{page}", err=as_json)
     if as_json:  # the document is last, since an error prints a document of its own
-        click.echo(to_json(trend_of_folder, skipped), nl=False)
+        print_document("hiltest.trend/1", trend_document(trend_of_folder, skipped))
 
 
 def _print_skipped(skipped: list[Skipped]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,28 @@ Exit codes:
 
 
 # Unknown options are allowed, since a negative number is an argument of the function.
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """A search for the most cycles of a function, or a call with a saved input."""
+
+    call: str
+    """Short description of function and input."""
+    cycles: int | None
+    """Cycles of the worst call; null if none succeeded."""
+    cycle_model: str
+    """Cycle model of the counts."""
+    file: str | None
+    """File with the saved input."""
+    calls: int | None = None
+    """Number of calls of the search; null for a call with a saved input."""
+    refused_cycles: int | None = None
+    """Most cycles of a call that did not succeed."""
+    kept_cycles: int | None = None
+    """Saved cycles, for a call with a saved input."""
+    same_build: bool = True
+    """True if the saved cycles belong to this ELF."""
+
+
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
 @documented("hiltest.worst/1")
 @click.option(
@@ -96,7 +119,7 @@ def worst(
     returns: str | None,
     out: Path | None,
     replay: Path | None,
-) -> tuple[int, dict[str, Any]]:
+) -> tuple[int, Worst]:
     """Search for the input with the most cycles of a function.
 
     FUNCTION is a calibrator of the firmware, which gets sets of points, or any function, which gets ARGUMENTS.
@@ -124,13 +147,12 @@ def worst(
         budget = Budget(calls, None if calls else seconds or _SECONDS, lambda: bool(came))
         result, case, summary = _run_search(problem, budget, seed(seed_text), elf, function)
     click.echo(summary)
-    counts = {"calls": result.calls, "refused_cycles": result.refused_cycles}
     if case is None:
-        return 1, {"call": function, "cycles": None, "cycle_model": "", "file": None, **counts}
+        return 1, Worst(function, None, "", None, result.calls, result.refused_cycles)
     write_asked_for(file, to_json(case))
     click.echo(f"kept in {file}; call it again: hiltest worst --replay {file}{_option(firmware)}")
-    saved = {"call": case.said, "cycles": case.cycles, "cycle_model": case.cycle_model, "file": str(file)}
-    return 2 if came else 0, {**saved, **counts}
+    document = Worst(case.said, case.cycles, case.cycle_model, str(file), result.calls, result.refused_cycles)
+    return 2 if came else 0, document
 
 
 def _option(firmware: str | None) -> str:
@@ -177,7 +199,7 @@ def _run_search(
     return result, case, summary
 
 
-def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
+def _replay(file: Path, elf: Path) -> tuple[int, Worst]:
     from hiltest.studies.worst_case.worst_input import digest, load_worst_case
     from hiltest.text import format_number
 
@@ -187,14 +209,7 @@ def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
     if not call.counts:
         now += f"; refused, with {call.returned}"
     is_same_build = digest(elf) == case.elf_sha256
-    document = {
-        "call": case.said,
-        "cycles": call.cycles,
-        "cycle_model": cycle_model,
-        "file": str(file),
-        "kept_cycles": case.cycles,
-        "same_build": is_same_build,
-    }
+    document = Worst(case.said, call.cycles, cycle_model, str(file), kept_cycles=case.cycles, same_build=is_same_build)
     if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
         click.echo(f"{now}, as it was kept{'' if is_same_build else f', on another build than {case.elf}'}")
         return 0, document

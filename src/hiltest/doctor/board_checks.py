@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.boards import Board, default_firmware
+from hiltest.boards import Board
+from hiltest.boards.bench import packaged_build_id
 from hiltest.boards.real import is_silicon
 from hiltest.doctor.check import Check, failed, not_looked_at, ok, warning
 from hiltest.link.messages import ClearPoints, Read, TimeRange
@@ -48,7 +48,7 @@ def see_identity(board: Board, _rig: Rig, flash: str = "hiltest flash") -> Check
     is_chip = is_silicon(identity.unique_id)
     chip = identity.unique_id.hex() if is_chip else "a virtual board"
     finding = f"{board.firmware_line} on {chip}"
-    shipped = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))["build_id"]
+    shipped = packaged_build_id()
     if identity.build_id != shipped:
         return warning(
             "identity",

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import fcntl
 import getpass
-import json
 import os
 import shlex
 import sys
@@ -24,6 +23,7 @@ from typing import Self
 from urllib.parse import quote
 
 from hiltest.errors import PortRefusedError
+from hiltest.json_files import json_line, parse_json
 from hiltest.text import legible
 
 # Folder in which programs of all users lock devices (FHS 3.0, 5.9); the folder for temporary files may differ between
@@ -61,10 +61,10 @@ class Holder:
     def parse(cls, text: bytes) -> Holder | None:
         """Parse a lock file, which anybody may have written; return None if it is invalid."""
         try:
-            content = json.loads(text)
+            content = parse_json(text)
             words = [legible(str(content[name]))[:_LONGEST_COMMAND] for name in ("user", "command", "since", "rig")]
             return cls(int(content["pid"]), *words)
-        except (ValueError, OverflowError, KeyError, TypeError, RecursionError):
+        except (ValueError, KeyError, TypeError):
             return None
 
     @property
@@ -154,7 +154,7 @@ class BoardLock:
                     os.close(descriptor)
                     continue
                 os.ftruncate(descriptor, 0)
-                os.pwrite(descriptor, json.dumps(asdict(holder)).encode(), 0)
+                os.pwrite(descriptor, json_line(asdict(holder)).encode(), 0)
             except BlockingIOError:
                 owner = _holder_text(descriptor)
                 os.close(descriptor)

@@ -26,7 +26,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from hiltest.errors import ConfigError
-from hiltest.strict_json import parse_json, read_bounded
+from hiltest.json_files import parse_json, read_bounded
 
 SCHEMA = "hiltest.transcript/1"
 END = "end"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,13 +19,36 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.files import write_asked_for
 from hiltest.text import format_count
 
-SCHEMA = "hiltest.allan/1"
 HEADER = ("column", "figure", "value", "68 % interval")
 # Share of a period below which deviations are the clock's resolution.
 _JITTER = 0.1
 # Units of N, density, B, K and the curve, and the factor from the log's unit to them.
 _IN_DEGREES = (("deg/rth", 60.0), ("mdps/rtHz", 1000.0), ("deg/h", 3600.0), ("deg/h/rth", 3600.0 * 60.0))
 _IN_COUNTS = (("count/rtHz", 1.0), ("count/rtHz", 1.0), ("count", 1.0), ("count/rts", 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Allan:
+    """Noise of a gyroscope at rest."""
+
+    hiltest: str
+    file: str
+    unit: str
+    """Version, log, and dps or counts."""
+    samples: int
+    rows: int
+    gaps: int
+    """Numbers of used samples, of rows in the file, and of gaps in it."""
+    start_s: float | None
+    rate_hz: float | None
+    jitter_s: float | None
+    """First instant, rate, and deviation of the time stamps."""
+    notes: tuple[str, ...]
+    """Further remarks."""
+    columns: list[dict[str, Any]]
+    """Random walk, instability and bias of each column."""
+    curve: dict[str, Any]
+    """Deviation over time by column, with 95 % limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,38 +128,37 @@ def headline(log: RateLog) -> str:
     return f"{part}; {format_count(log.gaps, 'gap')}: the longest part of {log.rows} rows, from {log.start_s:.6g} s on"
 
 
-def to_json(log: RateLog, curve: AllanCurve) -> str:
-    """Return the text of ``hiltest allan --json``; the curve is in deg/s, or in counts as the file's unit says."""
-    content = {
-        "schema": SCHEMA,
-        "hiltest": __version__,
-        "file": str(log.path),
-        "unit": "dps" if log.in_degrees else "counts",
-        "samples": len(log.rates),
-        "rows": log.rows,
-        "gaps": log.gaps,
-        "start_s": log.start_s,
-        "rate_hz": log.rate_hz,
-        "jitter_s": log.jitter_s,
-        "notes": list(log.notes),
-        "columns": [
+def allan_document(log: RateLog, curve: AllanCurve) -> Allan:
+    """Return the document of ``hiltest allan``; the curve is in deg/s, or in counts as the file's unit says."""
+    curves = {
+        "deviation": curve.deviation,
+        "low": curve.low,
+        "high": curve.high,
+        "degrees_of_freedom": curve.freedom,
+    }
+    return Allan(
+        hiltest=__version__,
+        file=str(log.path),
+        unit="dps" if log.in_degrees else "counts",
+        samples=len(log.rates),
+        rows=log.rows,
+        gaps=log.gaps,
+        start_s=log.start_s,
+        rate_hz=log.rate_hz,
+        jitter_s=log.jitter_s,
+        notes=tuple(log.notes),
+        columns=[
             {"name": name, **{number.key: number.content for number in numbers(log, reading)}}
             for name, reading in zip(log.columns, curve.readings, strict=True)
         ],
-        "curve": {
+        curve={
             "tau_s": curve.tau_s.tolist(),
             **{
                 key: {name: values[:, axis].tolist() for axis, name in enumerate(log.columns)}
-                for key, values in (
-                    ("deviation", curve.deviation),
-                    ("low", curve.low),
-                    ("high", curve.high),
-                    ("degrees_of_freedom", curve.freedom),
-                )
+                for key, values in curves.items()
             },
         },
-    }
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    )
 
 
 def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:

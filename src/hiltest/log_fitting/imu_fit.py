@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +38,31 @@ _HEADER = """\
 {parts}
 #endif
 """
+
+
+@dataclass(frozen=True, slots=True)
+class ImuFitDocument:
+    """A calibration from an IMU log."""
+
+    hiltest: str
+    verdict: str
+    """Version, and verdict: good, fair, poor or refused."""
+    complete: bool
+    """True if both sensors were calibrated."""
+    files: list[str]
+    """Files that were read."""
+    samples: int
+    """Number of samples."""
+    seconds: float
+    """Time from the first to the last sample."""
+    rests: list[dict[str, Any]]
+    """Intervals at rest."""
+    accelerometer: dict[str, Any]
+    """Gain, offset, and their quality."""
+    gyroscope: dict[str, Any] | None
+    """Bias, matrix, turns and rates; null without a gyroscope."""
+    notes: list[str]
+    """Further remarks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,24 +244,18 @@ def _rate_sentence(rate: SteadyRate, unit: str) -> str:
     return f"{words}; scale of {rate.axis}: {rate.scale:.6g} +- {rate.uncertainty:.1g} {per}".rstrip()
 
 
-def to_json(fit: ImuLogFit) -> str:
-    """Return the results as JSON."""
-    return json.dumps(contents(fit), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def contents(fit: ImuLogFit) -> dict[str, Any]:
-    """Return the content of the JSON."""
+def imu_fit_document(fit: ImuLogFit) -> ImuFitDocument:
+    """Return the document of ``hiltest fit-imu``."""
     log, accelerometer, gyroscope = fit.log, fit.accelerometer, fit.gyroscope
-    return {
-        "schema": SCHEMA,
-        "hiltest": __version__,
-        "verdict": fit.verdict,
-        "complete": fit.complete,
-        "files": list(log.files),
-        "samples": len(log.time_s),
-        "seconds": float(log.time_s[-1] - log.time_s[0]),
-        "rests": [{"name": rest.name, "start": rest.start, "end": rest.end} for rest in fit.intervals.rests],
-        "accelerometer": {
+    return ImuFitDocument(
+        hiltest=__version__,
+        verdict=fit.verdict,
+        complete=fit.complete,
+        files=list(log.files),
+        samples=len(log.time_s),
+        seconds=float(log.time_s[-1] - log.time_s[0]),
+        rests=[{"name": rest.name, "start": rest.start, "end": rest.end} for rest in fit.intervals.rests],
+        accelerometer={
             "unit": log.acceleration_unit,
             "formula": ACCELEROMETER_FORMULA,
             "method": accelerometer.method,
@@ -255,7 +273,7 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
             "reasons": [asdict(reason) for reason in accelerometer.reasons],
             "refused": accelerometer.refused,
         },
-        "gyroscope": None
+        gyroscope=None
         if gyroscope is None
         else {
             "unit": log.rate_unit,
@@ -282,8 +300,8 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
             ],
             "rates": [asdict(rate) for rate in fit.rates or ()],
         },
-        "notes": list(log.notes),
-    }
+        notes=list(log.notes),
+    )
 
 
 def to_header(fit: ImuLogFit) -> str:

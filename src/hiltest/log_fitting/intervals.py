@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
+from hiltest.json_files import read_json
 from hiltest.log_fitting.imu_log import ImuLog
 from hiltest.measurement.units import DEGREES_PER_SECOND, GRAVITIES
-from hiltest.strict_json import read_bounded
 
 Reals = NDArray[np.float64]
 
@@ -110,11 +109,7 @@ def listed_intervals(log: ImuLog, path: Path) -> Intervals:
     ConfigError
         When the file is invalid, or a sample is not in the log.
     """
-    content = read_bounded(path, largest_bytes=_LARGEST_LIST_BYTES, otherwise="name a list of intervals (JSON)")
-    try:
-        parsed = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: no JSON: {error}") from error
+    parsed = read_json(path, largest_bytes=_LARGEST_LIST_BYTES, otherwise="name a list of intervals (JSON)").content
     if not isinstance(parsed, dict) or not parsed:
         raise ConfigError(f'{path}: no list of intervals; write {{"x_up": {{"start": 540, "end": 1271}}, ...}}')
     return _name_intervals([_interval_entry(log, path, name, entry) for name, entry in parsed.items()])

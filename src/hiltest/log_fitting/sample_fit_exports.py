@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.c_source import c_float, comment_text
+from hiltest.json_files import json_text
 from hiltest.log_fitting.fit_result import CalibratorFit, Matrix, SampleFit, Triple
 from hiltest.run_record.files import write_asked_for
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
-SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
 
 _AXES = "in the axes of the sensor; soft_iron is symmetric"
@@ -106,7 +105,7 @@ def export_json(fit: SampleFit, path: Path) -> None:
                 "gain": best.gravity.accelerometer_gain,
             },
         }
-    write_asked_for(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_asked_for(path, json_text(content) + "\n")
 
 
 def export_header(fit: SampleFit, path: Path) -> None:
@@ -164,33 +163,18 @@ def _row(values: Triple) -> str:
     return f"{{{', '.join(map(c_float, values))}}}"
 
 
+@dataclass(frozen=True, slots=True)
+class FitHead:
+    """First keys of the document of a fit; those of `SampleFit` follow."""
+
+    hiltest: str
+    """Version."""
+    verdict: Acceptance
+    best: str
+    """Verdict and name of the best calibrator."""
+
+
 def to_json(fit: SampleFit) -> str:
     """Return the text of a fit of samples, checked by ``fit.schema.json``."""
-    best = fit.best
-    content = {
-        "schema": FIT_SCHEMA,
-        "hiltest": __version__,
-        "verdict": best.verdict,
-        "best": best.name,
-        **asdict(fit),
-    }
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def schema_text() -> str:
-    """Return the text of the shipped ``fit.schema.json``, generated from the classes."""
-    from pydantic import TypeAdapter
-
-    from hiltest.json_schema import DescribedFields
-
-    schema: dict[str, Any] = TypeAdapter(SampleFit).json_schema(mode="serialization", schema_generator=DescribedFields)
-    schema["properties"] = {
-        "schema": {"const": FIT_SCHEMA},
-        "hiltest": {"type": "string"},
-        "verdict": {"$ref": "#/$defs/Acceptance"},
-        "best": {"type": "string"},
-        **schema["properties"],
-    }
-    schema["required"] = list(schema["properties"])
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": FIT_SCHEMA}
-    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+    head = FitHead(__version__, fit.best.verdict, fit.best.name)
+    return json_text({"schema": FIT_SCHEMA, **asdict(head), **asdict(fit)}) + "\n"

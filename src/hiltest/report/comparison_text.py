@@ -1,12 +1,11 @@
-"""A comparison as text for the terminal, and as JSON."""
+"""A comparison as text for the terminal, and as a document."""
 
 from __future__ import annotations
 
-import json
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
 
 from rich.console import Console
 from rich.text import Text
@@ -16,11 +15,20 @@ from hiltest.text import format_number
 from hiltest.verdict.detection import Detection
 from hiltest.verdict.wording import build, counted_by, entry, how_to_keep, models_shown, revision, seen_from, shown
 
-SCHEMA = "hiltest.comparison/1"
 # Thousands are separated, as in 11 061, and must stay on one line.
 _WITHIN_A_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _STYLES = {Change.WORSE: "bold red", Change.GONE: "bold red", Change.BETTER: "green"}
+
+
+@dataclass(frozen=True, slots=True)
+class Comparisons:
+    """Comparisons of runs with a base."""
+
+    comparisons: list[Comparison]
+    """Comparison for each NEW: sentence, obstacles, and the difference of each measurement."""
+    detection: Detection | None
+    """Numbers of runs that detect a change, with ``--detect``; null without."""
 
 
 def print_comparison(console: Console, comparison: Comparison) -> None:
@@ -72,14 +80,6 @@ def say_how_to_keep(console: Console, comparison: Comparison, run: str, options:
     """Print how to keep the improvements, if there are any and they may be kept; `options` as in `how_to_keep`."""
     if hint := how_to_keep(comparison, run, options):
         say(console, hint)
-
-
-def json_text(comparisons: Sequence[Comparison], planned: Detection | None = None) -> str:
-    """Return comparisons, and the numbers of runs for a planned change if requested, as JSON."""
-    content: dict[str, object] = {"schema": SCHEMA, "comparisons": [asdict(comparison) for comparison in comparisons]}
-    if planned is not None:
-        content["detection"] = asdict(planned)
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def say(console: Console, text: str, style: str = "") -> None:

@@ -8,7 +8,6 @@ runs; limits and tolerances are not exported.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from statistics import fmean
@@ -49,15 +48,15 @@ def exported(by_seed: Mapping[Seed, Mapping[str, Measurement]]) -> list[Exported
     return [candidate for candidate in candidates if candidate is not None]
 
 
-def bencher_json(numbers: list[Exported]) -> str:
+def bencher_metrics(numbers: list[Exported]) -> dict[str, Any]:
     """Return Bencher Metric Format: one value by benchmark and measure, over several seeds with smallest and largest.
 
     The measure is named after the unit and the better direction, since a threshold belongs to a measure.
     """
-    return _json({number.name[:MOST_NAME]: {_measure(number): _metric(number)} for number in numbers})
+    return {number.name[:MOST_NAME]: {_measure(number): _metric(number)} for number in numbers}
 
 
-def github_action_benchmark_json(numbers: list[Exported]) -> str:
+def github_action_entries(numbers: list[Exported]) -> list[dict[str, Any]]:
     """Return the list for the action's tool ``customSmallerIsBetter`` or ``customBiggerIsBetter``.
 
     Parameters
@@ -65,7 +64,7 @@ def github_action_benchmark_json(numbers: list[Exported]) -> str:
     numbers
         Measurements of one better direction, which the file itself does not state; the action rejects an empty list.
     """
-    return _json([_entry(number) for number in numbers])
+    return [_entry(number) for number in numbers]
 
 
 def _export_measurement(measurements: list[Measurement]) -> Exported | None:
@@ -109,7 +108,3 @@ def _extra(number: Exported) -> Iterator[str]:
     yield f"limit {number.limit}" if number.limit else "no limit"
     if len(number.values) > 1:
         yield f"mean of {len(number.values)} seeds, {min(number.values)} to {max(number.values)}"
-
-
-def _json(content: object) -> str:
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -18,7 +18,7 @@ from hiltest.report.page import render
 from hiltest.report.terminal import CHANGE_SEEN, coverage_line, shown_limit, shown_outcome, shown_seen, shown_value
 from hiltest.run_record.files import MARKDOWN_FILE, REPORT_FILE, write_atomically
 from hiltest.run_record.outcomes import RED, TestOutcome
-from hiltest.run_record.run import Run, TestResult
+from hiltest.run_record.run import Run, TestResult, Verdict
 from hiltest.text import format_with_unit, number
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
@@ -41,6 +41,18 @@ _PASSED = (TestOutcome.PASSED, TestOutcome.XFAILED, TestOutcome.SKIPPED)
 _SIGNS = {"pass": ("✓", "within its limit:"), "fail": ("✗", "beyond its limit:"), "unset": ("?", "not evaluated:")}
 # Sections that are figures, in order; those without data are omitted.
 _FIGURES = (heading_group, budget_group, samples_group, accelerometer_group, gyroscope_group, fusion_group)
+
+
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """Reports that were written again."""
+
+    folder: str
+    """Folder of the reports."""
+    files: list[str]
+    """Names of the reports."""
+    verdict: Verdict
+    """Verdict of the run."""
 
 
 def write_reports(run: Run, folder: Path) -> str:

@@ -20,13 +20,13 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from hiltest.errors import ConfigError, UnknownKeyError
+from hiltest.json_files import read_bounded
 from hiltest.measurement import Limit, Section, Tolerance, identify, is_direction, nearest_name
 from hiltest.rig.cycles import as_tables
 from hiltest.rig.parts import sensor_names
 from hiltest.rig.recorded_motion import as_table
 from hiltest.rig.rig import Rig, refuse_unknown_sensors
 from hiltest.rig.toml_tables import STRICT, RigValueError
-from hiltest.strict_json import read_bounded
 
 # Fields of a rig that a file must not set.
 _MADE_HERE = frozenset({"path", "sha256", "units", "full_only", "lines"})

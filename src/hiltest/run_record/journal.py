@@ -13,7 +13,6 @@ however the process ends. The files in a folder therefore show the state of its 
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import time
 from collections.abc import Mapping
@@ -22,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError
+from hiltest.json_files import json_line, parse_json
 from hiltest.run_record.files import CAMPAIGN_FILE, COVERAGE_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
-from hiltest.strict_json import parse_json
 
 JOURNAL_FILE = "journal.jsonl"
 
@@ -104,7 +103,7 @@ class Journal:
         OSError
             If it cannot be written, as on a full disk; no part of the line remains.
         """
-        line = json.dumps({"kind": kind, **content}, allow_nan=False, ensure_ascii=False) + "\n"
+        line = json_line({"kind": kind, **content}) + "\n"
         # A lone surrogate, as in a file name that is not UTF-8, becomes a question mark.
         remaining = memoryview(line.encode("utf-8", "replace"))
         whole_bytes = os.fstat(self._file.fileno()).st_size
@@ -179,7 +178,7 @@ def _holder(path: Path) -> str:
     """Return the process that holds a journal, according to its first line."""
     try:
         starts = [line for line in path.read_bytes().split(b"\n")[:-1] if line.startswith(b'{"kind": "start"')]
-        start = json.loads(starts[-1])
+        start = parse_json(starts[-1])
         return f"process {start['process']} on {start['environment']['host']}, since {start['started_utc']}"
     except (OSError, ValueError, LookupError, TypeError):
         return "another run that has just begun"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -11,20 +10,27 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from hiltest.errors import ConfigError
+from hiltest.json_files import (
+    LARGEST_BYTES,
+    JsonFile,
+    json_line,
+    parse_json,
+    read_as,
+    read_bounded,
+    read_json,
+    require_schema,
+    shown,
+)
 from hiltest.run_record.failures import unfinished_verdict
 from hiltest.run_record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.run_record.journal import JOURNAL_FILE, is_going_on
 from hiltest.run_record.run import SCHEMA, Run, Verdict, marked, tolerances_in_force, volatile_places
-from hiltest.strict_json import LARGEST_BYTES, JsonFile, parse_json, read_bounded, read_json, shown
 from hiltest.text import join_words
 
 OTHERWISE = "render another record, or run again: hiltest run"
 """The next step for a record that cannot be read."""
 
-_ADAPTER = TypeAdapter(Run)
 # A run can begin or finish between two checks of its folder.
 _TRIES = 3
 _SEEDS_AT_MOST = 3
@@ -99,32 +105,11 @@ def record_in(file: JsonFile) -> RecordFile:
     ConfigError
         If it is of another schema, or a field is missing or wrong. Unknown fields are no error.
     """
-    _check_schema(file.path, file.schema, file.content)
-    return RecordFile(_parse_run(file.content, file.path), file.content, file.path, file.sha256, ended=True)
+    return RecordFile(_parse_run(file), file.content, file.path, file.sha256, ended=True)
 
 
-def _check_schema(path: Path, schema: object, content: Any) -> None:
-    """Reject content that is no record of a run, or one of another major version."""
-    if schema == SCHEMA:
-        return
-    mismatch = f"{path}: schema is {shown(schema)}, this hiltest reads {shown(SCHEMA)}"
-    if not isinstance(schema, str) or schema.partition("/")[0] != SCHEMA.partition("/")[0]:
-        raise ConfigError(f"{mismatch}: it is no record of a run")
-    try:
-        writer = f" (hiltest {shown(content['environment']['versions']['hiltest'])})"
-    except (LookupError, TypeError):
-        writer = ""
-    raise ConfigError(f"{mismatch}: use the version that wrote it{writer}, or make the run again with this one")
-
-
-def _parse_run(content: Mapping[str, Any], path: Path) -> Run:
-    try:
-        # Validation as JSON and in strict mode: a quoted number is rejected, and a list is accepted for a tuple.
-        run = _ADAPTER.validate_json(json.dumps(content), strict=True)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = "".join(f"{step}." for step in first["loc"])[:-1]
-        raise ConfigError(f"{path}: {place or 'as a whole'}: {first['msg']}; {OTHERWISE}") from error
+def _parse_run(file: JsonFile) -> Run:
+    path, run = file.path, read_as(file, Run, SCHEMA, otherwise=OTHERWISE)
     for kind, names in _unique_names(run):
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
@@ -161,7 +146,7 @@ def _read_journal(path: Path) -> RecordFile:
     if not starts:
         raise _NothingRecordedError(f"{path}: no run has written its first line; {OTHERWISE}")
     content = _join_entries(path, entries[starts[-1] :], first_line=starts[-1] + 1)
-    run = _parse_run(content, path)
+    run = _parse_run(JsonFile(path, json_line(content).encode(), content))
     ended = content["verdict"] is not _UNKNOWN
     several = {other_attempt.name for other_attempt in run.other_attempts}
     run = replace(
@@ -205,7 +190,7 @@ def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
 def _join_entries(path: Path, entries: list[dict[str, Any]], *, first_line: int) -> dict[str, Any]:
     """Join the entries to the content of ``run.json``; its fields are validated later."""
     start = {key: value for key, value in entries[0].items() if key not in ("kind", "process")}
-    _check_schema(path, start.get("schema"), start)
+    require_schema(path, start.get("schema"), SCHEMA, otherwise=OTHERWISE)
     content: dict[str, Any] = {
         "schema": None,
         "board": None,

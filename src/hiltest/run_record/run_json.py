@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
+from hiltest.json_files import adapter, json_line, json_text
 from hiltest.measurement import Measurement
 from hiltest.run_record.files import RUN_FILE, write_atomically
 from hiltest.run_record.run import BoardRecord, Run, Table
-
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
 
 Part = TypeVar("Part", BoardRecord, Measurement, Table)
 
@@ -26,7 +22,7 @@ def to_json(run: Run) -> str:
 
 def content_to_json(content: Mapping[str, Any]) -> str:
     """Return the text of a record's fields, one test, measurement or table row per line, for readable diffs."""
-    fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
+    fields = ",\n".join(f"{json_line(name)}: {_field(name, value)}" for name, value in content.items())
     return "{\n" + fields + "\n}\n"
 
 
@@ -37,36 +33,26 @@ def write_run(run: Run, folder: Path) -> Path:
 
 def part_from(kind: type[Part], content: Mapping[str, Any]) -> Part:
     """Make a part of the record from the result of `asdict`."""
-    part: Part = _adapters()[kind].validate_python(content)
+    part: Part = adapter(kind).validate_python(content)
     return part
-
-
-@cache
-def _adapters() -> dict[type, TypeAdapter[Any]]:
-    from pydantic import TypeAdapter  # imported late, since only xdist workers hand parts over
-
-    return {kind: TypeAdapter(kind) for kind in (BoardRecord, Measurement, Table)}
-
-
-def _json(value: object) -> str:
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
 
 
 def _field(name: str, value: Any) -> str:
     if name == "tables":
         return _lines([_table_text(table) for table in value])
     if name == "comparison" and value is not None:
-        return "{" + ",\n ".join(f"{_json(key)}: {_field(key, content)}" for key, content in value.items()) + "}"
+        return "{" + ",\n ".join(f"{json_line(key)}: {_field(key, content)}" for key, content in value.items()) + "}"
     if name == "tolerances":
-        return "{" + ",".join(f"\n {_json(key)}: {_json(content)}" for key, content in value.items()) + "}"
+        return "{" + ",".join(f"\n {json_line(key)}: {json_line(content)}" for key, content in value.items()) + "}"
     if name in ("tests", "measurements", "other_attempts", "differences"):
-        return _lines([_json(item) for item in value])
-    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
+        return _lines([json_line(item) for item in value])
+    return json_text(value)
 
 
 def _table_text(table: Mapping[str, Any]) -> str:
-    others = "".join(f"{_json(key)}: {_json(content)}, " for key, content in table.items() if key != "rows")
-    return f"{{{others.rstrip()}\n  {_json('rows')}: {_lines([_json(row) for row in table['rows']], indent='   ')}}}"
+    others = "".join(f"{json_line(key)}: {json_line(content)}, " for key, content in table.items() if key != "rows")
+    rows = _lines([json_line(row) for row in table["rows"]], indent="   ")
+    return f'{{{others.rstrip()}\n  "rows": {rows}}}'
 
 
 def _lines(texts: Sequence[str], indent: str = " ") -> str:

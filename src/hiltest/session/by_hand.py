@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.boards import Board
-from hiltest.calibration.still_pose import Face, StillPose
-from hiltest.link.replies import AverageReply, SlotHeading, Statistic, Status
-from hiltest.orientation.angles import Pose
+from hiltest.calibration.still_pose import StillPose
+from hiltest.link.replies import AverageReply
 from hiltest.procedures import Achieved, Tumble
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.run_record.recorder import Recorder
+from hiltest.tape.values import plain, restored
 from hiltest.text import format_count, join_words
-
-Reals = NDArray[np.float64]
 
 KIND = "by hand"
 """Kind of these entries in the journal."""
@@ -57,16 +55,7 @@ class ByHand:
             upload_pairs(board, self._tumble.points, self._tumble.accelerometer)
             return self._tumble
         tumble = collect()
-        self._keep(
-            tumble={
-                "points": tumble.points.tolist(),
-                "accelerometer": tumble.accelerometer.tolist(),
-                "taken": tumble.taken.tolist(),
-                "field_ut": tumble.field_ut,
-                "overruns": tumble.overruns,
-                "duration_s": tumble.duration_s,
-            }
-        )
+        self._keep(tumble=plain(tumble))
         return tumble
 
     def faces(self) -> tuple[list[StillPose], int]:
@@ -76,18 +65,7 @@ class ByHand:
     def keep_faces(self, faces: Sequence[StillPose], die_temperature_degc: int) -> None:
         """Write the six faces through to the disk, unless they are there already."""
         if not self._faces[0]:
-            self._keep(
-                degc=die_temperature_degc,
-                faces=[
-                    [
-                        int(face.face),
-                        face.readings,
-                        [face.magnetometer.tolist(), _list(face.magnetometer_spread)],
-                        [face.accelerometer.tolist(), _list(face.accelerometer_spread)],
-                    ]
-                    for face in faces
-                ],
-            )
+            self._keep(degc=die_temperature_degc, faces=plain(faces))
 
     def earlier(self, held: Mapping[str, Sequence[float]]) -> tuple[dict[int, tuple[Achieved, AverageReply]], str]:
         """Return the known angles that the previous run measured with the same calibrations, and a remark.
@@ -111,20 +89,7 @@ class ByHand:
     def keep(self, index: int, measured: tuple[Achieved, AverageReply]) -> None:
         """Write a known angle through to the disk."""
         achieved, answer = measured
-        reached = [achieved.heading_deg, achieved.pitch_deg, achieved.roll_deg, achieved.uncertainty_deg]
-        self._keep(
-            pose=index,
-            there=reached,
-            answer={
-                "n": answer.n,
-                "overruns": answer.overruns,
-                "magnetometer": _statistic_data(answer.magnetometer),
-                "accelerometer": _statistic_data(answer.accelerometer),
-                "headings": {
-                    slot: [heading.status.name, _angles(heading.attitude)] for slot, heading in answer.headings.items()
-                },
-            },
-        )
+        self._keep(pose=index, there=plain(achieved), answer=plain(answer))
 
     def _keep(self, **content: object) -> None:
         if not self._begun:
@@ -157,62 +122,22 @@ class ByHand:
 
     def _restore(self, entry: Mapping[str, Any]) -> None:
         if "tumble" in entry:
-            stored = entry["tumble"]
-            self._tumble = Tumble(
-                np.array(stored["points"], dtype=np.int16),
-                np.array(stored["accelerometer"], dtype=np.int16),
-                float(stored["field_ut"]),
-                int(stored["overruns"]),
-                float(stored["duration_s"]),
-                np.array(stored["taken"], dtype=np.intp),
-            )
-            if not self._tumble.points.shape == self._tumble.accelerometer.shape == (len(self._tumble.taken), 3):
+            tumble: Tumble = restored(Tumble, entry["tumble"])
+            if not tumble.points.shape == tumble.accelerometer.shape == (len(tumble.taken), 3):
                 raise ValueError("a tumble of other shapes")
+            self._tumble = tumble
         elif "faces" in entry:
-            faces = [
-                (Face(face), int(readings), _statistic(magnetometer), _statistic(accelerometer))
-                for face, readings, magnetometer, accelerometer in entry["faces"]
-            ]
-            self._faces = (
-                [
-                    StillPose(field.mean, field.spread, gravity.mean, gravity.spread, readings, face)
-                    for face, readings, field, gravity in faces
-                ],
-                int(entry["degc"]),
-            )
+            faces: list[StillPose] = restored(list[StillPose], entry["faces"])
+            _require_axes(mean for face in faces for mean in (face.magnetometer, face.accelerometer))
+            self._faces = faces, int(entry["degc"])
         elif "held" in entry:
             self._held, self._poses = dict(entry["held"]), {}
         elif "pose" in entry:
-            self._poses[int(entry["pose"])] = Achieved(*map(float, entry["there"])), _answer(entry["answer"])
+            answer: AverageReply = restored(AverageReply, entry["answer"])
+            _require_axes((answer.magnetometer.mean, answer.accelerometer.mean))
+            self._poses[int(entry["pose"])] = restored(Achieved, entry["there"]), answer
 
 
-def _statistic_data(statistic: Statistic) -> list[list[float] | None]:
-    return [_list(statistic.mean), _list(statistic.spread)]
-
-
-def _list(axes: Reals | None) -> list[float] | None:
-    return None if axes is None else axes.tolist()
-
-
-def _angles(attitude: Pose | None) -> list[float] | None:
-    return None if attitude is None else [attitude.heading_deg, attitude.pitch_deg, attitude.roll_deg]
-
-
-def _answer(stored: Mapping[str, Any]) -> AverageReply:
-    return AverageReply(
-        int(stored["n"]),
-        _statistic(stored["magnetometer"]),
-        _statistic(stored["accelerometer"]),
-        int(stored["overruns"]),
-        {
-            int(slot): SlotHeading(Status[status], None if angles is None else Pose(*map(float, angles)))
-            for slot, (status, angles) in stored["headings"].items()
-        },
-    )
-
-
-def _statistic(stored: Sequence[Any]) -> Statistic:
-    mean, spread = (None if values is None else np.array(values, dtype=np.float64) for values in stored)
-    if mean is None or mean.shape != (3,) or (spread is not None and spread.shape != (3,)):
+def _require_axes(means: Iterable[NDArray[np.float64]]) -> None:
+    if any(mean.shape != (3,) for mean in means):
         raise ValueError("a mean of other than three axes")
-    return Statistic(mean, spread)

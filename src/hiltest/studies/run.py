@@ -11,6 +11,7 @@ from typing import Any
 
 from hiltest import __version__
 from hiltest.errors import ConfigError
+from hiltest.json_files import parse_json, read_bounded
 from hiltest.run_record.exit_codes import WORDS, ExitCode
 from hiltest.run_record.files import write_atomically
 from hiltest.run_record.journal import Journal
@@ -18,7 +19,6 @@ from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.recorder import describe_host
 from hiltest.run_record.run import Column, Findings, Run, Table, TestResult, Verdict, utc_now
 from hiltest.run_record.run_json import write_run
-from hiltest.strict_json import parse_json, read_bounded
 from hiltest.studies.jobs import each_done
 from hiltest.studies.study import Numbers, Plan, blocks_of, measure_block, study_of
 from hiltest.studies.study_page import PAGE_FILE, page

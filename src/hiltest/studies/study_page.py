@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from hiltest import __version__
 from hiltest.report.page import render
-from hiltest.run_record.run import Cell, Run, Table
+from hiltest.run_record.run import Cell, Run, Table, Verdict
 from hiltest.studies.study import Study
 from hiltest.text import format_number
 
@@ -30,6 +31,30 @@ def page(study: Study, run: Run) -> str:
         rows=[[_text(cell) for cell in row] for row in table.rows],
         version=__version__,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class StudiedFigure:
+    """A figure that a paper printed."""
+
+    figure: str
+    paper: str
+    printed: str
+    measured: str
+    reproduced: bool
+    because: str
+    """Reason why it is reproduced or not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Studied:
+    """A study that was run."""
+
+    folder: str
+    """Folder of ``run.json`` and ``study.html``."""
+    figures: list[StudiedFigure]
+    verdict: Verdict
+    """Verdict of its record."""
 
 
 def printed_rows(study: Study, run: Run) -> Iterator[tuple[str, ...]]:

@@ -115,7 +115,7 @@ def restored(hint: Any, content: Any) -> Any:
     if isinstance(kind, type) and issubclass(kind, Enum):
         return kind(content)
     if kind is np.ndarray:
-        return _array(content)
+        return _array(content, get_args(inner[1])[0] if inner else np.float64)
     if isinstance(kind, type) and is_dataclass(kind):
         return _record(kind, content)
     if isinstance(kind, type) and issubclass(kind, Mapping):
@@ -131,6 +131,8 @@ def _key(key: Any) -> str:
 
 
 def _restored_key(hint: Any, key: str) -> Any:
+    if hint is int:
+        return int(key)
     if not (isinstance(hint, type) and issubclass(hint, Enum)) or issubclass(hint, str):
         return key
     return _check(key in hint.__members__, hint.__members__.get(key), hint)
@@ -151,11 +153,11 @@ def _first_match(hints: Sequence[Any], content: Any) -> Any:
     raise ValueError(f"it is none of {hints}")
 
 
-def _array(content: Any) -> Any:
+def _array(content: Any, dtype: type[np.generic]) -> Any:
     _check(isinstance(content, list), None, np.ndarray)  # numpy converts None to NaN
     try:
-        return np.asarray(content, dtype=np.float64)
-    except TypeError as error:
+        return np.asarray(content, dtype=dtype)
+    except (TypeError, OverflowError) as error:
         raise ValueError(f"it is no array: {error}") from None
 
 

@@ -1,25 +1,21 @@
-"""Reading and writing a baseline file; imports pydantic, which is slow to import."""
+"""Reading and writing a baseline file."""
 
 from __future__ import annotations
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from hiltest.errors import ConfigError
-from hiltest.strict_json import JsonFile, read_json, shown
+from hiltest.json_files import JsonFile, json_line, json_text, read_as, read_json, shown
 from hiltest.verdict.baseline import SCHEMA, Baseline, evidence_from
 from hiltest.verdict.evidence import Evidence, Seed
 
 _SILENT = {"measurements": ("limit", "tolerance", "build_id"), "history": ("was_build_id", "revision")}
 """Fields that are omitted from a line if they are null: lines of older files, which lack them, do not change."""
 
-_ADAPTER = TypeAdapter(Baseline)
 OTHERWISE = "save it again: hiltest baseline save RUN FILE"
 """The next step for a baseline that cannot be read."""
 
@@ -62,7 +58,7 @@ def to_json(baseline: Baseline, before: Any = None) -> str:
         ]
     if not content["passed"]:
         del content["passed"]
-    fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
+    fields = ",\n".join(f"{json_line(name)}: {_field(name, value)}" for name, value in content.items())
     return "{\n" + fields + "\n}\n"
 
 
@@ -85,16 +81,7 @@ def baseline_in(file: JsonFile) -> Baseline:
     ConfigError
         For the reasons of `evidence_in`.
     """
-    if file.schema != SCHEMA:
-        mismatch = f"schema is {shown(file.schema)}, this hiltest reads {shown(SCHEMA)}"
-        raise ConfigError(f"{file.path}: {mismatch}; {OTHERWISE}")
-    try:
-        # Validation as JSON and in strict mode: a quoted number is rejected, and a list is accepted for a tuple.
-        baseline = _ADAPTER.validate_json(json.dumps(file.content), strict=True)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(step) for step in first["loc"])
-        raise ConfigError(f"{file.path}: {place}: {first['msg']}; {OTHERWISE}") from error
+    baseline = read_as(file, Baseline, SCHEMA, otherwise=OTHERWISE)
     if fault := _fault(baseline):
         raise ConfigError(f"{file.path}: {fault}; {OTHERWISE}")
     return baseline
@@ -118,14 +105,10 @@ def _fault(baseline: Baseline) -> str:
     return ""
 
 
-def _json(value: object) -> str:
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
-
-
 def _field(name: str, value: Any) -> str:
     if name in ("measurements", "history", "passed"):
-        return "[" + ",".join(f"\n {_json(item)}" for item in value) + "]"
-    return _json(value) if name == "seeds" else json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
+        return "[" + ",".join(f"\n {json_line(item)}" for item in value) + "]"
+    return json_line(value) if name == "seeds" else json_text(value)
 
 
 def add_unknown_fields(written: Any, read: Any) -> Any:

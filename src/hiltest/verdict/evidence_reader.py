@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from hiltest.errors import ConfigError
+from hiltest.json_files import read_json
 from hiltest.run_record.files import RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.run_record.journal import JOURNAL_FILE
-from hiltest.strict_json import read_json
 from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
 from hiltest.verdict.evidence import Evidence, allow_misses, evidence_of, evidence_of_seeds
 

@@ -15,7 +15,7 @@ from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import is_number, shown
 from hiltest.interfaces.sensor_files.columns import axis_triples
 from hiltest.interfaces.sensor_files.parsed_lines import Line
-from hiltest.strict_json import parse_json
+from hiltest.json_files import parse_json
 
 _AXES = 3
 # Separators of cells in the order of trial; blanks if a line has none of them.

@@ -12,9 +12,9 @@ from hiltest.interfaces.packet_summary import BoardClock, summary_of
 from hiltest.interfaces.packets import AxisConvention, MainPacket
 from hiltest.interfaces.sensor_files.parsed_lines import UTF16_MARKS
 from hiltest.interfaces.sensor_files.tracks import Recorded, in_body_axes, read_table
+from hiltest.json_files import read_bounded
 from hiltest.rig import Rig
 from hiltest.rig.recorded_motion import PlaybackFile, PlayedSensor
-from hiltest.strict_json import read_bounded
 from hiltest.world.recorded_motion import Playback, Resampling, Sensed, Track
 
 #: Time of a first reading without its own time [s]: firmware has configured its sensors and runs by then.

@@ -9,9 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from hiltest.calibration.c_source import c_constant, comment_text
-from hiltest.errors import ConfigError
+from hiltest.json_files import read_as, read_json
 from hiltest.procedures.imu_calibration.contents import SCHEMA, ImuCalibration, Matrix, Triple
-from hiltest.strict_json import JsonFile, read_json, shown
 
 # Largest size: a calibration file has some 4 kB.
 _LARGEST_BYTES = 1_000_000
@@ -46,45 +45,7 @@ def load_calibration(path: Path) -> CalibrationFile:
         the place and a remedy.
     """
     file = read_json(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
-    _check_schema(file)
-    return CalibrationFile(path, file.sha256, _validate(file))
-
-
-def _check_schema(file: JsonFile) -> None:
-    path, schema = file.path, file.schema
-    if schema == SCHEMA:
-        return
-    if str(schema).partition("/")[0] == SCHEMA.partition("/")[0]:
-        raise ConfigError(
-            f"{path}: schema is {schema!r}, this hiltest reads {SCHEMA!r}; use the version that wrote "
-            f"it, or {_OTHERWISE}"
-        )
-    raise ConfigError(f"{path}: no calibration of an IMU: its schema is {shown(schema)}, not {SCHEMA!r}; {_OTHERWISE}")
-
-
-def _validate(file: JsonFile) -> ImuCalibration:
-    from pydantic import TypeAdapter, ValidationError
-
-    try:
-        return TypeAdapter(ImuCalibration).validate_json(json.dumps(file.content))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(step) for step in first["loc"])
-        raise ConfigError(f"{file.path}: {_complaint(place, first['type'], first['msg'], first['input'])}") from error
-
-
-def _complaint(place: str, kind: str, message: str, value: object) -> str:
-    if kind in ("missing", "missing_argument"):
-        return f"{place} is missing; {_OTHERWISE}"
-    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        return f"unknown key {place}; a newer hiltest may have written it: use that one, or {_OTHERWISE}"
-    message = message.removeprefix("Value error, ")
-    if kind == "value_error":
-        return f"{place + ': ' if place else ''}{message}; {_OTHERWISE}"
-    text = f"{place}: {message[0].lower()}{message[1:]}, not {shown(value)}"
-    if kind == "literal_error":
-        return f"{text}; nothing is converted: {_OTHERWISE}"
-    return f"{text}; {_OTHERWISE}"
+    return CalibrationFile(path, file.sha256, read_as(file, ImuCalibration, SCHEMA, otherwise=_OTHERWISE))
 
 
 def to_header(calibration: ImuCalibration) -> str:

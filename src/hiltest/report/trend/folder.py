@@ -10,13 +10,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from hiltest.errors import ConfigError
+from hiltest.json_files import read_json, shown
 from hiltest.report.trend.series import RunEntry
 from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.run_record.journal import JOURNAL_FILE
 from hiltest.run_record.reader import read_record, record_in
 from hiltest.run_record.run import SCHEMA as RUN_SCHEMA
 from hiltest.run_record.run import Run
-from hiltest.strict_json import read_json, shown
 from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
 from hiltest.verdict.baseline_file import evidence_in
 from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds

@@ -1,10 +1,9 @@
-"""A trend as one self-contained page without scripts or addresses, as a table on the terminal, and as JSON."""
+"""A trend as one self-contained page without scripts or addresses, as a table on the terminal, and as a document."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import groupby
 from typing import Any
 
@@ -20,7 +19,7 @@ from hiltest.report.page import render
 from hiltest.report.trend import words
 from hiltest.report.trend.figures import change_point_key, figure
 from hiltest.report.trend.folder import Skipped
-from hiltest.report.trend.series import ChangePoint, Measured, Point, RunEntry, Series, Trend
+from hiltest.report.trend.series import ChangePoint, Measured, Point, RunEntry, Series, Trend, TrendLine
 from hiltest.run_record.comparison import Change
 from hiltest.verdict.wording import build, numbers, revision
 
@@ -28,7 +27,20 @@ _POINTS_AT_MOST = 200
 _MOST = 4  # plots in a row
 _STEPS_AT_MOST = 20
 _STYLES = {Change.WORSE: "red", Change.BETTER: "green"}
-SCHEMA = "hiltest.trend/1"
+
+
+@dataclass(frozen=True, slots=True)
+class TrendDocument:
+    """Measurements over the runs of a folder; entries and lines are numbered from 0."""
+
+    entries: list[dict[str, Any]]
+    """Runs in order of time."""
+    lines: tuple[TrendLine, ...]
+    """Conditions that joined runs share."""
+    measurements: list[dict[str, Any]]
+    """Measurements with values, limits and change points by line."""
+    skipped: Sequence[Skipped]
+    """Files that are no records, and the reasons."""
 
 
 def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
@@ -104,16 +116,10 @@ def _grid(trend: Trend, measured: list[Measured]) -> Table:
     return grid
 
 
-def to_json(trend: Trend, skipped: Sequence[Skipped]) -> str:
-    """Return the text of ``hiltest trend --json``; entries and lines are numbered from 0."""
-    content = {
-        "schema": SCHEMA,
-        "entries": [_entry(entry) for entry in trend.entries],
-        "lines": [asdict(line) for line in trend.lines],
-        "measurements": [_measured(measured) for measured in trend.measured],
-        "skipped": [asdict(file) for file in skipped],
-    }
-    return json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n"
+def trend_document(trend: Trend, skipped: Sequence[Skipped]) -> TrendDocument:
+    """Return the document of ``hiltest trend``."""
+    entries = [_entry(entry) for entry in trend.entries]
+    return TrendDocument(entries, trend.lines, [_measured(measured) for measured in trend.measured], skipped)
 
 
 def _entry(entry: RunEntry) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hiltest import __version__
 from hiltest.errors import ConfigError
-from hiltest.strict_json import read_json, shown
+from hiltest.json_files import read_as
 from hiltest.studies.board_calibrators import BoardCalibrators
 from hiltest.studies.worst_case.argument_ranges import refuse_files
 from hiltest.studies.worst_case.point_sets import MOST_POINTS, PointSets
@@ -127,15 +127,4 @@ def load_worst_case(path: Path) -> WorstCase:
     ConfigError
         If it cannot be read or is not such a file; the message has the reason.
     """
-    from pydantic import TypeAdapter, ValidationError
-
-    file = read_json(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
-    if file.schema != SCHEMA:
-        raise ConfigError(f"{path}: no worst case: its schema is {shown(file.schema)}, not {SCHEMA!r}; {_OTHERWISE}")
-    try:
-        return TypeAdapter(WorstCase).validate_json(json.dumps(file.content))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(step) for step in first["loc"])
-        message = f"{place}: {first['msg']}" if place else first["msg"]
-        raise ConfigError(f"{path}: {message.replace('Value error, ', '')}; {_OTHERWISE}") from error
+    return read_as(path, WorstCase, SCHEMA, otherwise=_OTHERWISE, largest_bytes=_LARGEST_BYTES)

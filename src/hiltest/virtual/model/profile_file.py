@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError, UnknownKeyError
-from hiltest.strict_json import read_bounded, shown
+from hiltest.json_files import read_bounded, shown
 from hiltest.virtual.model.timing import CostRow, TimingProfile
 
 DEFAULT_PROFILE = "cortex-m4-trm/2"

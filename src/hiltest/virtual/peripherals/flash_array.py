@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError, SnapshotError
+from hiltest.json_files import read_bounded
 from hiltest.state import Restorable
-from hiltest.strict_json import read_bounded
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import FLASH
 from hiltest.virtual.program.elf import LoadSegment

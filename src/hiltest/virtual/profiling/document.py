@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import json
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from hiltest.measurement import CycleRange
 from hiltest.virtual.calls.buffers import Address, Structure
@@ -22,7 +21,6 @@ from hiltest.virtual.part.chip import MemoryMap
 from hiltest.virtual.processor.memory import MK64FN1M0
 
 SCHEMA: Literal["hiltest.profile/1"] = "hiltest.profile/1"
-SCHEMA_FILE = Path(__file__).with_name("profile.schema.json")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +70,6 @@ class ProfileDocument:
     stacks: tuple[StackCost, ...]
     band: CycleRange | None = None
     loops: tuple[LoopPlacement, ...] = ()
-
-
-_ADAPTER = TypeAdapter(ProfileDocument)
 
 
 def document(
@@ -131,18 +126,10 @@ def shares(profile: CallProfile) -> Iterator[Share]:
         yield Share("memory", "memory", profile.memory_cycles, profile.share(profile.memory_cycles))
 
 
-def json_text(content: ProfileDocument) -> str:
-    """Return the document as JSON."""
-    return _ADAPTER.dump_json(content, indent=1).decode()
-
-
-def schema_text() -> str:
-    """Return the text of the shipped ``profile.schema.json``."""
-    from hiltest.json_schema import DescribedFields
-
-    schema: dict[str, Any] = _ADAPTER.json_schema(mode="serialization", schema_generator=DescribedFields)
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": SCHEMA}
-    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+def replace_nan(content: ProfileDocument) -> ProfileDocument:
+    """Return the document with None for NaN and infinity, which JSON has not."""
+    buffers = tuple(replace(buffer, values=tuple(map(_finite, buffer.values))) for buffer in content.buffers)
+    return replace(content, returned=_finite(content.returned), buffers=buffers)
 
 
 def folded(content: ProfileDocument) -> str:
@@ -177,6 +164,10 @@ def _changed_buffers(arguments: Sequence[Argument], results: Sequence[Argument])
             if bytes(memoryview(old)) != bytes(memoryview(new)):
                 array = np.frombuffer(new, np.uint8) if isinstance(new, bytearray) else np.asarray(new)
                 yield BufferLeft(position, str(array.dtype), tuple(array.ravel().tolist()))
+
+
+def _finite(number: float | None) -> float | None:
+    return number if number is None or math.isfinite(number) else None
 
 
 def _writable(argument: Any) -> Iterator[Any]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -16,7 +16,43 @@ from hiltest.virtual.model.timing import CostRow, TimingProfile
 from hiltest.virtual.silicon.measured_profile import PLACES, MeasuredProfile
 from hiltest.virtual.silicon.rule_candidates import Judgement
 
-SCHEMA = "hiltest.timing/1"
+
+@dataclass(frozen=True, slots=True)
+class TimedRow:
+    """Cycles of a row of a timing profile."""
+
+    row: str
+    cycles: int
+    band: tuple[int, int]
+    """Cycles, and their range."""
+    prices: str
+    """Instructions that the row prices."""
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryRow:
+    """Property of a memory in a timing profile."""
+
+    row: str
+    value: int
+    band: tuple[int, int]
+    """Value, and its range."""
+    says: str
+    """Meaning of the value."""
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """A timing profile."""
+
+    name: str
+    digest: str
+    file: str
+    """Name, digest and file of the profile."""
+    rows: list[TimedRow]
+    memory: list[MemoryRow]
 
 
 def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
@@ -108,19 +144,14 @@ def _table(value: str, rows: Mapping[str, CostRow], meanings: Mapping[str, str])
     return table
 
 
-def json_text(profile: TimingProfile, file: Path) -> str:
-    """Return a profile as JSON of schema ``hiltest.timing/1``."""
-    head = {"schema": SCHEMA, "name": profile.name, "digest": profile.digest, "file": str(file)}
-    rows = [
-        {"row": name, "cycles": row.value, "band": list(row.band), "prices": (ROWS | RULES)[name], "source": row.source}
-        for name, row in profile.rows.items()
-    ]
+def timing_document(profile: TimingProfile, file: Path) -> Timing:
+    """Return the document of a profile."""
+    prices = ROWS | RULES
+    rows = [TimedRow(name, row.value, row.band, prices[name], row.source) for name, row in profile.rows.items()]
     memory = [
-        {"row": name, "value": row.value, "band": list(row.band), "says": MEMORY_ROWS[name], "source": row.source}
-        for name, row in profile.memory.items()
+        MemoryRow(name, row.value, row.band, MEMORY_ROWS[name], row.source) for name, row in profile.memory.items()
     ]
-    content = {**head, "rows": rows, "memory": memory}
-    return json.dumps(content, indent=1, ensure_ascii=False)
+    return Timing(profile.name, profile.digest, str(file), rows, memory)
 
 
 def _band(row: CostRow) -> str:

@@ -22,7 +22,7 @@ from typing import Any
 from elftools.elf.elffile import ELFFile
 
 from hiltest.errors import ConfigError
-from hiltest.strict_json import read_bounded
+from hiltest.json_files import read_bounded
 from hiltest.virtual.program.image_formats import convert_to_elf
 from hiltest.virtual.program.signatures import Signature, read_signature, read_subprograms
 

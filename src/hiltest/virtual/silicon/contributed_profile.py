@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError
-from hiltest.strict_json import shown
+from hiltest.json_files import shown
 from hiltest.virtual.model.profile_file import measured_file
 from hiltest.virtual.program.elf import FirmwareImage
 from hiltest.virtual.silicon.measured_profile import PLACES, MeasuredProfile, solve

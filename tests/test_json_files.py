@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.errors import ConfigError
-from hiltest.strict_json import DEEPEST, parse_json, read_bounded, read_json
+from hiltest.json_files import DEEPEST, parse_json, read_as, read_bounded, read_json
 
 VALUES = st.recursive(
     st.none()
@@ -93,3 +94,37 @@ def test_pipes_and_devices_may_never_end_and_are_refused(tmp_path: Path) -> None
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=r"No such file|null byte|name too long"):
         read_bounded(tmp_path / name, largest_bytes=10, otherwise="")
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A document."""
+
+    schema: str
+    axes: tuple[float, float]
+
+
+def read_point(path: Path, text: str) -> Point:
+    path.write_text(text, encoding="utf-8")
+    return read_as(path, Point, "test.point/1", otherwise="ask again")
+
+
+def test_a_file_is_read_as_its_type_without_the_keys_of_a_newer_version(tmp_path: Path) -> None:
+    text = '{"schema": "test.point/1", "axes": [1, 2.5], "newer": true}'
+    assert read_point(tmp_path / "a.json", text) == Point("test.point/1", (1.0, 2.5))
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ('{"schema": "test.point/1", "axes": [1, "2"]}', 'axes.1: input should be a valid number, not "2"'),
+        ('{"schema": "test.point/1"}', "axes is missing"),
+        ('{"schema": "test.point/2", "axes": [1, 2]}', 'schema is "test.point/2", this hiltest reads "test.point/1"'),
+        ('[{"schema": "test.point/1"}]', 'schema is null, this hiltest reads "test.point/1"'),
+    ],
+)
+def test_a_file_that_does_not_fit_its_type_is_refused_with_the_place(tmp_path: Path, text: str, fault: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        read_point(tmp_path / "a.json", text)
+    assert str(refused.value).startswith(f"{tmp_path / 'a.json'}: {fault};")
+    assert str(refused.value).endswith("ask again")

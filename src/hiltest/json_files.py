@@ -1,0 +1,314 @@
+"""JSON: one strict reader of files from any source, one text of documents, and the JSON Schemas of their classes."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import math
+import stat
+import textwrap
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, is_dataclass
+from hashlib import sha256
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from hiltest.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+    from pydantic_core import ErrorDetails
+
+LARGEST_BYTES = 32 * 1024 * 1024
+"""Largest size of a record or a baseline; the record of the full set has a hundredth of it."""
+
+DEEPEST = 32
+"""Largest number of nested lists and objects; a record has six."""
+
+_LONGEST_INTEGER = 19  # digits; no count needs 64 bits
+
+Document = TypeVar("Document")
+
+
+@dataclass(frozen=True, slots=True)
+class JsonFile:
+    """Text of a JSON file, and its parsed content."""
+
+    path: Path
+    text: bytes
+    content: Any
+
+    @property
+    def schema(self) -> object:
+        """The schema that the file names, if any."""
+        return self.content.get("schema") if isinstance(self.content, dict) else None
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the file."""
+        return sha256(self.text).hexdigest()
+
+
+def read_json(path: Path, *, otherwise: str, largest_bytes: int = LARGEST_BYTES) -> JsonFile:
+    """Read and parse one JSON file.
+
+    Parameters
+    ----------
+    otherwise
+        Remedy if it is refused; it ends the message.
+    largest_bytes
+        A larger file is refused before it is read.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read or is not JSON in the sense of `parse_json`.
+    """
+    text = read_bounded(path, largest_bytes=largest_bytes, otherwise=otherwise)
+    try:
+        return JsonFile(path, text, parse_json(text))
+    except ValueError as error:
+        raise ConfigError(f"{path}: not JSON: {error}; {otherwise}") from error
+
+
+def read_as(
+    source: Path | JsonFile,
+    kind: type[Document],
+    schema: str | None = None,
+    *,
+    otherwise: str,
+    largest_bytes: int = LARGEST_BYTES,
+) -> Document:
+    """Read a JSON file as a type.
+
+    Nothing is converted: a quoted number is no number. Unknown keys are ignored, unless the type forbids them.
+
+    Parameters
+    ----------
+    schema
+        Schema of the type, such as ``hiltest.run/1``; None for a file without one.
+    otherwise, largest_bytes
+        See `read_json`.
+
+    Raises
+    ------
+    ConfigError
+        For the reasons of `read_json`, or if the file is of another schema, or a key is missing, unknown or wrong; the
+        message has file and place.
+    """
+    from pydantic import ValidationError
+
+    file = source
+    if isinstance(file, Path):
+        file = read_json(file, otherwise=otherwise, largest_bytes=largest_bytes)
+    if schema is not None:
+        require_schema(file.path, file.schema, schema, otherwise=otherwise)
+    try:
+        # As JSON, since strict mode accepts a list for a tuple only there.
+        document: Document = adapter(kind).validate_json(file.text, strict=True)
+    except ValidationError as error:
+        raise ConfigError(f"{file.path}: {_fault(error.errors()[0])}; {otherwise}") from error
+    return document
+
+
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    """Return pydantic's adapter of a type; pydantic is imported late, since it takes long."""
+    from pydantic import TypeAdapter
+
+    if kind not in _ADAPTERS:
+        _ADAPTERS[kind] = TypeAdapter(kind)
+    return _ADAPTERS[kind]
+
+
+_ADAPTERS: dict[Any, TypeAdapter[Any]] = {}
+
+
+def require_schema(path: Path, schema: object, expected: str, *, otherwise: str) -> None:
+    """Refuse a file of another schema, or of another version of it.
+
+    Raises
+    ------
+    ConfigError
+        If the schemas differ; the message has both, and a remedy.
+    """
+    if schema == expected:
+        return
+    is_same_family = str(schema).partition("/")[0] == expected.partition("/")[0]
+    remedy = f"use the version that wrote it, or {otherwise}" if is_same_family else otherwise
+    raise ConfigError(f"{path}: schema is {shown(schema)}, this hiltest reads {shown(expected)}; {remedy}")
+
+
+def _fault(detail: ErrorDetails) -> str:
+    """Return a sentence about the first mistake that pydantic has noticed."""
+    place = ".".join(str(step) for step in detail["loc"])
+    kind, message = detail["type"], detail["msg"].removeprefix("Value error, ")
+    if kind in ("missing", "missing_argument"):
+        return f"{place} is missing"
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        return f"unknown key {place}: a newer hiltest may have written it"
+    if kind == "value_error":
+        return f"{place}: {message}" if place else message
+    fault = f"{place}: {message[0].lower()}{message[1:]}, not {shown(detail['input'])}"
+    return f"{fault}; nothing is converted" if kind == "literal_error" else fault
+
+
+def json_text(document: object, schema: str | None = None) -> str:
+    """Return the text of a document, a dataclass or plain data, without a line break at its end.
+
+    Parameters
+    ----------
+    schema
+        First key of a dataclass that has none.
+
+    Raises
+    ------
+    ValueError
+        If a number is NaN or infinite, which JSON has not.
+    """
+    content = asdict(document) if is_dataclass(document) and not isinstance(document, type) else document
+    if schema is not None and isinstance(content, dict):
+        content = {"schema": schema, **content}
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def json_line(content: object) -> str:
+    """Return plain data as JSON in one line."""
+    return json.dumps(content, ensure_ascii=False, allow_nan=False)
+
+
+def read_bounded(path: Path, *, largest_bytes: int, otherwise: str) -> bytes:
+    """Return the bytes of a regular file.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, is larger, or is a pipe or a device, which may never end.
+    """
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
+            raise ConfigError(f"{path}: {kind}; {otherwise}")
+        with path.open("rb") as file:  # a file that is still written may have grown meanwhile
+            content = b"" if status.st_size > largest_bytes else file.read(largest_bytes + 1)
+    except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
+        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}; {otherwise}") from error
+    if max(len(content), status.st_size) > largest_bytes:
+        raise ConfigError(f"{path}: larger than {largest_bytes} bytes; {otherwise}")
+    return content
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Parse JSON according to RFC 8259, in UTF-8.
+
+    Raises
+    ------
+    ValueError
+        If it is not JSON, is nested too deeply, holds a NaN or a number that is too large for a float or for 64 bits,
+        or has a key twice in one object.
+    """
+    decoded = text.decode("utf-8") if isinstance(text, bytes) else text
+    try:
+        parsed = json.loads(
+            decoded,
+            object_pairs_hook=_refuse_duplicates,
+            parse_constant=_refuse_constant,
+            parse_float=_parse_finite,
+            parse_int=_parse_short_integer,
+        )
+    except RecursionError as error:
+        raise ValueError(f"nested more than {DEEPEST} levels deep") from error
+    if _is_deeper_than(parsed, DEEPEST):
+        raise ValueError(f"nested more than {DEEPEST} levels deep")
+    return parsed
+
+
+def _refuse_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"key {shown(twice)} stands twice in one object")
+    return content
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number")
+
+
+def _parse_finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{shown(text)} is too large for a number")
+    return number
+
+
+def _parse_short_integer(text: str) -> int:
+    if len(text.lstrip("-")) >= _LONGEST_INTEGER:
+        raise ValueError(f"{shown(text)} is too large for a whole number")
+    return int(text)
+
+
+def _is_deeper_than(value: Any, levels: int) -> bool:
+    """Return whether a list or object is nested in more than `levels` others, without recursion."""
+    level = [value]
+    for _ in range(levels + 1):
+        level = [item for item in level if isinstance(item, list | dict)]
+        if not level:
+            return False
+        level = [inner for item in level for inner in (item.values() if isinstance(item, dict) else item)]
+    return True
+
+
+def shown(value: object) -> str:
+    """Return a value of a file for a message, shortened."""
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def schema_text(schema: str, *kinds: type) -> str:
+    """Return the text of the JSON Schema of a document, which has the keys of the classes `kinds`.
+
+    Descriptions are the docstrings of classes and fields. Keys without a default are required. Keys that a later
+    version adds have one, and readers ignore unknown keys.
+    """
+    from pydantic.json_schema import GenerateJsonSchema
+
+    class DescribedFields(GenerateJsonSchema):
+        def dataclass_schema(self, schema: Any) -> dict[str, Any]:
+            described = super().dataclass_schema(schema)
+            for name, text in field_descriptions(schema["cls"]).items():
+                if name in described.get("properties", {}):
+                    described["properties"][name]["description"] = text
+            return described
+
+    parts = [adapter(kind).json_schema(mode="validation", schema_generator=DescribedFields) for kind in kinds]
+    definitions = {name: definition for part in parts for name, definition in part.pop("$defs", {}).items()}
+    content = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **({"$defs": definitions} if definitions else {}),
+        **parts[-1],
+        "properties": {"schema": {"const": schema}},
+        "required": ["schema", *(key for part in parts for key in part["required"] if key != "schema")],
+        "title": schema,
+    }
+    for part in parts:
+        content["properties"] |= part["properties"]
+    return json_text(content) + "\n"
+
+
+def field_descriptions(kind: type) -> dict[str, str]:
+    """Return the docstring of each field of a class that has one, in one line."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    assert isinstance(definition, ast.ClassDef)
+    return {
+        field.target.id: " ".join(text.value.value.split())
+        for field, text in pairwise(definition.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }
