@@ -13,8 +13,10 @@ import pytest
 
 from hiltest import commands
 from hiltest.boards import default_firmware
+from hiltest.commands.cli import every_command
 from hiltest.run_record.exit_codes import WORDS, ExitCode
 from hiltest.run_record.reader import read_record
+from hiltest.session.settings import OPTIONS
 
 from . import in_process
 
@@ -34,6 +36,19 @@ def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
         text=True,
         check=False,
     )
+
+
+def test_every_setting_is_an_option_of_run_without_a_prefix() -> None:
+    options = {name for parameter in dict(every_command())["run"].params for name in parameter.opts}
+    assert {f"--{setting.name}" for setting in OPTIONS} <= options
+
+
+@pytest.mark.parametrize("port", [["--hil-port", "/dev/no-such-port"], ["--hil-port=/dev/no-such-port"]])
+def test_an_old_spelling_works_and_names_the_new_one(tmp_path: Path, port: list[str]) -> None:
+    old = in_process.hiltest("calibrate", *port, folder=tmp_path)
+    new = in_process.hiltest("calibrate", "--port", "/dev/no-such-port", folder=tmp_path)
+    assert old.returncode == new.returncode == 4
+    assert old.stderr == f"hint: --hil-port is now --port\n{new.stderr}"
 
 
 @pytest.mark.parametrize("command", [["--help"], ["run", "--help"]])
@@ -78,7 +93,7 @@ def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> Non
 def test_help_shows_every_command_in_a_group_with_a_whole_sentence(tmp_path: Path) -> None:
     told = in_process.hiltest("--help", folder=tmp_path).stdout.split("Exit codes:")[0]
     lines = dict(re.findall(r"^  ([a-z][a-z-]*)  +(.+)$", told, re.M))
-    assert lines.keys() == {path.stem.replace("_", "-") for path in COMMANDS.glob("[!_]*.py")} - {"options"}
+    assert lines.keys() == {path.stem.replace("_", "-") for path in COMMANDS.glob("[!_]*.py")} - {"cli", "options"}
     assert [line for line in lines.values() if not line.endswith(".") or line.endswith("...")] == []
     assert told.count(":\n") == len(["Options", "Run and judge", "Firmware", "Bench", "Recordings", "Papers"])
 
@@ -119,8 +134,8 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--out", "x" * 300], "a name of 300 bytes is too long: a file's has at most 255"),
         (["run", "--", "-p", "no:hiltest"], "hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest"),
         (["report", "x" * 300], "no file can have this name: File name too long"),
-        (["run", "--seeds", "1..2", "--seed", "1"], "neither with --seed nor with --hil-port"),
-        (["run", "--seeds", "1..2", "--hil-port", "/dev/ttyACM0"], "neither with --seed nor with --hil-port"),
+        (["run", "--seeds", "1..2", "--seed", "1"], "leave out --seed and --port"),
+        (["run", "--seeds", "1..2", "--port", "/dev/ttyACM0"], "leave out --seed and --port"),
         (["run", "--poses", "some"], "'some' is not one of 'all', 'level'"),
         (["run", "--seed", "x"], "'--seed': 'x' is not a seed"),
         (["run", "--seeds", "1..4294967296"], "'4294967296' is not a seed"),
@@ -218,7 +233,7 @@ def test_who_only_looks_at_tests_passes_no_gate(tmp_path: Path, gate: tuple[str,
     result = hiltest("run", *gate, "--", look, "-q", folder=tmp_path)
     assert result.returncode == (22 if gate else 0), result.stdout + result.stderr
     last = result.stdout.rstrip().splitlines()[-1]
-    named = {"--baseline": "--hil-baseline"}.get(gate[0], gate[0]) + f" is {gate[1]}" if gate else ""
+    named = f"{gate[0]} is {gate[1]}" if gate else ""
     assert (last == f"NOT EVALUATED: {named}, and no test ran: there is nothing to compare.") is bool(gate)
     assert not (tmp_path / "hil-out" / "run.json").exists()
 

@@ -32,7 +32,7 @@ def line() -> Iterator[Line]:
 
 def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
     sender = line.send(LINES)
-    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name, "--for", "2") == 0
+    assert run("device", "try", "--rig", str(RIG), "--port", line.name, "--for", "2") == 0
     sender.join()
     said = capsys.readouterr().out
     assert "  CAL=1 HDG=90.50 PIT=1.00 ROL=-2.00\n    heading 90.5 deg, pitch 1 deg, roll -2 deg, cal" in said
@@ -53,14 +53,14 @@ def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: py
 
 def test_ctrl_c_ends_it_with_the_summary(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
     sender = line.send(LINES, signal.SIGINT)
-    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name) == 0
+    assert run("device", "try", "--rig", str(RIG), "--port", line.name) == 0
     sender.join()
     assert "4 understood, 1 not" in capsys.readouterr().out
 
 
 def test_nothing_understood_ends_with_1_and_a_lost_line_with_20(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
     sender = line.send(b"?\n?\n", unplugged=True)
-    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name) == 20
+    assert run("device", "try", "--rig", str(RIG), "--port", line.name) == 20
     sender.join()
     said = capsys.readouterr()
     assert "1 understood, 1 not" in said.out
@@ -75,10 +75,10 @@ def test_what_is_read_from_memory_needs_no_line(line: Line, tmp_path: Path, caps
     begin, end = text.index("[device.text]"), text.index("[device.memory.values]")
     memory.write_text((text[:begin] + text[end:]).replace('kind = "text"', 'kind = "memory"'))
     sender = line.send(LINES)
-    assert run("device", "try", "--rig", str(both), "--hil-port", line.name, "--for", "2") == 0
+    assert run("device", "try", "--rig", str(both), "--port", line.name, "--for", "2") == 0
     sender.join()
     assert "4 understood, 1 not" in capsys.readouterr().out
-    assert run("device", "try", "--rig", str(memory), "--hil-port", line.name, "--for", "2") == 4
+    assert run("device", "try", "--rig", str(memory), "--port", line.name, "--for", "2") == 4
     assert "memory needs the ELF that runs on the board: name it with --firmware" in capsys.readouterr().err
 
 
@@ -144,7 +144,7 @@ def test_it_listens_through_the_faults_of_the_rig(
 ) -> None:
     sender = line.send(LINES)
     lossy = with_faults(tmp_path, "lose = 1.0")
-    assert run("device", "try", "--rig", lossy, "--hil-port", line.name, "--for", "2") == 1
+    assert run("device", "try", "--rig", lossy, "--port", line.name, "--for", "2") == 1
     sender.join()
     said = capsys.readouterr()
     assert "0 understood, 0 not" in said.out
@@ -172,8 +172,8 @@ def test_firmware_that_prints_something_else_is_not_understood(capsys: pytest.Ca
     [
         (("--rig", "virtual-k64f"), "its firmware speaks hiltest's protocol"),
         (("--rig", "no-such-rig"), "no-such-rig"),
-        (("--rig", str(RIG), "--firmware", str(ELF), "--hil-port", "/dev/null"), "--firmware is for the virtual board"),
-        (("--rig", str(RIG), "--hil-port", "/dev/no-such-port"), "no serial port '/dev/no-such-port'"),
+        (("--rig", str(RIG), "--firmware", str(ELF), "--port", "/dev/null"), "--firmware is for the virtual board"),
+        (("--rig", str(RIG), "--port", "/dev/no-such-port"), "no serial port '/dev/no-such-port'"),
         (("--rig", str(RIG), "--firmware", "no.elf"), "no.elf"),
     ],
 )

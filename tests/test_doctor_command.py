@@ -29,7 +29,7 @@ def test_two_boards_end_with_4_and_how_to_name_one(tree: UsbTree, capsys: pytest
     tree.plug_in()
     tree.plug_in(serial="0240ffff", tty="ttyACM1")
     assert run("doctor") == 4
-    assert "--hil-port usb://0240" in capsys.readouterr().err
+    assert "--port usb://0240" in capsys.readouterr().err
 
 
 def test_the_document_has_every_check(tree: UsbTree, capsys: pytest.CaptureFixture[str]) -> None:

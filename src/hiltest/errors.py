@@ -40,7 +40,7 @@ class PortNotFoundError(ConfigError):
         ports = ", ".join(self.available) if self.available else "none"
         without = ", or leave the option out for the virtual board" if of_virtual_rig else ""
         super().__init__(
-            f"no serial port {requested!r}; ports on this machine: {ports}. Name one of them with --hil-port{without}."
+            f"no serial port {requested!r}; ports on this machine: {ports}. Name one of them with --port{without}."
         )
 
 
@@ -54,7 +54,7 @@ class NoBoardError(BenchError):
         which = f" whose serial number begins with {requested!r}; plugged in: {boards}" if requested else ""
         super().__init__(
             f"no FRDM-K64F is plugged in{which}. Plug it in at the USB socket next to its reset button (J26, OpenSDA); "
-            "`hiltest ports` shows what is there, and --hil-port names a board elsewhere"
+            "`hiltest ports` shows what is there, and --port names a board elsewhere"
         )
 
 
@@ -65,7 +65,7 @@ class SeveralBoardsError(ConfigError):
         self.available = tuple(available)
         super().__init__(
             f"{len(available)} boards fit: {', '.join(available)}. Name one by its serial number: "
-            f"--hil-port usb://{available[0]}, or "
+            f"--port usb://{available[0]}, or "
             f'port = "usb://{available[0]}" under [board] in the rig'
         )
 

@@ -26,7 +26,7 @@ FACES = {FACE_WORDS[face]: face for face in ALL_FACES}
 
 
 def command(rig_file: Path, port: str) -> list[str]:
-    return [sys.executable, "-m", "hiltest", "calibrate", "--rig", str(rig_file), "--hil-port", port]
+    return [sys.executable, "-m", "hiltest", "calibrate", "--rig", str(rig_file), "--port", port]
 
 
 @pytest.fixture

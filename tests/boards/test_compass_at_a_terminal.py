@@ -44,7 +44,7 @@ def turn(pty_board: Callable[[Rig], Any], at_a_terminal: Callable[..., Any], tmp
                 paced.tumble_by_hand()
             return "\n"
 
-        words = [sys.executable, "-m", "hiltest", "run", "--rig", "compass.toml", "--hil-port", paced.path]
+        words = [sys.executable, "-m", "hiltest", "run", "--rig", "compass.toml", "--port", paced.path]
         ended = at_a_terminal(words, tmp_path, answer)
         return ended.code, ended.shown
 

@@ -181,12 +181,12 @@ def test_what_does_not_go_together_is_refused(real_rig: Rig, rig: Rig, tmp_path:
         open_board(real_rig, port="/dev/ttyACM7", firmware=tmp_path / "own.elf")
     with pytest.raises(ConfigError, match="no world to simulate"):
         open_board(real_rig, port="hil://")
-    with pytest.raises(ConfigError, match=r"from its own options; give --hil-port hil://"):
+    with pytest.raises(ConfigError, match=r"from its own options; give --port hil://"):
         open_board(rig, port="hil://?seed=4")
     # Without the option there is a virtual board only where the rig is of one.
-    with pytest.raises(PortNotFoundError, match=r"Name one of them with --hil-port\.$"):
+    with pytest.raises(PortNotFoundError, match=r"Name one of them with --port\.$"):
         open_board(real_rig, port="/dev/ttyNOSUCH7")
-    with pytest.raises(PortNotFoundError, match=r"with --hil-port, or leave the option out for the virtual board\.$"):
+    with pytest.raises(PortNotFoundError, match=r"with --port, or leave the option out for the virtual board\.$"):
         open_board(rig, port="/dev/ttyNOSUCH7")
 
 

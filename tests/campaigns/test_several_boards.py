@@ -54,10 +54,10 @@ def test_a_board_that_is_lost_leaves_the_others_their_verdict(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--seeds", "1..2"), "--seeds is of one board"),
-        (("--against", "old.elf"), "--against is of one board"),
-        (("--hil-port", "/dev/ttyACM0"), "--hil-port is of one board"),
-        (("--coverage", "lcov.info"), "--coverage is of one board"),
+        (("--seeds", "1..2"), "--seeds is for one board"),
+        (("--against", "old.elf"), "--against is for one board"),
+        (("--port", "/dev/ttyACM0"), "--port is for one board"),
+        (("--coverage", "lcov.info"), "--coverage is for one board"),
         ((), ""),
     ],
 )

@@ -156,7 +156,7 @@ def test_another_version_of_the_protocol_is_wrong_firmware(real_rig: Rig, tmp_pa
         checks = by_name(examine(real_rig, port=path, root=tmp_path, today=TODAY))
     assert checks["answer"].health is Health.OK
     assert str(PROTOCOL_VERSION + 1) in checks["protocol"].finding
-    assert checks["protocol"].remedy.startswith(f"hiltest flash --hil-port {path} --probe pyocd, ")
+    assert checks["protocol"].remedy.startswith(f"hiltest flash --port {path} --probe pyocd, ")
     assert checks["identity"].health is Health.NOT_LOOKED_AT
     assert exit_code([*checks.values()]) is ExitCode.WRONG_FIRMWARE
 
@@ -168,7 +168,7 @@ def test_firmware_that_prints_lines_is_to_be_flashed_over_unless_it_is_meant(
         tree.plug_in(behind=Path(path))
         checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
     assert (checks["answer"].health, checks["protocol"].health) == (Health.OK, Health.FAILED)
-    assert checks["protocol"].remedy == f"hiltest flash --hil-port usb://{K64F}, unless the firmware is yours"
+    assert checks["protocol"].remedy == f"hiltest flash --port usb://{K64F}, unless the firmware is yours"
     assert exit_code([*checks.values()]) is ExitCode.WRONG_FIRMWARE
 
 
@@ -181,7 +181,7 @@ def test_a_board_on_which_nothing_answers_at_any_rate_is_to_be_flashed(
         checks = by_name(examine(real_rig, root=tree.root, today=TODAY))
     assert checks["answer"].health is Health.FAILED
     assert "silence" in checks["answer"].finding
-    assert checks["answer"].remedy == f"hiltest flash --hil-port usb://{K64F}"
+    assert checks["answer"].remedy == f"hiltest flash --port usb://{K64F}"
     assert exit_code([*checks.values()]) is ExitCode.CONNECTION_LOST
 
 

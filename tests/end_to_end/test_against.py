@@ -163,8 +163,8 @@ def test_a_new_firmware_of_another_protocol_is_found_before_the_older_one_runs(
     ("given", "ini", "complaint"),
     [
         ({}, "hil_baseline = base.json", "--against, and hil_baseline is base.json: a run is compared with one base"),
-        ({"HIL_PORT": "/dev/ttyACM0"}, "", "it does not go with --hil-port"),
-        ({}, "addopts = -p no:nothing --hil-baseline=base.json", "--against, and --hil-baseline is base.json"),
+        ({"HIL_PORT": "/dev/ttyACM0"}, "", "leave out --port"),
+        ({}, "addopts = -p no:nothing --hil-baseline=base.json", "--against, and --baseline is base.json"),
     ],
     ids=["ini", "port", "addopts"],
 )

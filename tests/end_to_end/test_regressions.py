@@ -205,7 +205,7 @@ def test_what_makes_builds_incomparable_is_named(
     [
         (("--against", "no-such.elf"), "no-such.elf"),
         (("--against", str(OLD), "--baseline", "base.json"), "a run is compared with one base"),
-        (("--against", str(OLD), "--hil-port", "/dev/ttyACM0"), "it does not go with --hil-port"),
+        (("--against", str(OLD), "--port", "/dev/ttyACM0"), "it does not go with --hil-port"),
         (("--seeds", "1..1", "--against", "no-such.elf"), "no-such.elf"),
     ],
     ids=["no ELF", "two bases", "a port", "no ELF on any seed"],

@@ -96,9 +96,7 @@ def board_in(out: Path) -> dict[str, object]:
 
 @pytest.mark.slow
 def test_a_run_flashes_first_and_records_what_and_its_replay_says_the_same(plugged_in: Bench, tmp_path: Path) -> None:
-    done = identity_of(
-        tmp_path, "--flash", "--rig", "served-k64f", "--hil-port", "usb://", "--record", "flashed.jsonl.gz"
-    )
+    done = identity_of(tmp_path, "--flash", "--rig", "served-k64f", "--port", "usb://", "--record", "flashed.jsonl.gz")
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"bytes flashed onto board {K64F}; hiltest-frdm-k64f" in done.stdout
     flashed = board_in(tmp_path / "hil-out")
@@ -132,7 +130,7 @@ def test_of_two_boards_a_run_flashes_the_one_that_its_rig_names(
 def test_a_run_on_a_board_that_could_not_be_flashed_ends_with_20(plugged_in: Bench, tmp_path: Path) -> None:
     plugged_in.drive.refusal = "Failed to reset/halt the target MCU"
     try:
-        done = identity_of(tmp_path, "--flash", "--rig", "served-k64f", "--hil-port", "usb://")
+        done = identity_of(tmp_path, "--flash", "--rig", "served-k64f", "--port", "usb://")
     finally:
         plugged_in.drive.refusal = ""
     assert done.returncode == 20, done.stdout + done.stderr
@@ -212,12 +210,12 @@ def test_a_drive_that_is_not_mounted_is_said_with_how_to_mount_it(
     ("words", "boards", "code", "said"),
     [
         ((), 0, 20, "no FRDM-K64F is plugged in"),
-        ((), 2, 4, "--hil-port usb://"),
+        ((), 2, 4, "--port usb://"),
         (("--rig", "virtual-k64f"), 1, 4, "a virtual board is not flashed"),
-        (("--hil-port", "hil://"), 1, 4, "a virtual board is not flashed"),
-        (("--hil-port", "socket://127.0.0.1:6464"), 1, 4, "its DAPLink is mounted with --volume"),
+        (("--port", "hil://"), 1, 4, "a virtual board is not flashed"),
+        (("--port", "socket://127.0.0.1:6464"), 1, 4, "its DAPLink is mounted with --volume"),
         (("--rig", "text-compass"), 1, 4, "name the ELF"),
-        (("--hil-port", "usb://9999"), 1, 20, "serial number begins with '9999'"),
+        (("--port", "usb://9999"), 1, 20, "serial number begins with '9999'"),
     ],
 )
 def test_a_board_that_is_not_known_is_not_flashed(
@@ -235,11 +233,11 @@ def test_a_board_that_is_not_known_is_not_flashed(
         ((), "a virtual board is not flashed"),
         (("--seeds", "1..2"), "--flash is for a real board"),
         (("--against", str(default_firmware())), "--flash is for a real board"),
-        (("--hil-port", "usb://", "--base", "0x8000"), "leave out --base"),
-        (("--hil-port", "usb://", "--coverage", "lcov.info"), "--hil-coverage has none"),
-        (("--replay", str(RECORDED)), "--hil-replay has none"),
-        (("--hil-port", "usb://", "--calibration", "none.json"), "none.json"),
-        (("--hil-port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a whole ELF file"),
+        (("--port", "usb://", "--base", "0x8000"), "leave out --base"),
+        (("--port", "usb://", "--coverage", "lcov.info"), "--coverage has none"),
+        (("--replay", str(RECORDED)), "--replay has none"),
+        (("--port", "usb://", "--calibration", "none.json"), "none.json"),
+        (("--port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a whole ELF file"),
     ],
 )
 def test_a_run_that_cannot_flash_is_refused(

@@ -19,7 +19,7 @@ def test_a_port_that_does_not_exist_is_named_with_those_that_do() -> None:
         open_port("/dev/ttyNOSUCH7")
     assert caught.value.requested == "/dev/ttyNOSUCH7"
     assert caught.value.available == list_ports()
-    assert "--hil-port" in str(caught.value)
+    assert "--port" in str(caught.value)
 
 
 @pytest.mark.parametrize("url", ["nosuch://x", "hwgrep://(", "hwgrep://x&n=first"])

@@ -68,14 +68,14 @@ def test_a_bad_value_in_the_environment_names_the_variable(
     monkeypatch.setenv("HIL_POSES", "some")
     result = pytester.runpytest_inprocess()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["ERROR: HIL_POSES: 'some' is neither 'all' nor 'level'"])
+    result.stderr.fnmatch_lines(["ERROR: HIL_POSES: 'some' is not one of 'all', 'level'"])
 
 
 def test_a_suite_that_is_none_is_a_usage_error(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HIL_SUITE", "quick")
     result = pytester.runpytest_inprocess()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["ERROR: HIL_SUITE: 'quick' is neither 'gate' nor 'full'"])
+    result.stderr.fnmatch_lines(["ERROR: HIL_SUITE: 'quick' is not one of 'gate', 'full'"])
 
 
 def test_without_the_plugin_its_options_are_unknown(pytester: pytest.Pytester) -> None:

@@ -166,9 +166,9 @@ def test_a_rig_of_other_conditions_is_refused_and_one_of_other_limits_is_not(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--hil-firmware=app.elf"], "--hil-firmware goes not with --hil-replay"),
-        (["--hil-seed=2"], "--hil-seed goes not with --hil-replay"),
-        (["--hil-record=new.jsonl"], "--hil-record goes not with --hil-replay"),
+        (["--hil-firmware=app.elf"], "--hil-firmware does not go with --hil-replay"),
+        (["--hil-seed=2"], "--hil-seed does not go with --hil-replay"),
+        (["--hil-record=new.jsonl"], "--hil-record does not go with --hil-replay"),
         (["-n1"], "in one process"),
     ],
 )

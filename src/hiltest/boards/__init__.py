@@ -180,7 +180,7 @@ def _opened_board(
     url = port or rig.board.port or (port_of() if rig.board.kind == "real" else None)
     if url is not None and not url.startswith("hil:"):
         if firmware is not None:
-            raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
+            raise ConfigError(f"--firmware is for the virtual board; flash {firmware} onto the board on {url}")
         if watches_execution:
             raise ConfigError(NO_COVERAGE.format(f"on {url}"))
         try:
@@ -190,7 +190,7 @@ def _opened_board(
             raise PortNotFoundError(error.requested, error.available, of_virtual_rig=is_virtual) from error
         return _refuse_unknown_sensors(board, rig)
     if url is not None and url.rstrip("/") != "hil:":
-        raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
+        raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --port hil://")
     bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
     return _refuse_unknown_sensors(VirtualBoard(bench, declared=declared, transcript=transcript, tape=tape), rig)
 

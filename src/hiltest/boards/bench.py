@@ -134,7 +134,7 @@ class VirtualBench:
         if rig.world is None:
             raise ConfigError(
                 f"rig {rig.name} ({rig.path}) is of a {rig.board.kind} board: it has no world to simulate. "
-                "Name its port with --hil-port, or choose a rig of a virtual board."
+                "Name its port with --port, or choose a rig of a virtual board."
             )
         self.rig = rig
         self.firmware = firmware or firmware_of(rig)

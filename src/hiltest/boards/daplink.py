@@ -113,7 +113,7 @@ class OtherPort:
     @property
     def not_taken(self) -> str:
         """Reason why it is not used."""
-        return self.device.not_taken if self.device else "not on USB; name it with --hil-port where a board is on it"
+        return self.device.not_taken if self.device else "not on USB; if a board is on it, name it with --port"
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ NOT_EVALUATED = 22
 """The exit code, defined here to avoid a heavy import."""
 
 
-PACKAGED = "The packaged firmware was compared: name yours with --firmware ELF (--hil-firmware)."
+PACKAGED = "The packaged firmware was compared: name yours with --firmware ELF."
 """Remark if no firmware was named: otherwise a user may compare the packaged firmware with itself unknowingly."""
 
 

@@ -15,8 +15,9 @@ from hiltest.errors import ConfigError
 from hiltest.rig.bench_files import suites
 from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE
 from hiltest.run_record.run import Run
-from hiltest.session.selection import RUN_COMMAND, Choice, only_looks
+from hiltest.session.selection import Choice, only_looks
 from hiltest.session.session import SESSION
+from hiltest.session.settings import RUN_COMMAND
 
 _JUNIT_FILE = "junit.xml"
 
@@ -168,4 +169,4 @@ def check_against(base: str | None, port: str | None) -> None:
     if base:
         raise ConfigError(f"--against, and {base}: a run is compared with one base; leave one of them out")
     if port:
-        raise ConfigError("--against runs two ELF files on the virtual board: it does not go with --hil-port")
+        raise ConfigError("--against runs two ELF files on the virtual board: leave out --port")

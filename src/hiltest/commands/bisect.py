@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import checked, documented, jobs_option, seed_range
+from hiltest.commands.options import (
+    documented,
+    jobs_option,
+    load_named_rig,
+    parsed,
+    pytest_options,
+    seed_range,
+    setting_option,
+)
 from hiltest.errors import ConfigError
 from hiltest.session.settings import DEFAULT_OUT, file_name
 
@@ -31,7 +39,7 @@ Exit codes:
     "--firmware",
     metavar="PATH",
     required=True,
-    callback=checked(file_name),
+    callback=parsed(file_name),
     help="What BUILD leaves, as named in this folder: ELF, Intel HEX or raw binary.",
 )
 @click.option(
@@ -42,23 +50,18 @@ Exit codes:
     help="Measurement that decides, * matches anything; may be given more than once.  [default: all, as "
     "hiltest compare judges them]",
 )
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
-)
+@setting_option("rig")
 @click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed.  [default: the rig's]")
 @jobs_option("With --seeds: processes")
-@click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
-@click.option("--suite", type=click.Choice(["gate", "full"]), help="Set of tests.  [default: gate]")
+@setting_option("poses")
+@setting_option("suite")
 @click.option("-k", "tests", metavar="EXPRESSION", help="Only the tests that match, as for pytest.  [default: all]")
 @click.option(
     "--out",
     metavar="DIR",
     default=f"{DEFAULT_OUT}/bisect",
     show_default=True,
-    callback=checked(file_name),
+    callback=parsed(file_name),
     help="Folder for what is built and run, and remembered.",
 )
 @documented(SCHEMA)
@@ -86,15 +89,12 @@ def bisect(
     make -j4. One that does not build is skipped.
     """
     from hiltest.campaigns.bisection import first_worse
-    from hiltest.rig.bench_files import rig_file
-    from hiltest.rig.rig_file import load_rig
 
     if jobs and seeds is None:
         raise ConfigError("--jobs says who shares the work of several seeds: give --seeds A..B too")
-    named = {"--hil-rig": rig, "--hil-poses": poses, "--hil-suite": suite}
-    options = [f"{name}={value}" for name, value in named.items() if value is not None]
+    options = pytest_options({"rig": rig, "poses": poses, "suite": suite})
     runs = [] if seeds is None else [f"--seeds={seeds[0]}..{seeds[-1]}", *([f"--jobs={jobs}"] if jobs else [])]
-    load_rig(rig_file(Path.cwd(), rig))  # checked first, since no commit is to blame for its faults
+    load_named_rig(rig)  # checked first, since no commit is to blame for its faults
     try:
         result = first_worse(
             good,

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import checked, documented
+from hiltest.commands.options import documented, load_named_rig, setting_option
 from hiltest.errors import ConfigError
-from hiltest.rig.bench_files import rig_file
 from hiltest.session.operator_prompt import ask
-from hiltest.session.settings import file_name, seed
 from hiltest.text import format_number
 
 if TYPE_CHECKING:
@@ -38,25 +36,10 @@ Exit codes:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.imu-calibration/1")
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.",
-)
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the virtual board.  [default: the packaged one]",
-)
-@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@setting_option("rig")
+@setting_option("port")
+@setting_option("firmware")
+@setting_option("seed")
 @click.option(
     "--calibrator",
     metavar="NAME",
@@ -73,7 +56,7 @@ Exit codes:
     help="Calibration file; the C header beside it has the same name and ends in .h.",
 )
 def calibrate(
-    rig: str | None, hil_port: str | None, firmware: str | None, seed: str | None, calibrator: str, out: Path
+    rig: str | None, port: str | None, firmware: Path | None, seed: int | None, calibrator: str, out: Path
 ) -> tuple[int, dict[str, Any]]:
     """Calibrate the IMU of a board step by step, and write one file.
 
@@ -82,14 +65,11 @@ def calibrate(
     """
     from hiltest.boards import open_board
     from hiltest.procedures import DPI
-    from hiltest.rig.rig_file import load_rig
 
     header = out.with_suffix(".h")
     _check_before_the_work(out, header)
-    described = load_rig(rig_file(Path.cwd(), rig))
-    with open_board(
-        described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
-    ) as board:
+    described = load_named_rig(rig)
+    with open_board(described, firmware=firmware, port=port, seed=seed) as board:
         available = (*board.identity.calibrators, DPI)
         if calibrator not in available:
             raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(available)}")

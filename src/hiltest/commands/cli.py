@@ -28,10 +28,16 @@ _GROUPS = {
 }
 _COMMANDS = tuple(name for names in _GROUPS.values() for name in names)
 _LONGEST_LINE = 70
+_OLD_OPTIONS = {"--hil-port": "--port"}
+"""New spelling of each option that had another one."""
 
 
 class _Commands(click.Group):
     """Subcommands by name: a command imports only its own module."""
+
+    def parse_args(self, context: click.Context, words: list[str]) -> list[str]:
+        """Parse a command line, in which old spellings are replaced."""
+        return super().parse_args(context, _replace_old_options(words))
 
     def list_commands(self, _context: click.Context) -> list[str]:
         return list(_COMMANDS)
@@ -55,6 +61,18 @@ class _Commands(click.Group):
         place = name.replace("-", "_")
         command: click.Command = getattr(import_module(f"hiltest.commands.{place}"), place)
         return command
+
+
+def _replace_old_options(words: list[str]) -> list[str]:
+    """Return a command line with the new spelling of each option, and print a hint for each old one."""
+    end = words.index("--") if "--" in words else len(words)
+    renamed = []
+    for word in words[:end]:
+        option, *value = word.split("=", 1)
+        if new := _OLD_OPTIONS.get(option):
+            click.echo(f"hint: {option} is now {new}", err=True)
+        renamed.append("=".join([new or option, *value]))
+    return [*renamed, *words[end:]]
 
 
 @click.group(

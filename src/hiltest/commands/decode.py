@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import NumberRange, asked_to_end, checked, documented, opened
+from hiltest.commands.options import NumberRange, asked_to_end, documented, opened, parsed
 from hiltest.errors import BenchError, ConfigError
 from hiltest.session.settings import file_name
 
@@ -33,7 +33,7 @@ _LARGEST_BYTES = 512 << 20
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.decode/1")
-@click.argument("source", metavar="FILE|PORT", callback=checked(file_name))
+@click.argument("source", metavar="FILE|PORT", callback=parsed(file_name))
 @click.option(
     "--csv",
     "csv_file",

@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import NumberRange, asked_to_end, checked, documented
+from hiltest.commands.options import NumberRange, asked_to_end, documented, load_named_rig, setting_option
 from hiltest.errors import ConfigError, LinkLostError
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import VirtualBench
@@ -46,25 +44,9 @@ def device() -> None:
 
 @device.command("try", epilog=_TRY_EXIT_CODES)
 @documented("hiltest.interfaces-try/1")
-@click.option(
-    "--rig",
-    metavar="R",
-    required=True,
-    callback=checked(file_name),
-    help="Rig file with a [device] table, or name of a rig in hil/rigs.",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's board]",
-)
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the virtual board, or the ELF that runs where variables are read.",
-)
+@setting_option("rig", required=True)
+@setting_option("port")
+@setting_option("firmware", help="Run this firmware on the virtual board, or read the variables of this ELF.")
 @click.option(
     "--for",
     "seconds",
@@ -72,7 +54,7 @@ def device() -> None:
     type=NumberRange(min=0.0, max=1e9, min_open=True),
     help="How long to listen, by the board's clock.  [default: until Ctrl-C]",
 )
-def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
+def try_(rig: str, port: str | None, firmware: Path | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
     """Show each line that the board sends, and what is understood of it; and variables, with what they hold.
 
     A line that means nothing has a question mark, and why. What the rig sends at the start is sent; nothing is turned,
@@ -80,12 +62,11 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
     GDB server that the rig names, which needs --firmware.
     """
     from hiltest.interfaces.trial import Trial
-    from hiltest.rig.rig_file import load_rig
 
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     table = _table(described)
     interfaces = _interfaces(described, table)
-    opened = _open_connection(described, interfaces, hil_port or described.board.port, firmware)
+    opened = _open_connection(described, interfaces, port or described.board.port, firmware)
     if described.faults is not None and opened.port is not None:
         click.echo(f"faults on purpose: {described.faults}", err=True)
     try:
@@ -160,7 +141,7 @@ class _Connection:
 
 
 def _open_connection(
-    rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, firmware: str | None
+    rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, firmware: Path | None
 ) -> _Connection:
     """Open a port, or a virtual board with its port, and the reader of variables if the rig has one."""
     from hiltest.boards import VirtualBench
@@ -175,22 +156,23 @@ def _open_connection(
     reads_memory = rig.device.memory is not None
     if port is None and rig.board.kind == "real" and interfaces:
         port = port_of()
-    elf = Path(firmware) if firmware else None
     if port is None and (rig.board.kind == "virtual" or interfaces):
-        virtual, bench = VirtualPort(), VirtualBench(rig, firmware=elf)
+        virtual, bench = VirtualPort(), VirtualBench(rig, firmware=firmware)
         memory = memory_kind(bench.machine.image, bench.machine)(rig) if reads_memory else None
         virtual.attach(bench.machine)
         virtual.open()
         virtual.timeout = READ_SLICE_S
         return _Connection(with_faults(virtual, rig.faults, baud=rig.link.baud), bench, memory)
-    if elf is not None and not reads_memory:
-        raise ConfigError(f"--firmware is for the virtual board, and this one is on {port}")
+    if firmware is not None and not reads_memory:
+        raise ConfigError(f"--firmware is for the virtual board, and this board is on {port}: leave it out")
     line: SerialPort | None = None
     if port is not None and interfaces:
         line = with_faults(open_port(port, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
     try:
-        is_read = reads_memory and (elf is not None or line is None)
-        return _Connection(line, None, memory_kind(load_image(elf) if elf else None, None)(rig) if is_read else None)
+        is_read = reads_memory and (firmware is not None or line is None)
+        return _Connection(
+            line, None, memory_kind(load_image(firmware) if firmware else None, None)(rig) if is_read else None
+        )
     except BaseException:
         if line is not None:
             line.close()

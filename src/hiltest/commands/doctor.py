@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import checked, documented
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name
+from hiltest.commands.options import documented, load_named_rig, setting_option
 from hiltest.text import legible
 
 if TYPE_CHECKING:
@@ -30,20 +27,9 @@ _COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.doctor/1")
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: frdm-k64f]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's, or the one board "
-    "that is plugged in]",
-)
-def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
+@setting_option("rig", fallback="frdm-k64f")
+@setting_option("port", fallback="the rig's, or the only board that is plugged in")
+def doctor(rig: str | None, port: str | None) -> tuple[int, dict[str, Any]]:
     """Look what is wrong with a bench, and say what to do about it.
 
     Board, DAPLink, permission, other programs, the port of a motor table, baud rate, firmware, sensors, clock, cycle
@@ -52,10 +38,9 @@ def doctor(rig: str | None, hil_port: str | None) -> tuple[int, dict[str, Any]]:
     """
     from hiltest.doctor.check import exit_code
     from hiltest.doctor.examination import examine
-    from hiltest.rig.rig_file import load_rig
 
-    described = load_rig(rig_file(Path.cwd(), rig or "frdm-k64f"))
-    checks = [*_print_checks(examine(described, port=hil_port, today=datetime.now(UTC).date()))]
+    described = load_named_rig(rig or "frdm-k64f")
+    checks = [*_print_checks(examine(described, port=port, today=datetime.now(UTC).date()))]
     code = exit_code(checks)
     return code, {
         "rig": described.name,

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from hiltest.commands.options import ErrorOutput, checked, json_option
-from hiltest.session.settings import file_name
+from hiltest.commands.options import ErrorOutput, json_option, setting_option
 
 if TYPE_CHECKING:
     from hiltest.log_fitting import Samples, Unit
@@ -96,12 +95,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     show_default=True,
     help="virtual: the firmware's calibrators, cycles counted. host: their float64 references.",
 )
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the virtual board.  [default: the packaged one]",
-)
+@setting_option("firmware")
 @json_option("hiltest.fit/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
@@ -127,7 +121,7 @@ def fit(
     steady: bool,
     robust: str,
     on: str,
-    firmware: str | None,
+    firmware: Path | None,
     as_json: bool,
     export_json: Path | None,
     export_header: Path | None,
@@ -211,7 +205,7 @@ def _fit(
     calibrator: str,
     shape: str,
     on: str,
-    firmware: str | None,
+    firmware: Path | None,
     *,
     robust: bool,
     field_ut: float | None,
@@ -235,7 +229,7 @@ def _fit(
 
     # The packaged rig is used even if this folder has another: recorded samples do not depend on its world.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
-    with open_board(rig, firmware=Path(firmware) if firmware else None) as board:
+    with open_board(rig, firmware=firmware) as board:
         return fit_on_board(board, samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)
 
 

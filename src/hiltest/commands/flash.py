@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from hiltest.commands.options import ErrorOutput, checked, documented
+from hiltest.commands.options import ErrorOutput, documented, load_named_rig, parsed, setting_option
 from hiltest.session.settings import file_name
 
 _EXIT_CODES = """
@@ -25,18 +25,8 @@ Exit codes:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.flash/1")
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs: its board.  [default: the board that is plugged in]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of the board: a device, usb://SERIAL or another pyserial URL.  [default: the rig's]",
-)
+@setting_option("rig", fallback="the board that is plugged in")
+@setting_option("port")
 @click.option(
     "--volume",
     metavar="DIR",
@@ -46,9 +36,9 @@ Exit codes:
 @click.option(
     "--probe", type=click.Choice(["pyocd"]), help="Write with a debug probe instead of the drive; needs hiltest[bench]."
 )
-@click.argument("elf", required=False, callback=checked(file_name))
+@click.argument("elf", required=False, callback=parsed(file_name))
 def flash(
-    elf: str | None, rig: str | None, hil_port: str | None, volume: Path | None, probe: str | None
+    elf: str | None, rig: str | None, port: str | None, volume: Path | None, probe: str | None
 ) -> tuple[int, dict[str, Any]]:
     """Put firmware onto an FRDM-K64F, and check that it runs.
 
@@ -59,17 +49,15 @@ def flash(
     from hiltest.boards.flashing.flash_image import load_flash_image
     from hiltest.boards.flashing.flashing import find_target
     from hiltest.boards.flashing.flashing import flash as put_on
-    from hiltest.rig.bench_files import rig_file
-    from hiltest.rig.rig_file import load_rig
     from hiltest.session.progress_line import ProgressLine
 
     if probe and volume:
         raise click.UsageError("--probe writes without the drive: leave out --volume")
-    described = load_rig(rig_file(Path.cwd(), rig)) if rig else None
+    described = load_named_rig(rig) if rig else None
     if elf is None and described is not None and described.own_language:
         raise click.UsageError(f"name the ELF: the firmware of rig {described.name} is not hiltest's own")
     image = load_flash_image(Path(elf) if elf else default_firmware())
-    target = find_target(rig=described, port=hil_port, volume=volume, by_probe=bool(probe))
+    target = find_target(rig=described, port=port, volume=volume, by_probe=bool(probe))
     line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
     try:
         done = put_on(image, target, by_probe=bool(probe), progress=line)

@@ -12,9 +12,8 @@ from typing import Any
 
 import click
 
-from hiltest.commands.options import checked, documented
+from hiltest.commands.options import documented, parsed
 from hiltest.errors import ConfigError
-from hiltest.rig.bench_files import shipped
 from hiltest.session.operator_prompt import ask
 from hiltest.session.settings import file_name
 
@@ -35,7 +34,7 @@ _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 @click.option(
     "--firmware",
     metavar="ELF",
-    callback=checked(file_name),
+    callback=parsed(file_name),
     help="Also write a rig for this firmware: what its names and texts tell of headings.",
 )
 def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
@@ -47,6 +46,8 @@ def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
     heading, a field or a calibration, and for functions to count. At a terminal it asks which is meant, and Enter takes
     the first; elsewhere the rig has all that was found, what is only guessed as a comment.
     """
+    from hiltest.rig.bench_files import shipped
+
     source, target = shipped(), folder / "hil"
     present = [target / name for name in (*_FOLDERS, _BASELINE.parent) if (target / name).exists()]
     if present:
@@ -74,6 +75,7 @@ def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     """Return name and text of the rig for a firmware."""
     from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
+    from hiltest.rig.bench_files import shipped
     from hiltest.virtual.program.elf import load_image
 
     proposals = look_at(load_image(firmware))

@@ -9,9 +9,15 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from hiltest.commands.options import ErrorOutput, NumberRange, asked_to_end, checked, documented, opened
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name, seed
+from hiltest.commands.options import (
+    ErrorOutput,
+    NumberRange,
+    asked_to_end,
+    documented,
+    load_named_rig,
+    opened,
+    setting_option,
+)
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -52,33 +58,18 @@ Exit codes:
     type=click.Choice(["gyroscope", "accelerometer", "magnetometer"]),
     help="Sensor to log; may be given more than once.",
 )
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.",
-)
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the virtual board.  [default: the packaged one]",
-)
-@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@setting_option("rig")
+@setting_option("port")
+@setting_option("firmware")
+@setting_option("seed")
 def log(
     seconds: float,
     out: Path,
     sensors: Sequence[str],
     rig: str | None,
-    hil_port: str | None,
-    firmware: str | None,
-    seed: str | None,
+    port: str | None,
+    firmware: Path | None,
+    seed: int | None,
 ) -> tuple[int, dict[str, Any]]:
     """Record sensor samples of a board to a CSV file.
 
@@ -88,15 +79,12 @@ def log(
     from hiltest.boards import open_board
     from hiltest.link.replies import SensorKind
     from hiltest.procedures.sensor_log import log_sensors
-    from hiltest.rig.rig_file import load_rig
 
     kinds = [SensorKind[name.upper()] for name in dict.fromkeys(sensors)]
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     with (
         asked_to_end() as ending,
-        open_board(
-            described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
-        ) as board,
+        open_board(described, firmware=firmware, port=port, seed=seed) as board,
         opened(out) as file,
     ):
         counts = _write(file, board, kinds, log_sensors(board, kinds, seconds=seconds), seconds, ending)

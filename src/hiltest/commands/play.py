@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import ErrorOutput, NumberRange, checked, json_option
+from hiltest.commands.options import ErrorOutput, NumberRange, json_option, load_named_rig, setting_option
 from hiltest.errors import ConfigError
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,19 +37,8 @@ _MOST_MOMENTS = 10_000
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.option(
-    "--rig",
-    metavar="R",
-    required=True,
-    callback=checked(file_name),
-    help="Rig file with a recording under [world] playback, or name of one in hil/rigs.",
-)
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the rig's board.  [default: the rig's, else the packaged one]",
-)
+@setting_option("rig", required=True)
+@setting_option("firmware", fallback="the rig's, else the packaged one")
 @click.option(
     "--every",
     "every_s",
@@ -60,7 +47,7 @@ _MOST_MOMENTS = 10_000
     help="Time between two headings.  [default: twelve over the recording]",
 )
 @json_option("hiltest.play/1")
-def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -> int:
+def play(rig: str, firmware: Path | None, every_s: float | None, as_json: bool) -> int:
     """Play a recording to firmware, and show what it finds from it.
 
     That is hard iron, field, error of its fit, headings. Sensors of a virtual board measure the recording. If the rig's
@@ -69,11 +56,10 @@ def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -
     """
     from hiltest.interfaces.sensor_files.recorded_motion import load_playback
     from hiltest.procedures.recorded_motion import play_back
-    from hiltest.rig.rig_file import load_rig
     from hiltest.session.progress_line import ProgressLine
     from hiltest.world.recorded_motion import Sensed
 
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     playback = load_playback(described)
     if playback is None:
         raise ConfigError(
@@ -89,8 +75,7 @@ def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -
     if not as_json:
         click.echo(playback.described())
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
-    elf = Path(firmware) if firmware else None
-    played = play_back(described, magnetometer.times_s, moments_s, firmware=elf, progress=progress)
+    played = play_back(described, magnetometer.times_s, moments_s, firmware=firmware, progress=progress)
     if as_json:
         click.echo(_to_json(played, playback), nl=False)
         return 0

@@ -26,7 +26,7 @@ def ports() -> tuple[int, dict[str, Any]]:
     """List the boards that are plugged in, and the other serial ports.
 
     A board is found by the USB identity of its DAPLink, 0d28:0204, and a serial number that begins with 0240, DAPLink's
-    id of the FRDM-K64F. Name one with --hil-port usb://SERIAL; the beginning of it is enough.
+    id of the FRDM-K64F. Name one with --port usb://SERIAL; the beginning of it is enough.
     """
     from hiltest.boards.daplink import plugged_in
 

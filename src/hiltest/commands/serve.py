@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import NumberRange, checked, json_option
+from hiltest.commands.options import NumberRange, json_option, load_named_rig, parsed, setting_option
 from hiltest.errors import BenchError, ConfigError
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import address, file_name, seed
+from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards.bench import VirtualBench
@@ -57,28 +56,13 @@ _PORTS = click.IntRange(0, _LAST_PORT)
 @click.option(
     "--link",
     metavar="PATH",
-    callback=checked(file_name),
+    callback=parsed(file_name),
     help="With --pty: make PATH a symbolic link to the board's port, PATH-turntable to the turntable's.",
 )
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs, of a virtual board.  [default: virtual-k64f]",
-)
-@click.option(
-    "--firmware",
-    metavar="FILE",
-    callback=checked(file_name),
-    help="Any firmware for the MK64FN1M0: ELF, Intel HEX or raw binary.  [default: the packaged one]",
-)
-@click.option(
-    "--base",
-    metavar="ADDRESS",
-    callback=checked(address),
-    help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]",
-)
-@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@setting_option("rig")
+@setting_option("firmware")
+@setting_option("base")
+@setting_option("seed")
 @click.option(
     "--baud",
     metavar="N",
@@ -96,7 +80,7 @@ _PORTS = click.IntRange(0, _LAST_PORT)
 @click.option(
     "--flash-file",
     metavar="FILE",
-    callback=checked(file_name),
+    callback=parsed(file_name),
     help="Keep the flash in FILE from run to run, but for the sectors that the firmware is loaded into.",
 )
 @click.option(
@@ -150,7 +134,13 @@ def serve(
     if tcp == _LAST_PORT and turntable_tcp is None:
         raise ConfigError(f"--tcp {tcp} leaves no port above it for the turntable: name one with --turntable-tcp")
     if replay is not None:
-        if turntable_tcp is not None or uarts or no_wait or gdb is not None or any(described.values()):
+        if (
+            turntable_tcp is not None
+            or uarts
+            or no_wait
+            or gdb is not None
+            or any(value is not None for value in described.values())
+        ):
             raise ConfigError("--replay serves a recorded line: it goes with --pty, --tcp, --host, --link and --until")
         return _serve_recording(replay, tcp, host, link, until, as_json=as_json)
     from hiltest.boards.gdb_server import GdbServer
@@ -266,16 +256,15 @@ def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:
 
 def _bench(
     rig: str | None,
-    firmware: str | None,
-    base: str | None,
-    seed: str | None,
+    firmware: Path | None,
+    base: int | None,
+    seed: int | None,
     baud: int | None,
     flash_file: str | None,
 ) -> VirtualBench:
     from hiltest.boards.bench import VirtualBench
-    from hiltest.rig.rig_file import load_rig
 
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     if described.world is None:
         raise ConfigError(
             f"rig {described.name} ({described.path}) is of a {described.board.kind} board: there is nothing to serve. "
@@ -283,9 +272,9 @@ def _bench(
         )
     bench = VirtualBench(
         described,
-        firmware=Path(firmware) if firmware else None,
-        seed=int(seed) if seed else None,
-        base=None if base is None else address(base),
+        firmware=firmware,
+        seed=seed,
+        base=base,
         flash_file=Path(flash_file) if flash_file else None,
     )
     bench.machine.tell(_tell)

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from hiltest.commands.options import checked, documented, jobs_option
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import DEFAULT_OUT, file_name, seed
+from hiltest.commands.options import documented, jobs_option, load_named_rig, parsed, setting_option
+from hiltest.session.settings import DEFAULT_OUT, file_name
 from hiltest.studies import NAMES
 
 if TYPE_CHECKING:
@@ -40,10 +39,9 @@ def _plan_choice(
     cycles: int | None,
 ) -> Plan:
     """Return a plan with the conditions of the options or, for options that are not set, of the rig."""
-    from hiltest.rig.rig_file import load_rig
     from hiltest.studies.study import Conditions
 
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     noise_ut = noise_ut or described.sensors.magnetometer_noise_ut
     conditions = Conditions(described.field.strength_ut, noise_ut, coverage_percent, cycles)
     return replace(plan, points=points or described.procedure.calibration_points, given=conditions)
@@ -68,12 +66,7 @@ def _is_given(option: str) -> bool:
     type=click.IntRange(_FEWEST_POINTS, 100_000),
     help="Points of each instance.  [default: the study's]",
 )
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="choose: rig with field, noise and points: a file, or a name in hil/rigs.  [default: virtual-k64f]",
-)
+@setting_option("rig", help="choose: take field, noise and points from this rig.")
 @click.option(
     "--noise",
     "noise_ut",
@@ -91,20 +84,12 @@ def _is_given(option: str) -> bool:
     help="choose: least share of the sphere that the points cover.",
 )
 @click.option("--cycles", metavar="N", type=click.IntRange(1), help="choose: most cycles of a calibration.")
-@click.option(
-    "--seed",
-    "seed_text",
-    metavar="S",
-    default="1",
-    show_default=True,
-    callback=checked(seed),
-    help="Seed: the same gives the same numbers, whatever the jobs.",
-)
+@setting_option("seed", default="1", fallback="1", help="Set the seed; the same seed gives the same numbers.")
 @jobs_option()
 @click.option(
     "--out",
     metavar="DIR",
-    callback=checked(file_name),
+    callback=parsed(file_name),
     help=f"Folder for run.json and study.html.  [default: {DEFAULT_OUT}/study-NAME]",
 )
 def study(
@@ -115,7 +100,7 @@ def study(
     noise_ut: float | None,
     coverage_percent: float,
     cycles: int | None,
-    seed_text: str,
+    seed: int,
     jobs: int | str | None,
     out: str | None,
 ) -> tuple[int, dict[str, Any]]:
@@ -140,7 +125,7 @@ def study(
     from hiltest.studies.study_page import PAGE_FILE, printed_rows
 
     chosen = study_of(name)
-    plan = Plan(name, seed(seed_text), instances or chosen.instances, points or chosen.points)
+    plan = Plan(name, seed, instances or chosen.instances, points or chosen.points)
     if name == "choose":
         plan = _plan_choice(plan, points, rig, noise_ut, coverage_percent, cycles)
     elif any(_is_given(option) for option in ("rig", "noise_ut", "coverage_percent", "cycles")):

@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import ErrorOutput, checked, documented, json_option
+from hiltest.commands.options import ErrorOutput, documented, json_option, load_named_rig, setting_option
 from hiltest.errors import ConfigError
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -76,18 +74,8 @@ def show(named: str | None, as_json: bool) -> int:
 
 @timing.command(epilog=_MEASURE_EXIT_CODES)
 @documented("hiltest.timing-measure/1")
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's virtual board]",
-)
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
-)
+@setting_option("port")
+@setting_option("rig")
 @click.option(
     "--out",
     metavar="FILE",
@@ -95,7 +83,7 @@ def show(named: str | None, as_json: bool) -> int:
     help="Profile to write; one of this board is replaced.  "
     "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]",
 )
-def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
+def measure(port: str | None, rig: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
     """Time instructions on a board and write its timing profile.
 
     The firmware runs sequences of one kind of instruction each, from SRAM and from flash, with nothing but its cycle
@@ -105,7 +93,6 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     from hiltest.boards.bench import default_firmware
     from hiltest.procedures.sequences import measure_sequences
     from hiltest.report.console import standard_output
-    from hiltest.rig.rig_file import load_rig
     from hiltest.run_record.files import write_asked_for
     from hiltest.session.progress_line import ProgressLine
     from hiltest.virtual.profiling.timing_table import print_judgements, print_measured, print_places
@@ -113,7 +100,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     from hiltest.virtual.silicon.contributed_profile import about, board_lines
     from hiltest.virtual.silicon.measured_profile import profile_text, solve
 
-    with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:
+    with open_board(load_named_rig(rig), port=port) as board:
         name = _name(board)
         file = out or Path(f"{name}.toml")
         measured_on = _measured_on(board, _manual_fields(file, name))

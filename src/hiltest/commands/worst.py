@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import NumberRange, checked, documented
-from hiltest.session.settings import DEFAULT_OUT, file_name, make_folder, seed
+from hiltest.commands.options import NumberRange, documented, setting_option
+from hiltest.session.settings import DEFAULT_OUT, make_folder
 
 if TYPE_CHECKING:
     from hiltest.studies.worst_case.search import Budget, Found, Problem
@@ -38,12 +38,7 @@ Exit codes:
 # Unknown options are allowed, since a negative number is an argument of the function.
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
 @documented("hiltest.worst/1")
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Any program for a Cortex-M4.  [default: the packaged firmware]",
-)
+@setting_option("firmware", help="Take the function from this program for a Cortex-M4.")
 @click.option(
     "--seconds", metavar="S", type=NumberRange(0.1, 1e6), help=f"How long to search.  [default: {_SECONDS:g}]"
 )
@@ -53,15 +48,7 @@ Exit codes:
     type=click.IntRange(1, 1_000_000_000),
     help="How many calls to search: the same seed then finds the same.",
 )
-@click.option(
-    "--seed",
-    "seed_text",
-    metavar="S",
-    default="1",
-    show_default=True,
-    callback=checked(seed),
-    help="Seed of the search.",
-)
+@setting_option("seed", default="1", fallback="1", help="Set the seed of the search.")
 @click.option(
     "--points",
     metavar="N",
@@ -88,10 +75,10 @@ Exit codes:
 def worst(
     function: str | None,
     arguments: tuple[str, ...],
-    firmware: str | None,
+    firmware: Path | None,
     seconds: float | None,
     calls: int | None,
-    seed_text: str,
+    seed: int,
     points: int,
     returns: str | None,
     out: Path | None,
@@ -107,7 +94,7 @@ def worst(
     from hiltest.studies.worst_case.search import Budget
     from hiltest.studies.worst_case.worst_input import to_json
 
-    elf = Path(firmware) if firmware is not None else default_firmware()
+    elf = firmware or default_firmware()
     if replay is not None:
         if function is not None:
             raise click.UsageError("--replay has the function and its input in its file; give neither")
@@ -122,7 +109,7 @@ def worst(
         make_folder(file.parent)
     with asked_to_end() as came:
         budget = Budget(calls, None if calls else seconds or _SECONDS, lambda: bool(came))
-        result, case, summary = _run_search(problem, budget, seed(seed_text), elf, function)
+        result, case, summary = _run_search(problem, budget, seed, elf, function)
     click.echo(summary)
     counts = {"calls": result.calls, "refused_cycles": result.refused_cycles}
     if case is None:
@@ -133,7 +120,7 @@ def worst(
     return 2 if came else 0, {**saved, **counts}
 
 
-def _option(firmware: str | None) -> str:
+def _option(firmware: Path | None) -> str:
     return "" if firmware is None else f" --firmware {firmware}"
 
 

@@ -58,7 +58,7 @@ def see_board(port: HostPort) -> Check:
         return not_looked_at("board", f"{port.path} is not on USB, where boards are found")
     if port.device.not_taken:
         finding = f"{port.path}: {port.device.not_taken}"
-        return warning("board", finding, "name a board of `hiltest ports` with --hil-port")
+        return warning("board", finding, "name a board of `hiltest ports` with --port")
     if port.path is None:
         return failed("board", f"FRDM-K64F {port.device.serial_number} has no serial port", NO_PORT)
     return ok("board", f"FRDM-K64F {port.device.serial_number} on {port.path}")
@@ -151,8 +151,8 @@ def install_rules() -> str:
 def flash_command(port: HostPort) -> str:
     """Return the command that flashes hiltest's firmware onto the board on a port."""
     if port.device and not port.device.not_taken:
-        return f"hiltest flash --hil-port usb://{port.device.serial_number}"
-    return f"hiltest flash --hil-port {port.path} --probe pyocd"
+        return f"hiltest flash --port usb://{port.device.serial_number}"
+    return f"hiltest flash --port {port.path} --probe pyocd"
 
 
 def see_modem_manager(port: HostPort) -> Check:

@@ -20,7 +20,6 @@ from hiltest.campaigns.gate import SessionGate
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
-    RUN_COMMAND,
     Choice,
     id_in_record,
     only_looks,
@@ -29,7 +28,7 @@ from hiltest.session.selection import (
     uses_hiltest,
     uses_rig,
 )
-from hiltest.session.settings import Settings, check_environment
+from hiltest.session.settings import RUN_COMMAND, Settings, check_environment
 
 if TYPE_CHECKING:
     from hiltest.boards import Board, CompassBoard, OnChip
@@ -234,7 +233,7 @@ class HilSession:
         if self.is_worker or self.hands_out:
             raise ConfigError(f"{option}: a run is recorded and replayed in one process; leave out -n and --dist")
         if settings.coverage is not None:
-            raise ConfigError(f"{option}: a recording has no coverage; leave out --hil-coverage")
+            raise ConfigError(f"{option}: a recording has no coverage; leave out {settings.sources['coverage']}")
 
     def claim_folder(self) -> Recorder:
         """Return the recorder of this session, which now owns its folder exclusively.

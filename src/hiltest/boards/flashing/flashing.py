@@ -114,7 +114,7 @@ def find_target(
         kind = rig.board.kind if rig is not None and url is None else "virtual"
         raise ConfigError(
             f"a {kind} board is not flashed: it runs the ELF that --firmware names. Name the port of a board with "
-            "--hil-port, or a rig of a real board with --rig"
+            "--port, or a rig of a real board with --rig"
         )
     board: UsbBoard | None = None
     if url is not None and not url.startswith("usb:"):
@@ -179,8 +179,7 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
             return Flashed(
                 serial_number,
                 None,
-                "no serial port of the board is known, so it was not asked for its "
-                "build: name the port with --hil-port",
+                "no serial port of the board is known, so it was not asked for its build: name the port with --port",
             )
         try:
             identity = _ask(target.port, target)
