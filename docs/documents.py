@@ -53,7 +53,7 @@ a comparison that is red has done it: its document is the usual one, and says so
 - `hiltest calibrate` asks an operator on standard error, and reads the answers from standard input.
 - `hiltest log` that Ctrl-C has ended prints its document, with exit code 2. What listens until Ctrl-C prints it too,
   with the code of what it heard.
-- `hiltest export` writes what another tool reads; with the option that is the key `content`.
+- `hiltest report export` writes what another tool reads; with the option that is the key `content`.
 - `hiltest fit DIR`, the table of many logs, has none: ask for one log after the other.
 
 The page is written by `python docs/documents.py`.

@@ -47,4 +47,4 @@ def test_firmware_with_a_language_of_its_own_is_left_to_the_command_that_underst
     tree: UsbTree, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run("doctor", "--rig", "text-compass") == 0
-    assert "hiltest device try" in capsys.readouterr().out
+    assert "hiltest listen" in capsys.readouterr().out

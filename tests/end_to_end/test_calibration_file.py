@@ -220,8 +220,8 @@ def test_a_file_in_other_units_ends_the_run_before_it_begins(calibrated: Path, r
     ("arguments", "code", "complaint"),
     [
         (["--calibrator", "perfect"], 4, "the firmware has no calibrator 'perfect'; it has "),
-        (["--out", "gone/imu.json"], 4, "there is no folder"),
-        (["--out", "imu.h"], 4, "imu.h is the name of the header"),
+        (["--out", "gone/imu.json"], 4, "does not exist"),
+        (["--out", "imu.h"], 4, "imu.h would be the C header"),
         (["--rig", "virtual-k64f-harsh-cap"], 1, "magnetometer refused: "),
     ],
     ids=["calibrator", "folder", "header", "a fifth of the sphere"],

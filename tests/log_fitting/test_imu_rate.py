@@ -183,16 +183,16 @@ def test_the_command_writes_scale_and_bias(tmp_path: Path, capsys: pytest.Captur
     still = written(tmp_path / "rest.csv", GYROSCOPE.reading(rest(20.0), random))
     header = tmp_path / "gyroscope.h"
     options = ["--rate-rpm", "33.333", "--bias-from", str(still), "--export-header", str(header)]
-    assert run("fit-imu", str(spin), *options) == 0
+    assert run("fit", "imu", str(spin), *options) == 0
     said = capsys.readouterr().out
     assert "no accelerometer in the log" in said
     assert "scale of z: 0.985" in said
     assert "gyroscope_scale_z = 9.85" in header.read_text()
     assert "accelerometer_gain" not in header.read_text()
-    assert run("fit-imu", str(spin), *options[:4], "--json") == 0
+    assert run("fit", "imu", str(spin), *options[:4], "--json") == 0
     (rate,) = json.loads(capsys.readouterr().out)["gyroscope"]["rates"]
     assert rate["scale"] == pytest.approx(1.0 / float(np.linalg.norm(GYROSCOPE.response[:, 2])), rel=5e-4)
-    assert run("fit-imu", str(still), "--rate-rpm", "33.333") == 1
+    assert run("fit", "imu", str(still), "--rate-rpm", "33.333") == 1
     assert "nothing turns steadily for a revolution" in capsys.readouterr().out
-    assert run("fit-imu", str(spin)) == 4  # without a rate it is a log of both sensors
+    assert run("fit", "imu", str(spin)) == 4  # without a rate it is a log of both sensors
     assert "cannot tell which columns are the accelerometer" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""``hiltest export`` as a user calls it."""
+"""``hiltest report export`` as a user calls it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TOTAL = check("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_50
 
 
 def export(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return hiltest("export", *arguments, folder=folder)
+    return hiltest("report", "export", *arguments, folder=folder)
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_the_action_has_one_sense_a_file_and_the_others_are_counted(folder: Path
     smaller = export(folder, "run", "--format", "github-action-benchmark")
     larger = export(folder, "run", "--format", "github-action-benchmark", "--better", "larger", "--out", "l.json")
     assert [load["name"] for load in json.loads(smaller.stdout)] == ["cycles.direct.total (m)"]
-    assert smaller.stderr == "1 others are better when larger: --better larger\n"
+    assert smaller.stderr == "1 numbers are better when larger: --better larger exports them\n"
     assert [load["name"] for load in json.loads((folder / "l.json").read_text())] == ["tumble.points"]
     assert larger.stdout == ""
     assert larger.stderr.endswith("l.json: 1 numbers\n")

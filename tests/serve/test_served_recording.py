@@ -39,7 +39,7 @@ def recording(tmp_path: Path) -> tuple[Path, list[float]]:
     return path, list(answered.magnetometer.mean)
 
 
-@pytest.mark.parametrize("arguments", [["--pty"], ["--tcp", "0"]], ids=["pty", "tcp"])
+@pytest.mark.parametrize("arguments", [[], ["--tcp", "0"]], ids=["pty", "tcp"])
 def test_a_program_gets_the_recorded_answers_as_late_as_they_came_and_the_next_one_gets_them_too(
     serve: Serve, recording: tuple[Path, list[float]], arguments: list[str]
 ) -> None:

@@ -1,4 +1,4 @@
-"""``hiltest trend`` as a user calls it."""
+"""``hiltest report trend`` as a user calls it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WriteRun = Callable[..., Path]
 
 
 def trend(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return hiltest("trend", ".", *arguments, folder=folder)
+    return hiltest("report", "trend", ".", *arguments, folder=folder)
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_a_folder_without_runs_is_a_usage_error_that_names_what_was_skipped(tmp_
     (tmp_path / "no-run.json").write_text("x")
     done = trend(tmp_path)
     assert done.returncode == 4
-    assert "ERROR: .: no run in it\nskipped no-run.json: not JSON" in done.stderr
+    assert "ERROR: . has no run\nskipped no-run.json: not JSON" in done.stderr
 
 
 def test_the_page_goes_where_it_is_asked_for(runs: Path) -> None:

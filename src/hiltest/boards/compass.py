@@ -191,7 +191,7 @@ class CompassBoard:
                     f"it began with {self._first_words()}",
                 ]
             )
-            + f". Is it that firmware, and its baud rate {self.rig.link.baud}? hiltest device try shows what it says"
+            + f". Is it that firmware, and its baud rate {self.rig.link.baud}? hiltest listen shows what it says"
         )
 
     def observe(self, seconds: float) -> list[Observation]:

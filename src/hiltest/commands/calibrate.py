@@ -26,7 +26,7 @@ _EXIT_CODES = """
 \b
 Exit codes:
   0   calibrated; the file and the header are written
-  1   the data supports no calibration; nothing was written
+  1   the data is not sufficient for a calibration; nothing was written
   2   interrupted; nothing was written
   4   usage: an option, a port, a rig file or a firmware file is wrong
   20  connection lost: link, cable, board, sensor or operator
@@ -45,7 +45,7 @@ Exit codes:
     metavar="NAME",
     default="corrected",
     show_default=True,
-    help="Magnetometer calibrator of the firmware; dpi also uses gravity.",
+    help="Use this magnetometer calibrator of the firmware; dpi also uses gravity.",
 )
 @click.option(
     "--out",
@@ -53,15 +53,15 @@ Exit codes:
     default=DEFAULT_FILE,
     show_default=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Calibration file; the C header beside it has the same name and ends in .h.",
+    help="Write the calibration to this file, and a C header beside it with the suffix .h.",
 )
 def calibrate(
     rig: str | None, port: str | None, firmware: Path | None, seed: int | None, calibrator: str, out: Path
 ) -> tuple[int, dict[str, Any]]:
-    """Calibrate the IMU of a board step by step, and write one file.
+    """Calibrate the IMU of a board step by step.
 
-    A virtual board runs without questions. For a board that is turned by hand it says what to do next, shows progress,
-    and repeats a step that was refused. Then test the file: hiltest run --calibration FILE.
+    A virtual board needs no operator. If a board is turned by hand, the command asks for each step, shows progress
+    and repeats refused steps. Test the file with hiltest run --calibration FILE.
     """
     from hiltest.boards import open_board
     from hiltest.procedures import DPI
@@ -84,14 +84,13 @@ def _check_before_the_work(out: Path, header: Path) -> None:
     """Check that the file can be written, before an operator turns the board for minutes."""
     if out == header:
         raise ConfigError(
-            f"{out} is the name of the header: give the calibration file another name, such as "
-            f"{out.with_suffix('.json')}"
+            f"{out} would be the C header: give the calibration file another name, such as {out.with_suffix('.json')}"
         )
     folder = out.absolute().parent
     if not folder.is_dir():
-        raise ConfigError(f"cannot write {out}: there is no folder {folder}")
+        raise ConfigError(f"cannot write {out}: the folder {folder} does not exist")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ConfigError(f"cannot write {out}: nothing may be written to the folder {folder}")
+        raise ConfigError(f"cannot write {out}: the folder {folder} is read-only")
 
 
 def _calibrate_guided(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   nothing failed; there may be warnings
-  4   usage: an option, a port or a rig file is wrong, or several boards are plugged in and none is named
-  20  connection lost: something failed
+  0   no check failed; there may be warnings
+  4   usage: an option, a port or a rig file is wrong, or several boards are
+      plugged in and none is named
+  20  connection lost: a check failed
   23  wrong firmware, or another protocol version
 """
 _COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
@@ -30,11 +31,11 @@ _COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
 @setting_option("rig", fallback="frdm-k64f")
 @setting_option("port", fallback="the rig's, or the only board that is plugged in")
 def doctor(rig: str | None, port: str | None) -> tuple[int, dict[str, Any]]:
-    """Look what is wrong with a bench, and say what to do about it.
+    """Diagnose a bench and suggest remedies.
 
-    Board, DAPLink, permission, other programs, the port of a motor table, baud rate, firmware, sensors, clock, cycle
-    counter, noise at rest, and the field beside the World Magnetic Model. Leave the board alone while it looks; it
-    takes 5 s, and turns nothing. What fails leaves out what needs it, and no more.
+    The command checks board, DAPLink, permissions, other programs, the port of a motor table, baud rate, firmware,
+    sensors, clock, cycle counter, noise at rest, and the field against the World Magnetic Model. Do not move the board
+    meanwhile; it takes 5 s. If a check fails, only the checks that depend on it are skipped.
     """
     from hiltest.doctor.check import exit_code
     from hiltest.doctor.examination import examine

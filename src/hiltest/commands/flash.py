@@ -14,12 +14,12 @@ from hiltest.session.settings import file_name
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   flashed; what was flashed answers, or cannot be asked, which is said
+  0   flashed; the new firmware answers, or the output says why it cannot
   4   usage: the image is not for this chip or would lock it; an option, a
       port or a rig file is wrong
-  20  no board, another process has it, it was not programmed (FAIL.TXT is
-      shown), or nothing answers afterwards
-  23  other firmware answers afterwards
+  20  no board, a board in use by another process, a failed write (the
+      output shows FAIL.TXT), or no answer afterwards
+  23  another firmware answers afterwards
 """
 
 
@@ -31,7 +31,7 @@ Exit codes:
     "--volume",
     metavar="DIR",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Where the drive of its DAPLink is mounted.  [default: looked for]",
+    help="Write to the DAPLink drive mounted at this folder.  [default: search for it]",
 )
 @click.option(
     "--probe", type=click.Choice(["pyocd"]), help="Write with a debug probe instead of the drive; needs hiltest[bench]."
@@ -40,10 +40,10 @@ Exit codes:
 def flash(
     elf: str | None, rig: str | None, port: str | None, volume: Path | None, probe: str | None
 ) -> tuple[int, dict[str, Any]]:
-    """Put firmware onto an FRDM-K64F, and check that it runs.
+    """Write firmware to an FRDM-K64F and check that it runs.
 
-    ELF may be Intel HEX or a raw binary (.bin) too; without it, hiltest's own firmware is flashed. What is for another
-    chip, or would lock this one, is refused before anything is written.
+    ELF may also be Intel HEX or a raw binary (.bin); without it, hiltest's own firmware is flashed. Images for another
+    chip, and images that would lock this one, are rejected before anything is written.
     """
     from hiltest.boards import default_firmware
     from hiltest.boards.flashing.flash_image import load_flash_image
@@ -52,7 +52,7 @@ def flash(
     from hiltest.session.progress_line import ProgressLine
 
     if probe and volume:
-        raise click.UsageError("--probe writes without the drive: leave out --volume")
+        raise click.UsageError("--probe does not use the drive: leave out --volume")
     described = load_named_rig(rig) if rig else None
     if elf is None and described is not None and described.own_language:
         raise click.UsageError(f"name the ELF: the firmware of rig {described.name} is not hiltest's own")

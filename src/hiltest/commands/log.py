@@ -28,11 +28,11 @@ _INTERRUPTED = 2
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   logged for as long as was asked
-  2   ended by Ctrl-C; the file is whole up to there
+  0   logged for the requested time
+  2   ended by Ctrl-C; the file has all samples until then
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  connection lost: link, cable, board or sensor; the file is whole up
-      to there
+  20  connection lost: link, cable, board or sensor; the file has all
+      samples until then
   23  wrong firmware, or another protocol version
 """
 
@@ -44,10 +44,10 @@ Exit codes:
     metavar="N",
     type=NumberRange(min=0.0, max=1e9, min_open=True),
     required=True,
-    help="Duration by the board's clock.",
+    help="Record for this time by the board's clock.",
 )
 @click.option(
-    "--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path), help="CSV file to write."
+    "--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Write this CSV file."
 )
 @click.option(
     "--sensor",
@@ -56,7 +56,7 @@ Exit codes:
     default=["gyroscope"],
     show_default=True,
     type=click.Choice(["gyroscope", "accelerometer", "magnetometer"]),
-    help="Sensor to log; may be given more than once.",
+    help="Log this sensor; repeat the option for several.",
 )
 @setting_option("rig")
 @setting_option("port")
@@ -71,10 +71,10 @@ def log(
     firmware: Path | None,
     seed: int | None,
 ) -> tuple[int, dict[str, Any]]:
-    """Record sensor samples of a board to a CSV file.
+    """Record the sensors of a board to a CSV file.
 
-    Every sample of the gyroscope is written, with the board's time. Samples of accelerometer and magnetometer between
-    two requests are missing. Ctrl-C ends the log. hiltest allan reads it.
+    The file has every sample of the gyroscope, with the board's time. Samples of accelerometer and magnetometer between
+    two requests are missing. Ctrl-C ends the log. Read it with hiltest fit noise.
     """
     from hiltest.boards import open_board
     from hiltest.link.replies import SensorKind

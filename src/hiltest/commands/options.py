@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from hiltest.errors import ConfigError
-from hiltest.session.settings import jobs, seed, setting
+from hiltest.session.settings import file_path, jobs, seed, setting
 
 if TYPE_CHECKING:
     from hiltest.rig import Rig
@@ -51,7 +51,7 @@ class NumberRange(click.FloatRange):
         """Return the number."""
         number = float(super().convert(value, param, ctx))
         if math.isnan(number):
-            self.fail(f"{value} is no number.", param, ctx)
+            self.fail(f"{value} is not a number.", param, ctx)
         return number
 
 
@@ -91,6 +91,7 @@ def setting_option(
         f"--{name}",
         *parameter,
         metavar=option.metavar,
+        type=click.Path() if option.parse is file_path else str,
         callback=parsed(option.parse),
         help=text if attributes.get("required") or not unset else f"{text}  [default: {unset}]",
         **attributes,
@@ -125,13 +126,13 @@ def seed_range(_context: click.Context, _parameter: click.Parameter, text: str |
     return seeds
 
 
-def jobs_option(begins: str = "Processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def jobs_option(begins: str = "Use this many processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return the option ``--jobs``, whose value is a number or a scheduler's address; `begins` its help."""
     return click.option(
         "--jobs",
         metavar="J",
         callback=parsed(jobs),
-        help=f"{begins}, or the address of a dask scheduler, tcp://HOST:PORT.  [default: one a core]",
+        help=f"{begins}, or a dask scheduler, tcp://HOST:PORT.  [default: one per core]",
     )
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   played; what was found is shown, and not judged
+  0   played; the results are shown without a verdict
   2   interrupted
   4   usage: an option, a rig file, a recording or a firmware file is wrong
   20  the firmware does not answer
@@ -44,15 +44,15 @@ _MOST_MOMENTS = 10_000
     "every_s",
     metavar="SECONDS",
     type=NumberRange(min=0.1, max=3600.0),
-    help="Time between two headings.  [default: twelve over the recording]",
+    help="Compute a heading at this interval.  [default: twelve over the recording]",
 )
 @json_option("hiltest.play/1")
 def play(rig: str, firmware: Path | None, every_s: float | None, as_json: bool) -> int:
-    """Play a recording to firmware, and show what it finds from it.
+    """Play a recording to firmware, and compare its results.
 
-    That is hard iron, field, error of its fit, headings. Sensors of a virtual board measure the recording. If the rig's
-    firmware does not speak hiltest's protocol, hiltest's own gets the same recording, and its calibrators stand beside.
-    Nothing is judged: see docs/playback.md.
+    The results are hard iron, field, fit error and headings. The sensors of a virtual board measure the recorded
+    motion. If the rig's firmware does not speak hiltest's protocol, hiltest's firmware gets the same recording, and the
+    results of its calibrators are shown beside. There is no verdict: see docs/playback.md.
     """
     from hiltest.interfaces.sensor_files.recorded_motion import load_playback
     from hiltest.procedures.recorded_motion import play_back
@@ -63,13 +63,13 @@ def play(rig: str, firmware: Path | None, every_s: float | None, as_json: bool) 
     playback = load_playback(described)
     if playback is None:
         raise ConfigError(
-            f'{described.where("world")}: the rig plays no recording: name one under [world], playback = "field.csv"'
+            f'{described.where("world")}: the rig has no recording: name one under [world], playback = "field.csv"'
         )
     magnetometer = playback.tracks.get(Sensed.MAGNETOMETER)
     if magnetometer is None:
         raise ConfigError(
-            f"{described.where('world', 'playback')}: world.playback: no magnetometer in {playback.name} "
-            "to calibrate from: play it with hiltest log, hiltest device try or serve"
+            f"{described.where('world', 'playback')}: world.playback: {playback.name} has no magnetometer "
+            "to calibrate: use it with hiltest log, hiltest listen or hiltest serve"
         )
     moments_s = _moments_s(playback, every_s)
     if not as_json:

@@ -36,7 +36,7 @@ class _Run(click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
-            hint = "pytest's own options stand behind --: hiltest run -- -k heading"
+            hint = "Options of pytest follow --: hiltest run -- -k heading"
             raise click.UsageError(f"{error.format_message()} {hint}", ctx) from error
 
 
@@ -52,16 +52,16 @@ class _Run(click.Command):
 @setting_option("port")
 @setting_option("out", default=DEFAULT_OUT)
 @setting_option("seed")
-@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed, and sum up.")
+@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed, and summarise the runs.")
 @click.option(
     "--may-fail",
     metavar="N",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="With --seeds: how many seeds may miss a limit.",
+    help="Tolerate this many of --seeds that miss a limit.",
 )
-@jobs_option("With --seeds: processes")
+@jobs_option("Run --seeds in this many processes")
 @setting_option("poses")
 @setting_option("suite")
 @setting_option("calibration")
@@ -71,20 +71,20 @@ class _Run(click.Command):
     "--against",
     metavar="ELF",
     callback=parsed(file_name),
-    help="Older firmware that this one must not be worse than; it is run first, on the same bench.",
+    help="Run this older firmware first, and fail if the firmware is worse.",
 )
-@click.option("--flash", is_flag=True, help="First put the firmware onto the board: see hiltest flash.")
+@click.option("--flash", is_flag=True, help="Flash the firmware onto the board first, as hiltest flash does.")
 @setting_option("coverage")
 @setting_option("record")
 @setting_option("replay")
-@json_option("hiltest.run/1, with --seeds hiltest.seeds/1, of several boards hiltest.boards/1")
+@json_option("hiltest.run/1, with --seeds hiltest.seeds/1, with several rigs hiltest.boards/1")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(*, as_json: bool, **arguments: Any) -> int:
-    """Run the suites and end with a verdict.
+    """Run the suites and print a verdict.
 
-    The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
-    -- goes to pytest: hiltest run -- -k heading
+    The suites are those in hil/suites of this folder, or the packaged ones if there are none. Arguments
+    after -- go to pytest: hiltest run -- -k heading
     """
     if not as_json:
         return _run(**arguments)[0]
@@ -126,11 +126,13 @@ def _run(
     base = own["baseline"] or base_of_environment()
     options = [*pytest_options(arguments), *_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
-        raise ConfigError("--may-fail says how many of several seeds may miss a limit: give --seeds A..B too")
+        raise ConfigError("--may-fail needs several seeds: add --seeds A..B")
     if jobs and seeds is None:
-        raise ConfigError("--jobs says who shares the work of several seeds: give --seeds A..B too")
+        raise ConfigError("--jobs needs several seeds: add --seeds A..B")
     if flash and (seeds is not None or against is not None):
-        raise ConfigError("--flash is for a real board, --seeds and --against are for the virtual one: leave one out")
+        raise ConfigError(
+            "--flash is for a real board, and --seeds and --against are for the virtual board: leave one of them out"
+        )
     if against is not None:
         check_against(base and f"the baseline {base}", arguments["port"])
     taped = next((name for name in ("record", "replay") if own[name]), None)
@@ -155,7 +157,7 @@ def _run(
             return run_boards(rigs, options, out, flashes=flash), out / BOARDS_FILE
     if seeds is not None:
         if arguments["seed"] is not None or arguments["port"]:
-            raise ConfigError("--seeds simulates many worlds: leave out --seed and --port")
+            raise ConfigError("--seeds runs many simulated worlds: leave out --seed and --port")
         from hiltest.campaigns.campaign import run_seeds
 
         if against is not None:

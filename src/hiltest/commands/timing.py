@@ -21,13 +21,13 @@ _EXIT_CODES = """
 \b
 Exit codes:
   0   shown
-  4   usage: no such profile, or the file is no timing profile
+  4   usage: the profile does not exist, or the file is not a timing profile
 """
 _MEASURE_EXIT_CODES = """
 \b
 Exit codes:
   0   measured, and written
-  1   the firmware knows no such sequences, or its core counts no cycles
+  1   the firmware has no timing sequences, or its core counts no cycles
   2   interrupted
   4   usage: an option, a port or a rig file is wrong, or the file cannot be
       written
@@ -37,15 +37,15 @@ Exit codes:
 _CHECK_EXIT_CODES = """
 \b
 Exit codes:
-  0   complete, and its rows are those of its clocks
-  1   something is missing or does not fit; each has a line
-  4   usage: the file is no timing profile
+  0   complete, and its rows follow from its clocks
+  1   a part is missing or inconsistent; the output lists each
+  4   usage: the file is not a timing profile
 """
 
 
 @click.group()
 def timing() -> None:
-    """Show the costs that cycles are counted by, or measure them."""
+    """Show, measure or check the cycle costs of instructions."""
 
 
 @timing.command(epilog=_EXIT_CODES)
@@ -53,7 +53,7 @@ def timing() -> None:
     "--profile",
     "named",
     metavar="NAME|FILE",
-    help="Timing profile, or a file of your own (.toml).  [default: cortex-m4-trm/2]",
+    help="Show this timing profile, a name or a file (.toml).  [default: cortex-m4-trm/2]",
 )
 @json_option("hiltest.timing/1")
 def show(named: str | None, as_json: bool) -> int:
@@ -80,14 +80,14 @@ def show(named: str | None, as_json: bool) -> int:
     "--out",
     metavar="FILE",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Profile to write; one of this board is replaced.  "
-    "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]",
+    help="Write the profile to this file; an earlier profile of this board is replaced.  "
+    "[default: silicon-<board id>.toml, for a virtual board virtual-<board id>.toml]",
 )
 def measure(port: str | None, rig: str | None, out: Path | None) -> tuple[int, dict[str, Any]]:
     """Time instructions on a board and write its timing profile.
 
-    The firmware runs sequences of one kind of instruction each, from SRAM and from flash, with nothing but its cycle
-    counter; no sensor and no turntable is needed. It takes some seconds.
+    The firmware runs sequences of one kind of instruction, from SRAM and from flash, and needs only its cycle counter,
+    neither sensors nor a turntable. The measurement takes some seconds.
     """
     from hiltest.boards import open_board
     from hiltest.boards.bench import default_firmware
@@ -121,8 +121,8 @@ def measure(port: str | None, rig: str | None, out: Path | None) -> tuple[int, d
 def check(file: Path) -> tuple[int, dict[str, Any]]:
     """Check a measured profile before it is sent in.
 
-    FILE is what measure wrote of a real board, with the board's name and revision and your signature filled in. Its
-    rows are solved again from its clocks.
+    FILE is the output of measure for a real board, completed with the board's name and revision and your signature.
+    Its rows are solved again from its clocks.
     """
     from hiltest.boards.bench import default_firmware
     from hiltest.link.sequences import SEQUENCES
@@ -137,7 +137,7 @@ def check(file: Path) -> tuple[int, dict[str, Any]]:
     if not result.objections and result.board:
         click.echo(
             f"{file}: {result.board.name} {result.board.revision}, signed off by {result.board.signed_off_by}: "
-            "complete, and its rows are those of its clocks"
+            "complete, and its rows follow from its clocks"
         )
     document = {"file": str(file), "name": result.name, "objections": result.objections, "remarks": result.remarks}
     return int(bool(result.objections)), document
@@ -178,7 +178,7 @@ def _manual_fields(file: Path, name: str) -> dict[str, str]:
         content, stored_name = {}, ""
     if "measured" not in content or stored_name != name:
         raise ConfigError(
-            f"{file}: what is there is no measured profile {name}, and is not overwritten; remove it, or name another "
+            f"{file} exists, is not a measured profile {name}, and is not overwritten; remove it, or name another "
             "file with --out"
         )
     return filled_in(content)

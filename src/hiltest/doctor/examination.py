@@ -102,7 +102,7 @@ def _board_checks(rig: Rig, url: str | None, today: date, flash: str, *, usable:
     if not usable:
         yield from _omitted_checks(("answer", *looks), "the port cannot be used")
     elif rig.own_language is not None:
-        yield from _omitted_checks(("answer", *looks), "the firmware speaks its own language: see `hiltest device try`")
+        yield from _omitted_checks(("answer", *looks), "the firmware speaks its own language: see `hiltest listen`")
     else:
         yield from _checks_when_open(rig, url, looks, flash)
     yield see_declared_field(rig, model)

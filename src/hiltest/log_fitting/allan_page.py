@@ -107,7 +107,7 @@ def headline(log: RateLog) -> str:
 
 
 def to_json(log: RateLog, curve: AllanCurve) -> str:
-    """Return the text of ``hiltest allan --json``; the curve is in deg/s, or in counts as the file's unit says."""
+    """Return the text of ``hiltest fit noise --json``; the curve is in deg/s, or in counts as the file's unit says."""
     content = {
         "schema": SCHEMA,
         "hiltest": __version__,

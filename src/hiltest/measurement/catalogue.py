@@ -567,7 +567,7 @@ def _own_language() -> Iterator[Kind]:
     """Yield the kinds for firmware that speaks its own language."""
     waited = _allow(1, 0.05, "found in steps of a window, a second unless the rig says otherwise")
     converge = "Give its filter time under [device]: converge_s, settle_s."
-    hear = "See which lines or bytes are not understood: hiltest device try."
+    hear = "See which lines or bytes are not understood: hiltest listen."
     for name, unit, better, allowance, meaning, next_step in (
         ("settle_time", "s", _LOWER, waited, "Longest time until a heading at rest stood still", converge),
         (

@@ -94,7 +94,7 @@ def file_name(text: str) -> str:
     return text
 
 
-def file(text: str) -> Path:
+def file_path(text: str) -> Path:
     """Parse the name of a file or folder as a path."""
     return Path(file_name(text))
 
@@ -177,7 +177,7 @@ OPTIONS = (
     Option(
         "firmware",
         "FILE",
-        file,
+        file_path,
         None,
         "the packaged one",
         "Run this firmware on the virtual board: ELF, Intel HEX or raw binary.",
@@ -191,7 +191,7 @@ OPTIONS = (
         "the rig's",
         "Connect to a real board: a serial device, usb://SERIAL or another pyserial URL.",
     ),
-    Option("out", "DIR", file, DEFAULT_OUT, "", "Write run.json and the reports to this folder."),
+    Option("out", "DIR", file_path, DEFAULT_OUT, "", "Write run.json and the reports to this folder."),
     Option("seed", "N", seed, None, "the rig's", "Set the seed of the simulated world."),
     Option(
         "poses",
@@ -209,21 +209,30 @@ OPTIONS = (
         "",
         "Run the gate set of tests, or the full set.",
     ),
-    Option("calibration", "FILE", file, None, "", "Also test this calibration file of the board (hiltest calibrate)."),
-    Option("label", "TEXT", label, None, "", "Name this run in reports and trends, for example by its version."),
-    Option("baseline", "FILE", file, None, "", "Fail if the run is worse than this baseline, or record of a run."),
     Option(
-        "coverage", "FILE", file, None, "", "Write the coverage of the virtual board's firmware, for LCOV's genhtml."
+        "calibration", "FILE", file_path, None, "", "Also test this calibration file of the board (hiltest calibrate)."
+    ),
+    Option("label", "TEXT", label, None, "", "Name this run in reports and trends, for example by its version."),
+    Option("baseline", "FILE", file_path, None, "", "Fail if the run is worse than this baseline, or record of a run."),
+    Option(
+        "coverage",
+        "FILE",
+        file_path,
+        None,
+        "",
+        "Write the coverage of the virtual board's firmware, for LCOV's genhtml.",
     ),
     Option(
         "record",
         "FILE",
-        file,
+        file_path,
         None,
         "",
         "Record everything that the run asks of its bench, with the answers; compress FILE.gz.",
     ),
-    Option("replay", "FILE", file, None, "", "Take the answers from such a recording, without board and firmware."),
+    Option(
+        "replay", "FILE", file_path, None, "", "Take the answers from such a recording, without board and firmware."
+    ),
 )
 _SAME_ON_ALL_SEEDS = ("rig", "firmware", "base", "poses", "suite", "calibration", "label")
 

@@ -55,7 +55,7 @@ ADVICE = {
     Cause.BAD_FIT: "Look at the calibrated samples in the report: the model does not fit them.",
     Cause.FRAME: "Correct frame or heading under [device] in the rig, or the firmware's convention.",
     Cause.NOT_TOGETHER: "Compare unit, order and axes of its vectors and its calibration with those in the rig.",
-    Cause.STILL: "Turn the board under hiltest device try: is it the heading, and its unit and scale right?",
+    Cause.STILL: "Turn the board under hiltest listen: is it the heading, and its unit and scale right?",
     Cause.NOT_SETTLED: "Let its filter converge: a longer converge_s or settle_s under [device], or a faster filter.",
     Cause.FILTER: "Compare its heading with the one of its calibrated vectors: what differs is made by its filter.",
     Cause.OWN_CALIBRATION: "Turn the board through more directions (tumbles, tumble_s), or look at its fit.",

@@ -173,7 +173,7 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
                 serial_number,
                 None,
                 "it speaks its own language, so nothing can ask it for its build: see "
-                f"what it says with hiltest device try --rig {rig}",
+                f"what it says with hiltest listen --rig {rig}",
             )
         if target.port is None:
             return Flashed(

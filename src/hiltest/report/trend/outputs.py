@@ -105,7 +105,7 @@ def _grid(trend: Trend, measured: list[Measured]) -> Table:
 
 
 def to_json(trend: Trend, skipped: Sequence[Skipped]) -> str:
-    """Return the text of ``hiltest trend --json``; entries and lines are numbered from 0."""
+    """Return the text of ``hiltest report trend --json``; entries and lines are numbered from 0."""
     content = {
         "schema": SCHEMA,
         "entries": [_entry(entry) for entry in trend.entries],

@@ -1,4 +1,4 @@
-"""``hiltest device``: interpretation of firmware that does not speak hiltest's protocol."""
+"""``hiltest listen``: interpretation of firmware that does not speak hiltest's protocol."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from hiltest.rig import Rig
     from hiltest.rig.device import Device
 
-_TRY_EXIT_CODES = """
+_EXIT_CODES = """
 \b
 Exit codes:
-  0   values were understood, until --for or Ctrl-C
-  1   none was
+  0   at least one value was interpreted
+  1   no value was interpreted
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  connection lost; what came before is summed up
+  20  connection lost; the summary covers the time before
 """
 _LONGEST_SHOWN = 160
 _MEMORY = "memory"
@@ -37,29 +37,26 @@ _LOOK_EVERY_S = 1.0
 _WITHOUT_PORT_S = 0.1
 
 
-@click.group()
-def device() -> None:
-    """Show what is understood of what firmware says in its own words."""
-
-
-@device.command("try", epilog=_TRY_EXIT_CODES)
+@click.command(epilog=_EXIT_CODES)
 @documented("hiltest.interfaces-try/1")
 @setting_option("rig", required=True)
 @setting_option("port")
-@setting_option("firmware", help="Run this firmware on the virtual board, or read the variables of this ELF.")
-@click.option(
-    "--for",
-    "seconds",
-    metavar="SECONDS",
-    type=NumberRange(min=0.0, max=1e9, min_open=True),
-    help="How long to listen, by the board's clock.  [default: until Ctrl-C]",
+@setting_option(
+    "firmware", help="Run this firmware on the virtual board, or read the variables of this ELF.", fallback="the rig's"
 )
-def try_(rig: str, port: str | None, firmware: Path | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
-    """Show each line that the board sends, and what is understood of it; and variables, with what they hold.
+@click.option(
+    "--seconds",
+    metavar="N",
+    type=NumberRange(min=0.0, max=1e9, min_open=True),
+    help="Stop after this time by the board's clock.  [default: at Ctrl-C]",
+)
+def listen(rig: str, port: str | None, firmware: Path | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
+    """Show how hiltest interprets the output of foreign firmware.
 
-    A line that means nothing has a question mark, and why. What the rig sends at the start is sent; nothing is turned,
-    and nothing is judged: see docs/text-compass.md. Variables are read once a second, over the virtual board or the
-    GDB server that the rig names, which needs --firmware.
+    Each line is shown with its interpretation; lines that could not be interpreted are marked with a question mark and
+    the reason. The rig's commands for the start are sent, the board is not turned, and there is no verdict: see
+    docs/text-compass.md. Variables are read once a second, from the virtual board or over the GDB server that the rig
+    names; they need --firmware.
     """
     from hiltest.interfaces.trial import Trial
 
@@ -99,10 +96,10 @@ def _table(rig: Rig) -> Device:
     lines = rig.path.read_text(encoding="utf-8").splitlines()
     if any(line.lstrip("# ").startswith("[device]") for line in lines if line.startswith("#")):
         raise ConfigError(
-            f"{rig.path}: its table [device] is a comment: take the # away from it, from its kind, and from each line "
-            "below them that is right, with its unit"
+            f"{rig.path}: its table [device] is a comment: remove the # from it, from its kind, and from each correct "
+            "line below, with its unit"
         )
-    raise ConfigError(f"{rig.path}: its firmware speaks hiltest's protocol; a table [device] says otherwise")
+    raise ConfigError(f"{rig.path}: its firmware speaks hiltest's protocol; for other firmware add a table [device]")
 
 
 def _interfaces(rig: Rig, table: Device) -> dict[str, StreamInterface]:
@@ -115,7 +112,7 @@ def _interfaces(rig: Rig, table: Device) -> dict[str, StreamInterface]:
     interfaces = open_interfaces(spoken) if spoken else {}
     opened = {kind: interface for kind, interface in interfaces.items() if isinstance(interface, StreamInterface)}
     if not opened and table.memory is None:
-        raise ConfigError(f"{rig.where('device', 'kind')}: device.kind: nothing of it comes over a line")
+        raise ConfigError(f"{rig.where('device', 'kind')}: device.kind: none of these kinds uses a serial line")
     return opened
 
 

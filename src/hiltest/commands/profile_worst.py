@@ -1,4 +1,4 @@
-"""``hiltest worst``: search for the input with the most cycles of a function."""
+"""``hiltest profile worst``: search for the input with the most cycles of a function."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _FEWEST_POINTS, _MOST_POINTS = 9, 512  # unknowns of an ellipsoid, and capacity 
 _SECONDS = 60.0
 _EPILOG = """
 \b
-Arguments are those of hiltest profile, with numbers left open:
+Arguments as for hiltest profile; the search varies ranges of numbers:
   0..100          a whole number from 0 to 100
   -1.0..2.5       a number
   int16:50:-9..9  fifty numbers by address (int8 to uint64, float32, float64)
 
 \b
 Exit codes:
-  0   searched; or replayed: the cycles that were kept, or another build
-  1   no call has succeeded; or the same build takes other cycles than kept
-  2   interrupted; the worst so far is kept
-  4   usage: an option, an argument, the ELF or a kept file is wrong
+  0   searched; or replayed with the saved cycles, or on another build
+  1   no call succeeded; or the same build takes other cycles than saved
+  2   interrupted; the worst input so far is saved
+  4   usage: an option, an argument, the ELF or a saved file is wrong
   20  the function faulted or hung
 """
 
@@ -40,13 +40,13 @@ Exit codes:
 @documented("hiltest.worst/1")
 @setting_option("firmware", help="Take the function from this program for a Cortex-M4.")
 @click.option(
-    "--seconds", metavar="S", type=NumberRange(0.1, 1e6), help=f"How long to search.  [default: {_SECONDS:g}]"
+    "--seconds", metavar="S", type=NumberRange(0.1, 1e6), help=f"Search for this time.  [default: {_SECONDS:g}]"
 )
 @click.option(
     "--calls",
     metavar="N",
     type=click.IntRange(1, 1_000_000_000),
-    help="How many calls to search: the same seed then finds the same.",
+    help="Search with this many calls, reproducibly for the same seed.",
 )
 @setting_option("seed", default="1", fallback="1", help="Set the seed of the search.")
 @click.option(
@@ -55,24 +55,26 @@ Exit codes:
     type=click.IntRange(_FEWEST_POINTS, _MOST_POINTS),
     default=100,
     show_default=True,
-    help="Most points that a calibrator gets.",
+    help="Pass at most this many points to a calibrator.",
 )
-@click.option("--returns", metavar="LOW..HIGH", help="What a function returns that has succeeded.  [default: anything]")
+@click.option(
+    "--returns", metavar="LOW..HIGH", help="Count only calls that return a value in this range.  [default: any value]"
+)
 @click.option(
     "--out",
     metavar="FILE",
     type=click.Path(path_type=Path, dir_okay=False),
-    help=f"File to keep the input in.  [default: {DEFAULT_OUT}/worst-FUNCTION.json]",
+    help=f"Save the input to this file.  [default: {DEFAULT_OUT}/worst-FUNCTION.json]",
 )
 @click.option(
     "--replay",
     metavar="FILE",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Call a function again as it was kept, and compare.",
+    help="Repeat the call of a saved file, and compare the cycles.",
 )
 @click.argument("function", required=False)
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def worst(
+def profile_worst(
     function: str | None,
     arguments: tuple[str, ...],
     firmware: Path | None,
@@ -84,9 +86,10 @@ def worst(
     out: Path | None,
     replay: Path | None,
 ) -> tuple[int, dict[str, Any]]:
-    """Search for the input with the most cycles of a function.
+    """Search for the input that takes the most cycles.
 
-    FUNCTION is a calibrator of the firmware, which gets sets of points, or any function, which gets ARGUMENTS.
+    FUNCTION is a calibrator of the firmware, which is called with sets of points, or any function, which is called with
+    ARGUMENTS.
     """
     from hiltest.boards import default_firmware
     from hiltest.commands.options import asked_to_end
@@ -97,12 +100,12 @@ def worst(
     elf = firmware or default_firmware()
     if replay is not None:
         if function is not None:
-            raise click.UsageError("--replay has the function and its input in its file; give neither")
+            raise click.UsageError("the file of --replay has function and input: leave out FUNCTION and ARGUMENTS")
         return _replay(replay, elf)
     if function is None:
-        raise click.UsageError("give a FUNCTION, or --replay FILE")
+        raise click.UsageError("name a FUNCTION, or --replay FILE")
     if seconds is not None and calls is not None:
-        raise click.UsageError("give --seconds or --calls, not both")
+        raise click.UsageError("--seconds and --calls exclude each other: leave one of them out")
     file = out or Path(DEFAULT_OUT) / f"worst-{function}.json"
     problem = _problem(elf, function, arguments, points, returns)
     if out is None:
@@ -115,7 +118,7 @@ def worst(
     if case is None:
         return 1, {"call": function, "cycles": None, "cycle_model": "", "file": None, **counts}
     write_asked_for(file, to_json(case))
-    click.echo(f"kept in {file}; call it again: hiltest worst --replay {file}{_option(firmware)}")
+    click.echo(f"saved in {file}; repeat with: hiltest profile worst --replay {file}{_option(firmware)}")
     saved = {"call": case.said, "cycles": case.cycles, "cycle_model": case.cycle_model, "file": str(file)}
     return 2 if came else 0, {**saved, **counts}
 
@@ -156,9 +159,9 @@ def _run_search(
     result = search(problem, seed=seed_number, budget=budget, progress=progress)
     line.clear()
     searched = f"{format_number(result.calls)} calls, {result.elapsed_s:.0f} s, seed {seed_number}"
-    refused = "" if result.refused_cycles is None else f"; refused ones {format_number(result.refused_cycles)} at most"
+    refused = "" if result.refused_cycles is None else f"; refused calls at most {format_number(result.refused_cycles)}"
     if not result.call.counts:
-        return result, None, f"{function}: no call has succeeded of {searched}{refused}"
+        return result, None, f"{function}: none of {searched} succeeded{refused}"
     case = case_of(result, problem.kept(result.worst_input), elf, function, seed_number)
     summary = f"{case.said}: {format_number(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
     return result, case, summary
@@ -183,12 +186,12 @@ def _replay(file: Path, elf: Path) -> tuple[int, dict[str, Any]]:
         "same_build": is_same_build,
     }
     if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
-        click.echo(f"{now}, as it was kept{'' if is_same_build else f', on another build than {case.elf}'}")
+        click.echo(f"{now}, the saved count{'' if is_same_build else f', on another build than {case.elf}'}")
         return 0, document
     saved = f"{format_number(case.cycles)} ({case.cycle_model})"
     if is_same_build and cycle_model == case.cycle_model:
-        click.echo(f"{now}, and {saved} were kept of the same build, by hiltest {case.hiltest}")
+        click.echo(f"{now}; saved were {saved} of the same build, by hiltest {case.hiltest}")
         return 1, document
     why = "the same build by another cycle model" if is_same_build else f"another build, {case.elf}"
-    click.echo(f"{now}; {saved} were kept of {why}")
+    click.echo(f"{now}; saved were {saved} of {why}")
     return 0, document
