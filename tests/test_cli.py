@@ -21,6 +21,11 @@ from hiltest.session.settings import OPTIONS
 from . import in_process
 
 COMMANDS = Path(commands.__file__).parent
+VERBS = """
+Accept Begin Calibrate Check Compare Compute Connect Copy Count Decode Diagnose End Export Fail Find Fit Flash Give
+Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat Require Run Save Search
+Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
+"""
 
 pytestmark = pytest.mark.slow
 
@@ -64,6 +69,11 @@ def test_an_old_spelling_works_and_is_hinted_at(tmp_path: Path, old: str, new: s
     before, after = (result.stderr.splitlines() for result in results)
     assert before[hints:] == after
     assert [line.split(":")[0] for line in before[:hints]] == ["hint"] * hints
+
+
+def test_every_help_begins_with_a_verb() -> None:
+    helps = [text for _, command in every_command() for text in (command, *command.params) if hasattr(text, "help")]
+    assert {(text.help or "").split()[0] for text in helps} == set(VERBS.split())
 
 
 @pytest.mark.parametrize("command", [["--help"], ["run", "--help"]])
@@ -114,7 +124,7 @@ def test_help_shows_every_command_in_a_group_with_a_whole_sentence(tmp_path: Pat
 
 def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:
     told = " ".join(in_process.hiltest("timing", "measure", "--help", folder=tmp_path).stdout.split())
-    assert "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]" in told
+    assert "[default: silicon-<board id>.toml, for a virtual board virtual-<board id>.toml]" in told
 
 
 def test_a_file_name_that_is_no_text_is_told_all_the_same(tmp_path: Path) -> None:
@@ -145,8 +155,8 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--sed", "1"], "No such option '--sed'"),
         (["run", "--seeds", "9..1"], "'9..1' is not a range of seeds; write for example 1..100"),
         (["run", "--seeds", "5"], "'5' is not a range of seeds"),
-        (["run", "--out", "x" * 300], "a name of 300 bytes is too long: a file's has at most 255"),
-        (["run", "--", "-p", "no:hiltest"], "hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest"),
+        (["run", "--out", "x" * 300], "a name of 300 bytes is too long: file names have at most 255 bytes"),
+        (["run", "--", "-p", "no:hiltest"], "hiltest run needs the pytest plugin hiltest: leave out -p no:hiltest"),
         (["report", "x" * 300], "no file can have this name: File name too long"),
         (["run", "--seeds", "1..2", "--seed", "1"], "leave out --seed and --port"),
         (["run", "--seeds", "1..2", "--port", "/dev/ttyACM0"], "leave out --seed and --port"),
@@ -156,7 +166,7 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--out", ""], "'--out': the name is empty"),
         (["run", "--rig", ""], "'--rig': the name is empty"),
         (["run", "--rig", "gone"], "no rig file 'gone'; rigs here: frdm-k64f, "),
-        (["run", "--may-fail", "2"], "ERROR: --may-fail says how many of several seeds may miss a limit: give --seeds"),
+        (["run", "--may-fail", "2"], "ERROR: --may-fail needs several seeds: add --seeds"),
         (["run", "-k", "heading"], "'-k'. Options of pytest follow --: hiltest run -- -k heading"),
         (["dance"], "No such command 'dance'"),
     ],
@@ -205,7 +215,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_runs(
     assert result.returncode == 4, result.stdout + result.stderr
     assert f"ERROR: cannot write to the folder {out if out[0] == '/' else ''}" in result.stderr
     assert f"{complaint}" in result.stderr
-    assert "name another one with --out" in result.stderr
+    assert "name another folder with --out" in result.stderr
     assert "Traceback" not in result.stdout + result.stderr
     assert "test_" not in result.stdout
     assert (tmp_path / "taken").read_text() == "mine"
@@ -248,7 +258,7 @@ def test_who_only_looks_at_tests_passes_no_gate(tmp_path: Path, gate: tuple[str,
     assert result.returncode == (22 if gate else 0), result.stdout + result.stderr
     last = result.stdout.rstrip().splitlines()[-1]
     named = f"{gate[0]} is {gate[1]}" if gate else ""
-    assert (last == f"NOT EVALUATED: {named}, and no test ran: there is nothing to compare.") is bool(gate)
+    assert (last == f"NOT EVALUATED: {named}, and no test ran, so there is nothing to compare.") is bool(gate)
     assert not (tmp_path / "hil-out" / "run.json").exists()
 
 

@@ -46,7 +46,7 @@ def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: py
         ["calibrated", "2"],
         ["heading", "not"],
     ]
-    assert "heading not taken 1 time: 'nan' is no number" in summary
+    assert "heading ignored 1 time: 'nan' is not a number" in summary
     assert any(row.startswith("not seen: magnetometer, ") for row in summary)
     assert "not understood, 1 time: no pattern matches" in summary
 
@@ -79,7 +79,7 @@ def test_what_is_read_from_memory_needs_no_line(line: Line, tmp_path: Path, caps
     sender.join()
     assert "4 understood, 1 not" in capsys.readouterr().out
     assert run("listen", "--rig", str(memory), "--port", line.name, "--seconds", "2") == 4
-    assert "memory needs the ELF that runs on the board: name it with --firmware" in capsys.readouterr().err
+    assert "memory needs the ELF of the board: name it with --firmware" in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_it_listens_through_the_faults_of_the_rig(
     sender.join()
     said = capsys.readouterr()
     assert "0 understood, 0 not" in said.out
-    assert "faults on purpose: 1 of bytes lost" in said.err
+    assert "injected faults: 1 of bytes lost" in said.err
 
 
 @pytest.mark.slow

@@ -22,7 +22,10 @@ def test_a_bench_without_a_board_ends_with_20_and_a_remedy(tree: UsbTree, capsys
     assert failed.startswith("FAILED         board  ")
     assert remedy.strip().startswith("-> ")
     # What was left out for one reason is one line.
-    assert [line.rpartition(": ")[2] for line in left_out[::2][:2]] == ["there is no board", "the port cannot be used"]
+    assert [line.rpartition(": ")[2] for line in left_out[::2][:2]] == [
+        "no board is present",
+        "the port cannot be used",
+    ]
 
 
 def test_two_boards_end_with_4_and_how_to_name_one(tree: UsbTree, capsys: pytest.CaptureFixture[str]) -> None:

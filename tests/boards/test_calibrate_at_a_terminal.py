@@ -130,5 +130,5 @@ def test_without_a_terminal_it_says_that_nobody_can_be_asked(
         check=False,
     )
     assert done.returncode == 20, done.stdout
-    assert "no one answers at the terminal" in done.stderr
+    assert "no operator answered at the terminal" in done.stderr
     assert [path.name for path in operators_rig_file.parent.iterdir()] == [operators_rig_file.name]

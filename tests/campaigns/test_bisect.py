@@ -230,8 +230,8 @@ def test_the_same_command_again_builds_and_runs_nothing_that_was_built(
     [
         (0, 16, (), "is not worse than"),
         (39, 0, (), "exchange them"),
-        (0, 0, (), "are one commit"),
-        (17, 39, (), "is no good commit: it does not build: program.c:"),
+        (0, 0, (), "are the same commit"),
+        (17, 39, (), "is not a good commit: it does not build: program.c:"),
         (0, 39, ("--measure", "heading.firmware.rsm"), "did you mean 'heading.firmware.rms'?"),
         (0, 39, ("--measure", "lamp.*"), "is not worse than"),
     ],
@@ -279,7 +279,7 @@ FAULTS = "volatile float heading_deg;\nint main(void)\n{\n    return *(volatile 
 
 @pytest.mark.parametrize(
     ("options", "code", "said"),
-    [((), 0, "unmapped address 0xf0000000"), (MEASURE, 4, "it has no number of heading.firmware.rms")],
+    [((), 0, "unmapped address 0xf0000000"), (MEASURE, 4, "it has no value of heading.firmware.rms")],
     ids=["all", "one"],
 )
 def test_firmware_that_faults_is_worse_unless_one_measurement_decides(

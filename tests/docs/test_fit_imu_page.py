@@ -86,7 +86,7 @@ def test_a_log_that_supports_nothing_is_exported_nowhere(folder: Path) -> None:
     (folder / "short.csv").write_text("\n".join(lines[:900]) + "\n")
     done = _run("hiltest fit imu short.csv --export-header short.h", folder)
     assert done.returncode == 1, done.stdout + done.stderr
-    assert "refused: fewer than 9 rests, and not the six faces" in done.stdout
+    assert "refused: fewer than 9 rests, and not on the six faces" in done.stdout
     assert "the calibration was not exported" in done.stderr
     assert not (folder / "short.h").exists()
     done = _run("hiltest fit imu nothing.csv", folder)

@@ -60,7 +60,7 @@ def test_what_is_flashed_runs_and_is_asked(plugged_in: Bench, capsys: pytest.Cap
     build = load_image(default_firmware()).build_id
     assert build.startswith(said["answered"])
     assert (said["build_id"], said["serial_number"], said["by"]) == (build, K64F, "daplink")
-    assert said["said"].endswith("what was flashed runs")
+    assert said["said"].endswith("the flashed firmware runs")
     assert len(plugged_in.drive.flash) == said["bytes"]
 
 
@@ -140,7 +140,7 @@ def test_a_run_on_a_board_that_could_not_be_flashed_ends_with_20(plugged_in: Ben
 def test_firmware_with_its_own_language_is_not_asked(machine: UsbTree, capsys: pytest.CaptureFixture[str]) -> None:
     with Drive(machine.plug_in(disk="sdb", mounted="/media/me/DAPLINK")) as drive:
         assert run("flash", str(LINES)) == 0
-    assert "it speaks its own language, so nothing can ask it for its build" in capsys.readouterr().out
+    assert "it does not speak hiltest's protocol, so its build is unknown" in capsys.readouterr().out
     segments = load_image(LINES).segments
     assert len(drive.flash) == sum(len(segment.data) for segment in segments)
 
@@ -159,7 +159,7 @@ def test_a_board_that_stays_silent_ends_with_20(
         os.close(far)
         os.close(near)
     err = capsys.readouterr().err
-    assert "was programmed, but does not say that it runs" in err
+    assert "was programmed, but does not answer" in err
     assert "Press its reset button" in err
 
 
@@ -211,9 +211,9 @@ def test_a_drive_that_is_not_mounted_is_said_with_how_to_mount_it(
     [
         ((), 0, 20, "no FRDM-K64F is plugged in"),
         ((), 2, 4, "--port usb://"),
-        (("--rig", "virtual-k64f"), 1, 4, "a virtual board is not flashed"),
-        (("--port", "hil://"), 1, 4, "a virtual board is not flashed"),
-        (("--port", "socket://127.0.0.1:6464"), 1, 4, "its DAPLink is mounted with --volume"),
+        (("--rig", "virtual-k64f"), 1, 4, "a virtual board cannot be flashed"),
+        (("--port", "hil://"), 1, 4, "a virtual board cannot be flashed"),
+        (("--port", "socket://127.0.0.1:6464"), 1, 4, "its DAPLink drive with --volume"),
         (("--rig", "text-compass"), 1, 4, "name the ELF"),
         (("--port", "usb://9999"), 1, 20, "serial number begins with '9999'"),
     ],
@@ -230,7 +230,7 @@ def test_a_board_that_is_not_known_is_not_flashed(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "a virtual board is not flashed"),
+        ((), "a virtual board cannot be flashed"),
         (("--seeds", "1..2"), "--flash is for a real board"),
         (("--against", str(default_firmware())), "--flash is for a real board"),
         (("--port", "usb://", "--base", "0x8000"), "leave out --base"),

@@ -127,7 +127,7 @@ def test_a_matrix_that_has_lost_an_axis_is_refused(
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_is_refused(made: ImuCalibration, refusal: Refusal, value: float) -> None:
-    assert "is no number" in refusal(changed(made, "magnetometer.hard_iron.1", value))
+    assert "is not a number" in refusal(changed(made, "magnetometer.hard_iron.1", value))
 
 
 @pytest.mark.parametrize("text", ["1e999", "-1e999", "1e39", "true", '"2.4"', "null", "[1]", "9" * 5000])
@@ -140,8 +140,8 @@ def test_what_is_no_float_of_the_board_is_refused(made: ImuCalibration, refusal:
     ("schema", "complaint"),
     [
         ("hiltest.imu-calibration/2", "this hiltest reads 'hiltest.imu-calibration/1'; use the version that wrote it"),
-        ("hiltest.calibration/1", "no calibration of an IMU: its schema is"),
-        (None, "no calibration of an IMU: its schema is null"),
+        ("hiltest.calibration/1", "not a calibration of an IMU: its schema is"),
+        (None, "not a calibration of an IMU: its schema is null"),
     ],
 )
 def test_another_schema_is_refused(made: ImuCalibration, refusal: Refusal, schema: str | None, complaint: str) -> None:
@@ -160,8 +160,8 @@ def test_a_file_that_is_cut_short_is_refused_wherever_it_ends(made: ImuCalibrati
         (b"", "not JSON"),
         (b"\xff\xfe\x00", "not JSON"),
         (b"\x7fELF" + bytes(100), "not JSON"),
-        (b"[]", "no calibration of an IMU"),
-        (b"3", "no calibration of an IMU"),
+        (b"[]", "not a calibration of an IMU"),
+        (b"3", "not a calibration of an IMU"),
         (b"[" * 100_000, "not JSON"),
         (b'{"a":' * 100_000, "not JSON"),
         (b" " * 1_000_001, "larger than 1000000 bytes"),
@@ -180,7 +180,7 @@ def test_a_key_that_stands_twice_is_refused(made: ImuCalibration, refusal: Refus
 def test_a_great_many_keys_are_refused_as_fast_as_they_are_read(refusal: Refusal) -> None:
     # 900 kB: were each key looked for among all others, it would take a minute and a half.
     text = "{" + ", ".join(f'"{key:x}": 0' for key in range(80_000)) + "}"
-    assert refusal(text).startswith("no calibration of an IMU")
+    assert refusal(text).startswith("not a calibration of an IMU")
 
 
 def test_an_unknown_key_is_refused(made: ImuCalibration, refusal: Refusal) -> None:

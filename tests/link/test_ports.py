@@ -56,7 +56,7 @@ def test_a_port_in_use_is_refused() -> None:
     tty.setraw(slave)
     first = open_port(os.ttyname(slave))
     try:
-        with pytest.raises(PortRefusedError, match="another program has it open"):
+        with pytest.raises(PortRefusedError, match="another program uses it"):
             open_port(os.ttyname(slave))
     finally:
         first.close()

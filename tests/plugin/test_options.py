@@ -138,7 +138,7 @@ def test_a_name_that_no_folder_can_have_is_a_usage_error(pytester: pytest.Pytest
         assert result.ret == 0
         return
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["*--hil-out: a name of 300 bytes is too long: a file's has at most 255"])
+    result.stderr.fnmatch_lines(["*--hil-out: a name of 300 bytes is too long: file names have at most 255 bytes"])
 
 
 def test_modules_of_the_package_are_imported_as_they_are_and_tests_with_rewritten_assertions(

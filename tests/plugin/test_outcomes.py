@@ -93,8 +93,8 @@ def test_by_hand(measure, question):
     result = pytester.runpytest_inprocess()
     assert result.ret == 20
     said = " ".join(" ".join(result.outlines).split())
-    assert [said.count(f"this was asked: {asked}. Run it") for asked in ("lie still", "turn it")] == [1, 1]
-    assert "test_by_hand[turn it: 0] and 1 more: no one answers" in said
+    assert [said.count(f"at the terminal: {asked}. Run the") for asked in ("lie still", "turn it")] == [1, 1]
+    assert "test_by_hand[turn it: 0] and 1 more: no operator answered" in said
 
 
 def test_stopping_at_the_first_failure_keeps_the_code_of_a_lost_bench(pytester: pytest.Pytester) -> None:
@@ -188,13 +188,13 @@ def test_them(points, number, measure):
         (
             "text-compass",
             "board",
-            "this firmware speaks its own language: a test of it asks for the fixture compass, not for board",
+            "this firmware does not speak hiltest's protocol: use the fixture compass instead of board",
         ),
         (
             "virtual-k64f",
             "compass",
-            "has no [device] table: its firmware speaks hiltest's protocol, and a test of it "
-            "asks for the fixture board, not for compass",
+            "has no [device] table, so its firmware speaks hiltest's protocol: use the fixture board instead of "
+            "compass",
         ),
     ],
 )

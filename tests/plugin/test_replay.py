@@ -118,7 +118,7 @@ def test_a_recording_that_was_changed_is_a_divergence_at_its_line(
     assert code == 20
     test = next(each for each in record["tests"] if each["id"].endswith("test_turned"))
     assert test["outcome"] == "connection lost"
-    assert "this run is not the recorded one" in test["reason"]
+    assert "this run differs from the recorded one" in test["reason"]
     assert "and run.jsonl:" in test["reason"]
     for each in said:
         assert each in test["reason"], output

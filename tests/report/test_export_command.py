@@ -79,4 +79,4 @@ def test_a_wrong_command_line_ends_with_4(folder: Path, arguments: list[str], co
 def test_a_run_without_a_number_to_export_is_refused(tmp_path: Path) -> None:
     write_run(finished_run(1, check("a.fact", 1, unit="mT"), TOTAL), tmp_path)
     done = export(tmp_path, ".", "--format", "github-action-benchmark", "--better", "larger")
-    assert (done.returncode, done.stderr) == (4, "ERROR: .: no number in it is better when larger\n")
+    assert (done.returncode, done.stderr) == (4, "ERROR: .: the run has no number that is better when larger\n")

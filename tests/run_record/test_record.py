@@ -85,8 +85,8 @@ def test_the_text_has_one_measurement_a_line(findings: Make, good: list[Measurem
     ("text", "complaint"),
     [
         ("{", "not JSON"),
-        ("[]", "schema is null, .*: it is no record of a run"),
-        ('{"schema": "hiltest.fit/1"}', 'schema is "hiltest.fit/1", .*: it is no record of a run'),
+        ("[]", "schema is null, .*: it is not a record of a run"),
+        ('{"schema": "hiltest.fit/1"}', 'schema is "hiltest.fit/1", .*: it is not a record of a run'),
         (
             '{"schema": "hiltest.run/2"}',
             'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1": use the version that wrote it, or make the',

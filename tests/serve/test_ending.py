@@ -113,7 +113,7 @@ def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Pa
         (["--tcp", "70000"], "70000 is not in the range"),
         (["--tcp", "65535"], "there is no TCP port after 65535 for the turntable: name one with --turntable-tcp"),
         (["--rig", "frdm-k64f"], "has a real board, which cannot be served. Choose a rig with a virtual board by"),
-        (["--tcp", "0", "--host", "192.0.2.1"], "Is it this machine's address?"),
+        (["--tcp", "0", "--host", "192.0.2.1"], "Check that this machine has the address."),
         (["--firmware", "gone.elf"], "gone.elf"),
         (["--link", "gone/board"], "cannot make the link gone/board: No such file"),
     ],

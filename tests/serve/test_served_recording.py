@@ -57,7 +57,7 @@ def test_a_program_gets_the_recorded_answers_as_late_as_they_came_and_the_next_o
                 board.session.request(LinkStatistics())
     code, said = served.ended()
     assert code == 0, said
-    assert "the recording has come to its end" in said
+    assert "the recording is at its end" in said
 
 
 def test_other_bytes_end_it_with_both_and_their_place(serve: Serve, recording: tuple[Path, list[float]]) -> None:
@@ -87,7 +87,7 @@ def test_lines_come_as_late_as_they_were_printed_and_a_command_must_be_the_recor
     code, ended = served.ended()
     assert code == 20
     assert r"the program sends 'cal\n'" in ended
-    assert "has come to its end" in ended
+    assert "is at its end" in ended
     port.close()
 
 

@@ -78,8 +78,8 @@ def test_faults_of_the_board_are_served_and_those_of_the_line_are_not(serve: Ser
     converse(served.board)
     code, said = served.end()
     assert code == 0
-    assert "faults on purpose: SDA of I2C0 held low after 60 s" in said
-    assert f"without the faults of the line of {rig}" in said
+    assert "injected faults: SDA of I2C0 held low after 60 s" in said
+    assert f"the line faults of {rig} are not simulated" in said
 
 
 def test_it_ends_at_a_virtual_time_and_sums_up(serve: Serve, banner: Path) -> None:

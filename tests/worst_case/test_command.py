@@ -122,7 +122,7 @@ def test_only_what_returns_a_success_is_a_worst_case(elf: Path, capsys: pytest.C
     assert worst(elf, "guarded", "0..200", "--returns", "0..100", "--calls", "900") == 0
     case = load_worst_case(Path("worst.json"))
     assert (case.arguments, case.cycles) == (("100",), cycles_of(elf, "guarded", 100))
-    most = f"refused ones {cycles_of(elf, 'guarded', 200):,} at most".replace(",", " ")
+    most = f"refused calls at most {cycles_of(elf, 'guarded', 200):,}".replace(",", " ")
     assert most in capsys.readouterr().out
     Path("worst.json").unlink()
     assert worst(elf, "guarded", "0..200", "--returns", "1000", "--calls", "50") == 1
@@ -204,7 +204,7 @@ def test_an_interrupted_search_keeps_the_worst_so_far(elf: Path, tmp_path: Path)
         (("sort", "int16:99999999:0..3", "5"), "no more than the RAM holds"),
         (("sort", "int16:@/etc/hostname", "0..5"), "a file's content cannot be kept"),
         (("set_bits", "0..9", "--returns", "many"), "write LOW..HIGH"),
-        (("set_bits", "0..9", "--calls", "5", "--seconds", "5"), "not both"),
+        (("set_bits", "0..9", "--calls", "5", "--seconds", "5"), "exclude each other"),
         ((), "name a FUNCTION"),
     ],
 )

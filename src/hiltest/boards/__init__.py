@@ -190,7 +190,7 @@ def _opened_board(
             raise PortNotFoundError(error.requested, error.available, of_virtual_rig=is_virtual) from error
         return _refuse_unknown_sensors(board, rig)
     if url is not None and url.rstrip("/") != "hil:":
-        raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --port hil://")
+        raise ConfigError(f"{url}: the URL has parameters that hiltest run takes from its options: use --port hil://")
     bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
     return _refuse_unknown_sensors(VirtualBoard(bench, declared=declared, transcript=transcript, tape=tape), rig)
 

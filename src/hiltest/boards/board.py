@@ -36,8 +36,8 @@ from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.world import EarthField, Vector
 
 _SHIELD_HINT = (
-    "Put the FRDM-FXS-MULTI-B shield on the board, or name sensors that are there in the rig file. "
-    "The identity, cycles and link suites need no sensor: pytest hil/suites -k 'identity or cycles or link'."
+    "Put the FRDM-FXS-MULTI-B shield on the board, or name the present sensors in the rig file. The "
+    "identity, cycles and link suites need no sensor: pytest hil/suites -k 'identity or cycles or link'."
 )
 
 
@@ -47,7 +47,7 @@ CALL_CYCLES = 32
 
 NO_MEMORY_USE: Mapping[str, int | str] = dict.fromkeys(("flash", "ram", "stack_most"), "")
 """Memory use of a board that cannot observe its firmware."""
-NO_COVERAGE = "the board {} does not show what it executes, which coverage is made of: leave out --coverage"
+NO_COVERAGE = "the board {} does not report executed instructions, which coverage needs: leave out --coverage"
 
 
 class BoardKind(StrEnum):
@@ -283,7 +283,7 @@ class Board(ABC):
         except HiltestError as error:
             session.close()
             if isinstance(error, DeviceError):
-                raise ProtocolError(f"the first words to the firmware were refused: {error}") from error
+                raise ProtocolError(f"the firmware refused the first request: {error}") from error
             raise
 
     def _is_noise_free(self, kind: SensorKind) -> bool:
@@ -424,7 +424,9 @@ class Board(ABC):
             return ""
         counter = self.call_counter(calibrator)
         if counter is None or not counter.cycles:
-            why = "its function was not called; it may be inlined" if counter else "no function has its name"
+            why = (
+                "its function was not called, perhaps because it is inlined" if counter else "no function has this name"
+            )
             return f"the board cannot count the cycles of {calibrator}: {why}; name one under [cycles] in the rig"
         return ""
 

@@ -160,7 +160,9 @@ class CompassBoard:
                 continue
             if not self._heard:
                 raise DeviceSilentError(self.device.start_s + _SILENT_S, self.clock, self.position())
-            raise VersionMismatchError(self._not_understood(f"{self._heard} bytes came, and nothing was understood"))
+            raise VersionMismatchError(
+                self._not_understood(f"{self._heard} bytes arrived, and none could be interpreted")
+            )
 
     def heading_missing(self, seconds: float, window: Sequence[Observation]) -> HiltestError:
         """Return why an interval brought no heading: the firmware fell silent, or its output has none.
@@ -175,7 +177,7 @@ class CompassBoard:
         others = sorted({quantity.key for observation in window for quantity in observation.values})
         return VersionMismatchError(
             self._not_understood(
-                f"the firmware speaks, and no heading was understood in {seconds:g} s"
+                f"the firmware sends output, but no heading in {seconds:g} s"
                 + (f", only {join_words(others, 3)}" if others else "")
             )
         )
@@ -188,10 +190,10 @@ class CompassBoard:
                 [
                     f"{summary} by [device] kind {', '.join(self.interfaces)}",
                     *reasons,
-                    f"it began with {self._first_words()}",
+                    f"its output begins with {self._first_words()}",
                 ]
             )
-            + f". Is it that firmware, and its baud rate {self.rig.link.baud}? hiltest listen shows what it says"
+            + f". Check the firmware and the baud rate {self.rig.link.baud}; hiltest listen shows its output"
         )
 
     def observe(self, seconds: float) -> list[Observation]:
@@ -425,8 +427,8 @@ def opened_compass(
     try:
         if Quantity.HEADING not in sources_of(rig, interfaces):  # a bad rig is refused before a port is opened
             raise ConfigError(
-                f"{rig.where('device', 'kind')}: device.kind: {', '.join(interfaces)} offers no heading here, and that "
-                "is what is judged; name it in the rig (docs/compass.md)"
+                f"{rig.where('device', 'kind')}: device.kind: {', '.join(interfaces)} offers no heading, which the "
+                "test needs; name it in the rig (docs/compass.md)"
             )
         if bench is not None:
             return VirtualCompass(bench, interfaces, transcript=transcript, tape=tape)

@@ -99,7 +99,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @json_option("hiltest.fit/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
-@click.option("--force", is_flag=True, help="Also export a refused calibration, which is marked as refused.")
+@click.option("--force", is_flag=True, help="Export even a refused calibration, which is marked as refused.")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the samples before and after.")
 @click.option(
     "--at-least",

@@ -35,7 +35,7 @@ _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
     "--firmware",
     metavar="ELF",
     callback=parsed(file_name),
-    help="Also propose a rig for this firmware, from its names and texts.",
+    help="Propose a rig for this firmware, from its names and texts.",
 )
 def init(folder: Path, firmware: str | None) -> tuple[int, dict[str, Any]]:
     """Set up a bench: copy suites, rigs, benchmarks and a baseline.

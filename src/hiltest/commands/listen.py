@@ -65,7 +65,7 @@ def listen(rig: str, port: str | None, firmware: Path | None, seconds: float | N
     interfaces = _interfaces(described, table)
     opened = _open_connection(described, interfaces, port or described.board.port, firmware)
     if described.faults is not None and opened.port is not None:
-        click.echo(f"faults on purpose: {described.faults}", err=True)
+        click.echo(f"injected faults: {described.faults}", err=True)
     try:
         trial = Trial(
             interfaces,

@@ -75,7 +75,7 @@ _PORTS = click.IntRange(0, _LAST_PORT)
     "uarts",
     metavar="N[=WHERE]",
     multiple=True,
-    help="Also serve UART1 to UART5: 3 on a pseudo-terminal, 3=PATH with a symbolic link to it, "
+    help="Serve also UART1 to UART5: 3 on a pseudo-terminal, 3=PATH with a symbolic link to it, "
     "3=tcp:PORT on a TCP port. Repeat the option for several.",
 )
 @click.option(
@@ -191,7 +191,7 @@ def serve(
                 click.echo("\n".join(f"{name}: {url}" for name, url in urls_by_name.items() if url))
             faults = bench.rig.faults
             if faults is not None and faults.of_board:
-                _tell(f"faults on purpose: {'; '.join(map(str, faults.of_board))}")
+                _tell(f"injected faults: {'; '.join(map(str, faults.of_board))}")
             if faults is not None and faults.of_line:
                 _tell(
                     f"the line faults of {bench.rig.path} are not simulated: declare them in the rig of the port's user"

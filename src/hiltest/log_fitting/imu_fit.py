@@ -138,8 +138,8 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
             console.print(escape(f"  {_rate_sentence(rate, log.rate_unit)}"), soft_wrap=True)
         if fit.rates == ():
             console.print(
-                "  no scale: nothing turns steadily for a revolution beside a rest. Let it rest, then turn "
-                "for ten seconds or more, or give --bias-from",
+                "  no scale: the log has no steady revolution and a rest. Log a rest and at least ten seconds of "
+                "turning, or use --bias-from",
                 style="yellow",
                 soft_wrap=True,
             )

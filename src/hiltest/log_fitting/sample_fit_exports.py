@@ -18,9 +18,9 @@ SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
 
 _AXES = "in the axes of the sensor; soft_iron is symmetric"
-_SYMMETRIC = "That says nothing of a rotation: fit error is not heading error."
-_TURN = "They are for headings of a turn about {axis} alone: what lies along it is not corrected."
-_REFUSED = "this magnetometer calibration was refused: hiltest fit says why"
+_SYMMETRIC = "That does not exclude a rotation: fit error is not heading error."
+_TURN = "They are for headings of a turn about {axis} only: the component along it is not corrected."
+_REFUSED = "this magnetometer calibration was refused: hiltest fit prints the reason"
 
 _HEADER = """\
 /*

@@ -378,7 +378,7 @@ def _fit() -> Iterator[Kind]:
         "budget.{calibrator}.effort",
         None,
         _HIGHER,
-        _allow(0, 0, "what the budget buys: follows from exact cycles"),
+        _allow(0, 0, "effect of the budget: follows from exact cycles"),
         Section.BUDGET,
         "Points, or sweeps of an iterative solver, that the thesis' cycle budget pays for",
     )
@@ -407,7 +407,13 @@ def _imu() -> Iterator[Kind]:
             "rms deviation of gravity from 1 g on the faces, before calibration",
         ),
         ("rest_norm_error", "mg", _NEITHER, of_part, "Deviation of gravity from 1 g at rest, before calibration"),
-        ("faces_askew", "deg", _NEITHER, of_part, "How askew the readings say the six faces were, rms about each axis"),
+        (
+            "faces_askew",
+            "deg",
+            _NEITHER,
+            of_part,
+            "Misalignment of the six faces by their readings, rms about each axis",
+        ),
         ("{fit}.norm_rms", "mg", _LOWER, norm, "rms deviation of gravity from 1 g under this calibration"),
         ("{fit}.tilt_error", "deg", _LOWER, small, "Largest error of pitch and roll under this calibration"),
         ("{fit}.axis_error", "deg", _LOWER, small, "Largest angle between a calibrated axis and the true one"),
@@ -531,7 +537,7 @@ def _driving() -> Iterator[Kind]:
         _NEITHER,
         _COUNTED,
         Section.DRIVING,
-        "Corrections that the filter left out while the field was disturbed: all that it says of it",
+        "Corrections that the filter left out while the field was disturbed, its only report of it",
     )
     calibrated = _allow(0.1, 0.05, f"as heading.dpi.max: {_MOTION}")
     for quantity, unit, allowance, meaning in (
@@ -545,7 +551,7 @@ def _driving() -> Iterator[Kind]:
             "calibrated_error",
             "%",
             _allow(0.02, 0.02, f"as fit.dpi.standard_error: {_MOTION}"),
-            "Its own word for its error: the residual of a fit, the fit error of a streaming calibrator",
+            "Error as the calibrator reports it: the residual of a fit, the fit error of a streaming calibrator",
         ),
         (
             "kept_max",
@@ -566,8 +572,8 @@ def _driving() -> Iterator[Kind]:
 def _own_language() -> Iterator[Kind]:
     """Yield the kinds for firmware that speaks its own language."""
     waited = _allow(1, 0.05, "found in steps of a window, a second unless the rig says otherwise")
-    converge = "Give its filter time under [device]: converge_s, settle_s."
-    hear = "See which lines or bytes are not understood: hiltest listen."
+    converge = "Give the filter more time under [device]: converge_s, settle_s."
+    hear = "List the lines and bytes that are not understood: hiltest listen."
     for name, unit, better, allowance, meaning, next_step in (
         ("settle_time", "s", _LOWER, waited, "Longest time until a heading at rest stood still", converge),
         (
@@ -584,7 +590,7 @@ def _own_language() -> Iterator[Kind]:
             _LOWER,
             waited,
             "Time of turning until the firmware said that it is calibrated",
-            "Turn it through more directions, or slower: tumbles, tumble_s under [device].",
+            "Turn the board through more directions, or more slowly: tumbles, tumble_s under [device].",
         ),
         (
             "errors",
@@ -592,7 +598,7 @@ def _own_language() -> Iterator[Kind]:
             _LOWER,
             _COUNTED,
             "Errors that the firmware reported",
-            "Look at the wire trace: what it says before them.",
+            "Check the output before the errors in the wire trace.",
         ),
         (
             "unconfirmed",
@@ -637,7 +643,7 @@ def _board() -> Iterator[Kind]:
         ("identity.calibrators", "", _NEITHER, "Calibrators that the firmware names"),
         ("identity.core_clock", "MHz", _NEITHER, "Core clock that the firmware reports"),
         ("link.echoed", "", _HIGHER, "Payloads that came back whole"),
-        ("link.damaged_answered", "", _LOWER, "Damaged requests that were answered all the same"),
+        ("link.damaged_answered", "", _LOWER, "Damaged requests that were answered nevertheless"),
         ("link.damaged_uncounted", "", _LOWER, "Damaged requests that the firmware did not count"),
         ("link.retried", "", _LOWER, "Requests that had to be sent again"),
         ("link.uart_overruns", "", _LOWER, "Bytes that the board's UART lost"),
@@ -658,7 +664,7 @@ def _board() -> Iterator[Kind]:
             _LOWER,
             _allow(0, 0, _CALLED),
             Section.BOARD,
-            f"Most that was on {whose}, interrupts included",
+            f"Largest use of {whose}, including interrupts",
             compared=False,
         )
     yield Kind(
@@ -667,11 +673,11 @@ def _board() -> Iterator[Kind]:
         _LOWER,
         _allow(32, 0, _FRAME),
         Section.BOARD,
-        "Most stack that a call of a calibrator or of another watched function took, with what it calls",
+        "Largest stack of a call of a calibrator or another watched function, including its callees",
     )
     for name, meaning in (
-        ("stack_bound", "Most that the stack which the firmware starts with can hold, on any way through the code"),
-        ("{function}.stack_bound", "Most stack that a call of that function can take, on any way through the code"),
+        ("stack_bound", "Largest use of the initial stack on any path through the code"),
+        ("{function}.stack_bound", "Largest stack of a call of that function on any path through the code"),
     ):
         yield Kind(f"firmware.{name}", "B", _LOWER, _allow(32, 0, _FRAME), Section.BOARD, meaning, compared=False)
     yield Kind(

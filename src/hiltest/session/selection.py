@@ -95,7 +95,7 @@ class LeftOut(NamedTuple):
             If `items` is empty.
         """
         if self.tests and not items:
-            raise pytest.UsageError(f"nothing to run in the {self.describe()[0]}")
+            raise pytest.UsageError(f"no test to run in the {self.describe()[0]}")
 
 
 def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: Sequence[pytest.Item]) -> LeftOut:

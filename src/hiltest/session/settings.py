@@ -50,7 +50,7 @@ def address(text: str) -> int:
     except ValueError:
         number = -1
     if not 0 <= number < 1 << 32:
-        raise argparse.ArgumentTypeError(f"{text!r} is no address: write it as 0x8000")
+        raise argparse.ArgumentTypeError(f"{text!r} is not an address: write it as 0x8000")
     return number
 
 
@@ -90,7 +90,9 @@ def file_name(text: str) -> str:
         raise argparse.ArgumentTypeError("the name is empty")
     longest = max((len(os.fsencode(part)) for part in Path(text).parts), default=0)
     if longest > LONGEST_NAME:
-        raise argparse.ArgumentTypeError(f"a name of {longest} bytes is too long: a file's has at most {LONGEST_NAME}")
+        raise argparse.ArgumentTypeError(
+            f"a name of {longest} bytes is too long: file names have at most {LONGEST_NAME} bytes"
+        )
     return text
 
 
@@ -102,7 +104,7 @@ def file_path(text: str) -> Path:
 def label(text: str) -> str:
     """Parse the label of a run: one short line, or nothing."""
     if not text.isprintable() or len(text) > LONGEST_LABEL:
-        raise argparse.ArgumentTypeError(f"{text!r} is no label: one line of at most {LONGEST_LABEL} characters")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a label: use one line of at most {LONGEST_LABEL} characters")
     return text
 
 
@@ -123,7 +125,7 @@ def make_folder(folder: Path) -> None:
     except OSError as error:
         file = next((parent for parent in (folder, *folder.parents) if parent.is_file()), None)
         reason = f"{file} is a file" if file else error.strerror or str(error)
-        raise ConfigError(f"cannot write to the folder {folder}: {reason}; name another one with --out") from error
+        raise ConfigError(f"cannot write to the folder {folder}: {reason}; name another folder with --out") from error
 
 
 class Option(NamedTuple):
@@ -210,7 +212,7 @@ OPTIONS = (
         "Run the gate set of tests, or the full set.",
     ),
     Option(
-        "calibration", "FILE", file_path, None, "", "Also test this calibration file of the board (hiltest calibrate)."
+        "calibration", "FILE", file_path, None, "", "Test also this calibration file of the board (hiltest calibrate)."
     ),
     Option("label", "TEXT", label, None, "", "Name this run in reports and trends, for example by its version."),
     Option("baseline", "FILE", file_path, None, "", "Fail if the run is worse than this baseline, or record of a run."),

@@ -59,7 +59,9 @@ def _check_schema(file: JsonFile) -> None:
             f"{path}: schema is {schema!r}, this hiltest reads {SCHEMA!r}; use the version that wrote "
             f"it, or {_OTHERWISE}"
         )
-    raise ConfigError(f"{path}: no calibration of an IMU: its schema is {shown(schema)}, not {SCHEMA!r}; {_OTHERWISE}")
+    raise ConfigError(
+        f"{path}: not a calibration of an IMU: its schema is {shown(schema)}, not {SCHEMA!r}; {_OTHERWISE}"
+    )
 
 
 def _validate(file: JsonFile) -> ImuCalibration:
@@ -83,7 +85,7 @@ def _complaint(place: str, kind: str, message: str, value: object) -> str:
         return f"{place + ': ' if place else ''}{message}; {_OTHERWISE}"
     text = f"{place}: {message[0].lower()}{message[1:]}, not {shown(value)}"
     if kind == "literal_error":
-        return f"{text}; nothing is converted: {_OTHERWISE}"
+        return f"{text}; units are not converted: {_OTHERWISE}"
     return f"{text}; {_OTHERWISE}"
 
 

@@ -83,7 +83,7 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
     if remark := words.models(shown):
         console.print(escape(remark), soft_wrap=True)
     if len(shown) < len(trend.measured):
-        console.print(f"{len(trend.measured) - len(shown)} more without limit and change point: --all")
+        console.print(f"{len(trend.measured) - len(shown)} more without limit and change point (--all shows them)")
     for step in trend.change_points[:_STEPS_AT_MOST]:
         entry, difference = trend.entries[step.after], step.difference
         run = f"{words.run_name(trend, step.after)}, {entry.when_utc}"
@@ -91,7 +91,7 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
         console.print(escape(line), style=_STYLES.get(difference.change), soft_wrap=True)
         console.print(escape(f"    {words.between(trend, step)} ({entry.file})"), soft_wrap=True)
     if len(trend.change_points) > _STEPS_AT_MOST:
-        console.print(f"and {len(trend.change_points) - _STEPS_AT_MOST} change points before")
+        console.print(f"and {len(trend.change_points) - _STEPS_AT_MOST} earlier change points")
     console.print(escape(words.sentence(trend)), soft_wrap=True)
 
 
