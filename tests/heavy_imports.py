@@ -15,5 +15,5 @@ HEAVY = (
     "click",
     "hiltest.boards",
     "hiltest.measurement",
-    "hiltest.rig",
+    "hiltest.rig.rig",
 )

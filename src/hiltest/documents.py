@@ -419,7 +419,7 @@ DOCUMENTS: dict[str, type] = {
     "hiltest.ports/1": Ports,
     "hiltest.doctor/1": Examined,
     "hiltest.init/1": Copied,
-    "hiltest.interfaces-try/1": Understood,
+    "hiltest.device-try/1": Understood,
     "hiltest.serve/1": Served,
     "hiltest.imu-calibration/1": ImuCalibration,
     "hiltest.flash/1": Flashed,

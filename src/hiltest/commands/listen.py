@@ -38,7 +38,7 @@ _WITHOUT_PORT_S = 0.1
 
 
 @click.command(epilog=_EXIT_CODES)
-@documented("hiltest.interfaces-try/1")
+@documented("hiltest.device-try/1")
 @setting_option("rig", required=True)
 @setting_option("port")
 @setting_option(
