@@ -17,18 +17,18 @@ from hiltest.campaigns.several_boards import Boards
 from hiltest.commands.baseline import Saved, Updated
 from hiltest.commands.cli import every_command
 from hiltest.commands.decode import Decoded
-from hiltest.commands.device import Understood
 from hiltest.commands.doctor import Examined
-from hiltest.commands.export import ExportedNumbers
 from hiltest.commands.flash import Flashed
 from hiltest.commands.init import Copied
+from hiltest.commands.listen import Understood
 from hiltest.commands.log import Logged
 from hiltest.commands.options import Failed
 from hiltest.commands.play import Played
 from hiltest.commands.ports import Ports
+from hiltest.commands.profile_worst import Worst
+from hiltest.commands.report_export import ExportedNumbers
 from hiltest.commands.serve import Served
 from hiltest.commands.timing import Measured, ProfileChecked
-from hiltest.commands.worst import Worst
 from hiltest.json_files import field_descriptions, schema_text
 from hiltest.log_fitting.allan_page import Allan
 from hiltest.log_fitting.fit_result import SampleFit
@@ -116,7 +116,7 @@ a comparison that is red has done it: its document is the usual one, and says so
 - `hiltest calibrate` asks an operator on standard error, and reads the answers from standard input.
 - `hiltest log` that Ctrl-C has ended prints its document, with exit code 2. What listens until Ctrl-C prints it too,
   with the code of what it heard.
-- `hiltest export` writes what another tool reads; with the option that is the key `content`.
+- `hiltest report export` writes what another tool reads; with the option that is the key `content`.
 - `hiltest fit DIR`, the table of many logs, has none: ask for one log after the other.
 
 This page and the schemas are written by `python docs/documents.py`.

@@ -13,12 +13,19 @@ import pytest
 
 from hiltest import commands
 from hiltest.boards import default_firmware
+from hiltest.commands.cli import every_command
 from hiltest.run_record.exit_codes import WORDS, ExitCode
 from hiltest.run_record.reader import read_record
+from hiltest.session.settings import OPTIONS
 
 from . import in_process
 
 COMMANDS = Path(commands.__file__).parent
+VERBS = """
+Accept Begin Calibrate Check Compare Compute Connect Copy Count Decode Diagnose End Export Fail Find Fit Flash Give
+Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat Require Run Save
+Search Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
+"""
 
 pytestmark = pytest.mark.slow
 
@@ -34,6 +41,39 @@ def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
         text=True,
         check=False,
     )
+
+
+def test_every_setting_is_an_option_of_run_without_a_prefix() -> None:
+    options = {name for parameter in dict(every_command())["run"].params for name in parameter.opts}
+    assert {f"--{setting.name}" for setting in OPTIONS} <= options
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "hints"),
+    [
+        ("calibrate --hil-port /dev/gone", "calibrate --port /dev/gone", 1),
+        ("calibrate --hil-port=/dev/gone", "calibrate --port=/dev/gone", 1),
+        ("device try --rig gone --for 1", "listen --rig gone --seconds 1", 2),
+        ("fit-imu gone.csv", "fit imu gone.csv", 1),
+        ("serve --pty --rig gone", "serve --rig gone", 1),
+        (
+            "bisect HEAD HEAD --firmware a --rig gone -- make --pty",
+            "bisect HEAD HEAD --firmware a --rig gone -- make",
+            0,
+        ),
+    ],
+)
+def test_an_old_spelling_works_and_is_hinted_at(tmp_path: Path, old: str, new: str, hints: int) -> None:
+    results = [in_process.hiltest(*words.split(), folder=tmp_path) for words in (old, new)]
+    assert [result.returncode for result in results] == [4, 4]
+    before, after = (result.stderr.splitlines() for result in results)
+    assert before[hints:] == after
+    assert [line.split(":")[0] for line in before[:hints]] == ["hint"] * hints
+
+
+def test_every_help_begins_with_a_verb() -> None:
+    helps = [text for _, command in every_command() for text in (command, *command.params) if hasattr(text, "help")]
+    assert {(text.help or "").split()[0] for text in helps} == set(VERBS.split())
 
 
 @pytest.mark.parametrize("command", [["--help"], ["run", "--help"]])
@@ -62,12 +102,12 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
         "baseline save",
         "baseline update",
         "bisect",
-        "trend",
+        "report trend",
         "report",
-        "export",
+        "report export",
         "timing measure",
         "study",
-        "worst",
+        "profile worst",
     ],
 )
 def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> None:
@@ -77,15 +117,14 @@ def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> Non
 
 def test_help_shows_every_command_in_a_group_with_a_whole_sentence(tmp_path: Path) -> None:
     told = in_process.hiltest("--help", folder=tmp_path).stdout.split("Exit codes:")[0]
-    lines = dict(re.findall(r"^  ([a-z][a-z-]*)  +(.+)$", told, re.M))
-    assert lines.keys() == {path.stem.replace("_", "-") for path in COMMANDS.glob("[!_]*.py")} - {"options"}
+    lines = dict(re.findall(r"^  ([a-z][a-z ]*?)  +(.+)$", told, re.M))
+    assert lines.keys() == {path.stem.replace("_", " ") for path in COMMANDS.glob("[!_]*.py")} - {"cli", "options"}
     assert [line for line in lines.values() if not line.endswith(".") or line.endswith("...")] == []
-    assert told.count(":\n") == len(["Options", "Run and judge", "Firmware", "Bench", "Recordings", "Papers"])
 
 
 def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:
     told = " ".join(in_process.hiltest("timing", "measure", "--help", folder=tmp_path).stdout.split())
-    assert "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]" in told
+    assert "[default: silicon-<board id>.toml, for a virtual board virtual-<board id>.toml]" in told
 
 
 def test_a_file_name_that_is_no_text_is_told_all_the_same(tmp_path: Path) -> None:
@@ -116,19 +155,19 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--sed", "1"], "No such option '--sed'"),
         (["run", "--seeds", "9..1"], "'9..1' is not a range of seeds; write for example 1..100"),
         (["run", "--seeds", "5"], "'5' is not a range of seeds"),
-        (["run", "--out", "x" * 300], "a name of 300 bytes is too long: a file's has at most 255"),
-        (["run", "--", "-p", "no:hiltest"], "hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest"),
+        (["run", "--out", "x" * 300], "a name of 300 bytes is too long: file names have at most 255 bytes"),
+        (["run", "--", "-p", "no:hiltest"], "hiltest run needs the pytest plugin hiltest: leave out -p no:hiltest"),
         (["report", "x" * 300], "no file can have this name: File name too long"),
-        (["run", "--seeds", "1..2", "--seed", "1"], "neither with --seed nor with --hil-port"),
-        (["run", "--seeds", "1..2", "--hil-port", "/dev/ttyACM0"], "neither with --seed nor with --hil-port"),
+        (["run", "--seeds", "1..2", "--seed", "1"], "leave out --seed and --port"),
+        (["run", "--seeds", "1..2", "--port", "/dev/ttyACM0"], "leave out --seed and --port"),
         (["run", "--poses", "some"], "'some' is not one of 'all', 'level'"),
         (["run", "--seed", "x"], "'--seed': 'x' is not a seed"),
         (["run", "--seeds", "1..4294967296"], "'4294967296' is not a seed"),
         (["run", "--out", ""], "'--out': the name is empty"),
         (["run", "--rig", ""], "'--rig': the name is empty"),
         (["run", "--rig", "gone"], "no rig file 'gone'; rigs here: frdm-k64f, "),
-        (["run", "--may-fail", "2"], "ERROR: --may-fail says how many of several seeds may miss a limit: give --seeds"),
-        (["run", "-k", "heading"], "'-k'. pytest's own options stand behind --: hiltest run -- -k heading"),
+        (["run", "--may-fail", "2"], "ERROR: --may-fail needs several seeds: add --seeds"),
+        (["run", "-k", "heading"], "'-k'. Options of pytest follow --: hiltest run -- -k heading"),
         (["dance"], "No such command 'dance'"),
     ],
 )
@@ -158,7 +197,7 @@ def test_init_does_not_overwrite(tmp_path: Path) -> None:
     suite.write_text("mine")
     result = hiltest("init", ".", folder=tmp_path)
     assert result.returncode == 4
-    assert "is already there; nothing was copied" in result.stderr
+    assert "already exists; nothing was copied" in result.stderr
     assert [path.name for path in (tmp_path / "hil").iterdir()] == ["suites"]
     assert suite.read_text() == "mine"
 
@@ -176,7 +215,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_runs(
     assert result.returncode == 4, result.stdout + result.stderr
     assert f"ERROR: cannot write to the folder {out if out[0] == '/' else ''}" in result.stderr
     assert f"{complaint}" in result.stderr
-    assert "name another one with --out" in result.stderr
+    assert "name another folder with --out" in result.stderr
     assert "Traceback" not in result.stdout + result.stderr
     assert "test_" not in result.stdout
     assert (tmp_path / "taken").read_text() == "mine"
@@ -218,8 +257,8 @@ def test_who_only_looks_at_tests_passes_no_gate(tmp_path: Path, gate: tuple[str,
     result = hiltest("run", *gate, "--", look, "-q", folder=tmp_path)
     assert result.returncode == (22 if gate else 0), result.stdout + result.stderr
     last = result.stdout.rstrip().splitlines()[-1]
-    named = {"--baseline": "--hil-baseline"}.get(gate[0], gate[0]) + f" is {gate[1]}" if gate else ""
-    assert (last == f"NOT EVALUATED: {named}, and no test ran: there is nothing to compare.") is bool(gate)
+    named = f"{gate[0]} is {gate[1]}" if gate else ""
+    assert (last == f"NOT EVALUATED: {named}, and no test ran, so there is nothing to compare.") is bool(gate)
     assert not (tmp_path / "hil-out" / "run.json").exists()
 
 

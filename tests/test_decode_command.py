@@ -139,7 +139,7 @@ def test_a_file_without_a_packet_ends_with_1(tmp_path: Path, capsys: pytest.Capt
 
 def test_a_name_that_is_neither_file_nor_port_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("decode", str(tmp_path / "gone.bin")) == 4
-    assert "gone.bin: no such file, and no serial port; ports on this machine: " in capsys.readouterr().err
+    assert "gone.bin is neither a file nor a serial port; ports on this machine: " in capsys.readouterr().err
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""``hiltest device try`` as it is typed: what is understood of each line, and of all."""
+"""``hiltest listen`` as it is typed: what is understood of each line, and of all."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def line() -> Iterator[Line]:
 
 def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
     sender = line.send(LINES)
-    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name, "--for", "2") == 0
+    assert run("listen", "--rig", str(RIG), "--port", line.name, "--seconds", "2") == 0
     sender.join()
     said = capsys.readouterr().out
     assert "  CAL=1 HDG=90.50 PIT=1.00 ROL=-2.00\n    heading 90.5 deg, pitch 1 deg, roll -2 deg, cal" in said
@@ -46,21 +46,21 @@ def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: py
         ["calibrated", "2"],
         ["heading", "not"],
     ]
-    assert "heading not taken 1 time: 'nan' is no number" in summary
+    assert "heading ignored 1 time: 'nan' is not a number" in summary
     assert any(row.startswith("not seen: magnetometer, ") for row in summary)
     assert "not understood, 1 time: no pattern matches" in summary
 
 
 def test_ctrl_c_ends_it_with_the_summary(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
     sender = line.send(LINES, signal.SIGINT)
-    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name) == 0
+    assert run("listen", "--rig", str(RIG), "--port", line.name) == 0
     sender.join()
     assert "4 understood, 1 not" in capsys.readouterr().out
 
 
 def test_nothing_understood_ends_with_1_and_a_lost_line_with_20(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
     sender = line.send(b"?\n?\n", unplugged=True)
-    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name) == 20
+    assert run("listen", "--rig", str(RIG), "--port", line.name) == 20
     sender.join()
     said = capsys.readouterr()
     assert "1 understood, 1 not" in said.out
@@ -75,11 +75,11 @@ def test_what_is_read_from_memory_needs_no_line(line: Line, tmp_path: Path, caps
     begin, end = text.index("[device.text]"), text.index("[device.memory.values]")
     memory.write_text((text[:begin] + text[end:]).replace('kind = "text"', 'kind = "memory"'))
     sender = line.send(LINES)
-    assert run("device", "try", "--rig", str(both), "--hil-port", line.name, "--for", "2") == 0
+    assert run("listen", "--rig", str(both), "--port", line.name, "--seconds", "2") == 0
     sender.join()
     assert "4 understood, 1 not" in capsys.readouterr().out
-    assert run("device", "try", "--rig", str(memory), "--hil-port", line.name, "--for", "2") == 4
-    assert "memory needs the ELF that runs on the board: name it with --firmware" in capsys.readouterr().err
+    assert run("listen", "--rig", str(memory), "--port", line.name, "--seconds", "2") == 4
+    assert "memory needs the ELF of the board: name it with --firmware" in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ kind = "memory"
 heading = {{ path = "heading_rad", unit = "rad" }}
 hard_iron = {{ path = "calibration.hard_iron", unit = "uT" }}
 """)
-        assert run("device", "try", "--rig", str(rig), "--firmware", str(moving), "--for", "0.2") == 0
+        assert run("listen", "--rig", str(rig), "--firmware", str(moving), "--seconds", "0.2") == 0
     said = capsys.readouterr().out
     assert re.search(
         r"^  heading_rad\n    heading [-\d.]+ deg\n  calibration.hard_iron\n"
@@ -120,13 +120,13 @@ def test_a_device_that_is_only_a_comment_is_said_to_be_one(tmp_path: Path, capsy
     rig = tmp_path / "proposed.toml"
     shipped = (ROOT / "hil" / "rigs" / "virtual-k64f.toml").read_text()
     rig.write_text(f'{shipped}\n# [device]\n# kind = "memory"\n')
-    assert run("device", "try", "--rig", str(rig), "--for", "1") == 4
-    assert "proposed.toml: its table [device] is a comment: take the # away" in capsys.readouterr().err
+    assert run("listen", "--rig", str(rig), "--seconds", "1") == 4
+    assert "proposed.toml: its table [device] is a comment: remove the #" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_the_virtual_board_is_listened_to_by_its_own_clock(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("device", "try", "--rig", str(RIG), "--firmware", str(ELF), "--for", "2") == 0
+    assert run("listen", "--rig", str(RIG), "--firmware", str(ELF), "--seconds", "2") == 0
     (summary,) = [row for row in capsys.readouterr().out.splitlines() if row.startswith("heading ")]
     # Ten lines a second from 0.17 s after power-on, of which the first is not taken.
     assert int(summary.split()[1]) in (17, 18)
@@ -144,25 +144,24 @@ def test_it_listens_through_the_faults_of_the_rig(
 ) -> None:
     sender = line.send(LINES)
     lossy = with_faults(tmp_path, "lose = 1.0")
-    assert run("device", "try", "--rig", lossy, "--hil-port", line.name, "--for", "2") == 1
+    assert run("listen", "--rig", lossy, "--port", line.name, "--seconds", "2") == 1
     sender.join()
     said = capsys.readouterr()
     assert "0 understood, 0 not" in said.out
-    assert "faults on purpose: 1 of bytes lost" in said.err
+    assert "injected faults: 1 of bytes lost" in said.err
 
 
 @pytest.mark.slow
 def test_a_virtual_boards_line_has_the_faults_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gone = with_faults(tmp_path, "disappear = { after_s = 1.0 }")
-    assert run("device", "try", "--rig", gone, "--firmware", str(ELF), "--for", "5") == 20
+    assert run("listen", "--rig", gone, "--firmware", str(ELF), "--seconds", "5") == 20
     assert 5 < int(re.findall(r"^(\d+) understood", capsys.readouterr().out, re.M)[0]) < 10  # of ten a second
 
 
 @pytest.mark.slow
 def test_firmware_that_prints_something_else_is_not_understood(capsys: pytest.CaptureFixture[str]) -> None:
     assert (
-        run("device", "try", "--rig", str(RIG), "--firmware", str(ELF.with_name("compass-packets.elf")), "--for", "2")
-        == 1
+        run("listen", "--rig", str(RIG), "--firmware", str(ELF.with_name("compass-packets.elf")), "--seconds", "2") == 1
     )
     assert "\nquantity" not in capsys.readouterr().out
 
@@ -172,13 +171,13 @@ def test_firmware_that_prints_something_else_is_not_understood(capsys: pytest.Ca
     [
         (("--rig", "virtual-k64f"), "its firmware speaks hiltest's protocol"),
         (("--rig", "no-such-rig"), "no-such-rig"),
-        (("--rig", str(RIG), "--firmware", str(ELF), "--hil-port", "/dev/null"), "--firmware is for the virtual board"),
-        (("--rig", str(RIG), "--hil-port", "/dev/no-such-port"), "no serial port '/dev/no-such-port'"),
+        (("--rig", str(RIG), "--firmware", str(ELF), "--port", "/dev/null"), "--firmware is for the virtual board"),
+        (("--rig", str(RIG), "--port", "/dev/no-such-port"), "no serial port '/dev/no-such-port'"),
         (("--rig", str(RIG), "--firmware", "no.elf"), "no.elf"),
     ],
 )
 def test_a_wrong_option_ends_with_4(
     arguments: tuple[str, ...], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run("device", "try", *arguments, "--for", "1") == 4
+    assert run("listen", *arguments, "--seconds", "1") == 4
     assert complaint in capsys.readouterr().err

@@ -128,7 +128,7 @@ def test_the_board_is_understood_by_the_rig(
     name: str, propose: Callable[..., Proposed], capsys: pytest.CaptureFixture[str]
 ) -> None:
     proposed = propose(SAMPLES / name if (SAMPLES / name).exists() else foreign_elf(name))
-    assert run("device", "try", "--rig", str(proposed.path), "--for", "2.2") == 0
+    assert run("listen", "--rig", str(proposed.path), "--seconds", "2.2") == 0
     said = capsys.readouterr().out
     assert re.search(r"^\d+ understood, 0 not", said, re.M)
     assert re.search(r"^heading +[1-9]", said, re.M)
@@ -158,7 +158,7 @@ def test_without_a_heading_no_language_is_claimed(name: str, propose: Callable[.
     elf = SAMPLES / name if (SAMPLES / name).exists() else foreign_elf(name)
     proposed = propose(elf)
     assert proposed.rig.device is None
-    assert "nothing in it is surely a heading: fill in [device]" in proposed.said
+    assert "none of them is certainly a heading: fill in [device]" in proposed.said
     assert_all_paths_lead_to_their_quantity(proposed, elf)
     if name == "riot_fxos8700.elf":
         (pattern,) = re.findall(r"^#   '(.*magnetic field.*)', +# ", proposed.text, re.M)
@@ -216,7 +216,7 @@ def test_without_debug_information_types_are_guessed_by_size_and_stay_comments(
     proposed = propose(elf)
     assert proposed.rig.device is None
     assert proposed.paths() == {"heading": [("heading", "float")]}
-    assert "nothing in it is surely a heading" in proposed.said
+    assert "none of them is certainly a heading" in proposed.said
     assert "no debug information" in proposed.text
     assert_all_paths_lead_to_their_quantity(proposed, elf)
     subprocess.run([compiler.replace("gcc", "strip"), str(elf)], check=True, timeout=60)

@@ -172,7 +172,7 @@ def test_what_is_neither_a_number_of_processes_nor_an_address_is_4(
 
 def test_jobs_without_several_seeds_are_4(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("run", "--jobs", "2", "--out", str(tmp_path / "out")) == 4
-    assert "give --seeds A..B too" in capsys.readouterr().err
+    assert "add --seeds A..B" in capsys.readouterr().err
 
 
 def test_without_the_extra_an_address_is_4_and_says_what_to_install(
@@ -391,7 +391,9 @@ class TestSentBench:
         monkeypatch.setattr(sent_bench_module, "LARGEST_BYTES", 1 << 20)
         with (here / "hil" / "recording.bin").open("wb") as file:
             file.truncate((1 << 20) + 1)
-        with pytest.raises(ConfigError, match=r"hil/recording.bin: with this file more than 1 MiB would go"):
+        with pytest.raises(
+            ConfigError, match=r"hil/recording.bin: with this file the workers would receive more than 1 MiB"
+        ):
             sent_bench([], {})
 
 

@@ -25,7 +25,7 @@ from hiltest.rig.bench_files import shipped
 DOCS = Path(__file__).parents[1] / "docs"
 # What makes each command print its document, and its exit code where that is not 0.
 PRINTING = {
-    "allan": ("allan", "rates.csv"),
+    "fit noise": ("fit", "noise", "rates.csv"),
     "baseline save": ("baseline", "save", "run.json", "saved.json"),
     "baseline update": (
         "baseline",
@@ -40,11 +40,11 @@ PRINTING = {
     "calibrate": ("calibrate",),
     "compare": ("compare", "base.json", "run.json", "--detect", "0.05deg"),
     "decode": ("decode", "packets.bin"),
-    "device try": ("device", "try", "--rig", "text-compass", "--for", "1"),
+    "listen": ("listen", "--rig", "text-compass", "--seconds", "1"),
     "doctor": ("doctor", "--rig", "virtual-k64f"),
-    "export": ("export", "run.json", "--format", "bencher"),
+    "report export": ("report", "export", "run.json", "--format", "bencher"),
     "fit": ("fit", "points.csv", "--on", "host"),
-    "fit-imu": ("fit-imu", "imu.csv"),
+    "fit imu": ("fit", "imu", "imu.csv"),
     "init": ("init", "bench"),
     "log": ("log", "--seconds", "1", "--out", "log.csv"),
     "play": ("play", "--rig", "field.toml"),
@@ -55,8 +55,8 @@ PRINTING = {
     "study": ("study", "imu", "--instances", "1", "--jobs", "1"),
     "timing measure": ("timing", "measure"),
     "timing show": ("timing", "show"),
-    "trend": ("trend", "."),
-    "worst": ("worst", "direct", "--calls", "20"),
+    "report trend": ("report", "trend", "."),
+    "profile worst": ("profile", "worst", "direct", "--calls", "20"),
 }
 # A run or a board of their own: in tests/campaigns/test_bisect.py, tests/flashing/test_flash_command.py,
 # tests/boards/test_contributed_profile.py, and below.

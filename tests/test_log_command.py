@@ -1,4 +1,4 @@
-"""``hiltest log`` and ``hiltest allan`` as they are typed."""
+"""``hiltest log`` and ``hiltest fit noise`` as they are typed."""
 
 from __future__ import annotations
 
@@ -85,15 +85,15 @@ def test_ctrl_c_ends_a_log_whose_file_is_whole(tmp_path: Path) -> None:
         (["log", "--seconds", "1"], 4, "--out"),
         (["log", "--seconds", "1", "--out", "x.csv", "--sensor", "barometer"], 4, "barometer"),
         (["log", "--seconds", "1", "--out", "x.csv", "--rig", "nosuch"], 4, "no rig file 'nosuch'"),
-        (["log", "--seconds", "nan", "--out", "x.csv"], 4, "nan is no number"),
+        (["log", "--seconds", "nan", "--out", "x.csv"], 4, "nan is not a number"),
         (["log", "--seconds", "inf", "--out", "x.csv"], 4, "inf is not in the range"),
-        (["allan", "short.csv", "--rate", "nan"], 4, "nan is no number"),
-        (["allan", "short.csv", "--rate", "1e-320"], 4, "is not in the range"),
-        (["fit-imu", "short.csv", "--rate", "nan"], 4, "nan is no number"),
-        (["fit-imu", "short.csv", "--turn", "nan"], 4, "nan is no number"),
-        (["allan", "none.csv"], 4, "none.csv"),
-        (["allan", "bad.csv"], 4, r"bad.csv:3: column gyro_z_dps: 'x' is not a number"),
-        (["allan", "short.csv"], 1, "2 samples; an Allan deviation needs at least 1000"),
+        (["fit", "noise", "short.csv", "--rate", "nan"], 4, "nan is not a number"),
+        (["fit", "noise", "short.csv", "--rate", "1e-320"], 4, "is not in the range"),
+        (["fit", "imu", "short.csv", "--rate", "nan"], 4, "nan is not a number"),
+        (["fit", "imu", "short.csv", "--turn", "nan"], 4, "nan is not a number"),
+        (["fit", "noise", "none.csv"], 4, "none.csv"),
+        (["fit", "noise", "bad.csv"], 4, r"bad.csv:3: column gyro_z_dps: 'x' is not a number"),
+        (["fit", "noise", "short.csv"], 1, "2 samples; an Allan deviation needs at least 1000"),
     ],
 )
 def test_what_cannot_be_done_is_said(tmp_path: Path, arguments: list[str], code: int, complaint: str) -> None:
@@ -120,7 +120,8 @@ def test_two_hours_from_a_foreign_file_give_their_figures_back(tmp_path: Path) -
     )
     np.savetxt(tmp_path / "foreign.txt", np.radians(rates), fmt="%.9f", header="a b", comments="")
     done = hiltest(
-        "allan",
+        "fit",
+        "noise",
         "foreign.txt",
         "--columns",
         "a,b",
@@ -140,7 +141,9 @@ def test_two_hours_from_a_foreign_file_give_their_figures_back(tmp_path: Path) -
         assert (each["angle_random_walk"]["unit"], each["bias_instability"]["unit"]) == ("deg/rth", "deg/h")
         assert each["angle_random_walk"]["value"] == pytest.approx(60.0 * walk, rel=0.05)
         assert each["bias_instability"]["value"] == pytest.approx(20.0, rel=0.30)
-    for_people = hiltest("allan", "foreign.txt", "--columns", "a,b", "--unit", "rad/s", "--rate", "10", folder=tmp_path)
+    for_people = hiltest(
+        "fit", "noise", "foreign.txt", "--columns", "a,b", "--unit", "rad/s", "--rate", "10", folder=tmp_path
+    )
     assert "72000 samples at 10 Hz, 7200 s" in for_people.stdout
     _, header, *rows = for_people.stdout.splitlines()
     assert re.split(" {2,}", header) == ["column", "figure", "value", "68 % interval"]

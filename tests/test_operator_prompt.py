@@ -69,7 +69,7 @@ def test_one_line_is_taken_and_the_next_is_of_the_next_question() -> None:
 
 
 def test_the_end_of_a_terminal_is_an_absent_operator() -> None:
-    with at_a_terminal() as keyboard, pytest.raises(OperatorAbsentError, match=r"this was asked: turn it\."):
+    with at_a_terminal() as keyboard, pytest.raises(OperatorAbsentError, match=r"at the terminal: turn it\."):
         asked_with(keyboard, END_OF_FILE, looks=1)
 
 

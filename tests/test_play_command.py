@@ -137,12 +137,12 @@ def test_what_was_not_recorded_is_said(
 @pytest.mark.parametrize(
     ("arguments", "sensors", "keys", "complaint"),
     [
-        (["play"], "ag", 'playback = "field.csv"', "world.playback: no magnetometer in field.csv to calibrate from"),
-        (["play"], "mag", "", 'the rig plays no recording: name one under [world], playback = "field.csv"'),
+        (["play"], "ag", 'playback = "field.csv"', "world.playback: field.csv has no magnetometer to calibrate"),
+        (["play"], "mag", "", 'the rig has no recording: name one under [world], playback = "field.csv"'),
         (["play", "--every", "0.1"], "mag", 'playback = { file = "field.csv", rate_hz = 0.1 }', "more than 10000 head"),
         (["play", "--firmware", "none.elf"], "mag", 'playback = "field.csv"', "none.elf"),
-        (["run"], "mag", 'playback = "field.csv"', "a run is not offered while a recording is played: no table turns"),
-        (["calibrate", "--out", "x.toml"], "mag", 'playback = "field.csv"', "a turntable is not offered while a rec"),
+        (["run"], "mag", 'playback = "field.csv"', "a run is not possible with a recording"),
+        (["calibrate", "--out", "x.toml"], "mag", 'playback = "field.csv"', "a turntable is not possible with a rec"),
         (["log", "--seconds", "1", "--out", "x.csv"], "mag", 'playback = "none.csv"', "none.csv: No such file"),
     ],
 )

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 # What makes each of them read; {} is the file.
 READING = {
-    "allan log": ("allan", "{}"),
+    "fit noise log": ("fit", "noise", "{}"),
     "baseline save run": ("baseline", "save", "{}", "new.json"),
     "baseline update run": ("baseline", "update", "--accept", "*", "--because", "a test", "base.json", "{}"),
     "bisect --rig": ("bisect", "v1", "v2", "--firmware", "app.elf", "--rig", "{}", "--", "make"),
@@ -31,16 +31,16 @@ READING = {
     "compare base": ("compare", "{}", "run.json"),
     "compare new": ("compare", "run.json", "{}"),
     "decode source": ("decode", "{}"),
-    "device try --firmware": ("device", "try", "--rig", "text-compass", "--firmware", "{}"),
-    "device try --rig": ("device", "try", "--rig", "{}"),
+    "listen --firmware": ("listen", "--rig", "text-compass", "--firmware", "{}"),
+    "listen --rig": ("listen", "--rig", "{}"),
     "doctor --rig": ("doctor", "--rig", "{}"),
-    "export run": ("export", "{}", "--format", "bencher"),
+    "report export run": ("report", "export", "{}", "--format", "bencher"),
     "fit --firmware": ("fit", "points.csv", "--firmware", "{}"),
     "fit log": ("fit", "{}"),
-    "fit-imu --bias-from": ("fit-imu", "imu.csv", "--bias-from", "{}"),
-    "fit-imu --gyroscope-log": ("fit-imu", "imu.csv", "--gyroscope-log", "{}"),
-    "fit-imu --intervals": ("fit-imu", "imu.csv", "--intervals", "{}"),
-    "fit-imu log": ("fit-imu", "{}"),
+    "fit imu --bias-from": ("fit", "imu", "imu.csv", "--bias-from", "{}"),
+    "fit imu --gyroscope-log": ("fit", "imu", "imu.csv", "--gyroscope-log", "{}"),
+    "fit imu --intervals": ("fit", "imu", "imu.csv", "--intervals", "{}"),
+    "fit imu log": ("fit", "imu", "{}"),
     "flash --rig": ("flash", "--rig", "{}"),
     "flash elf": ("flash", "{}"),
     "init --firmware": ("init", "bench", "--firmware", "{}"),
@@ -65,13 +65,13 @@ READING = {
     "timing check file": ("timing", "check", "{}"),
     "timing measure --rig": ("timing", "measure", "--rig", "{}"),
     "timing show --profile": ("timing", "show", "--profile", "{}"),
-    "worst --firmware": ("worst", "crc32", "uint8:9:0..255", "9", "--firmware", "{}"),
-    "worst --replay": ("worst", "--replay", "{}"),
+    "profile worst --firmware": ("profile", "worst", "crc32", "uint8:9:0..255", "9", "--firmware", "{}"),
+    "profile worst --replay": ("profile", "worst", "--replay", "{}"),
 }
 # As help calls what is a file and no click.Path.
-FILES = {"R", "ELF", "FILE", "NAME|FILE", "FILE|COLUMN", "FILE|PORT"}
+FILES = {"ELF", "FILE", "NAME|FILE", "FILE|COLUMN", "FILE|PORT"}
 # Files that end in this are taken for files, others for names of what ships.
-ENDS = {"fit-imu --intervals": ".json", "profile --profile": ".toml", "timing show --profile": ".toml"}
+ENDS = {"fit imu --intervals": ".json", "profile --profile": ".toml", "timing show --profile": ".toml"}
 # What takes a thousandth of a second for a file as it should be, and a start of Python besides.
 AT_ONCE_S = 10.0
 

@@ -77,7 +77,7 @@ def test_a_spread_far_from_zero_is_that_at_rest(board: Board, stage: Stage) -> N
     assert rest.rate.spread is not None
     assert np.abs(turning.rate.mean).max() > 300.0 / DPS_PER_COUNT
     # Squares of thousands of counts: their sum has more digits than a float32.
-    assert turning.rate.spread is not None, "the spread of a fast turn is no number"
+    assert turning.rate.spread is not None, "the spread of a fast turn is not a number"
     ratio = turning.rate.spread / rest.rate.spread
     assert np.abs(ratio - 1.0).max() < 0.5, f"the gyroscope's spread in a fast turn is {ratio} times that at rest"
 

@@ -33,7 +33,8 @@ def measure_points(case: WorstCase, board: Board, measure: Measure) -> None:
         band=board.cycle_range(reply.cost, case.function),
         not_offered=""
         if reply.fit is FitStatus.ELLIPSOID
-        else f"this firmware refuses the points ({reply.fit.name}): search again with hiltest worst {case.function}",
+        else f"the firmware refuses the points ({reply.fit.name}): search again with hiltest profile worst "
+        f"{case.function}",
         note=f"{len(case.points)} points, found in {case.calls} calls",
     )
 

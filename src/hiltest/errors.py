@@ -44,7 +44,7 @@ class PortNotFoundError(ConfigError):
         ports = ", ".join(self.available) if self.available else "none"
         without = ", or leave the option out for the virtual board" if of_virtual_rig else ""
         super().__init__(
-            f"no serial port {requested!r}; ports on this machine: {ports}. Name one of them with --hil-port{without}."
+            f"no serial port {requested!r}; ports on this machine: {ports}. Name one of them with --port{without}."
         )
 
 
@@ -55,10 +55,12 @@ class NoBoardError(BenchError):
         self.requested = requested
         self.available = tuple(available)
         boards = ", ".join(available) or "none"
-        which = f" whose serial number begins with {requested!r}; plugged in: {boards}" if requested else ""
+        which = (
+            f" whose serial number begins with {requested!r}; boards that are plugged in: {boards}" if requested else ""
+        )
         super().__init__(
             f"no FRDM-K64F is plugged in{which}. Plug it in at the USB socket next to its reset button (J26, OpenSDA); "
-            "`hiltest ports` shows what is there, and --hil-port names a board elsewhere"
+            "`hiltest ports` lists the ports, and --port selects a board on another one"
         )
 
 
@@ -68,8 +70,8 @@ class SeveralBoardsError(ConfigError):
     def __init__(self, available: Sequence[str]) -> None:
         self.available = tuple(available)
         super().__init__(
-            f"{len(available)} boards fit: {', '.join(available)}. Name one by its serial number: "
-            f"--hil-port usb://{available[0]}, or "
+            f"{len(available)} boards match: {', '.join(available)}. Select one by its serial number: "
+            f"--port usb://{available[0]}, or "
             f'port = "usb://{available[0]}" under [board] in the rig'
         )
 
@@ -103,10 +105,10 @@ class SyncError(BenchError):
         self.port = port
         self.heard = heard
         self.attempts = attempts
-        heard_text = f"{len(heard)} other bytes ({heard[:16].hex(' ')})" if heard else "silence"
+        heard_text = f"{len(heard)} other bytes ({heard[:16].hex(' ')})" if heard else "no byte"
         super().__init__(
-            f"no answer to {attempts} synchronisation requests on {port}, only {heard_text}. "
-            "Is the hiltest firmware on the board, and the baud rate right?"
+            f"{attempts} synchronisation requests on {port} got {heard_text} and no answer. "
+            "Check that the board runs hiltest's firmware, and the baud rate."
         )
 
 
@@ -130,8 +132,8 @@ class BoardResetError(BenchError):
         self.carried_out = carried_out
         self.answered = answered
         super().__init__(
-            f"the board was reset: {answered} requests or more were carried out, and it counts {carried_out} since it "
-            "started. Points and calibrations that it had stored are gone. Look for a weak supply, a watchdog or a "
+            f"the board was reset: it executed at least {answered} requests, and counts {carried_out} since its "
+            "start. Its stored points and calibrations are lost. Look for a weak supply, a watchdog or a "
             "fault of the firmware, then run again."
         )
 
@@ -145,8 +147,9 @@ class DeviceSilentError(BenchError, TimeoutError):
         self.state = state
         doing = f"; it is {state}" if state else ""
         super().__init__(
-            f"the firmware said nothing in {seconds:g} s ({clock} time){doing}. Does it print on this port, without "
-            "being asked? hiltest's own firmware waits for requests: that is a rig without a [device] table"
+            f"the firmware sent nothing in {seconds:g} s ({clock} time){doing}. Check that it prints on this port "
+            "without "
+            "requests. For hiltest's own firmware, which waits for requests, use a rig without a [device] table"
         )
 
 
@@ -175,7 +178,7 @@ class SensorAbsentError(BenchError):
         self.requested = requested
         self.available = tuple(available)
         sensors = ", ".join(self.available) if self.available else "none"
-        super().__init__(f"no {requested} answers on the board; sensors that do: {sensors}. {hint}")
+        super().__init__(f"no {requested} answers on the board; sensors that answer: {sensors}. {hint}")
 
 
 class SensorFaultError(BenchError):
@@ -189,8 +192,8 @@ class OperatorAbsentError(BenchError):
     def asked(cls, question: str) -> OperatorAbsentError:
         """Return the error of a question without an answer."""
         return cls(
-            f"no one answers at the terminal; this was asked: {question.strip().rstrip(':.')}. "
-            "Run it where an operator can type and turn the board."
+            f"no operator answered at the terminal: {question.strip().rstrip(':.')}. "
+            "Run the command at a terminal where an operator can turn the board."
         )
 
 
@@ -220,7 +223,7 @@ class DivergenceError(BenchError):
         self.time_s = time_s
         self.test = test
         where = f"{place}, at {time_s:.6f} s" + (f" in {test}" if test else "")
-        super().__init__(f"this run is not the recorded one: {asked}, and {where} {recorded}")
+        super().__init__(f"this run differs from the recorded one: {asked}, but {where} {recorded}")
 
 
 class BoardFault(BenchError):

@@ -83,7 +83,7 @@ def read_as(
 ) -> Document:
     """Read a JSON file as a type.
 
-    Nothing is converted: a quoted number is no number. Unknown keys are ignored, unless the type forbids them.
+    Nothing is converted: a quoted number is not a number. Unknown keys are ignored, unless the type forbids them.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def _refuse_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is no number")
+    raise ValueError(f"{name} is not a number")
 
 
 def _parse_finite(text: str) -> float:

@@ -101,7 +101,7 @@ def test_a_sensor_that_goes_while_the_board_is_opened_is_missing_for_who_needs_i
 def test_firmware_that_refuses_the_first_words_is_not_ours(tmp_path: Path) -> None:
     elf = tmp_path / "refuses.elf"
     elf.write_bytes(patched(default_firmware(), ["command_sensors"], NOT_SUPPORTED))
-    with pytest.raises(ProtocolError, match="the first words to the firmware were refused: the board answered SENSORS"):
+    with pytest.raises(ProtocolError, match="the firmware refused the first request: the board answered SENSORS"):
         open_board(RIG, firmware=elf)
 
 
@@ -121,7 +121,7 @@ FROZEN: dict[str, tuple[str, Callable[[Board], object]]] = {
 
 
 @pytest.mark.parametrize("part", FROZEN)
-@pytest.mark.parametrize(("fault", "words"), [("frozen", "the same on all axes"), ("saturated", "end of its range")])
+@pytest.mark.parametrize(("fault", "words"), [("frozen", "identical on all axes"), ("saturated", "end of its range")])
 def test_a_sensor_that_is_stuck_or_at_the_end_of_its_range_is_named(part: str, fault: str, words: str) -> None:
     name, ask = FROZEN[part]
     with board_with(**sensor(part, fault)) as board:
@@ -136,10 +136,10 @@ def test_a_gyroscope_that_is_stuck_while_it_turns_is_named() -> None:
     with board_with(**sensor("fxas21002c", "frozen")) as board:
         board.sleep(BEGIN_S)
         said = refused(lambda: board.session.request(IntegrateGyroscope(200)))
-        assert said.startswith("FXAS21002C: 200 samples in a row are the same")
+        assert said.startswith("FXAS21002C: 200 consecutive samples are identical")
 
 
-@pytest.mark.parametrize(("fault", "words"), [("frozen", "samples in a row"), ("saturated", "of 100 samples")])
+@pytest.mark.parametrize(("fault", "words"), [("frozen", "consecutive samples"), ("saturated", "of 100 samples")])
 def test_a_tumble_with_a_sensor_that_is_stuck_for_a_part_of_it_is_refused(fault: str, words: str) -> None:
     with board_with(**sensor("mag3110", fault, after_s=2.0, for_s=0.2)) as board:
         table = open_table(board, RIG, prompt=lambda _: "")

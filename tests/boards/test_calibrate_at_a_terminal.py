@@ -26,7 +26,7 @@ FACES = {FACE_WORDS[face]: face for face in ALL_FACES}
 
 
 def command(rig_file: Path, port: str) -> list[str]:
-    return [sys.executable, "-m", "hiltest", "calibrate", "--rig", str(rig_file), "--hil-port", port]
+    return [sys.executable, "-m", "hiltest", "calibrate", "--rig", str(rig_file), "--port", port]
 
 
 @pytest.fixture
@@ -130,5 +130,5 @@ def test_without_a_terminal_it_says_that_nobody_can_be_asked(
         check=False,
     )
     assert done.returncode == 20, done.stdout
-    assert "no one answers at the terminal" in done.stderr
+    assert "no operator answered at the terminal" in done.stderr
     assert [path.name for path in operators_rig_file.parent.iterdir()] == [operators_rig_file.name]

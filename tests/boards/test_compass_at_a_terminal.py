@@ -44,7 +44,7 @@ def turn(pty_board: Callable[[Rig], Any], at_a_terminal: Callable[..., Any], tmp
                 paced.tumble_by_hand()
             return "\n"
 
-        words = [sys.executable, "-m", "hiltest", "run", "--rig", "compass.toml", "--hil-port", paced.path]
+        words = [sys.executable, "-m", "hiltest", "run", "--rig", "compass.toml", "--port", paced.path]
         ended = at_a_terminal(words, tmp_path, answer)
         return ended.code, ended.shown
 
@@ -55,7 +55,7 @@ def test_what_it_says_stands_beside_a_question_and_a_stop_says_what_becomes_of_t
     code, shown = turn(stop_at="pose 3", watch="pose 2")
     assert code == 2, shown
     assert re.search(r"board \d+\.\d deg, still; 1 of 4, \d+ s left\x1b\[K", shown), shown
-    assert "with 2 of 4 known angles taken; the same command begins anew" in shown
+    assert "with 2 of 4 known angles taken; the repeated command starts again" in shown
 
 
 @pytest.mark.ci  # beside tests/procedures/test_reported_by_hand.py, which needs no command and no port
@@ -67,5 +67,5 @@ def test_it_calibrates_itself_in_a_hand_and_its_headings_are_judged_with_u(turn:
     assert found["value"] < 1.0
     assert found["uncertainty"] == pytest.approx(0.7071, abs=1e-4)
     assert "(limit 3 with U 0.71)" in shown
-    assert "Turn it all round for 20 s" in shown
-    assert "How much of the sphere is seen" not in shown  # only hiltest's firmware shows its points
+    assert "Turn it in all directions for 20 s" in shown
+    assert "The covered part of the sphere" not in shown  # only hiltest's firmware shows its points

@@ -173,7 +173,7 @@ def test_a_link_stays_for_its_time_and_replaces_only_what_an_earlier_start_left(
     assert file.read_text(encoding="utf-8") == "precious"
     with (
         port_link(link, "/dev/pts/1"),
-        pytest.raises(ConfigError, match=r"cannot make the link .*board: another hiltest serve keeps it"),
+        pytest.raises(ConfigError, match=r"cannot make the link .*board: another hiltest serve uses it"),
         port_link(tmp_path / "." / "board", "/dev/pts/2"),
     ):
         pass

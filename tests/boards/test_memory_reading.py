@@ -89,7 +89,9 @@ def test_variables_of_another_build_than_the_boards_are_not_read(
     other = compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, SOURCE.replace("0.001f", "0.002f"))
     with own_server(elf) as port:
         device = MemoryDevice(values=VALUES, server=f"localhost:{port}")
-        with pytest.raises(VersionMismatchError, match=r"is not what runs on the board of .*: at 0x0000\w+ it has 0x"):
+        with pytest.raises(
+            VersionMismatchError, match=r"is not the program on the board of .*: at 0x0000\w+ it has 0x"
+        ):
             opened_soon(rig, device, load_image(other))
         memory = opened_soon(rig, device, load_image(elf))
         assert memory.read(0.0).values.keys() == memory.offers

@@ -118,7 +118,7 @@ def test_a_run_that_is_stopped_and_one_that_is_killed_go_on_at_the_next_pose(
     killed = at_a_terminal(words, folder, answer)
     assert killed.code == -9
     assert re.search(
-        r"goes on with the run of \S+Z, which was cut short: the six faces, the tumble, 1 known angle taken over",
+        r"continues the run of \S+Z, which was cut short: the six faces, the tumble, 1 known angle reused",
         killed.shown,
     )
     assert asked == ["pose 2", "pose 3"]
@@ -150,4 +150,4 @@ def test_without_a_terminal_the_run_says_that_nobody_can_be_asked(
         check=False,
     )
     assert done.returncode == 20, done.stdout
-    assert "no one answers at the terminal" in done.stdout
+    assert "no operator answered at the terminal" in done.stdout

@@ -175,7 +175,7 @@ def test_a_heading_with_a_right_check_sum_needs_no_neighbour(far_end: Callable[.
         assert settled.unconfirmed == 0
         assert settled.heading_deg == pytest.approx(106.1, abs=2.0), "as many of one as of the other, or one more"
         assert board.output.errors.total() > 2
-        assert set(board.output.errors) == {"a line has another check sum than it says"}
+        assert set(board.output.errors) == {"a line has a wrong check sum"}
 
 
 def test_a_silent_board_is_said_to_be_silent(
@@ -183,7 +183,9 @@ def test_a_silent_board_is_said_to_be_silent(
 ) -> None:
     monkeypatch.setattr("hiltest.boards.output_interface._SILENT_S", 0.5)
     other = far_end(lambda number: b"")
-    with pytest.raises(DeviceSilentError, match=r"the firmware said nothing in 0\.6 s \(wall time\)\. Does it print"):
+    with pytest.raises(
+        DeviceSilentError, match=r"the firmware sent nothing in 0\.6 s \(wall time\)\. Check that it prints"
+    ):
         open_board(rig, port=other.port)
 
 
@@ -192,7 +194,9 @@ def test_words_that_are_not_understood_are_shown(
 ) -> None:
     monkeypatch.setattr("hiltest.boards.output_interface._SILENT_S", 0.5)
     other = far_end(lambda number: b"heading=12.3\r\n")
-    with pytest.raises(VersionMismatchError, match=r"nothing was understood .* it began with '.*eading=12\.3"):
+    with pytest.raises(
+        VersionMismatchError, match=r"none could be interpreted .* its output begins with '.*eading=12\.3"
+    ):
         open_board(rig, port=other.port)
 
 
@@ -214,7 +218,7 @@ def test_a_kind_that_there_is_not_is_refused_with_file_and_line(tmp_path: Path) 
 
 def test_firmware_that_nobody_names_is_asked_for() -> None:
     rig = load_rig(rig_file(Path(__file__).parent, "nxp-fusion-agm01"))
-    with pytest.raises(ConfigError, match=r"names no firmware under test: give it with --firmware ELF"):
+    with pytest.raises(ConfigError, match=r"names no firmware under test: name it with --firmware ELF"):
         open_board(rig, port=None)
 
 
@@ -222,7 +226,7 @@ def test_a_rig_without_a_heading_is_refused_before_a_port_is_opened(tmp_path: Pa
     file = tmp_path / "desk.toml"
     text = "[device.text]\npatterns = ['ROL=(?P<roll>.*)']\n"
     file.write_text(RIG.replace('"fsflk"', '"text"').replace("[device.fsflk]", text, 1).replace('algorithm = "Q9"', ""))
-    with pytest.raises(ConfigError, match=r"desk\.toml:7: device\.kind: text offers no heading here"):
+    with pytest.raises(ConfigError, match=r"desk\.toml:7: device\.kind: text offers no heading"):
         open_board(load_rig(file), port="/dev/null")
 
 
@@ -231,9 +235,9 @@ def test_a_rig_without_a_heading_is_refused_before_a_port_is_opened(tmp_path: Pa
     [
         ('sources = { heding = "fsflk" }', r"device\.sources\.heding: did you mean 'heading'\?"),
         ('sources = { magnetometer = "fsflk" }', "fsflk does not offer it; it offers .*heading"),
-        ('sources = { heading = "text" }', "names text, which is not among kind"),
-        ("settle_s = 0.1", "settle_s.* must be two windows at least"),
-        ('kind = ["hiltest", "fsflk"]', '"hiltest" goes with no other kind'),
+        ('sources = { heading = "text" }', "names text, which kind does not have"),
+        ("settle_s = 0.1", "settle_s.* must be at least two windows"),
+        ('kind = ["hiltest", "fsflk"]', '"hiltest" excludes other kinds'),
     ],
 )
 def test_a_device_table_that_contradicts_itself_is_refused(tmp_path: Path, line: str, words: str) -> None:

@@ -75,5 +75,5 @@ def test_firmware_reads_the_same_counts_from_a_recording_as_from_the_world(
 
 def test_procedures_that_need_a_table_are_refused(played: VirtualBoard, tmp_path: Path) -> None:
     rig = load_rig(tmp_path / "bench.toml")
-    with pytest.raises(ConfigError, match=r"bench.toml:\d+: world.playback: a turntable is not offered while a rec"):
+    with pytest.raises(ConfigError, match=r"bench.toml:\d+: world.playback: a turntable is not possible with a rec"):
         open_table(played, rig, prompt=input)

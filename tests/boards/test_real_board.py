@@ -179,14 +179,14 @@ def test_a_rig_without_a_port_takes_the_board_that_is_plugged_in(
 def test_what_does_not_go_together_is_refused(real_rig: Rig, rig: Rig, tmp_path: Any) -> None:
     with pytest.raises(ConfigError, match="is for the virtual board"):
         open_board(real_rig, port="/dev/ttyACM7", firmware=tmp_path / "own.elf")
-    with pytest.raises(ConfigError, match="no world to simulate"):
+    with pytest.raises(ConfigError, match="no simulated world"):
         open_board(real_rig, port="hil://")
-    with pytest.raises(ConfigError, match=r"from its own options; give --hil-port hil://"):
+    with pytest.raises(ConfigError, match=r"takes from its options: use --port hil://"):
         open_board(rig, port="hil://?seed=4")
     # Without the option there is a virtual board only where the rig is of one.
-    with pytest.raises(PortNotFoundError, match=r"Name one of them with --hil-port\.$"):
+    with pytest.raises(PortNotFoundError, match=r"Name one of them with --port\.$"):
         open_board(real_rig, port="/dev/ttyNOSUCH7")
-    with pytest.raises(PortNotFoundError, match=r"with --hil-port, or leave the option out for the virtual board\.$"):
+    with pytest.raises(PortNotFoundError, match=r"with --port, or leave the option out for the virtual board\.$"):
         open_board(rig, port="/dev/ttyNOSUCH7")
 
 
@@ -201,7 +201,7 @@ def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(
 def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:
     with (
         open_board(real_rig, port=pty_board(rig).path) as board,
-        pytest.raises(BenchError, match="no one to ask"),
+        pytest.raises(BenchError, match="no operator can be asked"),
     ):
         open_turntable(board, uncertainty_deg=0.5)
 

@@ -574,7 +574,7 @@ def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path,
     )
     assert done.returncode == code, done.stderr
     assert (file.read_text(encoding="utf-8") == there) is bool(code)
-    refused = f"x.toml: what is there is no measured profile {MEASURED}, and is not overwritten"
+    refused = f"x.toml exists, is not a measured profile {MEASURED}, and is not overwritten"
     assert (refused in done.stderr) is bool(code)
 
 

@@ -163,7 +163,7 @@ def test_a_core_without_a_cycle_counter_fits_and_gives_no_cycle_number(rig: Rig)
     with VirtualBoard(bench) as board:
         assert board.identity.cycle_source is CycleSource.NONE
         assert board.cycle_model == "none"
-        with pytest.raises(DeviceError, match="NO_CYCLE_COUNTER: this core counts no cycles"):
+        with pytest.raises(DeviceError, match="NO_CYCLE_COUNTER: this core has no cycle counter"):
             measure_cycles(board, ["direct"], point_sets=1)
         tumble = collect_tumble(board, open_turntable(board, uncertainty_deg=0.1), points=100)
         run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]

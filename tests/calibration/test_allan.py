@@ -133,5 +133,5 @@ def test_what_is_no_log_of_noise_is_refused() -> None:
         allan_curve(alternating[:, None], rate_hz=50.0)
     stuck = np.random.default_rng(5).normal(size=(2000, 3))
     stuck[:, 1] = 0.25
-    with pytest.raises(CalibrationError, match="rate 2 of 3 has one value only"):
+    with pytest.raises(CalibrationError, match="rate 2 of 3 has a single value"):
         allan_curve(stuck, rate_hz=50.0)

@@ -155,7 +155,7 @@ def found(forty: tuple[Repository, Sequence[str]]) -> Done:
         os.killpg(running.pid, signal.SIGINT)
         _, errors = running.communicate(timeout=WALL_LIMIT_S)
     assert running.returncode == 2, errors
-    assert "the same command goes on: hil-out/bisect keeps what was built and run" in errors
+    assert "hil-out/bisect keeps the finished builds and runs: repeat the command to continue" in errors
     assert "Traceback" not in errors
     return repository.bisect(commits[0], "main", "--json")
 
@@ -220,7 +220,7 @@ def test_the_same_command_again_builds_and_runs_nothing_that_was_built(
     assert [path.stat().st_mtime_ns for path in records] == written
     assert all(line.endswith("[remembered]") or ": skipped, " in line for line in again.errors.splitlines())
     said = " ".join(again.out.split())
-    assert f"{commits[FIRST_WORSE][:12]} change {FIRST_WORSE} is the first commit that is worse" in said
+    assert f"{commits[FIRST_WORSE][:12]} change {FIRST_WORSE} is the first worse commit" in said
     assert "heading.firmware.rms 0.4 -> 0.9 deg (+0.5, +125 %" in said
     assert "skipped: " in said
 
@@ -230,8 +230,8 @@ def test_the_same_command_again_builds_and_runs_nothing_that_was_built(
     [
         (0, 16, (), "is not worse than"),
         (39, 0, (), "exchange them"),
-        (0, 0, (), "are one commit"),
-        (17, 39, (), "is no good commit: it does not build: program.c:"),
+        (0, 0, (), "are the same commit"),
+        (17, 39, (), "is not a good commit: it does not build: program.c:"),
         (0, 39, ("--measure", "heading.firmware.rsm"), "did you mean 'heading.firmware.rms'?"),
         (0, 39, ("--measure", "lamp.*"), "is not worse than"),
     ],
@@ -279,7 +279,7 @@ FAULTS = "volatile float heading_deg;\nint main(void)\n{\n    return *(volatile 
 
 @pytest.mark.parametrize(
     ("options", "code", "said"),
-    [((), 0, "unmapped address 0xf0000000"), (MEASURE, 4, "it has no number of heading.firmware.rms")],
+    [((), 0, "unmapped address 0xf0000000"), (MEASURE, 4, "it has no value of heading.firmware.rms")],
     ids=["all", "one"],
 )
 def test_firmware_that_faults_is_worse_unless_one_measurement_decides(
@@ -291,4 +291,4 @@ def test_firmware_that_faults_is_worse_unless_one_measurement_decides(
     done = repository.bisect(good, "main", *options)
     assert done.code == code, done.errors
     assert said in done.out + done.errors
-    assert (f"{faults[:12]} faults is the first commit that is worse" in done.out) == (code == 0)
+    assert (f"{faults[:12]} faults is the first worse commit" in done.out) == (code == 0)

@@ -54,10 +54,10 @@ def test_a_board_that_is_lost_leaves_the_others_their_verdict(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--seeds", "1..2"), "--seeds is of one board"),
-        (("--against", "old.elf"), "--against is of one board"),
-        (("--hil-port", "/dev/ttyACM0"), "--hil-port is of one board"),
-        (("--coverage", "lcov.info"), "--coverage is of one board"),
+        (("--seeds", "1..2"), "--seeds is for one board"),
+        (("--against", "old.elf"), "--against is for one board"),
+        (("--port", "/dev/ttyACM0"), "--port is for one board"),
+        (("--coverage", "lcov.info"), "--coverage is for one board"),
         ((), ""),
     ],
 )
@@ -78,10 +78,14 @@ def test_what_is_of_one_board_is_refused(
 @pytest.mark.parametrize(
     ("text", "port", "said"),
     [
-        ((shipped() / "rigs" / "frdm-k64f.toml").read_text(encoding="utf-8"), "/dev/ttyACM0", "one board at a time"),
-        (LOST, "socket://127.0.0.1:9", "are on one port, socket://127.0.0.1:9"),
-        (LOST, "socket://127.0.0.1:8", "are on one port, socket://127.0.0.1:6465"),
-        (LOST, "", "name the port of each"),
+        (
+            (shipped() / "rigs" / "frdm-k64f.toml").read_text(encoding="utf-8"),
+            "/dev/ttyACM0",
+            "only one board at a time",
+        ),
+        (LOST, "socket://127.0.0.1:9", "have the same port, socket://127.0.0.1:9"),
+        (LOST, "socket://127.0.0.1:8", "have the same port, socket://127.0.0.1:6465"),
+        (LOST, "", "several boards need their ports"),
     ],
     ids=["by hand", "one port", "one table", "no port"],
 )

@@ -1,4 +1,4 @@
-"""The page about ``hiltest fit-imu``: its example runs as it stands, and finds what it put in."""
+"""The page about ``hiltest fit imu``: its example runs as it stands, and finds what it put in."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_the_commands_do_what_the_page_says(folder: Path) -> None:
 
 def test_the_header_is_c_and_has_the_same_numbers(folder: Path, require_tool: Callable[[str], str]) -> None:
     compiler = [require_tool("gcc"), "-std=c11", "-Wall", "-Wextra", "-Werror"]
-    content = json.loads(_run("hiltest fit-imu imu.csv --json --export-header own.h", folder).stdout)
+    content = json.loads(_run("hiltest fit imu imu.csv --json --export-header own.h", folder).stdout)
     program = folder / "print.c"
     program.write_text(
         '#include <stdio.h>\n#include "own.h"\nint main(void) { for (int i = 0; i < 9; i++) printf("%.9g %.9g\\n", '
@@ -84,12 +84,12 @@ def test_the_header_is_c_and_has_the_same_numbers(folder: Path, require_tool: Ca
 def test_a_log_that_supports_nothing_is_exported_nowhere(folder: Path) -> None:
     lines = (folder / "imu.csv").read_text().splitlines()
     (folder / "short.csv").write_text("\n".join(lines[:900]) + "\n")
-    done = _run("hiltest fit-imu short.csv --export-header short.h", folder)
+    done = _run("hiltest fit imu short.csv --export-header short.h", folder)
     assert done.returncode == 1, done.stdout + done.stderr
-    assert "refused: fewer than 9 rests, and not the six faces" in done.stdout
-    assert "no calibration was exported" in done.stderr
+    assert "refused: fewer than 9 rests, and not on the six faces" in done.stdout
+    assert "the calibration was not exported" in done.stderr
     assert not (folder / "short.h").exists()
-    done = _run("hiltest fit-imu nothing.csv", folder)
+    done = _run("hiltest fit imu nothing.csv", folder)
     assert done.returncode == 4
     assert "nothing.csv" in done.stderr
 

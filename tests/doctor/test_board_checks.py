@@ -99,10 +99,10 @@ def test_time_that_asking_takes_is_no_wrong_clock(board: Board, rig: Rig, monkey
 def test_a_build_of_someone_else_is_a_warning(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     others = replace(board.identity, build_id="0123456789abcdef", unique_id=bytes(15) + b"1")
     monkeypatch.setattr(board, "identity", others)
-    found = see_identity(board, rig, "hiltest flash --hil-port usb://0240")
+    found = see_identity(board, rig, "hiltest flash --port usb://0240")
     assert found.health is Health.WARNING
     assert "0123456789abcdef" in found.finding
-    assert found.remedy.startswith("hiltest flash --hil-port usb://0240, ")
+    assert found.remedy.startswith("hiltest flash --port usb://0240, ")
 
 
 def test_a_virtual_board_is_not_told_to_be_flashed(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

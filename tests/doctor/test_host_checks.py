@@ -74,7 +74,7 @@ def test_a_port_off_usb_leaves_out_what_is_about_usb(tree: UsbTree) -> None:
 @pytest.mark.parametrize(
     ("drive", "said"),
     [
-        ({}, "shows no drive"),
+        ({}, "has no drive"),
         ({"disk": "sdb"}, "sdb is not mounted"),
         ({"disk": "sdb", "mounted": "/m/D", "options": "ro"}, "read only"),
     ],

@@ -72,7 +72,7 @@ def test_the_process_that_holds_the_tables_port_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("url", "remedy"), [("/dev/ttyACM77", "`hiltest ports` lists"), ("socket://127.0.0.1:1", "what serves it runs")]
+    ("url", "remedy"), [("/dev/ttyACM77", "`hiltest ports` lists"), ("socket://127.0.0.1:1", "its server runs")]
 )
 def test_a_port_that_is_not_there_or_that_nobody_serves(url: str, remedy: str) -> None:
     found = look(url)
@@ -89,7 +89,7 @@ def test_a_port_that_this_user_may_not_use(as_nobody: None) -> None:
         port.chmod(0)
         found = look(str(port), tree.root)
     assert found.health is Health.FAILED
-    assert "may not be read and written" in found.finding
+    assert "is not readable and writable" in found.finding
     assert found.remedy == f"sudo chmod a+rw {port}"
 
 

@@ -95,7 +95,7 @@ BOTH = ("--firmware", "new.elf", "--against", str(OLD))
     ("by", "code", "sentence"),
     [
         (signal.SIGKILL, -signal.SIGKILL, "CUT SHORT: 0 tests finished, 0 measurements kept."),
-        (signal.SIGINT, 2, f"{UNSAID} (against hil-out/against): {OLD} did not come to its end"),
+        (signal.SIGINT, 2, f"{UNSAID} (against hil-out/against): {OLD} did not finish"),
     ],
     ids=["SIGKILL", "SIGINT"],
 )
@@ -114,7 +114,7 @@ def test_stopped_while_the_older_firmware_runs_it_leaves_no_verdict_of_an_earlie
     assert not read_record(bench / "hil-out").run.verdict.complete
     compared = hiltest(bench, "compare", "hil-out", "hil-out")
     assert compared.returncode == 22
-    assert "the run is not complete" in compared.stdout
+    assert "the run is incomplete" in compared.stdout
 
 
 @pytest.mark.usefixtures("stop_older")
@@ -162,9 +162,9 @@ def test_a_new_firmware_of_another_protocol_is_found_before_the_older_one_runs(
 @pytest.mark.parametrize(
     ("given", "ini", "complaint"),
     [
-        ({}, "hil_baseline = base.json", "--against, and hil_baseline is base.json: a run is compared with one base"),
-        ({"HIL_PORT": "/dev/ttyACM0"}, "", "it does not go with --hil-port"),
-        ({}, "addopts = -p no:nothing --hil-baseline=base.json", "--against, and --hil-baseline is base.json"),
+        ({}, "hil_baseline = base.json", "--against and hil_baseline is base.json: a run has one base"),
+        ({"HIL_PORT": "/dev/ttyACM0"}, "", "leave out --port"),
+        ({}, "addopts = -p no:nothing --hil-baseline=base.json", "--against and --baseline is base.json"),
     ],
     ids=["ini", "port", "addopts"],
 )

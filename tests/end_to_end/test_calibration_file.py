@@ -213,15 +213,15 @@ def test_a_file_in_other_units_ends_the_run_before_it_begins(calibrated: Path, r
     (tmp_path / FILE).write_text(text, encoding="utf-8")
     run = run_in(tmp_path, "--calibration", FILE)
     assert run.code == 4
-    assert "magnetometer.units.hard_iron: input should be 'count', not \"uT\"; nothing is converted" in run.errors
+    assert "magnetometer.units.hard_iron: input should be 'count', not \"uT\"; units are not converted" in run.errors
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "complaint"),
     [
         (["--calibrator", "perfect"], 4, "the firmware has no calibrator 'perfect'; it has "),
-        (["--out", "gone/imu.json"], 4, "there is no folder"),
-        (["--out", "imu.h"], 4, "imu.h is the name of the header"),
+        (["--out", "gone/imu.json"], 4, "does not exist"),
+        (["--out", "imu.h"], 4, "imu.h would be the C header"),
         (["--rig", "virtual-k64f-harsh-cap"], 1, "magnetometer refused: "),
     ],
     ids=["calibrator", "folder", "header", "a fifth of the sphere"],

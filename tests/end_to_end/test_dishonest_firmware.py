@@ -66,7 +66,7 @@ def test_headings_that_its_own_calibration_and_means_do_not_give(
     [
         ("atan2f(side, ahead)", "atan2f(-b[1], b[0])", "tilt compensation is missing"),
         ("ahead) * DEGREES_PER_RADIAN;", "ahead) * DEGREES_PER_RADIAN + 3.5f;", "a constant +3.5 degrees is added"),
-        ("atan2f(side, ahead)", "atan2f(-side, ahead)", "each heading is counted the wrong way round"),
+        ("atan2f(side, ahead)", "atan2f(-side, ahead)", "each heading has the opposite sense of rotation"),
     ],
     ids=["no tilt compensation", "a declination", "the wrong way round"],
 )
@@ -122,7 +122,7 @@ def test_a_build_id_that_is_not_the_elfs(copy_of_the_firmware: FirmwareCopy, tmp
     edit = Edit("app/link_commands.c", "write_string(reply, build_id);", 'write_string(reply, "a83ff0fdb4eee047");')
     ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity", code=23)
     note = load_image(tmp_path / "edited.elf").build_id
-    assert f"GNU build-id note says build {note}, and the firmware answers 'a83ff0fdb4eee047'" in ended.output
+    assert f"GNU build-id note has build {note}, and the firmware answers 'a83ff0fdb4eee047'" in ended.output
     assert ended.measured == {}
 
 
@@ -145,7 +145,7 @@ def test_the_packaged_build_id_of_a_file_without_a_note(
         subprocess.run(objcopy, check=True, timeout=WALL_LIMIT_S)
         assert load_image(bare).build_id == ""
         ended = run(bare, tmp_path, "test_every_sensor_that_answers", code=code)
-        assert ("the packaged one, and is another file" in ended.output) == bool(code)
+        assert ("that of the packaged firmware, but is another file" in ended.output) == bool(code)
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def test_a_fault_ends_as_the_page_says_and_leaves_no_wrong_number(
         assert ended.numbers.keys() < without.numbers.keys()
     # Whoever reads the record or the terminal knows that something was spoilt on purpose.
     assert ended.record["rig"]["faults"] == str(faults or "")
-    assert faults is None or f"faults on purpose: {faults}" in ended.output
+    assert faults is None or f"injected faults: {faults}" in ended.output
     assert row(tried, ended, faults, without) in shown(PAGE.read_text(encoding="utf-8"), heads)
 
 

@@ -264,7 +264,7 @@ def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
     known = ", ".join(run.record["board"]["calibrators"])
     lines = (tmp_path / "edited.toml").read_text(encoding="utf-8").splitlines()
     (line,) = (number for number, each in enumerate(lines, start=1) if "dirct" in each)
-    told = f"heading.dirct.max (the board has no calibrator 'dirct', only {known}; the limit is in "
+    told = f"heading.dirct.max (the board has no calibrator 'dirct'; it has {known}; the limit is in "
     assert told in run.sentence
     assert f"edited.toml:{line})" in run.sentence
 

@@ -252,7 +252,7 @@ def test_a_board_without_its_shield_names_the_way_out_and_runs_the_rest(
 
 
 def test_a_port_that_does_not_exist_lists_those_that_do(run_in, tmp_path: Path) -> None:
-    run = run_in(tmp_path, "--rig", "frdm-k64f", "--hil-port", "/dev/no-such-port")
+    run = run_in(tmp_path, "--rig", "frdm-k64f", "--port", "/dev/no-such-port")
     assert run.code == 4
     assert run.errors.startswith("ERROR: no serial port '/dev/no-such-port'; ports on this machine: ")
     assert not run.folder.exists()

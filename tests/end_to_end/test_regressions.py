@@ -161,7 +161,7 @@ def test_a_vanished_measurement_is_named(run_in, cost_before: Path, bench: Path)
     suite.write_text("\n".join(kept), encoding="utf-8")
     run = run_in(bench, "--firmware", str(OLD), "--baseline", str(cost_before), *COST)
     assert run.code == 22, run.output
-    assert "measurement gone: cycles.direct.fixed" in run.sentence
+    assert "measurement missing: cycles.direct.fixed" in run.sentence
 
 
 def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
@@ -178,7 +178,7 @@ def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
     assert (found["change"], found["new"], found["note"]) == (
         "changed",
         None,
-        "not offered: it took 1 iteration, and two show what one costs",
+        "not offered: it took 1 iteration, but the cost of one needs two",
     )
     assert difference(run.record["comparison"], "cycles.corrected.total")["change"] == "better"
 
@@ -204,8 +204,8 @@ def test_what_makes_builds_incomparable_is_named(
     ("options", "complaint"),
     [
         (("--against", "no-such.elf"), "no-such.elf"),
-        (("--against", str(OLD), "--baseline", "base.json"), "a run is compared with one base"),
-        (("--against", str(OLD), "--hil-port", "/dev/ttyACM0"), "it does not go with --hil-port"),
+        (("--against", str(OLD), "--baseline", "base.json"), "a run has one base"),
+        (("--against", str(OLD), "--port", "/dev/ttyACM0"), "leave out --port"),
         (("--seeds", "1..1", "--against", "no-such.elf"), "no-such.elf"),
     ],
     ids=["no ELF", "two bases", "a port", "no ELF on any seed"],

@@ -135,7 +135,7 @@ def test_a_dip_of_the_opposite_sign_is_the_firmwares_where_the_known_angles_show
 ) -> None:
     ended = run_edited(Edit("app/dpi_commands.c", "sinf(dip_deg /", "-sinf(dip_deg /"))
     assert "dpi of 300 rows: MIRRORED" in ended.output
-    assert "likely cause: dpi refuses as MIRRORED what the known angles show to be right" in ended.output
+    assert "likely cause: dpi refuses points as MIRRORED although the known angles confirm their axes" in ended.output
 
 
 DPI_SUMS = "calibration/dpi_sums.c"

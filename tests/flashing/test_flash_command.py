@@ -60,7 +60,7 @@ def test_what_is_flashed_runs_and_is_asked(plugged_in: Bench, capsys: pytest.Cap
     build = load_image(default_firmware()).build_id
     assert build.startswith(said["answered"])
     assert (said["build_id"], said["serial_number"], said["by"]) == (build, K64F, "daplink")
-    assert said["said"].endswith("what was flashed runs")
+    assert said["said"].endswith("the flashed firmware runs")
     assert len(plugged_in.drive.flash) == said["bytes"]
 
 
@@ -96,9 +96,7 @@ def board_in(out: Path) -> dict[str, object]:
 
 @pytest.mark.slow
 def test_a_run_flashes_first_and_records_what_and_its_replay_says_the_same(plugged_in: Bench, tmp_path: Path) -> None:
-    done = identity_of(
-        tmp_path, "--flash", "--rig", "served-k64f", "--hil-port", "usb://", "--record", "flashed.jsonl.gz"
-    )
+    done = identity_of(tmp_path, "--flash", "--rig", "served-k64f", "--port", "usb://", "--record", "flashed.jsonl.gz")
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"bytes flashed onto board {K64F}; hiltest-frdm-k64f" in done.stdout
     flashed = board_in(tmp_path / "hil-out")
@@ -132,7 +130,7 @@ def test_of_two_boards_a_run_flashes_the_one_that_its_rig_names(
 def test_a_run_on_a_board_that_could_not_be_flashed_ends_with_20(plugged_in: Bench, tmp_path: Path) -> None:
     plugged_in.drive.refusal = "Failed to reset/halt the target MCU"
     try:
-        done = identity_of(tmp_path, "--flash", "--rig", "served-k64f", "--hil-port", "usb://")
+        done = identity_of(tmp_path, "--flash", "--rig", "served-k64f", "--port", "usb://")
     finally:
         plugged_in.drive.refusal = ""
     assert done.returncode == 20, done.stdout + done.stderr
@@ -142,7 +140,7 @@ def test_a_run_on_a_board_that_could_not_be_flashed_ends_with_20(plugged_in: Ben
 def test_firmware_with_its_own_language_is_not_asked(machine: UsbTree, capsys: pytest.CaptureFixture[str]) -> None:
     with Drive(machine.plug_in(disk="sdb", mounted="/media/me/DAPLINK")) as drive:
         assert run("flash", str(LINES)) == 0
-    assert "it answers no requests, so nothing can ask it for its build" in capsys.readouterr().out
+    assert "it does not speak hiltest's protocol, so its build is unknown" in capsys.readouterr().out
     segments = load_image(LINES).segments
     assert len(drive.flash) == sum(len(segment.data) for segment in segments)
 
@@ -161,7 +159,7 @@ def test_a_board_that_stays_silent_ends_with_20(
         os.close(far)
         os.close(near)
     err = capsys.readouterr().err
-    assert "was programmed, but does not say that it runs" in err
+    assert "was programmed, but does not answer" in err
     assert "Press its reset button" in err
 
 
@@ -212,12 +210,12 @@ def test_a_drive_that_is_not_mounted_is_said_with_how_to_mount_it(
     ("words", "boards", "code", "said"),
     [
         ((), 0, 20, "no FRDM-K64F is plugged in"),
-        ((), 2, 4, "--hil-port usb://"),
-        (("--rig", "virtual-k64f"), 1, 4, "a virtual board is not flashed"),
-        (("--hil-port", "hil://"), 1, 4, "a virtual board is not flashed"),
-        (("--hil-port", "socket://127.0.0.1:6464"), 1, 4, "its DAPLink is mounted with --volume"),
+        ((), 2, 4, "--port usb://"),
+        (("--rig", "virtual-k64f"), 1, 4, "a virtual board cannot be flashed"),
+        (("--port", "hil://"), 1, 4, "a virtual board cannot be flashed"),
+        (("--port", "socket://127.0.0.1:6464"), 1, 4, "its DAPLink drive with --volume"),
         (("--rig", "text-compass"), 1, 4, "name the ELF"),
-        (("--hil-port", "usb://9999"), 1, 20, "serial number begins with '9999'"),
+        (("--port", "usb://9999"), 1, 20, "serial number begins with '9999'"),
     ],
 )
 def test_a_board_that_is_not_known_is_not_flashed(
@@ -232,14 +230,14 @@ def test_a_board_that_is_not_known_is_not_flashed(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "a virtual board is not flashed"),
+        ((), "a virtual board cannot be flashed"),
         (("--seeds", "1..2"), "--flash is for a real board"),
         (("--against", str(default_firmware())), "--flash is for a real board"),
-        (("--hil-port", "usb://", "--base", "0x8000"), "leave out --base"),
-        (("--hil-port", "usb://", "--coverage", "lcov.info"), "--hil-coverage has none"),
-        (("--replay", str(RECORDED)), "--hil-replay has none"),
-        (("--hil-port", "usb://", "--calibration", "none.json"), "none.json"),
-        (("--hil-port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a whole ELF file"),
+        (("--port", "usb://", "--base", "0x8000"), "leave out --base"),
+        (("--port", "usb://", "--coverage", "lcov.info"), "--coverage has none"),
+        (("--replay", str(RECORDED)), "--replay has none"),
+        (("--port", "usb://", "--calibration", "none.json"), "none.json"),
+        (("--port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a whole ELF file"),
     ],
 )
 def test_a_run_that_cannot_flash_is_refused(

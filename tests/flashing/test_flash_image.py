@@ -70,10 +70,10 @@ def test_intel_hex_has_every_byte_in_its_place(content: dict[int, bytes]) -> Non
 @pytest.mark.parametrize(
     ("fsec", "said"),
     [
-        (0xFF, "secures the chip, and no debugger gets in (FSEC 0xFF)"),
+        (0xFF, "secures the chip against all debuggers (FSEC 0xFF)"),
         (0xFC, "secures the chip"),
         (0xFD, "secures the chip"),
-        (0xEF, "secures the chip, and no debugger gets in, and forbids the mass erase"),
+        (0xEF, "secures the chip against all debuggers, and forbids the mass erase"),
         (0xEE, "forbids the mass erase that would open a secured chip again (FSEC 0xEE)"),
     ],
 )
@@ -92,13 +92,13 @@ def test_an_image_that_leaves_the_chip_open_is_taken(fsec: int, tmp_path: Path) 
 @pytest.mark.parametrize("size", [0x100, 0x40F])
 def test_an_image_without_a_whole_configuration_field_is_refused(size: int, tmp_path: Path) -> None:
     message = refused(tmp_path / "app.bin", binary(entry=0x81, size=size))
-    assert "is not all in the file: erased, it secures the chip" in message
+    assert "is incomplete in the file: erased bytes would secure the chip" in message
 
 
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (as_hex(0x08000000, binary()), "built for another chip, or for RAM: 2048 bytes belong at 0x08000000"),  # STM32
+        (as_hex(0x08000000, binary()), "built for another chip, or for RAM: 2048 bytes load at 0x08000000"),  # STM32
         (as_hex(0xFFC00, binary()), "belong at 0x000ffc00, and the MK64FN1M0 has 1024 KiB of flash"),
         (as_hex(0x1FFF0000, binary()), "built for another chip, or for RAM"),
         (as_hex(0, binary(stack=0x20040000)), "no vector table (stack 0x20040000"),  # nRF52840: 256 KiB from 0x20000000

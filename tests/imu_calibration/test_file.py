@@ -127,7 +127,7 @@ def test_a_matrix_that_has_lost_an_axis_is_refused(
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_is_refused(made: ImuCalibration, refusal: Refusal, value: float) -> None:
-    assert "is no number" in refusal(changed(made, "magnetometer.hard_iron.1", value))
+    assert "is not a number" in refusal(changed(made, "magnetometer.hard_iron.1", value))
 
 
 @pytest.mark.parametrize("text", ["1e999", "-1e999", "1e39", "true", '"2.4"', "null", "[1]", "9" * 5000])

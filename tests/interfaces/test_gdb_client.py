@@ -127,7 +127,7 @@ def test_memory_is_read_and_written_in_pieces_of_any_size(client: GdbClient, ima
     client.write(there, data)
     assert client.read(there, len(data)) == data
     assert client.read(there, 0) == b""
-    with pytest.raises(MemoryRefusedError, match="refuses to read 4 bytes at 0xf0000000; is this ELF what runs"):
+    with pytest.raises(MemoryRefusedError, match="refuses to read 4 bytes at 0xf0000000; check that this ELF runs"):
         client.read(0xF0000000, 4)
     assert client.read(there, 3) == data[:3]
 
@@ -214,7 +214,7 @@ int main(void)
 def test_an_exception_handler_returns_to_no_address(tmp_path: Path, require_tool: Callable[[str], str]) -> None:
     elf = compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, HANDLER)
     with own_server(elf) as port, connected(port) as client:
-        with pytest.raises(ConfigError, match="is an exception handler, which returns to no address"):
+        with pytest.raises(ConfigError, match="is an exception handler without a return address"):
             halt_at_return(client, load_image(elf).symbols["SysTick_Handler"].address, 10.0)
         assert not client.running
 
@@ -293,17 +293,20 @@ def answering(**by_letter: bytes) -> Callable[[bytes], bytes | None]:
         (answering(g=b"E03"), "refuses 'g' ('E03')"),
         (answering(g=b"00" * 20), "answers 'g' with"),
         (answering(g=b"xx" * 64), "does not know the registers SP, LR and PC"),
-        (answering(Z=b"E09"), "sets no breakpoint at 0x00000400 ('E09'); free one"),
+        (answering(Z=b"E09"), "sets no breakpoint at 0x00000400 ('E09'); free a breakpoint"),
         (answering(Z=b""), "sets no breakpoint"),
         (answering(c=b"W00"), "answers '?' with 'W00'"),
         (answering(c=b"O" + b"hard fault".hex().encode()), "does not halt the processor within 0.2 s"),
         (answering(**{"?": b"W00"}), "answers '?' with 'W00'"),
         (answering(**{"?": b"vCont;c"}), "answers '?' with 'vCont;c'"),
-        (lambda _: None, "is gone: it has closed the connection. See what it printed, start it again"),
-        (lambda _: b"", "does not answer 'qSupported:swbreak+;hwbreak+' within 0.2 s; is its probe connected"),
+        (lambda _: None, "is gone: it has closed the connection. Check its output, start it again"),
+        (
+            lambda _: b"",
+            "does not answer 'qSupported:swbreak+;hwbreak+' within 0.2 s; check that its probe is connected",
+        ),
         (lambda _: b"SSH-2.0-OpenSSH_9.2\r\n", "does not answer"),
         (lambda _: b"$" * 100_000, "does not answer|sends damaged packets"),
-        (lambda _: b"$OK#00" * 9, "sends damaged packets; is it a GDB server"),
+        (lambda _: b"$OK#00" * 9, "sends damaged packets; check that it is a GDB server"),
         (lambda _: b"-" * 99, "does not answer"),
         (lambda _: packet(b"T05") * 99, "does not answer"),
         (lambda _: packet(b"O" + b"41" * 900), "does not answer"),

@@ -145,7 +145,7 @@ def test_without_a_function_it_is_read_until_it_stands_still_but_for_what_never_
     assert headings == sorted(set(headings))
     assert interface.moving == {Quantity.HEADING: interface.reads}
     (remark,) = interface.remarks()
-    assert remark.startswith("heading never stood still in 79 of 79 readings: it is that of one halt")
+    assert remark.startswith("heading changed during 79 of 79 readings")
 
 
 def test_a_function_that_is_not_called_in_time_is_counted_and_the_values_are_read_all_the_same(
@@ -168,7 +168,7 @@ def test_a_pointer_that_is_not_set_yet_leaves_its_quantity_out_and_says_why(mach
     pointer = machine.image.symbols["newest"].address
     machine.processor.memory.write(pointer, (0xF0000000).to_bytes(4, "little"))
     assert set(interface.read(0.0).values) == {Quantity.MAGNETOMETER}
-    assert "a pointer leads nowhere: refuses to read 12 bytes" in interface.absent[Quantity.GYROSCOPE_BIAS]
+    assert "a pointer is invalid: refuses to read 12 bytes" in interface.absent[Quantity.GYROSCOPE_BIAS]
     machine.run_until(0.2)
     assert set(interface.read(0.0).values) == interface.offers
     assert interface.absent == {}
@@ -282,7 +282,7 @@ def test_a_value_that_is_no_such_quantity_is_refused(
 
 
 def test_a_quantity_that_there_is_not_is_refused_with_its_place(image: FirmwareImage) -> None:
-    with pytest.raises(ConfigError, match=r"^rig\.toml:7 hard_iorn: there is no quantity 'hard_iorn'; nearest: hard"):
+    with pytest.raises(ConfigError, match=r"^rig\.toml:7 hard_iorn: no quantity 'hard_iorn'; nearest: hard"):
         read_descriptions({"hard_iorn": HARD_IRON["hard_iron"]}, Variables(image), lambda name: f"rig.toml:7 {name}")
 
 

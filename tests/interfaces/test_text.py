@@ -86,7 +86,7 @@ def test_a_line_with_a_check_sum_is_believed_only_where_that_is_right() -> None:
         ({"heading": [101.1]}, False),
         ({"pitch": [7.0]}, False),
     ]
-    assert [each.error for each in found if each.error] == 2 * ["a line has another check sum than it says"]
+    assert [each.error for each in found if each.error] == 2 * ["a line has a wrong check sum"]
     assert interface.not_understood == 2
 
 
@@ -200,8 +200,8 @@ def test_lines_without_a_meaning_are_counted() -> None:
 def test_why_a_line_means_nothing_is_said() -> None:
     remarks = [reading.remark for reading in opened(LINES).readings(b"\n.\nhdg=x\nmag=1 2 3e9\nb\n")]
     assert remarks[1:] == [
-        "heading: 'x' is no number",
-        "magnetometer: 3e+09 uT is beyond 100000; look at its unit and scale",
+        "heading: 'x' is not a number",
+        "magnetometer: 3e+09 uT is beyond 100000; check its unit and scale",
         "no pattern matches",
     ]
     assert [reading.remark for reading in opened(JSON).readings(b".\n{\n{}\n")][1:] == [
@@ -210,7 +210,7 @@ def test_why_a_line_means_nothing_is_said() -> None:
     ]
     rows = opened(COLUMNS).readings(b".\n1,2\ncal,yaw,gx,gy,gz\n1,2\n")
     assert [row.remark for row in rows][1:] == [
-        "no line with the names cal, gx, gy, gz, yaw came yet",
+        "no line with the names cal, gx, gy, gz, yaw has arrived",
         "names of the columns",
         "2 columns, not 5",
     ]
@@ -219,7 +219,7 @@ def test_why_a_line_means_nothing_is_said() -> None:
 def test_values_that_are_not_taken_are_summed_up() -> None:
     interface = opened(LINES)
     interface.readings(b"hdg=9000\n" + b"hdg=5000\n" * 3 + b"mag=1 2 3\n")
-    assert interface.remarks() == ("heading not taken 3 times: 5000 deg is beyond 720; look at its unit and scale",)
+    assert interface.remarks() == ("heading ignored 3 times: 5000 deg is beyond 720; check its unit and scale",)
 
 
 def test_commands_are_the_bytes_of_their_characters() -> None:

@@ -27,9 +27,9 @@ def test_what_is_offered_is_what_the_groups_and_values_name() -> None:
 @pytest.mark.parametrize(
     ("table", "key", "words"),
     [
-        ({}, "patterns", "go with format"),
+        ({}, "patterns", "require format"),
         ({"format": "json"}, "values", "is missing"),
-        ({"format": "json", "patterns": HEADING}, "patterns", "only with it"),
+        ({"format": "json", "patterns": HEADING}, "patterns", "require format"),
         ({"patterns": HEADING, "columns": ("a",)}, "columns", "csv"),
         ({"patterns": HEADING, "separator": ";"}, "separator", "csv"),
         ({"format": "csv", "separator": "", "values": {"roll": TextValue(1)}}, "separator", "one character"),
@@ -45,11 +45,11 @@ def test_keys_that_do_not_go_together_are_refused(table: dict[str, Any], key: st
 @pytest.mark.parametrize(
     ("table", "key", "words"),
     [
-        ({"patterns": ("(?P<heading>.*",)}, "patterns", "is no regular expression: missing )"),
-        ({"patterns": HEADING, "ready": "("}, "ready", "is no regular expression"),
-        ({"patterns": HEADING, "error": "[a"}, "error", "is no regular expression"),
+        ({"patterns": ("(?P<heading>.*",)}, "patterns", "is not a regular expression: missing )"),
+        ({"patterns": HEADING, "ready": "("}, "ready", "is not a regular expression"),
+        ({"patterns": HEADING, "error": "[a"}, "error", "is not a regular expression"),
         ({"patterns": (*HEADING, "heading=(.*)")}, "patterns", "'heading=(.*)' has no named group"),
-        ({"patterns": ("(?P<headng>.*)",)}, "patterns", "'headng', which is no quantity; did you mean 'heading'?"),
+        ({"patterns": ("(?P<headng>.*)",)}, "patterns", "'headng', which is not a quantity; did you mean 'heading'?"),
         ({"patterns": ("(?P<magnetometer_x>.)",)}, "patterns", "magnetometer has no magnetometer_y, magnetometer_z"),
         ({"patterns": HEADING, "values": {"pich": TextValue()}}, "values.pich", "did you mean 'pitch'?"),
         ({"patterns": HEADING, "values": {"pitch": TextValue()}}, "patterns", "pitch has no pitch"),

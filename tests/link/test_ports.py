@@ -19,7 +19,7 @@ def test_a_port_that_does_not_exist_is_named_with_those_that_do() -> None:
         open_port("/dev/ttyNOSUCH7")
     assert caught.value.requested == "/dev/ttyNOSUCH7"
     assert caught.value.available == list_ports()
-    assert "--hil-port" in str(caught.value)
+    assert "--port" in str(caught.value)
 
 
 @pytest.mark.parametrize("url", ["nosuch://x", "hwgrep://(", "hwgrep://x&n=first"])
@@ -56,7 +56,7 @@ def test_a_port_in_use_is_refused() -> None:
     tty.setraw(slave)
     first = open_port(os.ttyname(slave))
     try:
-        with pytest.raises(PortRefusedError, match="another program has it open"):
+        with pytest.raises(PortRefusedError, match="another program uses it"):
             open_port(os.ttyname(slave))
     finally:
         first.close()

@@ -78,7 +78,7 @@ def test_a_board_that_has_carried_out_less_than_it_answered_was_reset(synchronis
     session.request(ClearPoints())
     session.refuse_reset()  # 8 of 7: one more, of a host that was there before
     session.request(ClearPoints())
-    with pytest.raises(BoardResetError, match="10 requests or more") as raised:
+    with pytest.raises(BoardResetError, match="at least 10 requests") as raised:
         session.refuse_reset()
     assert (raised.value.carried_out, raised.value.answered) == (4, 10)
 
@@ -102,7 +102,7 @@ def test_a_sync_error_shows_what_was_heard_instead(session_with: OpenSession) ->
 
 
 def test_firmware_that_prints_text_is_another_firmware(session_with: OpenSession) -> None:
-    with pytest.raises(VersionMismatchError, match=r"but text comes: 'HDG=12\.3 deg'\. .*a \[device\] table"):
+    with pytest.raises(VersionMismatchError, match=r"but it sends text: 'HDG=12\.3 deg'\. .*a \[device\] table"):
         session_with(lambda *_: b"HDG=12.3 deg\n", deadline_s=0.1).synchronise()
 
 

@@ -75,7 +75,7 @@ def test_a_reply_is_decoded_by_the_request_it_answers_and_an_error_by_its_name()
     assert [line[14:] for line in shown[2:]] == [
         "  <    2  CALIBRATE TOO_FEW_POINTS",
         "  <    1  READ OK time_us=[5000] counts=[10, -20, 30] overruns=2 die_temperature_degc=25",
-        "  <    3  CLEAR_POINTS answers no request of this trace; 1 bytes 00",
+        "  <    3  CLEAR_POINTS does not answer a request of this trace; 1 bytes 00",
     ]
 
 

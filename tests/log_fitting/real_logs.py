@@ -55,7 +55,7 @@ alone and by the best against gravity. [fit.md](fit.md#with-the-accelerometer) h
 _IMUS = """\
 ## Accelerometers and gyroscopes
 
-`hiltest fit-imu`, beside the answer that the recording comes with.
+`hiltest fit imu`, beside the answer that the recording comes with.
 """
 
 
@@ -221,9 +221,10 @@ def _imus() -> Iterator[str]:
     yield _IMUS
     ferraris, xsens = DATA / "imucal_ferraris", DATA / "imu_tk_xsens"
     answer = json.loads((ferraris / "example_cal.json").read_text(encoding="utf-8"))
-    annotated = told("fit-imu", ferraris / "annotated_session.csv", "--intervals", "part", "--rate", "102.4")
+    annotated = told("fit", "imu", ferraris / "annotated_session.csv", "--intervals", "part", "--rate", "102.4")
     listed = told(
-        "fit-imu",
+        "fit",
+        "imu",
         ferraris / "example_ferraris_session.csv",
         "--intervals",
         ferraris / "example_ferraris_session_list.json",
@@ -234,7 +235,7 @@ def _imus() -> Iterator[str]:
         "--rate",
         "102.4",
     )
-    poses = told("fit-imu", xsens / "xsens_acc.mat.gz", "--gyroscope-log", xsens / "xsens_gyro.mat.gz")
+    poses = told("fit", "imu", xsens / "xsens_acc.mat.gz", "--gyroscope-log", xsens / "xsens_gyro.mat.gz")
     gains = [1.0 / (_STANDARD_GRAVITY * row[place]) for place, row in enumerate(answer["K_a"])]
     rows = [
         [

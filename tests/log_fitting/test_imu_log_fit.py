@@ -168,7 +168,7 @@ def test_missing_faces_are_named() -> None:
         recording.lay(face).rest()
     log = log_of(*recording.readings())
     fit = fit_imu_log(log, found_intervals(log), "six-position")
-    assert fit.accelerometer.refused == "no rest on -y: lay it down on all six faces, or use --method ellipsoid"
+    assert fit.accelerometer.refused == "no rest on -y: lay the board down on all six faces, or use --method ellipsoid"
     assert Face.MINUS_Y not in fit.accelerometer.faces
     assert fit.gyroscope is not None
     assert fit.gyroscope.fit is None
@@ -229,7 +229,7 @@ def test_a_log_that_never_rests_has_no_rest() -> None:
     for method in ("six-position", "ellipsoid"):
         fit = fit_imu_log(log, found_intervals(log), method)
         assert fit.intervals.rests == ()
-        assert fit.accelerometer.refused == "no rest of a second was found"
+        assert fit.accelerometer.refused == "no rest of one second was detected"
         assert (fit.verdict, fit.accelerometer.verdict) == (Acceptance.REFUSED, Acceptance.REFUSED)
         assert fit.gyroscope is None
     in_counts = log_of(*(1000.0 * reading for reading in tumbled().readings()), COUNTS)

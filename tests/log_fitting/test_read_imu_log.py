@@ -101,7 +101,10 @@ def test_rows_of_one_sensor_each_are_joined_at_the_gyroscopes_times(tmp_path: Pa
     ("rows", "message"),
     [
         (["0,1,2,3,,,", "0.01,,,,4,5,6", "0.02,1,2,3,4,5,6"], ":4: both sensors in a row, and before rows of one each"),
-        (["0,1,2,3,4,5,6", "0.01,,,,4,5,6"], ":3: column ax_g: no number; a turn cannot be summed over a gap"),
+        (
+            ["0,1,2,3,4,5,6", "0.01,,,,4,5,6"],
+            ":3: column ax_g: a number is missing, and a turn cannot be integrated over a gap",
+        ),
         (["0,1,2,3,,,", "0.01,,,,4,,6"], ":3: column gy_dps: no number"),
         (["0,1,2,3,,,", "0.01,,,,4,5,6", "0.005,1,2,3,,,"], ":4: column t_s: time 0.005 is not behind 0.01"),
         (["0,1,2,3,,,", "0.01,1,2,3,,,"], "no two at different times among those of the accelerometer"),
@@ -154,8 +157,8 @@ HEADER = "t,ax,ay,az,gx,gy,gz"
         ([HEADER, "0,1,2,3,4,5,6", "0.01,1,2,3"], r"log.csv:3: 4 cells where the table has 7 columns"),
         ([HEADER, "0,1,2,3,4,5,6", "0,1,2,3,4,5,6"], r"log.csv:3: column t: time 0 is not behind 0"),
         ([HEADER, "0,1,2,3,4,5,6", "10,1,2,3,4,5,6"], r"samples are 10 s apart by column t; give --rate"),
-        ([HEADER, "0,1,2,3,4,5,6"], "1 rows of numbers: no log"),
-        ([HEADER], "0 rows of numbers: no log"),
+        ([HEADER, "0,1,2,3,4,5,6"], "1 rows of numbers are too few for a log"),
+        ([HEADER], "0 rows of numbers are too few for a log"),
         (["ax,ay,az", "1,2,3"], "no columns of time; give --rate in Hz, or --time"),
         (["t,mx,my,mz", "0,1,2,3"], "cannot tell which columns are the accelerometer: .*--accelerometer-columns"),
         (["t,acc1_x,acc1_y,acc1_z,acc2_x,acc2_y,acc2_z", "0,1,2,3,4,5,6"], "more than one accelerometer: choose with"),
@@ -189,7 +192,7 @@ def test_packed_files_that_are_none_are_refused(tmp_path: Path, content: bytes, 
 def test_logs_of_two_sensors_need_the_same_rows(tmp_path: Path) -> None:
     rows = [f"{0.01 * n:.2f} 1 2 3" for n in range(20)]
     first = text(tmp_path / "a.txt", *rows)
-    with pytest.raises(ConfigError, match=r"20 rows and .* 19; both need one for each sample"):
+    with pytest.raises(ConfigError, match=r"20 rows and .* 19; both need one row per sample"):
         read_imu_log(first, text(tmp_path / "b.txt", *rows[:-1]))
     later = [f"{0.01 * n + 0.05:.2f} 1 2 3" for n in range(20)]
     with pytest.raises(ConfigError, match=r"sample \d+ was taken at .* s and .* s"):
@@ -251,6 +254,6 @@ def test_a_log_in_any_form_is_read_and_what_was_assumed_is_said(tmp_path: Path) 
     assert (read.acceleration_unit, read.rate_unit, len(read.notes)) == (AccelerationUnit.G, RateUnit.DPS, 2)
     lines = [f'{{"t": {n / 50}, "acc": [0, 0, 9.8], "gyr": [0, 0, {n}]}}' for n in range(20)]
     read = read_imu_log(text(tmp_path / "log.jsonl", *lines))
-    assert "Are these m/s2? --accelerometer-unit m/s2 says so." in read.notes[-1]
+    assert "Are these m/s2? use --accelerometer-unit m/s2." in read.notes[-1]
     read = read_imu_log(tmp_path / "log.jsonl", acceleration_unit=AccelerationUnit.MS2)
     assert read.notes == ("Lists of three numbers in JSON were taken as x, y and z.",)

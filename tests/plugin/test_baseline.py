@@ -142,7 +142,7 @@ def test_a_base_that_missed_a_limit_is_a_base_and_one_that_lost_its_bench_is_non
     pytester.makepyfile(test_lamp=LAMP)
     code, sentence = judged(pytester)
     assert code == 22
-    assert "base/run.json: the run is not complete (connection lost)" in sentence
+    assert "base/run.json: the run is incomplete (connection lost)" in sentence
 
 
 def remove(base: Path) -> None:
@@ -177,7 +177,7 @@ def cut_short(base: Path) -> None:
         (another_cycle_model, "another cycle model: silicon-dwt before, cortex-m4-trm/2@sram now"),
         (another_compiler, "another compiler: other "),
         (another_protocol, "another protocol: version 1"),
-        (cut_short, "base.json: the run is not complete"),
+        (cut_short, "base.json: the run is incomplete"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
@@ -248,7 +248,7 @@ def test_a_vanished_measurement_is_no_pass_and_is_named(
     monkeypatch.setenv("LAMP_BROKEN", "yes")
     code, sentence = judged(pytester)
     assert code == 22
-    assert "Cannot say whether it may be merged (against base/run.json): measurement gone: lamp.life; " in sentence
+    assert "Cannot say whether it may be merged (against base/run.json): measurement missing: lamp.life; " in sentence
 
 
 @pytest.mark.usefixtures("base")
@@ -357,7 +357,9 @@ def test_who_only_looks_at_tests_has_judged_nothing(
         monkeypatch.setenv("PYTEST_ADDOPTS", look)
     result = pytester.runpytest_inprocess("--hil-baseline=base", *options)
     assert result.ret == 22
-    assert result.outlines[-1] == "NOT EVALUATED: --hil-baseline is base, and no test ran: there is nothing to compare."
+    assert (
+        result.outlines[-1] == "NOT EVALUATED: --hil-baseline is base, and no test ran, so there is nothing to compare."
+    )
     assert not (pytester.path / "hil-out").exists()
     assert pytester.runpytest_inprocess(*options).ret == 0
 
@@ -372,7 +374,7 @@ def test_stopping_at_the_first_failure_is_no_pass_and_no_comparison(
     code, sentence = judged(pytester, option)
     assert code == 1
     assert sentence.startswith("FAIL. Failed: test_lamp.py::test_first (")
-    said = "Not to be merged (against base/run.json): not compared: this run: the run is not complete (fail)"
+    said = "Not to be merged (against base/run.json): not compared: this run: the run is incomplete (fail)"
     assert said in sentence
     assert " not taken;" in sentence
     assert not record(pytester)["verdict"]["complete"]
@@ -384,7 +386,7 @@ def test_a_session_that_ends_itself_with_0_is_no_pass(pytester: pytest.Pytester)
     pytester.makepyfile(test_lamp=LAMP + quits)
     code, sentence = judged(pytester)
     assert code == 22
-    assert "this run: the run is not complete" in sentence
+    assert "this run: the run is incomplete" in sentence
 
 
 @pytest.mark.usefixtures("base")
@@ -425,7 +427,7 @@ def test_ctrl_c_is_interrupted_and_not_compared(pytester: pytest.Pytester) -> No
         assert running.wait(60.0) == 2
     sentence = record(pytester)["verdict"]["sentence"]
     assert sentence.startswith("INTERRUPTED. ")
-    assert "Cannot say whether it may be merged (against base/run.json): this run: the run is not comp" in sentence
+    assert "Cannot say whether it may be merged (against base/run.json): this run: the run is incompl" in sentence
 
 
 @pytest.mark.usefixtures("base")
@@ -475,8 +477,8 @@ def no_board(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None
     [
         ({}, 0, "PASS. May be merged (against {base}): 2 unchanged."),
         ({"TABLE_BYTES": "140"}, 0, "1 changed"),
-        ({"NO_COST": "yes"}, 22, "measurement gone: crc.cycles"),
-        ({"MODEL": "silicon-dwt"}, 22, "measurement gone: crc.cycles (the cycle model was"),
+        ({"NO_COST": "yes"}, 22, "measurement missing: crc.cycles"),
+        ({"MODEL": "silicon-dwt"}, 22, "measurement missing: crc.cycles (the cycle model was"),
         ({"CRC_CYCLES": "421"}, 21, "1 worse: crc.cycles 420 -> 421 cycles"),
     ],
     ids=["as it was", "changed", "gone", "another cycle model", "worse"],
@@ -537,7 +539,7 @@ def test_a_gate_on_the_packaged_firmware_says_so_where_nobody_named_one(
     options = [f"--hil-firmware={default_firmware()}"] if by == "option" else []
     result = pytester.runpytest_inprocess("--hil-baseline=base", *options)
     assert result.ret == 0
-    remark = "The packaged firmware was compared: name yours with --firmware ELF (--hil-firmware)."
+    remark = "The packaged firmware was compared: name yours with --firmware ELF."
     assert (remark in result.stdout.str()) is not bool(by)
     assert record(pytester)["comparison"]["remark"] == ("" if by else remark)
     assert (remark in (pytester.path / "hil-out" / "report.html").read_text(encoding="utf-8")) is not bool(by)

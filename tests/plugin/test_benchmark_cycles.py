@@ -218,7 +218,7 @@ def test_another_board_is_named(pytester: pytest.Pytester) -> None:
     file.write_text(json.dumps(content), encoding="utf-8")
     result = pytester.runpytest_inprocess("--benchmark-compare=0001")
     assert result.ret == 0
-    result.stdout.fnmatch_lines(["the saved cycles are of another board: kind real, now virtual"])
+    result.stdout.fnmatch_lines(["the saved cycles belong to another board: kind real, now virtual"])
 
 
 BLOCKED = """
@@ -281,10 +281,10 @@ def test_workers_show_nothing_and_pass_all_the_same(pytester: pytest.Pytester) -
     ("cost", "complaint"),
     [
         ("[], cycle_model='m'", "no round was counted"),
-        ("[7, None], cycle_model='m'", "None is no number of cycles"),
-        ("7.5, cycle_model='m'", "7.5 is no number of cycles"),
-        ("-1, cycle_model='m'", "-1 is no number of cycles"),
-        ("7", "nothing says what counted these"),
+        ("[7, None], cycle_model='m'", "None is not a number of cycles"),
+        ("7.5, cycle_model='m'", "7.5 is not a number of cycles"),
+        ("-1, cycle_model='m'", "-1 is not a number of cycles"),
+        ("7", "their cycle model is unknown"),
         ("cycles().call('magnetometer_empty', 0, 0), cycle_model='m'", f"these were counted by {MODEL} and m"),
     ],
 )

@@ -86,7 +86,7 @@ def test_a_sensor_that_is_stuck_is_the_benchs_fault_and_what_needs_none_runs(pyt
     code, tests = run(pytester, FROZEN, AVERAGE)
     assert code == 20
     assert tests["test_one"]["outcome"] == "connection lost"
-    assert "MAG3110: 16 samples in a row are the same" in tests["test_one"]["reason"]
+    assert "MAG3110: 16 consecutive samples are identical" in tests["test_one"]["reason"]
     assert tests["test_next"]["outcome"] == "passed"
 
 

@@ -49,7 +49,7 @@ def test_a_run_writes_its_coverage_and_says_how_much_it_is(pytester: pytest.Pyte
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        (["--hil-coverage=lcov.info", "--hil-port=socket://127.0.0.1:9"], "*does not show what it executes*"),
+        (["--hil-coverage=lcov.info", "--hil-port=socket://127.0.0.1:9"], "*does not report executed instructions*"),
         (["--hil-coverage=no/lcov.info"], "*cannot write *lcov.info: there is no folder *"),
         (["--hil-coverage=."], "*cannot write *: it is a folder*"),
     ],

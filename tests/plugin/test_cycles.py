@@ -158,7 +158,7 @@ def test_what_is_wrong_is_said_in_the_test(pytester: pytest.Pytester) -> None:
         [
             "*gone.elf: No such file or directory; name the firmware's ELF*",
             "*no function 'crc3'; near: crc32",
-            "*ValueError: x: a counted call brings its unit and its cycle model; leave both out",
+            "*ValueError: x: a counted call has its unit and its cycle model: leave both out",
         ]
     )
 

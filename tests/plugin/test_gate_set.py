@@ -55,7 +55,7 @@ def test_the_gate_set_is_the_default_and_is_green_without_what_it_leaves_out(ben
     assert result.ret == 0
     result.stdout.fnmatch_lines(
         [
-            "gate set: 1 test of the full set left out; --hil-suite=full runs them",
+            "gate set: 1 test of the full set left out; --hil-suite full runs them",
             "PASS.",
         ]
     )
@@ -102,7 +102,7 @@ def test_who_asks_for_nothing_but_the_full_set_is_told_how(bench: pytest.Pyteste
     result = bench.runpytest_inprocess(*choice)
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(
-        ["ERROR: nothing to run in the gate set: 1 test of the full set left out; --hil-suite=full runs them"]
+        ["ERROR: no test to run in the gate set: 1 test of the full set left out; --hil-suite full runs them"]
     )
     assert not (bench.path / "hil-out" / "run.json").exists()
     assert bench.runpytest_inprocess(*choice, "--hil-suite=full").ret == 0

@@ -148,7 +148,7 @@ def test_another_unit_than_the_limits_is_an_error_that_names_both(pytester: pyte
     pytester.makepyfile(BOTH.replace('"mA"', '"A"'))
     result = pytester.runpytest_inprocess()
     assert result.ret == 1
-    result.stdout.fnmatch_lines(["*lamp.current is measured in 'A', and its limit in *lamp.toml is in 'mA'*"])
+    result.stdout.fnmatch_lines(["*lamp.current is measured in 'A', but its limit in *lamp.toml has the unit 'mA'*"])
     assert outcomes_of(pytester)["lamp.current"] == "unset"
 
 

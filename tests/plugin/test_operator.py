@@ -95,5 +95,5 @@ def test_nobody_at_the_terminal_is_a_bench_error_with_the_next_step(tmp_path: Pa
         )
     assert done.returncode == 20, done.stdout + done.stderr
     shown = " ".join(done.stdout.split())  # the sentence is broken into lines
-    assert "no one answers at the terminal" in shown
-    assert "Run it where an operator can type" in shown
+    assert "no operator answered at the terminal" in shown
+    assert "Run the command at a terminal" in shown

@@ -68,14 +68,14 @@ def test_a_bad_value_in_the_environment_names_the_variable(
     monkeypatch.setenv("HIL_POSES", "some")
     result = pytester.runpytest_inprocess()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["ERROR: HIL_POSES: 'some' is neither 'all' nor 'level'"])
+    result.stderr.fnmatch_lines(["ERROR: HIL_POSES: 'some' is not one of 'all', 'level'"])
 
 
 def test_a_suite_that_is_none_is_a_usage_error(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HIL_SUITE", "quick")
     result = pytester.runpytest_inprocess()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["ERROR: HIL_SUITE: 'quick' is neither 'gate' nor 'full'"])
+    result.stderr.fnmatch_lines(["ERROR: HIL_SUITE: 'quick' is not one of 'gate', 'full'"])
 
 
 def test_without_the_plugin_its_options_are_unknown(pytester: pytest.Pytester) -> None:
@@ -138,7 +138,7 @@ def test_a_name_that_no_folder_can_have_is_a_usage_error(pytester: pytest.Pytest
         assert result.ret == 0
         return
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["*--hil-out: a name of 300 bytes is too long: a file's has at most 255"])
+    result.stderr.fnmatch_lines(["*--hil-out: a name of 300 bytes is too long: file names have at most 255 bytes"])
 
 
 def test_modules_of_the_package_are_imported_as_they_are_and_tests_with_rewritten_assertions(

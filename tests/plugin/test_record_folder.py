@@ -41,7 +41,7 @@ def test_chosen_tests_are_recorded_beside_the_record_of_a_complete_run(
         assert measured_in(pytester.path / "hil-out" / "chosen") == {"lamp.current"}
     if "-n2" not in choice:
         result.stdout.fnmatch_lines(
-            ["hil-out keeps the record of its complete run; these tests are recorded in hil-out/chosen"]
+            ["hil-out keeps the record of its complete run; the chosen tests are recorded in hil-out/chosen"]
         )
 
 

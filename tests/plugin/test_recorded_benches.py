@@ -27,7 +27,7 @@ REASONS = {
     "brown-out": "the board was reset",
     "sensor-absent": "SENSOR_ABSENT",
     "other-sensor": "SENSOR_TIMEOUT",
-    "sensor-frozen": "FXOS8700CQ accelerometer: 64 samples in a row are the same",
+    "sensor-frozen": "FXOS8700CQ accelerometer: 64 consecutive samples are identical",
     "sensor-saturated": "its y axis is at the end of its range",
     "sda-held-low": "BUS_ERROR",
     "scl-held-low": "BUS_ERROR",

@@ -118,7 +118,7 @@ def test_a_recording_that_was_changed_is_a_divergence_at_its_line(
     assert code == 20
     test = next(each for each in record["tests"] if each["id"].endswith("test_turned"))
     assert test["outcome"] == "connection lost"
-    assert "this run is not the recorded one" in test["reason"]
+    assert "this run differs from the recorded one" in test["reason"]
     assert "and run.jsonl:" in test["reason"]
     for each in said:
         assert each in test["reason"], output
@@ -166,9 +166,9 @@ def test_a_rig_of_other_conditions_is_refused_and_one_of_other_limits_is_not(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--hil-firmware=app.elf"], "--hil-firmware goes not with --hil-replay"),
-        (["--hil-seed=2"], "--hil-seed goes not with --hil-replay"),
-        (["--hil-record=new.jsonl"], "--hil-record goes not with --hil-replay"),
+        (["--hil-firmware=app.elf"], "--hil-firmware does not go with --hil-replay"),
+        (["--hil-seed=2"], "--hil-seed does not go with --hil-replay"),
+        (["--hil-record=new.jsonl"], "--hil-record does not go with --hil-replay"),
         (["-n1"], "in one process"),
     ],
 )

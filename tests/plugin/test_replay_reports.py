@@ -47,7 +47,7 @@ RIGS = {
     "lines and variables": LINES.replace('kind = "text"', 'kind = ["text", "memory"]').replace(
         "\n[field]", f"\n{VARIABLES}\n[field]"
     ),
-    "silence": RIG.replace("compass-lines.elf", "hiltest-frdm-k64f.elf").partition("[cycles]")[0],
+    "no byte": RIG.replace("compass-lines.elf", "hiltest-frdm-k64f.elf").partition("[cycles]")[0],
 }
 # Lines say no dip; it is 62 degrees; in the place of one the rig names a variable that counts two points by then.
 READ = {"lines": (-1.0, -1.0), "packets": (60.0, 64.0), "lines and variables": (2.0, 2.0)}
@@ -73,10 +73,10 @@ def test_a_replay_gives_the_same_record_without_the_firmware(said: str, run: Run
     rig = tmp_path / "compass.toml"
     rig.write_text(RIGS[said], encoding="utf-8")
     code, first, output = run(f"--hil-rig={rig}", "--hil-record=run.jsonl")
-    assert code == (20 if said == "silence" else 0), output
+    assert code == (20 if said == "no byte" else 0), output
     again_code, again, output = run("--hil-replay=run.jsonl")
     assert again_code == code, output
-    if said != "silence":
+    if said != "no byte":
         assert "replay of virtual FRDM-K64F, seed 1; compass-" in output
         assert again["board"]["kind"] == "replay"
         values = {each["name"]: each["value"] for each in again["measurements"]}
@@ -101,7 +101,7 @@ def test_another_command_a_longer_wait_and_a_changed_line_are_found(
     code, record, _ = run("--hil-replay=run.jsonl", suite=SUITE.replace("observe(1.0)", "observe(0.5)"))
     assert code == 20
     assert "test_seen asks costs-1.calls(), and run.jsonl:" in record["tests"][1]["reason"]
-    assert "bytes before it went on" in record["tests"][1]["reason"]
+    assert "bytes first" in record["tests"][1]["reason"]
     lines = (pytester.path / "run.jsonl").read_text(encoding="utf-8")
     sent = b"pose\r\n".hex()
     assert lines.count(sent) == 1

@@ -57,7 +57,7 @@ def test_off_the_line(board):
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(passed=1, failed=3)
     path, lines = trace_of(pytester, "test_bad")
-    assert lines[0] == "# wire trace of test_line.py::test_bad, up to where its call failed"
+    assert lines[0] == "# wire trace of test_line.py::test_bad, until its call failed"
     assert re.fullmatch(
         r"# virtual FRDM-K64F, seed \d+; virtual time of the board \[s\], > to the board, < to the host", lines[1]
     )

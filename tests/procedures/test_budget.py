@@ -124,5 +124,5 @@ def test_a_budget_for_nothing_is_refused_with_both_numbers(virtual_board: Board)
 
 
 def test_too_few_points_for_any_effort_are_no_effort(virtual_board: Board) -> None:
-    with pytest.raises(CalibrationError, match="direct makes nothing of 8 points"):
+    with pytest.raises(CalibrationError, match="direct fits no calibration to 8 points"):
         largest_effort_within(virtual_board, "direct", cycles=10**9, points=8)

@@ -49,7 +49,7 @@ def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Boa
     assert direct.per_point * 100 + direct.fixed == pytest.approx(direct.total, rel=0.01)  # it is nearly a line
     assert (direct.iterations, corrected.iterations, iterative.iterations > 2) == (0, 2, True)
     assert direct.per_iteration is None
-    assert direct.no_per_iteration == "it took no iterations, and two show what one costs"
+    assert direct.no_per_iteration == "it took no iterations, but the cost of one needs two"
     assert corrected.no_per_iteration == iterative.no_per_iteration == ""
     assert [bool(cost.no_sweeps) for cost in costs.values()] == [True, True, False]
     assert corrected.per_iteration is not None

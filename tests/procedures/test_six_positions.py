@@ -265,5 +265,5 @@ def test_an_operator_is_asked_for_each_face_by_the_side_that_is_down() -> None:
     def nobody(_: str) -> str:
         raise EOFError
 
-    with pytest.raises(OperatorAbsentError, match="this was asked: face 5 of 6"):
+    with pytest.raises(OperatorAbsentError, match="at the terminal: face 5 of 6"):
         OperatorTurntable(prompt=nobody, uncertainty_deg=0.5).turn_to_face(Face.PLUS_Z)

@@ -42,7 +42,7 @@ def test_nonsense_is_asked_again_and_then_given_up() -> None:
     assert table.turn_to(Pose(10.0)).heading_deg == 12.0
     assert len(asked) == 3
     _, prompt = answers("north", "361", "inf")
-    with pytest.raises(OperatorAbsentError, match="3 answers were no heading"):
+    with pytest.raises(OperatorAbsentError, match="3 answers were not a heading"):
         OperatorTurntable(prompt=prompt, uncertainty_deg=0.5).turn_to(Pose(10.0))
 
 
@@ -52,7 +52,7 @@ def test_a_terminal_that_has_been_closed_is_an_absent_operator() -> None:
 
     table = OperatorTurntable(prompt=closed, uncertainty_deg=0.5)
     for ask in (table.rest, table.sway, lambda: table.tumble(2.0), lambda: table.turn_to(Pose(30.0))):
-        with pytest.raises(OperatorAbsentError, match=r"no one answers at the terminal; this was asked: \w+"):
+        with pytest.raises(OperatorAbsentError, match=r"no operator answered at the terminal: \w+"):
             ask()
 
 

@@ -1,4 +1,4 @@
-"""``hiltest export`` as a user calls it."""
+"""``hiltest report export`` as a user calls it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TOTAL = check("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_50
 
 
 def export(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return hiltest("export", *arguments, folder=folder)
+    return hiltest("report", "export", *arguments, folder=folder)
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_the_action_has_one_sense_a_file_and_the_others_are_counted(folder: Path
     smaller = export(folder, "run", "--format", "github-action-benchmark")
     larger = export(folder, "run", "--format", "github-action-benchmark", "--better", "larger", "--out", "l.json")
     assert [load["name"] for load in json.loads(smaller.stdout)] == ["cycles.direct.total (m)"]
-    assert smaller.stderr == "1 others are better when larger: --better larger\n"
+    assert smaller.stderr == "1 numbers are better when larger: --better larger exports them\n"
     assert [load["name"] for load in json.loads((folder / "l.json").read_text())] == ["tumble.points"]
     assert larger.stdout == ""
     assert larger.stderr.endswith("l.json: 1 numbers\n")
@@ -79,4 +79,4 @@ def test_a_wrong_command_line_ends_with_4(folder: Path, arguments: list[str], co
 def test_a_run_without_a_number_to_export_is_refused(tmp_path: Path) -> None:
     write_run(finished_run(1, check("a.fact", 1, unit="mT"), TOTAL), tmp_path)
     done = export(tmp_path, ".", "--format", "github-action-benchmark", "--better", "larger")
-    assert (done.returncode, done.stderr) == (4, "ERROR: .: no number in it is better when larger\n")
+    assert (done.returncode, done.stderr) == (4, "ERROR: .: the run has no number that is better when larger\n")

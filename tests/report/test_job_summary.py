@@ -40,15 +40,15 @@ def test_with_what_is_there_it_stays_below_the_limit_and_says_that_it_was_cut(tm
     remark = append_to_job_summary("| ä | row |\n" * 200_000, WHOLE, {VARIABLE: str(summary)})
     content = summary.read_bytes()
     assert MOST_BYTES - 40 < len(content) <= MOST_BYTES < 1024 * 1024
-    assert content.decode().rstrip().endswith("The whole is in hil-out/report.md.**")
-    assert remark == "the job summary was cut to 1000 KiB; hil-out/report.md has all of it"
+    assert content.decode().rstrip().endswith("The complete report is in hil-out/report.md.**")
+    assert remark == "the job summary was cut to 1000 KiB; hil-out/report.md is complete"
 
 
 def test_a_summary_that_is_full_is_left_alone(tmp_path: Path) -> None:
     summary = tmp_path / "summary.md"
     summary.write_bytes(b"x" * MOST_BYTES)
     remark = append_to_job_summary("# PASS\n", WHOLE, {VARIABLE: str(summary)})
-    assert remark == f"no job summary: {summary} holds 1000 KiB already, and at most 1000 are kept"
+    assert remark == f"no job summary: {summary} has 1000 KiB already, and its limit is 1000 KiB"
     assert summary.stat().st_size == MOST_BYTES
 
 

@@ -183,7 +183,7 @@ def test_the_terminal_begins_with_the_verdict_and_ends_with_where_the_report_is(
 def test_the_smallest_change_that_a_comparison_sees_stands_beside_each_limit(run: Run, tmp_path: Path) -> None:
     """On the virtual board the tolerance, for the noise is the same; on a real one the noise of the default rig."""
     every = " ".join(summary(run, tmp_path, verbose=True, width=100, colour=False).split())
-    assert re.search(r"sees in 4 of 5 cases, where there is a limit \[deg\] .*heading\.direct\.max 0\.01\b", every)
+    assert re.search(r"detects in 4 of 5 cases, where there is a limit \[deg\] .*heading\.direct\.max 0\.01\b", every)
     assert "| heading.direct.max | 0.97 | deg | at most 1.8, change 0.01 |" in markdown_report(run)
     assert "heading.direct.max 0.97 deg at most 1.8 pass 0.01" in Page(html_report(run)).text
     assert run.board is not None

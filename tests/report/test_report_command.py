@@ -295,7 +295,7 @@ def test_no_value_anywhere_makes_more_than_a_sentence(
         ("", "not JSON"),
         ("[" * 100_000, "nested more than"),
         ('{"schema": "hiltest.run/1", "schema": "hiltest.run/1"}', "stands twice"),
-        ('{"schema": "hiltest.run/1", "seed": NaN}', "NaN is no number"),
+        ('{"schema": "hiltest.run/1", "seed": NaN}', "NaN is not a number"),
         ('{"schema": "hiltest.run/2"}', "use the version that wrote it"),
         ("\ufeff{}", "BOM"),
     ],

@@ -84,7 +84,7 @@ def test_a_rig_without_them_has_none_and_the_same_conditions_as_ever(with_tables
         (CURRENT, "field_ut_per_a = [0.9, -0.4, 0.3]", "", "current.field_ut_per_a", "is missing"),
         (CURRENT, "[0.9, -0.4, 0.3]", '"strong"', "current.field_ut_per_a", "array"),
         (PASSING, "[0, 2, 0.5]", "[50, 0.01, 0.02]", "passing.place_m", "leads it past at 0.0224 m"),
-        (PASSING, "[1.5, 0, 0]", "[0, 0, 0]", "passing.velocity_mps", "what never moves"),
+        (PASSING, "[1.5, 0, 0]", "[0, 0, 0]", "passing.velocity_mps", "a static source"),
         (PASSING, "[1.5, 0, 0]", "[3e8, 0, 0]", "passing.velocity_mps", "to 1000 m/s"),
         (PASSING, "[300, 0, 100]", "[1e7, 0, 0]", "passing.moment_am2", "within 1e+06"),
         (PASSING, "[300, 0, 100]", "[1e5, 0, 0]", "world", "hard_iron_ut with passing makes mag3110 read"),

@@ -80,7 +80,7 @@ def test_faults_are_one_of_the_conditions_and_none_leaves_them_as_they_were(tmp_
         ("seed = 2", "faults.seed", "names no fault"),
         ("lose = 1.5", "faults.lose", "is a probability"),
         ("flip = -0.1", "faults.flip", "is a probability"),
-        ("lose = 0.5\nflip = 0.6", "faults.lose", "more than 1 together"),
+        ("lose = 0.5\nflip = 0.6", "faults.lose", "exceed 1"),
         ("lose = true", "faults.lose", "not true"),
         ('direction = "up"\nlose = 0.1', "faults.direction", "'to-board'"),
         ("late = { probability = 0.0, by_s = 1.0 }", "faults.late.probability", "above 0"),
@@ -114,7 +114,7 @@ def test_faults_of_a_board_are_of_a_virtual_one_and_of_a_part_that_it_has(tmp_pa
     rig = tmp_path / "rig.toml"
     real = (shipped() / "rigs" / "frdm-k64f.toml").read_text(encoding="utf-8")
     rig.write_text(f'{real}\n[faults]\nreset = {{ by = "button", after_s = 1.0 }}\n', encoding="utf-8")
-    with pytest.raises(ConfigError, match=r'faults: .*reset happen to a board of kind "virtual" alone'):
+    with pytest.raises(ConfigError, match=r'faults: .*reset require a board of kind "virtual"'):
         load_rig(rig)
     bare = DEFAULT.read_text(encoding="utf-8").replace("[world]\n", '[world]\nfitted = ["fxos8700cq", "mag3110"]\n', 1)
     rig.write_text(f'{bare}\n[faults]\nsensor = {{ part = "fxas21002c", fault = "absent" }}\n', encoding="utf-8")

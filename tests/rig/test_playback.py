@@ -38,14 +38,14 @@ def test_a_recording_is_one_of_the_conditions_and_none_leaves_them_as_they_were(
 @pytest.mark.parametrize(
     ("keys", "key", "complaint"),
     [
-        ('file = ""', "file", "names no recording"),
+        ('file = ""', "file", "has no recording"),
         ('file = "x"\nstart_s = -1', "start_s", "must be 0 to 3600"),
         ('file = "x"\nresampling = "cubic"', "resampling", "input should be 'nearest' or 'linear'"),
         ('file = "x"\nrate_hz = 0', "rate_hz", "must be 0.01 to 100000"),
-        ('file = "x"\nrate_hz = 10\ntime = "t"', "rate_hz", "excludes time: one of them says the times"),
+        ('file = "x"\nrate_hz = 10\ntime = "t"', "rate_hz", "excludes time: leave one of them out"),
         ('file = "x"\nspeed = 2', "speed", "unknown key 'speed'; known keys: accelerometer, file"),
-        ('file = "x"\nmagnetometer.axes = "x y y"', "magnetometer.axes", "must be each of x, y and z once"),
-        ('file = "x"\ngyroscope.axes = "x y"', "gyroscope.axes", "must be each of x, y and z once"),
+        ('file = "x"\nmagnetometer.axes = "x y y"', "magnetometer.axes", "must be x, y and z in any order"),
+        ('file = "x"\ngyroscope.axes = "x y"', "gyroscope.axes", "must be x, y and z in any order"),
         ('file = "x"\naccelerometer.unit = "uT"', "accelerometer", "unit 'uT' is none of g, mg, m/s2"),
         ('file = "x"\nmagnetometer.unit = "0 uT"', "magnetometer", "unit '0 uT' is none of uT, nT"),
         ('file = "x"\nmagnetometer.unit = "1..2 uT"', "magnetometer", "unit '1..2 uT' is none of uT, nT"),

@@ -142,10 +142,10 @@ def test_a_last_line_that_is_whole_but_for_its_end_is_not_taken_for_finished(cut
     ("line", "complaint"),
     [
         ("{", "line 6 is damaged: Expecting property name"),
-        ("[]", "line 6 is no entry of a journal"),
-        ("{}", "line 6 is no entry of a journal: 'kind'"),
+        ("[]", "line 6 is not an entry of a journal"),
+        ("{}", "line 6 is not an entry of a journal: 'kind'"),
         ('{"kind": "test", "test": null, "utc": "", "measurements": [{}], "tables": []}', "line 6 .*: 'name'"),
-        ('{"kind": "test", "test": null, "utc": "", "measurements": 1, "tables": []}', "line 6 is no entry"),
+        ('{"kind": "test", "test": null, "utc": "", "measurements": 1, "tables": []}', "line 6 is not an entry"),
         ('{"kind": "test", "test": {"id": 1}, "utc": "", "measurements": [], "tables": []}', r"tests\.1\.id"),
         ('{"kind": "board", "board": 1, "seed": 1}', "board"),
     ],
@@ -297,7 +297,9 @@ class TestFolder:
 
     def test_a_folder_that_cannot_be_written_to_is_a_usage_error(self, tmp_path: Path) -> None:
         (tmp_path / JOURNAL_FILE).mkdir()
-        with pytest.raises(ConfigError, match=f"cannot keep a record in {tmp_path}: Is a directory; name another one"):
+        with pytest.raises(
+            ConfigError, match=f"cannot write a record to {tmp_path}: Is a directory; name another folder"
+        ):
             Journal(tmp_path)
 
 

@@ -127,4 +127,4 @@ def test_the_plugin_keeps_it_and_an_older_firmware_has_none(
 def test_what_is_no_label_is_a_usage_error(pytester: pytest.Pytester, label: str) -> None:
     result = pytester.runpytest_inprocess(f"--hil-label={label}")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["*is no label: one line of at most 100 characters*"])
+    result.stderr.fnmatch_lines(["*is not a label: use one line of at most 100 characters*"])

@@ -108,12 +108,12 @@ def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Pa
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--turntable-tcp", "5000"], "--turntable-tcp and --host go with --tcp PORT"),
-        (["--tcp", "0", "--pty"], "--tcp goes neither with --pty nor with --link"),
+        (["--turntable-tcp", "5000"], "--turntable-tcp and --host need --tcp PORT"),
+        (["--tcp", "0", "--link", "here"], "--link is for pseudo-terminals"),
         (["--tcp", "70000"], "70000 is not in the range"),
-        (["--tcp", "65535"], "--tcp 65535 leaves no port above it for the turntable: name one with --turntable-tcp"),
-        (["--rig", "frdm-k64f"], "is of a real board: there is nothing to serve. Choose a rig of a virtual board with"),
-        (["--tcp", "0", "--host", "192.0.2.1"], "Is it this machine's address?"),
+        (["--tcp", "65535"], "there is no TCP port after 65535 for the turntable: name one with --turntable-tcp"),
+        (["--rig", "frdm-k64f"], "has a real board, which cannot be served. Choose a rig with a virtual board by"),
+        (["--tcp", "0", "--host", "192.0.2.1"], "Check that this machine has the address."),
         (["--firmware", "gone.elf"], "gone.elf"),
         (["--link", "gone/board"], "cannot make the link gone/board: No such file"),
     ],

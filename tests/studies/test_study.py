@@ -106,7 +106,7 @@ def test_the_command_goes_on_after_ctrl_c_and_after_being_killed(tmp_path: Path,
     _, said = process.communicate(timeout=60.0)
     assert process.returncode == (2 if ended_by is signal.SIGINT else -signal.SIGKILL)
     if ended_by is signal.SIGINT:
-        assert "the same command goes on" in said
+        assert "repeat the command to continue" in said
     assert not (tmp_path / "run.json").exists()
     before = kept.read_bytes().count(b'"block"')
     assert 0 < before < 20

@@ -129,7 +129,7 @@ def test_an_object_on_tape_has_its_interface_and_no_more() -> None:
 
     bell = Taped(LIVE, "bell", Bell, Iron())
     assert bell.ring(3) == 6
-    with pytest.raises(AttributeError, match="Bell has no 'weight', by which it could be recorded"):
+    with pytest.raises(AttributeError, match="Bell has no 'weight', which recording needs"):
         _ = bell.weight
 
 

@@ -1,4 +1,4 @@
-"""``hiltest trend`` as a user calls it."""
+"""``hiltest report trend`` as a user calls it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WriteRun = Callable[..., Path]
 
 
 def trend(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return hiltest("trend", ".", *arguments, folder=folder)
+    return hiltest("report", "trend", ".", *arguments, folder=folder)
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_the_table_the_steps_and_the_sentence_are_printed_and_the_page_is_writte
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "cycles.direct.total 3 11 061 11 161 11 061 11 161 cycle at most 12 500 1, last in run 3" in lines
     assert "cycles counted by cortex-m4-trm/2@sram" in lines
-    assert "1 more without limit and change point: --all" in lines
+    assert "1 more without limit and change point (--all shows them)" in lines
     assert (
         "run 3, 2026-01-03T00:00:00Z: worse: cycles.direct.total "
         "11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)"
@@ -45,7 +45,7 @@ def test_the_table_the_steps_and_the_sentence_are_printed_and_the_page_is_writte
     assert "build b2 -> b3 (3/run.json)" in lines
     assert lines[-2].startswith("3 runs from 2026-01-01T00:00:00Z to 2026-01-03T00:00:00Z: 1 change point in 1 of 2")
     assert lines[-1] == "trend.html"
-    assert done.stderr == "skipped other.json: no record of hiltest's: schema is null\n"
+    assert done.stderr == "skipped other.json: not a record of hiltest: schema is null\n"
     assert "cycles.direct.total" in (runs / "trend.html").read_text()
     assert "heading.direct.rms" in trend(runs, "--all").stdout
 
@@ -73,7 +73,7 @@ def test_json_is_all_that_is_printed_and_holds_the_steps(runs: Path) -> None:
     assert series["limits"] == [{"entry": 0, "limit": {"min": None, "max": 12_500}}]
     (step,) = series["steps"]
     assert (step["before"], step["after"], step["change"], step["delta"]) == (1, 2, "worse", 100)
-    assert content["skipped"] == [{"file": "other.json", "reason": "no record of hiltest's: schema is null"}]
+    assert content["skipped"] == [{"file": "other.json", "reason": "not a record of hiltest: schema is null"}]
 
 
 def test_a_step_within_the_tolerance_is_none(tmp_path: Path, write: WriteRun) -> None:
@@ -86,7 +86,7 @@ def test_a_folder_without_runs_is_a_usage_error_that_names_what_was_skipped(tmp_
     (tmp_path / "no-run.json").write_text("x")
     done = trend(tmp_path)
     assert done.returncode == 4
-    assert "ERROR: .: no run in it\nskipped no-run.json: not JSON" in done.stderr
+    assert "ERROR: . has no run\nskipped no-run.json: not JSON" in done.stderr
 
 
 def test_the_page_goes_where_it_is_asked_for(runs: Path) -> None:

@@ -119,10 +119,10 @@ def test_foreign_and_corrupt_files_are_named_with_the_reason_and_the_rest_is_rea
     begins = {
         "half.json": "not JSON: ",
         "newer.json": 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"',
-        "package.json": "no record of hiltest's: schema is null",
-        "list.json": "no record of hiltest's",
+        "package.json": "not a record of hiltest: schema is null",
+        "list.json": "not a record of hiltest",
         "deep.json": "not JSON: nested",
-        "when.json": 'began at "<b>yesterday", which is no time',
+        "when.json": 'began at "<b>yesterday", which is not a time',
         "huge.json": '"cycles.direct.total" is 1e+308, which nothing measures',
         "binary.json": "not JSON: ",
         "pipe.json": "not a regular file",
@@ -192,8 +192,8 @@ def test_a_run_that_was_cut_short_is_shown_as_far_as_it_came_and_said_to_be(tmp_
     (entry,) = entries
     assert entry.file == JOURNAL_FILE
     assert entry.evidence.measurements[1]["cycles.direct.total"].value == 11_061
-    assert "the run is not complete" in entry.evidence.faults[0]
-    assert "the run is not complete" in trend_page(trend_of(entries), [])
+    assert "the run is incomplete" in entry.evidence.faults[0]
+    assert "the run is incomplete" in trend_page(trend_of(entries), [])
 
 
 def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ def test_lines_of_other_conditions_are_not_joined() -> None:
     svg = str(drawn.svg())
     assert f'<path class="series-0" d="M{left:.1f} {y:.1f}L{right:.1f} {y:.1f}"/>' in svg
     assert 'class="series-1"' in svg
-    assert "2 conditions that are not compared" in svg
+    assert "2 conditions that are not comparable" in svg
     key = re.findall(r"</svg>([^<]*)</li>", trend_page(trend, []))
     assert key == ["cortex-m4-trm/2@sram", "b"], "what tells one line from the other, and no change point"
 

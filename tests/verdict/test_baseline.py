@@ -204,7 +204,7 @@ def test_nothing_that_is_the_same_is_entered_in_the_history(baseline: Baseline) 
 
 @pytest.mark.parametrize("name", ["heading.direct.maximum", "fusion.*", ""])
 def test_a_name_that_nothing_has_is_refused_with_the_nearest(baseline: Baseline, name: str) -> None:
-    with pytest.raises(ConfigError, match="no measurement is called") as refused:
+    with pytest.raises(ConfigError, match="no measurement has the name") as refused:
         accept(baseline, run(), ["cycles.*", name], because="x", when_utc=NOW)
     near = "; did you mean 'heading.direct.max'?"
     assert (near in str(refused.value)) == name.startswith("heading")
@@ -212,7 +212,7 @@ def test_a_name_that_nothing_has_is_refused_with_the_nearest(baseline: Baseline,
 
 def test_a_run_on_another_rig_or_without_a_seed_moves_nothing(baseline: Baseline) -> None:
     other = replace(run(), conditions=replace(CONDITIONS, rig_sha256="00" * 32))
-    with pytest.raises(ConfigError, match="nothing is moved: another rig"):
+    with pytest.raises(ConfigError, match="nothing changes: another rig"):
         accept(baseline, other, ["*"], because="x", when_utc=NOW)
     one_seed = replace(run(), measurements={1: run().measurements[1]})
     with pytest.raises(ConfigError, match="has no seed 2"):
@@ -220,8 +220,8 @@ def test_a_run_on_another_rig_or_without_a_seed_moves_nothing(baseline: Baseline
 
 
 def test_a_run_that_was_cut_short_is_no_baseline() -> None:
-    with pytest.raises(ConfigError, match="a baseline is a run that is whole"):
-        baseline_of(replace(run(), faults=("run.json: the run is not complete",)), THEN)
+    with pytest.raises(ConfigError, match="a baseline needs a complete run"):
+        baseline_of(replace(run(), faults=("run.json: the run is incomplete",)), THEN)
     with pytest.raises(ConfigError, match="no board answered"):
         baseline_of(replace(run(), conditions=None), THEN)
 
@@ -231,9 +231,9 @@ def test_a_run_that_was_cut_short_is_no_baseline() -> None:
     [
         ('"hiltest.baseline/1"', '"hiltest.baseline/2"', "this hiltest reads"),
         ("[0.9, 1.8]", "[0.9]", "1 values for 2 seeds"),
-        ("[0.9, 1.8]", "[0.9, NaN]", "not JSON: NaN is no number"),
+        ("[0.9, 1.8]", "[0.9, NaN]", "not JSON: NaN is not a number"),
         ("[0.9, 1.8]", '[0.9, "1.8"]', "measurements.2.values.1"),
-        ('"seeds": [1, 2],\n"measurements"', '"seeds": [1, 1],\n"measurements"', "seed 1 stands twice"),
+        ('"seeds": [1, 2],\n"measurements"', '"seeds": [1, 1],\n"measurements"', "seed 1 appears twice"),
         ('"seeds": [1, 2],\n"measurements"', '"seeds": [],\n"measurements"', "seeds is empty"),
         ('"compass.lag"', '"heading.direct.max"', 'measurement "heading.direct.max" stands twice'),
         ("[0.9, 1.8]", "[null, null]", '"heading.direct.max" has no number'),
@@ -254,9 +254,9 @@ def test_a_damaged_baseline_is_refused_with_the_place(
 
 def test_a_baseline_of_nothing_is_neither_written_nor_read(baseline: Baseline, tmp_path: Path) -> None:
     nothing = replace(run(), measurements={1: {}, 2: {}})
-    with pytest.raises(ConfigError, match="it has no number at all"):
+    with pytest.raises(ConfigError, match="it has no number"):
         baseline_of(nothing, THEN)
-    with pytest.raises(ConfigError, match="no measurement would be left"):
+    with pytest.raises(ConfigError, match="no measurement would remain"):
         accept(baseline, nothing, ["*"], because="all of it", when_utc=NOW)
     file = tmp_path / "base.json"
     file.write_text(to_json(replace(baseline, measurements=())), encoding="utf-8")

@@ -229,7 +229,7 @@ def test_a_limit_that_the_change_under_test_drops_still_says_which_way_is_better
     base, new = over_seeds("compass.lag", 4.0, limit=Limit(max=9)), over_seeds("compass.lag", 5.0)
     found = only(base, new)
     assert (found.change, found.sense) == (Change.WORSE, Better.LOWER)
-    assert found.note == "it has no limit any more; it was at most 9"
+    assert found.note == "its limit at most 9 was removed"
 
 
 def test_a_bias_that_only_turns_its_sign_is_neither_better_nor_worse() -> None:
@@ -332,7 +332,7 @@ def test_what_is_no_number_never_makes_a_pass(nothing: float | None) -> None:
 def test_a_number_that_is_too_large_to_compare_is_an_obstacle(base: float, new: float, seeds: int) -> None:
     name = "heading.direct.max"
     comparison = compare(over_seeds(name, *[base] * seeds), over_seeds(name, *[new] * seeds))
-    assert comparison.obstacles[0].startswith(f"measurement gone: {name} (a number beyond 1e+100 is none")
+    assert comparison.obstacles[0].startswith(f"measurement missing: {name} (a number beyond 1e+100 is none")
     assert asdict(comparison)["differences"][0]["delta"] is None
 
 
@@ -428,13 +428,13 @@ def test_what_a_result_leaves_nothing_to_measure_of_is_changed_and_what_just_van
     assert comparison.evaluated
     for why in ("", WORST_OF_SEVERAL):  # no reason at all, and the remark of one that was measured twice
         comparison = compare(base, evidence([without(name, why), measurement(total, 12_000)]))
-        assert comparison.obstacles[0].startswith(f"measurement gone: {name}")
+        assert comparison.obstacles[0].startswith(f"measurement missing: {name}")
 
 
 def test_what_the_base_held_to_a_limit_is_gone_whatever_the_reason() -> None:
     base = over_seeds("heading.direct.max", 0.9, limit=Limit(max=1.8))
     comparison = compare(base, evidence([without("heading.direct.max", "nobody asked")]))
-    assert comparison.obstacles[0].startswith("measurement gone: heading.direct.max (nobody asked; it has no limit any")
+    assert comparison.obstacles[0].startswith("measurement missing: heading.direct.max (nobody asked; its limit")
     assert comparison_code(comparison) == 22
 
 
@@ -455,7 +455,7 @@ def test_two_sides_without_a_number_in_common_are_not_compared() -> None:
     for base in (evidence([]), evidence([time]), evidence([measurement("heading.direct.max", None), time])):
         comparison = compare(base, new)
         assert not comparison.evaluated
-        assert comparison.obstacles[0].startswith("nothing was compared: run.json and run.json have no number")
+        assert comparison.obstacles[0].startswith("run.json and run.json have no number")
 
 
 def test_noise_that_runs_do_not_share_has_a_wider_tolerance() -> None:
@@ -480,7 +480,7 @@ def test_the_sentence_begins_with_the_answer() -> None:
     assert compare(*chosen).sentence == f"May be merged as far as the chosen tests show {against}: 1 unchanged."
     gone = compare(base, evidence([]))
     cannot = "Cannot say whether it may be merged"
-    assert gone.sentence.startswith(f"{cannot} {against}: measurement gone: cycles.direct.total; bring it back")
+    assert gone.sentence.startswith(f"{cannot} {against}: measurement missing: cycles.direct.total; bring it back")
     assert not_compared("old.json", "old.json: no such file", base).sentence == (
         f"{cannot} (against old.json): old.json: no such file."
     )
@@ -636,7 +636,7 @@ def test_what_a_run_did_not_come_to_is_not_taken_and_no_wall_of_what_is_gone(cho
     new = replace(
         evidence([measurement("lamp.0", 1.0), measurement("lamp.1", None)]),
         chosen=chosen,
-        faults=() if chosen else ("this run: the run is not complete (interrupted); run all of it again",),
+        faults=() if chosen else ("this run: the run is incomplete (interrupted); repeat it",),
     )
     comparison = compare(base, new)
     assert [each.name for each in comparison.differences_with(Change.GONE)] == ["lamp.1"]  # it came to that one

@@ -198,7 +198,7 @@ def test_a_dip_of_the_opposite_sign_is_named_though_no_heading_depends_on_it(sen
 
 def test_a_refusal_as_mirrored_of_what_is_right_is_the_firmwares(sentence: Callable[..., str]) -> None:
     told = sentence(Bench(), MIRRORED, broken="dpi of 300 rows: MIRRORED")
-    assert "Likely cause: dpi refuses as MIRRORED what the known angles show to be right" in told
+    assert "Likely cause: dpi refuses points as MIRRORED although the known angles confirm their axes" in told
 
 
 def test_what_could_not_be_evaluated_comes_behind_the_cause(sentence: Callable[..., str]) -> None:

@@ -33,7 +33,7 @@ def test_a_run_with_fewer_seeds_than_the_baseline_is_no_way_to_update_it() -> No
 
 def test_where_nobody_knows_what_a_run_was_started_with_the_words_say_so() -> None:
     said = how_to_keep(compare(BASELINE, over_seeds(NAME, 4)), "kept/run.json")
-    first = "run its seeds with the OPTIONS that kept/run.json was run with, hiltest run OPTIONS --seeds 1..8 --out DIR"
+    first = "run its seeds with the OPTIONS of the run kept/run.json, hiltest run OPTIONS --seeds 1..8 --out DIR"
     assert said == f"1 better; keep it: {first}, then {UPDATE.replace('hil-out', 'DIR')}"
 
 

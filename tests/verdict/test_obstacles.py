@@ -51,20 +51,20 @@ def test_two_runs_alike_have_no_obstacle(changed: Changed) -> None:
             {"rig.conditions_sha256": "00" * 32, "rig.faults": "0.1 of bytes lost"},
             "before, virtual-k64f with faults (0.1 of bytes lost) (00000000) now; use the same --rig",
         ),
-        ({"rig.conditions_sha256": ""}, "the record does not say what rig it is of"),
+        ({"rig.conditions_sha256": ""}, "the record has no rig"),
         ({"board.kind": "real"}, "another kind of board: virtual before, real now"),
         (
             {"board.calibrators": ["direct", "direct-fast", "iterative"]},
-            "calibrator missing: the firmware has no corrected",
+            "calibrator missing: the firmware no longer has corrected",
         ),
         ({"board.protocol_version": 3}, "another protocol: version "),
         ({"board.compiler": "arm-none-eabi-gcc 13.2.1"}, "another compiler: arm-none-eabi-gcc 12"),
         ({"board.compiler_flags": "-O3 -g"}, "other compiler flags: "),
-        ({"board.compiler_flags": ""}, "its compiler flags are unknown"),
+        ({"board.compiler_flags": ""}, "the compiler flags are unknown"),
         ({"board.cycle_model": "silicon-dwt"}, "another cycle model: cortex-m4-trm/2@sram before, silicon-dwt now"),
         ({"poses": "level"}, "other poses: 'all' before, 'level' now; run with --poses all"),
         ({"seed": 7}, "no seed in common: seed 1 before, seed 7 now"),
-        ({"verdict.complete": False, "verdict.outcome": "interrupted"}, "the run is not complete (interrupted)"),
+        ({"verdict.complete": False, "verdict.outcome": "interrupted"}, "the run is incomplete (interrupted)"),
         ({"board": None, "verdict.complete": False}, "no board answered"),
         ({"board": None}, "another kind of board: virtual before, none now"),
     ],
@@ -83,7 +83,7 @@ def test_a_missing_sensor_is_one_and_so_is_another_one(changed: Changed, real_re
     sensors = real_record["board"]["sensors"]
     absent = [{**sensor, "present": sensor["name"] != "MAG3110"} for sensor in sensors]
     (reason,) = compared(changed("base"), changed("new", {"board.sensors": absent})).obstacles
-    assert reason.startswith("other sensors: MAG3110 before and not now; put them back")
+    assert reason.startswith("other sensors: MAG3110 before and not now; restore them")
     more = [*sensors, {**sensors[0], "name": "LIS3MDL"}]
     (reason,) = compared(changed("base"), changed("new", {"board.sensors": more})).obstacles
     assert reason.startswith("other sensors: LIS3MDL now and not before")
@@ -161,7 +161,7 @@ def test_cycles_that_another_model_counted_are_no_further_reason_and_others_that
     assert reason.startswith(f"another cycle model: {MODEL} before, dwt now")
     del otherwise["cycles.x.total"]
     _, gone = compare(base, replace(new, measurements={1: otherwise})).obstacles
-    assert gone.startswith("measurement gone: cycles.x.total; bring it back")
+    assert gone.startswith("measurement missing: cycles.x.total; bring it back")
 
 
 def test_of_two_firmwares_in_one_session_no_baseline_is_to_be_renewed() -> None:
@@ -177,7 +177,7 @@ def test_of_two_firmwares_in_one_session_no_baseline_is_to_be_renewed() -> None:
 def test_a_measurement_that_is_gone_is_named_with_the_way_to_accept_it(changed: Changed) -> None:
     base, new = changed("base"), changed("new", values={"heading.direct.max": None})
     (reason,) = compared(base, new).obstacles
-    begins = "measurement gone: heading.direct.max; bring it back, or "
+    begins = "measurement missing: heading.direct.max; restore it, or "
     save = f"accept that into a baseline, `hiltest baseline save {base} FILE`"
     update = f"`hiltest baseline update FILE {new} --accept heading.direct.max --because TEXT`"
     assert reason == f"{begins}{save} and {update}"
@@ -188,13 +188,13 @@ def test_a_measurement_that_is_gone_is_named_with_the_way_to_accept_it(changed: 
     )
     chosen = [replace(read_evidence(each), chosen=True) for each in (base, new)]
     (reason,) = compare(*chosen, together=True).obstacles
-    assert reason == f"{begins}leave its test out of both runs: -- -k 'not test_heading_at_known_angles'"
+    assert reason == f"{begins}omit its test from both runs: -- -k 'not test_heading_at_known_angles'"
 
 
 def test_a_run_without_any_measurement_names_a_few_and_counts_the_rest(changed: Changed) -> None:
     comparison = compared(changed("base"), changed("new", {"measurements": []}))
     assert len(comparison.obstacles) == 4
-    assert comparison.obstacles[-1].startswith("measurements gone: ")
+    assert comparison.obstacles[-1].startswith("measurements missing: ")
 
 
 def test_an_edited_limit_voids_nothing(changed: Changed) -> None:
@@ -209,7 +209,7 @@ def test_a_campaign_is_one_side(changed: Changed, tmp_path: Path) -> None:
     (tmp_path / "new" / "seeds.json").write_text("{}", encoding="utf-8")
     comparison = compared(tmp_path / "base", tmp_path / "new")
     assert comparison.obstacles == (
-        f"{tmp_path / 'base'}: the campaign was cut short: it has no seeds.json; run all of it again",
+        f"{tmp_path / 'base'}: the campaign was cut short: it has no seeds.json; repeat it",
     )
     (found,) = (difference for difference in comparison.differences if difference.name == "cycles.direct.total")
     assert (found.change, found.seeds, found.new) == ("better", 8, 9_995.5)
@@ -219,10 +219,10 @@ def test_a_campaign_is_one_side(changed: Changed, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("fields", "reason"),
     [
-        ({"board.build_id": "ff" * 8}, "of another firmware than"),
-        ({"rig.conditions_sha256": "00" * 32}, "under other conditions than"),
-        ({"seed": 1}, "a seed stands there twice"),
-        ({"verdict.complete": False}, "the run is not complete"),
+        ({"board.build_id": "ff" * 8}, "another firmware than"),
+        ({"rig.conditions_sha256": "00" * 32}, "other conditions than"),
+        ({"seed": 1}, "a seed appears twice"),
+        ({"verdict.complete": False}, "the run is incomplete"),
     ],
 )
 def test_a_campaign_of_different_things_is_no_evidence(
@@ -240,7 +240,7 @@ def test_a_folder_with_both_a_run_and_a_campaign_is_refused(changed: Changed, tm
     changed("base/seed-0001", {"seed": 1})
     assert read_evidence(tmp_path / "base").side.file == str(tmp_path / "base" / "run.json")
     (tmp_path / "base" / "seeds.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"holds both a single run and a campaign \(seeds.json\).*; name the run's"):
+    with pytest.raises(ConfigError, match=r"has both a single run and a campaign \(seeds.json\).*; name the run's"):
         read_evidence(tmp_path / "base")
     (tmp_path / "base" / "run.json").unlink()
     (tmp_path / "base" / "journal.jsonl").write_text("")
@@ -298,7 +298,7 @@ def test_where_no_board_answered_that_alone_is_the_reason(changed: Changed) -> N
     lost = changed("new", {"board": None, "seed": None, "verdict.complete": False, "measurements": []})
     reasons = compared(changed("base"), lost).obstacles
     assert [reason.partition(": ")[2].partition(" (")[0] for reason in reasons] == [
-        "the run is not complete",
+        "the run is incomplete",
         "no board answered; run it again",
     ]
     without = compared(changed("base"), changed("without", {"board": None, "measurements": []})).obstacles
@@ -347,7 +347,7 @@ def test_what_passed_before_and_is_no_test_any_more_is_missed(
     assert compare(made, new).obstacles == ()  # of a base from before they were kept
     if missing:
         (reason,) = compare(base, new, together=True).obstacles
-        assert reason.endswith("or leave it out of both runs: -- -k 'not test_a'")
+        assert reason.endswith("or omit it from both runs: -- -k 'not test_a'")
         assert compare(base, replace(new, chosen=True)).obstacles == ()
         (reason,) = compare(base, replace(new, faults=("cut short",))).obstacles
         assert reason == "cut short"
@@ -363,7 +363,7 @@ def test_what_is_new_because_its_test_failed_in_the_base_was_not_compared(outcom
         reasons = compare(base, side, together=together).obstacles
         assert list(reasons) == (
             [
-                "nothing to compare with: lamp.colour is new, for test_lamp.py::test_a failed in run.json, and so 1 "
+                "no base: lamp.colour is new, since test_lamp.py::test_a failed in run.json, and 1 "
                 "more; name a base in which it passes"
             ]
             if outcome in ("failed", "connection lost")

@@ -132,7 +132,7 @@ def test_angles_that_are_exchanged_are_no_matter_of_the_accelerometer(findings: 
     assert "accelerometer" in next_step(wrong, {})
     assert next_step(wrong, contradictions(heading="they grow the other way")) == next_step(wrong, {})
     step = next_step(wrong, contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
-    assert step.startswith("Take pitch and roll so under [device] in the rig")
+    assert step.startswith("Declare pitch and roll so under [device] in the rig")
     made = findings(wrong)
     made.tables.update(contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
     assert summarise(made).advice == (step,)

@@ -78,7 +78,7 @@ def test_a_calibrator_that_is_given_other_points_has_no_ratio(
 @pytest.mark.parametrize(
     ("cycles", "said"),
     [
-        (12_500, "within 10 % of the cycles of direct: code in flash ranks neither."),
+        (12_500, "within 10 % of the cycles of direct: code in flash cannot be ranked."),
         (14_000, "equal accuracy (within 0.1 deg), 1.17 x the cycles of direct."),
     ],
 )
@@ -107,7 +107,7 @@ def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
     made = findings(*(replace(each, cycle_model=f"m@{placement}" if each.cycle_model else "") for each in both))
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
     assert [row.name for row in accuracy_and_cost(run).rows] == order
-    refused = "within 10 % of the cycles of direct: code in flash ranks neither"
+    refused = "within 10 % of the cycles of direct: code in flash cannot be ranked"
     assert (refused in cost_line(run)) is not ranked
     assert ("0.91 x the cycles of direct" in cost_line(run)) is ranked
 
@@ -248,7 +248,7 @@ def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, 
     verdict = decide(findings(*good, *unmet), pytest_exit=0)
     assert verdict.exit_code == 22
     assert verdict.sentence.startswith(
-        "NOT EVALUATED. heading.dirct.max (the board has no calibrator 'dirct', only direct, iterative), "
+        "NOT EVALUATED. heading.dirct.max (the board has no calibrator 'dirct'; it has direct, iterative), "
         "lamp (nothing measured it). direct: worst heading 0.97 deg over 60 poses"
     )
 
@@ -259,7 +259,7 @@ def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, 
         ("heading.dpi.max", True, 'nothing measured it; procedure.dpi is "none", or its fit was refused'),
         ("cycles.dpi-poses.total", False, 'nothing measured it; procedure.dpi is "none", or its fit was refused'),
         ("heading.dpi-poses.max", True, "nothing in the gate set measured it"),
-        ("heading.calibration.max", True, "nothing measured it; no calibration file was named with --calibration"),
+        ("heading.calibration.max", True, "nothing measured it; --calibration named no file"),
     ],
 )
 def test_what_is_no_calibrator_of_the_firmware_is_unmet_for_another_reason(
@@ -272,7 +272,7 @@ def test_what_is_no_calibrator_of_the_firmware_is_unmet_for_another_reason(
 def test_where_the_limit_of_a_calibrator_that_the_firmware_lacks_stands_is_said() -> None:
     name = "heading.dirct.max"
     (unmet,) = unmet_limits({name: Limit(max=2.0)}, {}, (), ["direct"], places={name: "bench.toml:47"})
-    assert unmet.note == "the board has no calibrator 'dirct', only direct; the limit is in bench.toml:47"
+    assert unmet.note == "the board has no calibrator 'dirct'; it has direct; the limit is in bench.toml:47"
 
 
 def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:

@@ -1,4 +1,4 @@
-"""``hiltest worst``: what it finds, keeps, replays and refuses."""
+"""``hiltest profile worst``: what it finds, keeps, replays and refuses."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def elf(build: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def worst(elf: Path, *words: str) -> int:
-    return run("worst", "--firmware", str(elf), "--out", "worst.json", *words)
+    return run("profile", "worst", "--firmware", str(elf), "--out", "worst.json", *words)
 
 
 def cycles_of(elf: Path, function: str, *arguments: object) -> int:
@@ -122,7 +122,7 @@ def test_only_what_returns_a_success_is_a_worst_case(elf: Path, capsys: pytest.C
     assert worst(elf, "guarded", "0..200", "--returns", "0..100", "--calls", "900") == 0
     case = load_worst_case(Path("worst.json"))
     assert (case.arguments, case.cycles) == (("100",), cycles_of(elf, "guarded", 100))
-    most = f"refused ones {cycles_of(elf, 'guarded', 200):,} at most".replace(",", " ")
+    most = f"refused calls at most {cycles_of(elf, 'guarded', 200):,}".replace(",", " ")
     assert most in capsys.readouterr().out
     Path("worst.json").unlink()
     assert worst(elf, "guarded", "0..200", "--returns", "1000", "--calls", "50") == 1
@@ -135,22 +135,22 @@ def test_a_replay_takes_the_same_cycles_and_says_when_the_build_is_another(
     assert worst(elf, "set_bits", "0..255", "--calls", "900") == 0
     cycles = load_worst_case(Path("worst.json")).cycles
     capsys.readouterr()
-    assert run("worst", "--replay", "worst.json", "--firmware", str(elf)) == 0
+    assert run("profile", "worst", "--replay", "worst.json", "--firmware", str(elf)) == 0
     told = capsys.readouterr().out
-    assert told == f"set_bits(255): {cycles} cycles (cortex-m4-trm/2@flash), as it was kept\n"
+    assert told == f"set_bits(255): {cycles} cycles (cortex-m4-trm/2@flash), the saved count\n"
     other = build("other.elf", "-O0")
-    assert run("worst", "--replay", "worst.json", "--firmware", str(other)) == 0
+    assert run("profile", "worst", "--replay", "worst.json", "--firmware", str(other)) == 0
     told = capsys.readouterr().out
     assert told.startswith(f"set_bits(255): {cycles_of(other, 'set_bits', 255)} cycles")
-    assert f"; {cycles} (cortex-m4-trm/2@flash) were kept of another build, program.elf" in told
+    assert f"; saved were {cycles} (cortex-m4-trm/2@flash) of another build, program.elf" in told
 
 
 def test_other_cycles_of_the_same_build_are_an_error(elf: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert worst(elf, "set_bits", "0..255", "--calls", "100") == 0
     kept = json.loads(Path("worst.json").read_text())
     Path("worst.json").write_text(json.dumps(kept | {"cycles": kept["cycles"] + 1}))
-    assert run("worst", "--replay", "worst.json", "--firmware", str(elf)) == 1
-    assert "were kept of the same build" in capsys.readouterr().out
+    assert run("profile", "worst", "--replay", "worst.json", "--firmware", str(elf)) == 1
+    assert "of the same build" in capsys.readouterr().out
 
 
 def test_a_function_that_faults_names_the_arguments(elf: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -164,14 +164,14 @@ def test_a_point_set_of_a_calibrator_is_found_and_replays(
     monkeypatch.chdir(tmp_path)
     texts = []
     for _ in range(2):
-        assert run("worst", "iterative", "--calls", "60", "--seed", "4", "--points", "40") == 0
+        assert run("profile", "worst", "iterative", "--calls", "60", "--seed", "4", "--points", "40") == 0
         texts.append(Path("hil-out/worst-iterative.json").read_text())
     assert texts[0] == texts[1]
     case = load_worst_case(Path("hil-out/worst-iterative.json"))
     assert 9 <= len(case.points) <= 40
     capsys.readouterr()
-    assert run("worst", "--replay", "hil-out/worst-iterative.json") == 0
-    assert capsys.readouterr().out.endswith(" cycles (cortex-m4-trm/2@sram), as it was kept\n")
+    assert run("profile", "worst", "--replay", "hil-out/worst-iterative.json") == 0
+    assert capsys.readouterr().out.endswith(" cycles (cortex-m4-trm/2@sram), the saved count\n")
 
 
 @pytest.mark.slow
@@ -187,7 +187,7 @@ def test_an_interrupted_search_keeps_the_worst_so_far(elf: Path, tmp_path: Path)
     process.send_signal(signal.SIGINT)
     told, _ = process.communicate(timeout=30)
     assert process.returncode == 2
-    assert "kept in" in told
+    assert "saved in" in told
     assert load_worst_case(tmp_path / "w.json").calls >= 1
     os.close(screen)
     os.close(terminal)
@@ -204,8 +204,8 @@ def test_an_interrupted_search_keeps_the_worst_so_far(elf: Path, tmp_path: Path)
         (("sort", "int16:99999999:0..3", "5"), "no more than the RAM holds"),
         (("sort", "int16:@/etc/hostname", "0..5"), "a file's content cannot be kept"),
         (("set_bits", "0..9", "--returns", "many"), "write LOW..HIGH"),
-        (("set_bits", "0..9", "--calls", "5", "--seconds", "5"), "not both"),
-        ((), "give a FUNCTION"),
+        (("set_bits", "0..9", "--calls", "5", "--seconds", "5"), "exclude each other"),
+        ((), "name a FUNCTION"),
     ],
 )
 def test_what_cannot_be_searched_is_refused(
@@ -254,7 +254,7 @@ def test_a_hostile_file_is_refused(
     elf: Path, change: dict[str, object], reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("hostile.json").write_text(json.dumps(GOOD | change))
-    assert run("worst", "--replay", "hostile.json", "--firmware", str(elf)) == 4
+    assert run("profile", "worst", "--replay", "hostile.json", "--firmware", str(elf)) == 4
     error = capsys.readouterr().err
     assert reason in error
     assert "\x1b" not in error

@@ -62,4 +62,4 @@ def test_points_that_the_firmware_refuses_leave_a_limit_unevaluated(tmp_path: Pa
     found = record.measurement(NAME)
     assert found is not None
     assert (code, found.value) == (22, None)
-    assert "search again with hiltest worst iterative" in found.note
+    assert "search again with hiltest profile worst iterative" in found.note

@@ -96,14 +96,16 @@ def open_board(
     board: Board
     if url is None or url.startswith("hil:"):
         if url is not None and url.rstrip("/") != "hil:":
-            raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
+            raise ConfigError(
+                f"{url}: the URL has parameters that hiltest run takes from its options: use --port hil://"
+            )
         bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
         board = VirtualBoard(bench, transcript=transcript, tape=tape)
     else:
         if watches_execution:
             raise ConfigError(NO_COVERAGE.format(f"on {url}"))
         if firmware is not None and rig.answers_requests:
-            raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
+            raise ConfigError(f"--firmware is for the virtual board; flash {firmware} onto the board on {url}")
         image = None if firmware is None else load_image(firmware, base=base)
         try:
             board = RealBoard(url, rig, image=image, transcript=transcript, tape=tape)

@@ -51,8 +51,8 @@ def firmware_of(rig: Rig) -> Path:
     named, shipped = rig.board.firmware, default_firmware().parent
     if named is None and not rig.answers_requests:
         raise ConfigError(
-            f"{rig.path}: names no firmware under test: give it with --firmware ELF, or as board.firmware. hiltest's "
-            "own waits to be asked, and this rig listens"
+            f"{rig.path}: names no firmware under test: name it with --firmware ELF, or as board.firmware. The "
+            "packaged firmware does not fit a rig with a [device] table"
         )
     if named is None:
         return default_firmware()
@@ -140,8 +140,8 @@ class VirtualBench:
     ) -> None:
         if rig.world is None:
             raise ConfigError(
-                f"rig {rig.name} ({rig.path}) is of a {rig.board.kind} board: it has no world to simulate. "
-                "Name its port with --hil-port, or choose a rig of a virtual board."
+                f"rig {rig.name} ({rig.path}) is of a {rig.board.kind} board, which has no simulated world. "
+                "Name its port with --port, or choose a rig of a virtual board."
             )
         self.rig = rig
         self.firmware = firmware or firmware_of(rig)

@@ -33,7 +33,7 @@ CALL_CYCLES = 32
 
 NO_MEMORY_USE: Mapping[str, int | str] = dict.fromkeys(("flash", "ram", "stack_most"), "")
 """Memory use of a board that cannot observe its firmware."""
-NO_COVERAGE = "the board {} does not show what it executes, which coverage is made of: leave out --coverage"
+NO_COVERAGE = "the board {} does not report executed instructions, which coverage needs: leave out --coverage"
 
 
 class BoardKind(StrEnum):
@@ -452,7 +452,9 @@ class Board(ABC):
             return ""
         counter = self.call_counter(calibrator)
         if counter is None or not counter.cycles:
-            why = "its function was not called; it may be inlined" if counter else "no function has its name"
+            why = (
+                "its function was not called, perhaps because it is inlined" if counter else "no function has this name"
+            )
             return f"the board cannot count the cycles of {calibrator}: {why}; name one under [cycles] in the rig"
         return ""
 

@@ -92,13 +92,13 @@ class UsbBoard:
         if self.is_daplink and self.board_id == BOARD_ID:
             return ""
         if self.is_daplink and self.board_id == _BOOTLOADER_ID:
-            return "a DAPLink that waits for firmware of its own: plug it in again without holding its reset button"
+            return "a DAPLink in its boot loader: plug it in again without holding its reset button"
         if self.is_daplink:
             identity = f"board id {self.board_id}" if self.board_id else "no serial number"
-            return f"DAPLink of another board: {identity}, an FRDM-K64F's is {BOARD_ID}"
+            return f"DAPLink of another board: {identity}, an FRDM-K64F has {BOARD_ID}"
         if maker := _OPENSDA.get(self.vendor_id):
             return f"a debug probe by {maker}: if it is an FRDM-K64F, put DAPLink on it, from https://daplink.io"
-        return f"USB {self.usb_id}, and DAPLink's is {VENDOR_ID:04x}:{PRODUCT_ID:04x}"
+        return f"USB {self.usb_id}, not DAPLink's {VENDOR_ID:04x}:{PRODUCT_ID:04x}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ class OtherPort:
     @property
     def not_taken(self) -> str:
         """Reason why it is not used."""
-        return self.device.not_taken if self.device else "not on USB; name it with --hil-port where a board is on it"
+        return self.device.not_taken if self.device else "not on USB; if a board is on it, name it with --port"
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,12 +83,12 @@ class Place:
             ports = [parameters for kind, parameters in resources if kind == "NetworkSerialPort"]
             urls = [_url(parameters) for parameters in ports]
         except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
-            raise BenchError(f"labgrid's answer about place {self.name} is not understood: {error!r}") from error
+            raise BenchError(f"cannot parse labgrid's answer about place {self.name}: {error!r}") from error
         if len(urls) != 1:
             kinds = ", ".join(kind for kind, _ in resources) or "nothing"
             raise BenchError(
-                f"place {self.name} has {len(urls)} serial ports that are exported (of: {kinds}), and a board needs "
-                "one. Match just the board's port: labgrid-client -p PLACE add-match"
+                f"place {self.name} has {len(urls)} exported serial ports (of: {kinds}), and a board needs one. "
+                "Match only the board's port: labgrid-client -p PLACE add-match"
             )
         return urls[0] + (f"?{self.options}" if self.options else "")
 
@@ -108,7 +108,7 @@ class Place:
             raise BenchError(f"labgrid does not answer within {_ANSWER_S:.0f} s: is LG_COORDINATOR right?") from error
 
     def _error(self, message: str) -> BenchError:
-        return BenchError(f"labgrid: place {self.name}: {message}. labgrid-client -p {self.name} show says more")
+        return BenchError(f"labgrid: place {self.name}: {message}. labgrid-client -p {self.name} show has details")
 
 
 def place_of(url: str) -> Place:
@@ -126,7 +126,7 @@ def place_of(url: str) -> Place:
     query_options = parse_qs(query, keep_blank_values=True)
     power = query_options.pop("power", [])
     if power not in ([], ["cycle"]):
-        raise ConfigError(f"port {url!r}: power can be cycle, and not {power[-1]!r}")
+        raise ConfigError(f"port {url!r}: power must be cycle, not {power[-1]!r}")
     options = "&".join(f"{key}={value}" if value else key for key, values in query_options.items() for value in values)
     return Place(name, bool(power), options)
 

@@ -85,7 +85,7 @@ def memory_kind(image: FirmwareImage | None, machine: VirtualK64F | None) -> Cal
         assert rig.device.memory is not None
         if image is None:
             raise ConfigError(
-                f"{_place(rig, 'device', 'kind')}: memory needs the ELF that runs on the board: name it with --firmware"
+                f"{_place(rig, 'device', 'kind')}: memory needs the ELF of the board: name it with --firmware"
             )
         return open_memory(rig, rig.device.memory, image, machine)
 
@@ -147,9 +147,9 @@ def refuse_other_firmware(client: GdbClient, image: FirmwareImage) -> None:
             if flash_byte != file_byte and segment.address + offset not in _SECURITY_BYTES:
                 at = segment.address + offset
                 raise VersionMismatchError(
-                    f"{image.name} is not what runs on the board of debug server {client.name}: at 0x{at:08x} it has "
-                    f"0x{file_byte:02x}, and the flash has 0x{flash_byte:02x}. Name that build's ELF with --firmware, "
-                    "or flash this one"
+                    f"{image.name} is not the program on the board of debug server {client.name}: at 0x{at:08x} it has "
+                    f"0x{file_byte:02x}, and the flash has 0x{flash_byte:02x}. Name the ELF of that build with "
+                    "--firmware, or flash this one"
                 )
 
 

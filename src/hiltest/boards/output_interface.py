@@ -123,7 +123,9 @@ class OutputInterface:
                 continue
             if not self._heard:
                 raise DeviceSilentError(self.device.start_s + _SILENT_S, self.clock, self.position())
-            raise VersionMismatchError(self._not_understood(f"{self._heard} bytes came, and nothing was understood"))
+            raise VersionMismatchError(
+                self._not_understood(f"{self._heard} bytes arrived, and none could be interpreted")
+            )
 
     def heading_missing(self, seconds: float, window: Sequence[Observation]) -> HiltestError:
         """Return why an interval brought no heading: the firmware fell silent, or its output has none.
@@ -138,7 +140,7 @@ class OutputInterface:
         others = sorted({quantity.key for observation in window for quantity in observation.values})
         return VersionMismatchError(
             self._not_understood(
-                f"the firmware speaks, and no heading was understood in {seconds:g} s"
+                f"the firmware sends output, but no heading in {seconds:g} s"
                 + (f", only {join_words(others, 3)}" if others else "")
             )
         )
@@ -151,10 +153,10 @@ class OutputInterface:
                 [
                     f"{summary} by [device] kind {', '.join(self.decoders)}",
                     *reasons,
-                    f"it began with {self._first_words()}",
+                    f"its output begins with {self._first_words()}",
                 ]
             )
-            + f". Is it that firmware, and its baud rate {self.rig.link.baud}? hiltest device try shows what it says"
+            + f". Check the firmware and the baud rate {self.rig.link.baud}; hiltest listen shows its output"
         )
 
     def observe(self, seconds: float) -> list[Observation]:
@@ -296,8 +298,8 @@ def open_output(
     try:
         if Quantity.HEADING not in sources_of(rig, decoders):
             raise ConfigError(
-                f"{rig.where('device', 'kind')}: device.kind: {', '.join(decoders)} offers no heading here, and that "
-                "is what is judged; name it in the rig (docs/compass.md)"
+                f"{rig.where('device', 'kind')}: device.kind: {', '.join(decoders)} offers no heading, which the "
+                "test needs; name it in the rig (docs/compass.md)"
             )
         port = tape.port(open_line)
         return OutputInterface(port, rig, on_tape(decoders, tape), transcript=transcript, may_be_overheard=tape is LIVE)

@@ -17,7 +17,7 @@ from hiltest.link.transcript import Transcript
 from hiltest.tape.tape import Tape
 
 _SHIELD_HINT = (
-    "Put the FRDM-FXS-MULTI-B shield on the board, or name sensors that are there in the rig file. "
+    "Put the FRDM-FXS-MULTI-B shield on the board, or name the present sensors in the rig file. "
     "The identity, cycles and link suites need no sensor: pytest hil/suites -k 'identity or cycles or link'."
 )
 
@@ -95,7 +95,7 @@ class ProtocolInterface:
         except HiltestError as error:
             session.close()
             if isinstance(error, DeviceError):
-                raise ProtocolError(f"the first words to the firmware were refused: {error}") from error
+                raise ProtocolError(f"the firmware refused the first request: {error}") from error
             raise
 
     @property

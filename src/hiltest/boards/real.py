@@ -111,5 +111,5 @@ class RealBoard(Board):
         raise ConfigError(
             f"the rig declares cycle_model = {declared!r}, but what answers on {self._url} is {actual} "
             f"(unique id {self.identity.unique_id.hex()}). Correct cycle_model under [board], "
-            "or name the port of the board that is meant"
+            "or name the port of the intended board"
         )

@@ -105,17 +105,17 @@ class SampleChecks:
         return _WORDS_END if range_ut is None else COUNTS_PER_UT * range_ut
 
     def _refuse_end(self, kind: SensorKind, axis: int, where: str) -> None:
-        near = "a magnet or a current" if kind is SensorKind.MAGNETOMETER else "what shakes or turns the board"
+        near = "a magnet or a current" if kind is SensorKind.MAGNETOMETER else "vibration or motion of the board"
         raise SensorFaultError(
-            f"{self._name(kind)}: its {'xyz'[axis]} axis is at the end of its range {where}. Look for {near}; else the "
-            "part is broken, or the firmware reads it wrongly"
+            f"{self._name(kind)}: its {'xyz'[axis]} axis is at the end of its range {where}. Look for {near}; "
+            "otherwise the part is defective, or the firmware reads it incorrectly"
         )
 
     def _refuse_same(self, kind: SensorKind, samples: int) -> None:
         if samples >= SAME_SAMPLES and not self._is_noise_free(kind):
             raise SensorFaultError(
-                f"{self._name(kind)}: {samples} samples in a row are the same on all axes, without any noise. The part "
-                "hangs, or the firmware reads no new samples: switch the board off and on"
+                f"{self._name(kind)}: {samples} consecutive samples are identical on all axes. The part hangs, or "
+                "the firmware reads no new samples: switch the board off and on"
             )
 
 

@@ -227,7 +227,9 @@ def listen(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or error
         of_the_port = getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES)
-        advice = "Choose another port, or 0 for any free one." if of_the_port else "Is it this machine's address?"
+        advice = (
+            "Choose another port, or 0 for any free one." if of_the_port else "Check that this machine has the address."
+        )
         raise ConfigError(f"cannot listen on {host} port {port}: {reason}. {advice}") from error
 
 
@@ -333,7 +335,7 @@ def _hold_lock(path: Path) -> Iterator[None]:
         except OSError as error:
             if error.errno == errno.EADDRINUSE:  # other errors: a system without abstract names, which skips the check
                 raise ConfigError(
-                    f"cannot make the link {path}: another hiltest serve keeps it. Name another one with --link"
+                    f"cannot make the link {path}: another hiltest serve uses it. Name another link with --link"
                 ) from error
         yield
 

@@ -78,7 +78,7 @@ class ServedRecording:
         self._heard += data
         while self._heard and (self.over or self._next.direction is Direction.TO_BOARD):
             if self.over:
-                self._raise_divergence("has come to its end")
+                self._raise_divergence("is at its end")
             length = self._request_length(self._next.data)
             if not length:
                 return
@@ -105,7 +105,7 @@ class ServedRecording:
                 break
             if due.direction is Direction.CALL:
                 why = json.loads(due.data)["raises"]["text"]
-                raise BenchError(f"{self._path}:{self._entries[self._at][0]}: here the recorded line broke: {why}")
+                raise BenchError(f"{self._path}:{self._entries[self._at][0]}: the recorded line broke here: {why}")
             output += changed or due.data
             self._at += len(answer) if changed else 1
             self.hear(b"", now_s)
@@ -178,7 +178,7 @@ def serve_recorded(
             if was_connected:
                 recording.begin(now_s)
             elif recording.over:
-                tell("the recording has come to its end")
+                tell("the recording is at its end")
                 return
         if was_connected or data:
             recording.hear(data, now_s)

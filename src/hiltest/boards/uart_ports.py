@@ -40,7 +40,7 @@ def uart_port(text: str) -> ServedUart:
     """
     number, equals, where = text.partition("=")
     if number not in {"1", "2", "3", "4", "5"} or (equals and not where):
-        raise ConfigError(f"--uart {text} is none of N, N=PATH and N=tcp:PORT, with N from 1 to 5")
+        raise ConfigError(f"--uart {text} must be N, N=PATH or N=tcp:PORT, with N from 1 to 5")
     if not where.startswith(_TCP):
         return ServedUart(int(number), link=Path(where) if where else None)
     port = where.removeprefix(_TCP)
@@ -59,7 +59,7 @@ def uart_ports(texts: Sequence[str]) -> tuple[ServedUart, ...]:
     """
     ports = tuple(uart_port(text) for text in texts)
     if len({port.number for port in ports}) < len(ports):
-        raise ConfigError("--uart: a UART has one port")
+        raise ConfigError("--uart names a UART twice: leave one out")
     return ports
 
 

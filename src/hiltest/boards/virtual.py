@@ -250,13 +250,13 @@ def refuse_forged_build(answered: str, image: FirmwareImage) -> None:
     if image.build_id:
         if len(answered) < _ID_DIGITS or not image.build_id.startswith(answered.lower()):
             raise VersionMismatchError(
-                f"{image.name}: its GNU build-id note says build {image.build_id}, and the firmware answers "
+                f"{image.name}: its GNU build-id note has build {image.build_id}, and the firmware answers "
                 f"{answered!r}; answer the note's first {_ID_DIGITS} digits or more, or link with -Wl,--build-id=none"
             )
     elif answered == load_image(default_firmware()).build_id:
         raise VersionMismatchError(
-            f"{image.name}: the firmware answers build {answered}, the packaged one, and is another file; "
-            "give each build an id of its own"
+            f"{image.name}: the firmware answers build {answered}, that of the packaged firmware, but is another "
+            "file; give each build its own id"
         )
 
 
@@ -264,8 +264,8 @@ def refuse_wrong_clock(answered_hz: int, core_hz: float) -> None:
     """Raise a VersionMismatchError if the firmware reports another core clock than it has set up."""
     if abs(answered_hz / core_hz - 1.0) > _CLOCK_TOLERANCE:
         raise VersionMismatchError(
-            f"the firmware answers a core clock of {answered_hz / 1e6:g} MHz, and the core runs at {core_hz / 1e6:g}; "
-            "answer the clock that the MCG and the SIM's dividers make: times and budgets follow from it"
+            f"the firmware answers a core clock of {answered_hz / 1e6:g} MHz, and the core runs at "
+            f"{core_hz / 1e6:g}; answer the clock of the MCG and the SIM's dividers, on which times and budgets depend"
         )
 
 

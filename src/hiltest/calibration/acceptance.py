@@ -98,12 +98,17 @@ BOUNDS = (
         "points",
         10.0,
         Acceptance.REFUSED,
-        "every quadric through so few points is exact, and shows nothing of its error; take more",
+        "a quadric through so few points is exact, without an estimate of its error; take more points",
         below=True,
     ),
     # Two for each unknown: with nine degrees of freedom the residual, and so the prediction, is known to 24 %.
     Bound(
-        "n", "points", 18.0, Acceptance.POOR, "too few are left over to know the residual well; take more", below=True
+        "n",
+        "points",
+        18.0,
+        Acceptance.POOR,
+        "too few points remain to estimate the residual; take more points",
+        below=True,
     ),
     # Simulated over 100 points: 300 is where a third of the sphere is covered (see `ellipsoid_condition`). Any
     # calibrator also returns an ellipsoid for less, of a wrong radius.
@@ -112,8 +117,8 @@ BOUNDS = (
         "",
         LARGEST_CONDITION,
         Acceptance.REFUSED,
-        "the points cover too little of the sphere to determine an ellipsoid, or nearly all lie in one place, or "
-        "one far from all others; turn the sensor all round",
+        "the points cover too little of the sphere to determine an ellipsoid, or nearly all lie in one place, or one "
+        "is far from all others; turn the sensor in all directions",
     ),
     # 60 % of the sphere has 57 in the median: at 0.4 uT and 100 points `direct` is off by 0.32 deg there, by 0.21 on
     # three quarters, 0.53 on a half and 1.05 on 30 %.
@@ -122,7 +127,8 @@ BOUNDS = (
         "",
         WELL_CONDITIONED,
         Acceptance.FAIR,
-        "a large part of the sphere is missing, and directions in it are extrapolated; turn the sensor all round",
+        "a large part of the sphere is missing, and directions in it are extrapolated; turn the sensor in all "
+        "directions",
     ),
     # A sensor at rest is a ball of noise: about 40 %. At 20 % a reading's own direction is off by some 11 deg.
     Bound(
@@ -155,8 +161,8 @@ BOUNDS = (
         "",
         LARGEST_AXIS_RATIO,
         Acceptance.REFUSED,
-        "the ellipsoid is longer than any board's iron makes it, and the points show only part of it; are these the "
-        "columns of one magnetometer?",
+        "the ellipsoid is longer than any board's iron makes it, and the points cover only part of it; check that "
+        "these are the columns of one magnetometer",
     ),
     # The earth's field is 22 to 67 uT at the surface (World Magnetic Model).
     Bound(
@@ -180,14 +186,14 @@ BOUNDS = (
         "deg",
         10.0,
         Acceptance.REFUSED,
-        "the points determine directions no better than no calibration at all does; take more points, all round",
+        "the points determine directions no better than without calibration; take more points, in all directions",
     ),
     Bound(
         "direction_error_deg",
         "deg",
         2.0,
         Acceptance.POOR,
-        "more than the thesis allows any calibrator; take more points, all round",
+        "more than the thesis allows any calibrator; take more points, in all directions",
     ),
     # Half of the 2 deg that the thesis allows a calibrator, to leave the other half for soft iron and tilt.
     Bound(
@@ -195,7 +201,7 @@ BOUNDS = (
         "deg",
         1.0,
         Acceptance.FAIR,
-        "corrected directions are off by so much, rms; take more points, all round",
+        "corrected directions have this rms error; take more points, in all directions",
     ),
     # Like no calibration at all. With so much iron a tenth of the sphere, or a flat ring, determines nothing else.
     Bound(
@@ -203,7 +209,7 @@ BOUNDS = (
         "deg",
         10.0,
         Acceptance.REFUSED,
-        "where iron stretches the field by a fifth, directions are off by so much; turn the sensor further round",
+        "if iron stretches the field by a fifth, directions have this error; turn the sensor further",
     ),
     # A whole ellipsoid identifies outliers; in a patch with so many of them the rest may not be a sphere either.
     Bound(
@@ -211,8 +217,8 @@ BOUNDS = (
         "%",
         100.0 * MANY_LEFT_OUT,
         Acceptance.REFUSED,
-        "so many samples are elsewhere that the others may be no part of a sphere either; keep those of a steady "
-        "field, and turn the sensor all round",
+        "so many samples are outliers that the others may not lie on a sphere either; use samples of a steady field, "
+        "and turn the sensor in all directions",
     ),
     # Any detectable step is as large: 1.7 deg across, on one side of the step or the other.
     Bound(
@@ -220,22 +226,22 @@ BOUNDS = (
         "%",
         0.0,
         Acceptance.POOR,
-        "the hard iron is another one before and after; fit one part, or move the sensor away from what moved",
+        "the hard iron differs before and after; fit one part, or move the sensor away from moving iron",
     ),
 )
 
 _NO_ELLIPSOID = {
-    FitStatus.NOT_AN_ELLIPSOID: "the surface that fits best is no ellipsoid",
-    FitStatus.POOR_COVERAGE: "the calibrator itself found the points too unevenly spread for an ellipsoid",
+    FitStatus.NOT_AN_ELLIPSOID: "the best surface is not an ellipsoid",
+    FitStatus.POOR_COVERAGE: "the calibrator rejected the points as too unevenly spread for an ellipsoid",
     FitStatus.TOO_FEW_POINTS: "an ellipsoid needs at least 9 points, a ridge 10, a sphere or ellipse 6, a circle 4",
     FitStatus.SINGULAR: "the points lie in a plane, on a line or in one place",
     FitStatus.NOT_CONVERGED: "the calibrator's iteration did not end",
-    FitStatus.HORIZONTAL_FIELD: "the field dips too little for gravity to say where it points",
-    FitStatus.MIRRORED: "what fits is a reflection; an axis, or the sign of gravity, is wrong",
+    FitStatus.HORIZONTAL_FIELD: "the dip of the field is too small to find its direction from gravity",
+    FitStatus.MIRRORED: "only a reflection fits; an axis, or the sign of gravity, is wrong",
 }
 
-_IN_SPACE = "soft iron is taken to be small where no sample shows it; turn the sensor all round"
-_IN_PLANE = "it corrects headings of a sensor that lies as this one did; turn it about a second axis as well"
+_IN_SPACE = "soft iron is assumed to be small in directions without samples; turn the sensor in all directions"
+_IN_PLANE = "it corrects headings only in this attitude of the sensor; turn it about a second axis as well"
 
 
 def rate(figures: FitFigures) -> tuple[Acceptance, tuple[Reason, ...]]:

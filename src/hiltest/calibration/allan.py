@@ -125,7 +125,9 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
         raise CalibrationError(f"{n} samples; an Allan deviation needs at least {FEWEST_SAMPLES}: take a longer log")
     stuck = [axis for axis in range(values.shape[1]) if (values[:, axis] == values[0, axis]).all()]
     if stuck:
-        raise CalibrationError(f"rate {stuck[0] + 1} of {values.shape[1]} has one value only: it is no sensor's noise")
+        raise CalibrationError(
+            f"rate {stuck[0] + 1} of {values.shape[1]} has a single value, which is not sensor noise"
+        )
     sizes = averages(n)
     # Subtracting the mean keeps the angle small and precise; one row per axis, so that neighbours are contiguous.
     theta = np.zeros((values.shape[1], n + 1))
@@ -133,7 +135,7 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
     theta /= rate_hz
     variance = np.array([_variance(theta, int(m), rate_hz) for m in sizes])
     if not variance.all():
-        raise CalibrationError("the log repeats itself: its averages are all alike, as no sensor's noise is")
+        raise CalibrationError("the log repeats itself: its averages are too similar for sensor noise")
     kinds = [noise_exponents(angle, sizes.tolist()) for angle in theta]
     freedom = np.array(
         [[degrees_of_freedom(n, m, alpha) for m, alpha in zip(sizes.tolist(), kind, strict=True)] for kind in kinds]

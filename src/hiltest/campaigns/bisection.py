@@ -114,8 +114,8 @@ def first_worse(
         forget_judged(out)
         good_commit = judge(bisection, "good: ")
         if good_commit.found is not Found.NOT_WORSE:
-            way_out = "" if measures else ", or the measurement to look at (--measure)"
-            raise ConfigError(f"{good_commit.name} is no good commit: {good_commit.because}; name another{way_out}")
+            way_out = "" if measures else ", or the measurement to judge (--measure)"
+            raise ConfigError(f"{good_commit.name} is not a good commit: {good_commit.because}; name another{way_out}")
         bisection = replace(bisection, good=good_commit.record)
         git(str(tree), "checkout", "--quiet", "--detach", commits[1])
         bad_commit = judge(bisection, "bad: ")
@@ -133,19 +133,19 @@ def _commit(folder: str, name: str) -> str:
     try:
         return git(folder, "rev-parse", "--verify", "--quiet", f"{name}^{{commit}}")
     except ConfigError as error:
-        raise ConfigError(f"{name}: no commit of this repository has this name") from error
+        raise ConfigError(f"{name}: this repository has no such commit") from error
 
 
 def _check_order(folder: str, good: str, bad: str, good_commit: str, bad_commit: str) -> None:
     if good_commit == bad_commit:
-        raise ConfigError(f"{good} and {bad} are one commit")
+        raise ConfigError(f"{good} and {bad} are the same commit")
     base = ""
     with suppress(ConfigError):
         base = git(folder, "merge-base", good_commit, bad_commit)
     if base != good_commit:
-        hint = f"; they have {base[:12]} in common, which may be a good one" if base and base != bad_commit else ""
-        hint = f"; {bad} is one of {good}: exchange them" if base == bad_commit else hint
-        raise ConfigError(f"{good} is no ancestor of {bad}{hint}")
+        hint = f"; try their common ancestor {base[:12]}" if base and base != bad_commit else ""
+        hint = f"; {bad} is an ancestor of {good}: exchange them" if base == bad_commit else hint
+        raise ConfigError(f"{good} is not an ancestor of {bad}{hint}")
 
 
 @contextmanager
@@ -153,7 +153,7 @@ def _working_tree(folder: str, tree: Path, commit: str) -> Iterator[Path]:
     """Check a commit out into a working tree beside the user's, so that its bisection is separate, too."""
     _remove(folder, tree)  # an earlier command may have been killed
     if tree.exists():
-        raise ConfigError(f"{tree} is in the way: it is no working tree of this repository; name another --out")
+        raise ConfigError(f"{tree} exists and is not a working tree of this repository; name another --out")
     git(folder, "worktree", "add", "--quiet", "--force", "--detach", str(tree), commit)
     try:
         yield tree
@@ -181,8 +181,8 @@ def _bisect(bisection: Bisection, good: str, bad: str) -> None:
     skipped = {judged.commit for judged in judged_commits(Path(bisection.out)) if judged.found is Found.SKIPPED}
     if any(commit not in skipped for commit in remaining[1:]):
         raise HiltestError(
-            f"git bisect run ended with {done.returncode}: {last_words(done.stdout)}; the same command "
-            f"goes on with what {bisection.out} has"
+            f"git bisect run ended with {done.returncode}: {last_words(done.stdout)}; repeat the command to continue "
+            f"with the results in {bisection.out}"
         )
 
 

@@ -59,7 +59,7 @@ from hiltest.virtual.coverage.lcov import Coverage, from_lcov, refuse_file, to_l
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
 _NAMED_AT_MOST = 4
-_KEPT = "the records of the seeds that finished are kept"
+_KEPT = "the records of finished seeds are kept"
 # Exit codes of a run that has not begun, or was interrupted.
 _NOT_BEGUN = (ExitCode.USAGE_ERROR, ExitCode.INTERRUPTED)
 # Order of precedence of exit codes, as for the tests of one run.

@@ -92,7 +92,9 @@ def folder_remark(out: Path, folder: Path) -> str:
     """Return a remark on the folder for the record of chosen tests."""
     from hiltest.report.terminal import shown_path
 
-    return f"{shown_path(out)} keeps the record of its complete run; these tests are recorded in {shown_path(folder)}"
+    return (
+        f"{shown_path(out)} keeps the record of its complete run; the chosen tests are recorded in {shown_path(folder)}"
+    )
 
 
 LOCK_FILE = "command.lock"

@@ -21,7 +21,7 @@ NOT_EVALUATED = 22
 """The exit code, defined here to avoid a heavy import."""
 
 
-PACKAGED = "The packaged firmware was compared: name yours with --firmware ELF (--hil-firmware)."
+PACKAGED = "The packaged firmware was compared: name yours with --firmware ELF."
 """Remark if no firmware was named: otherwise a user may compare the packaged firmware with itself unknowingly."""
 
 
@@ -55,7 +55,7 @@ class Gate(NamedTuple):
             return f"base: {self.reason}"
         side = self.base.side
         if not side.firmware:
-            return f"base: {self.file}, of no board"
+            return f"base: {self.file}, without a board"
         runs = format_count(len(side.seeds), "seed") if side.seeds else format_count(len(self.base.measurements), "run")
         return f"base: {self.file}, {build(side)}, {runs}"
 
@@ -103,12 +103,12 @@ class SessionGate:
 
     def unevaluated(self, why: str) -> str:
         """Return the message if no run was recorded to compare; empty without a base."""
-        return f"NOT EVALUATED: {self.asked_for}, and {why}: there is nothing to compare." if self.asked_for else ""
+        return f"NOT EVALUATED: {self.asked_for}, and {why}, so there is nothing to compare." if self.asked_for else ""
 
     def compare_with(self, older: OlderFirmware) -> None:
         """Make an older firmware the base, which `run_older` will run."""
         self._older = older
-        self._gate = Gate(str(older.folder), None, f"{older.elf} did not come to its end; run it again")
+        self._gate = Gate(str(older.folder), None, f"{older.elf} did not finish; run it again")
 
     def read(self) -> None:
         """Read the base before this run overwrites the folder, which may contain it."""
@@ -123,7 +123,7 @@ class SessionGate:
     def run_older(self, say: Callable[[str], None]) -> None:
         """Run the older firmware, if that is the base."""
         if self._older is not None:
-            say(f"{self._older.elf}: running it first, its record is {self._older.record}")
+            say(f"{self._older.elf} runs first; record: {self._older.record}")
             say(f"{self._older.elf}: {self._older.run()}")
             self._gate = read_gate(self._older.folder, in_one_session=True)
 

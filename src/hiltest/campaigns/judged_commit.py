@@ -222,7 +222,7 @@ def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[F
     if without:
         names = [difference.name for difference in comparison.differences]
         why = next(iter((*comparison.obstacles, *comparison.failed)), nearest_hint(without[0], names))
-        return Found.SKIPPED, f"it has no number of {join_words(without, _NAMED_AT_MOST)}: {why}"
+        return Found.SKIPPED, f"it has no value of {join_words(without, _NAMED_AT_MOST)}: {why}"
     return Found.NOT_WORSE, join_words([entry(difference) for difference in decide], _NAMED_AT_MOST)
 
 
@@ -271,7 +271,7 @@ def _build_firmware(bisection: Bisection, commit: str) -> tuple[Path, bool]:
     if code:
         raise _CannotBeJudged(f"it does not build: {_complaint(log)} ({bisection.shown(log)})")
     if not output_file.is_file():
-        raise _CannotBeJudged(f"it builds, and leaves no {bisection.firmware} ({bisection.shown(log)})")
+        raise _CannotBeJudged(f"its build does not write {bisection.firmware} ({bisection.shown(log)})")
     unfinished = saved.with_suffix(".unfinished")
     shutil.copyfile(output_file, unfinished)
     unfinished.replace(saved)

@@ -15,8 +15,9 @@ from hiltest.errors import ConfigError
 from hiltest.rig.bench_files import suites
 from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE
 from hiltest.run_record.run import Run
-from hiltest.session.selection import RUN_COMMAND, Choice, only_looks
+from hiltest.session.selection import Choice, only_looks
 from hiltest.session.session import SESSION
+from hiltest.session.settings import RUN_COMMAND
 
 _JUNIT_FILE = "junit.xml"
 
@@ -46,7 +47,7 @@ class RunCommand:
     def pytest_cmdline_main(self, config: pytest.Config) -> None:
         """Record chosen tests beside a complete run instead of replacing it."""
         if not config.pluginmanager.has_plugin("hiltest"):
-            raise pytest.UsageError("hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest")
+            raise pytest.UsageError("hiltest run needs the pytest plugin hiltest: leave out -p no:hiltest")
         out = Path(config.option.hil_out)
         folder = folder_beside_complete(out) if Choice(config).chose_any_tests and not only_looks(config) else out
         if folder == out:
@@ -166,6 +167,6 @@ def check_against(base: str | None, port: str | None) -> None:
         If another base or a real board is requested.
     """
     if base:
-        raise ConfigError(f"--against, and {base}: a run is compared with one base; leave one of them out")
+        raise ConfigError(f"--against and {base}: a run has one base; leave one of them out")
     if port:
-        raise ConfigError("--against runs two ELF files on the virtual board: it does not go with --hil-port")
+        raise ConfigError("--against runs two ELF files on the virtual board: leave out --port")

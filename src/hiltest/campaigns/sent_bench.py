@@ -103,8 +103,8 @@ def sent_bench(
                 total += path.stat().st_size
                 if total > LARGEST_BYTES:
                     raise ConfigError(
-                        f"{path}: with this file more than {LARGEST_BYTES >> 20} MiB would go to the "
-                        f"workers: keep in {folder / 'hil'} what the runs need"
+                        f"{path}: with this file the workers would receive more than {LARGEST_BYTES >> 20} MiB: keep "
+                        f"only files that the runs need in {folder / 'hil'}"
                     )
                 archive.writestr(str(path.relative_to("/")), path.read_bytes())
             except (OSError, UnicodeError) as error:

@@ -30,7 +30,7 @@ from hiltest.text import join_words
 
 SCHEMA = "hiltest.boards/1"
 
-_KEPT = "the records of the boards that finished are kept"
+_KEPT = "the records of finished boards are kept"
 _NAMED_AT_MOST = 4
 _NO_FOLDER = re.compile(r"[^A-Za-z0-9._-]")
 
@@ -74,7 +74,9 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     """
     benches = {_NO_FOLDER.sub("-", rig.name): rig for rig in (load_rig(rig_file(Path.cwd(), name)) for name in rigs)}
     if len(benches) < len(rigs):
-        raise ConfigError(f"two of {join_words([*rigs], _NAMED_AT_MOST)} have one name: give each board's rig its own")
+        raise ConfigError(
+            f"two of {join_words([*rigs], _NAMED_AT_MOST)} have the same name: give each board's rig its own name"
+        )
     _check_apart(benches)
     files = {name: str(rig.path) for name, rig in benches.items()}
     for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # an earlier verdict must not pass for this one's
@@ -98,7 +100,7 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     page = boards_markdown(verdict, boards, apart)
     write_atomically(out / BOARDS_MARKDOWN, page)
     print_boards(standard_output(), [board.name for board in boards], apart)
-    click.echo(f"Report: {out / BOARDS_PAGE}, and one in each board's folder")
+    click.echo(f"Report: {out / BOARDS_PAGE}, and a report in each board's folder")
     if remark := append_to_job_summary(page, out / BOARDS_MARKDOWN):
         click.echo(remark)
     click.echo(annotation(verdict), nl=False)
@@ -110,15 +112,14 @@ def _check_apart(benches: Mapping[str, Rig]) -> None:
     ports: dict[str, str] = {}
     for name, rig in benches.items():
         if rig.turntable.kind == "operator":
-            raise ConfigError(f"{rig.path}: an operator turns one board at a time; run it by itself")
+            raise ConfigError(f"{rig.path}: an operator can turn only one board at a time: run this rig alone")
         if rig.board.kind == "real" and rig.board.port is None:
             raise ConfigError(
-                f"{rig.where('board', 'kind')}: board.port: name the port of each of several boards: "
-                "hiltest ports lists them"
+                f"{rig.where('board', 'kind')}: board.port: several boards need their ports: hiltest ports lists them"
             )
         for port in filter(None, (rig.board.port, rig.turntable.port)):
             if (other := ports.setdefault(port, name)) != name:
-                raise ConfigError(f"{name} and {other} are on one port, {port}: correct one of the rigs")
+                raise ConfigError(f"{name} and {other} have the same port, {port}: correct one of the rigs")
 
 
 def _run(

@@ -67,7 +67,7 @@ class WireTraces:
         if not self.transcript.entries:
             return ""
         name = f"{FOLDER}/{file_name(test)}.txt"
-        if not self._write(self._out / name, f"wire trace of {test}, up to where its {phase} failed", about):
+        if not self._write(self._out / name, f"wire trace of {test}, until its {phase} failed", about):
             return ""
         if phase != "call":
             self._written.append((error, name))
@@ -79,7 +79,7 @@ class WireTraces:
         cut = self.transcript.dropped_bytes
         head = [heading, f"{about}; {self.transcript.clock} time of the board [s], > to the board, < to the host"]
         if cut:
-            head.append(f"cut: {cut} bytes before this are not kept")
+            head.append(f"cut: {cut} earlier bytes were dropped")
         lines = [*(f"# {line}" for line in head), *trace_lines(self.transcript)]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ _EXIT_CODES = """
 Exit codes:
   0   written
   2   interrupted
-  4   usage: a file cannot be read or written, the run is not whole, no
+  4   usage: a file cannot be read or written, the run is incomplete, no
       measurement has that name, or --accept changes nothing
 """
 _PATH = click.Path(path_type=Path)
@@ -64,7 +64,7 @@ class Updated:
 
 @click.group()
 def baseline() -> None:
-    """Save a run as a baseline, or accept single changes into one."""
+    """Save runs as a baseline, or accept changes into one."""
 
 
 @baseline.command(epilog=_EXIT_CODES)
@@ -72,12 +72,12 @@ def baseline() -> None:
 @click.argument("run", nargs=-1, required=True, type=_PATH)
 @click.argument("file", type=_PATH)
 def save(run: tuple[Path, ...], file: Path) -> tuple[int, Saved]:
-    """Write the measurements of RUN to FILE, without the volatile ones.
+    """Write the measurements of RUN to FILE, except the volatile ones.
 
     RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). An existing
-    baseline is renewed and keeps its history.
+    baseline is replaced and keeps its history.
 
-    Several runs of one firmware on a real board say how much they differ by noise alone: save five or more.
+    Save five or more runs of one firmware on a real board: they show how much runs differ by noise alone.
     """
     from hiltest.run_record.run import utc_now
     from hiltest.verdict.baseline import baseline_of, renewed
@@ -102,16 +102,18 @@ def save(run: tuple[Path, ...], file: Path) -> tuple[int, Saved]:
     metavar="NAME",
     required=True,
     multiple=True,
-    help="Measurement to accept, * matches anything; may be given more than once.",
+    help="Accept this measurement; * matches any text. Repeat the option for several.",
 )
-@click.option("--because", metavar="TEXT", required=True, help="Reason for the change; goes into the file's history.")
+@click.option(
+    "--because", metavar="TEXT", required=True, help="Give the reason for the change, which the file's history keeps."
+)
 @click.argument("file", type=_PATH)
 @click.argument("run", nargs=-1, required=True, type=_PATH)
 def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: str) -> tuple[int, Updated]:
     """Copy the named measurements of RUN into FILE, and keep all others.
 
-    A measurement that RUN no longer makes is removed, but none after a run of chosen tests (-k, node ids). Of a real
-    board as many runs are named as the baseline has.
+    Measurements that RUN no longer makes are removed, unless RUN ran only chosen tests (-k, node ids). If the board
+    is real, name as many runs as the baseline has.
     """
     from hiltest.json_files import read_json
     from hiltest.run_record.run import utc_now
@@ -121,7 +123,7 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     from hiltest.verdict.wording import build
 
     if not because.strip():
-        raise click.BadParameter("say why, in words that the next reader understands", param_hint="--because")
+        raise click.BadParameter("give a reason that the next reader understands", param_hint="--because")
     stored = read_json(file, otherwise=OTHERWISE)
     before = baseline_in(stored)
     runs = read_runs(run)
@@ -130,16 +132,14 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     if not moved:
         named = " ".join(f"--accept {name}" for name in names)
         raise ConfigError(
-            f"nothing is moved: for {named} {file} already has what {runs.name} has; name the run with other numbers"
+            f"nothing changes: {file} already has the numbers of {runs.name} for {named}; name another run"
         )
     _write(after, file, stored.content)
     was, now = ({row.name: row for row in side.measurements} for side in (before, after))
     for change in moved:
         edited = _accepted_remark(was.get(change.name), now.get(change.name))
         click.echo(f"{change.name}: {_value(change.was)} -> {_value(change.now)}{edited}")
-    click.echo(
-        f"{file}: {_count_measurements(len(moved))} moved, {len(after.measurements)} in it, of {build(after.side)}"
-    )
+    click.echo(f"{file}: {_count_measurements(len(moved))} of {len(after.measurements)} updated, {build(after.side)}")
     changes = tuple(Moved(change.name, change.was, change.now) for change in moved)
     return 0, Updated(str(file), changes, len(after.measurements))
 
@@ -154,7 +154,7 @@ def _existing_baseline(file: Path) -> Baseline | None:
         if not (os.path.isfile(file) or os.path.isdir(file)):  # a new name, or a device, which stores nothing
             return None
         raise ConfigError(
-            f"{file}: what is there cannot be read as a baseline, and is not overwritten; remove it, or name another"
+            f"{file} exists, is not a baseline, and is not overwritten; remove it, or name another file"
         ) from error
 
 
@@ -165,7 +165,9 @@ def _write(written: Baseline, file: Path, before: object = None) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
-        raise ConfigError(f"cannot write {file}: {getattr(error, 'strerror', None) or error}; name another") from error
+        raise ConfigError(
+            f"cannot write {file}: {getattr(error, 'strerror', None) or error}; name another file"
+        ) from error
     write_asked_for(file, to_json(written, before))
 
 

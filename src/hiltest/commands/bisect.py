@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import checked, documented, jobs_option, seed_range
+from hiltest.commands.options import (
+    documented,
+    jobs_option,
+    load_named_rig,
+    parsed,
+    pytest_options,
+    seed_range,
+    setting_option,
+)
 from hiltest.errors import ConfigError
 from hiltest.session.settings import DEFAULT_OUT, file_name
 
@@ -18,10 +26,10 @@ SCHEMA = "hiltest.bisection/1"
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   one commit is the first that is worse
-  2   interrupted; the same command goes on
+  0   the first worse commit was found
+  2   interrupted; repeat the command to continue
   4   usage: GOOD does not build or pass, or BAD is not worse
-  22  cannot say which: commits that could not be judged stand before BAD
+  22  unknown: commits before BAD could not be judged
 """
 
 
@@ -30,35 +38,30 @@ Exit codes:
     "--firmware",
     metavar="PATH",
     required=True,
-    callback=checked(file_name),
-    help="What BUILD leaves, as named in this folder: ELF, Intel HEX or raw binary.",
+    callback=parsed(file_name),
+    help="Test this file that BUILD writes, relative to this folder: ELF, Intel HEX or raw binary.",
 )
 @click.option(
     "--measure",
     "measures",
     metavar="NAME",
     multiple=True,
-    help="Measurement that decides, * matches anything; may be given more than once.  [default: all, as "
+    help="Judge by this measurement; * matches any text. Repeat the option for several.  [default: all, as "
     "hiltest compare judges them]",
 )
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
-)
-@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed.  [default: the rig's]")
-@jobs_option("With --seeds: processes")
-@click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
-@click.option("--suite", type=click.Choice(["gate", "full"]), help="Set of tests.  [default: gate]")
-@click.option("-k", "tests", metavar="EXPRESSION", help="Only the tests that match, as for pytest.  [default: all]")
+@setting_option("rig")
+@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed.  [default: the rig's seed]")
+@jobs_option("Run --seeds in this many processes")
+@setting_option("poses")
+@setting_option("suite")
+@click.option("-k", "tests", metavar="EXPRESSION", help="Run only the tests that match, as in pytest.  [default: all]")
 @click.option(
     "--out",
     metavar="DIR",
     default=f"{DEFAULT_OUT}/bisect",
     show_default=True,
-    callback=checked(file_name),
-    help="Folder for what is built and run, and remembered.",
+    callback=parsed(file_name),
+    help="Keep builds and records in this folder.",
 )
 @documented(SCHEMA)
 @click.argument("good")
@@ -78,22 +81,19 @@ def bisect(
     tests: str | None,
     out: str,
 ) -> tuple[int, FirstWorse]:
-    """Find the first commit after GOOD that is worse than it.
+    """Find the first commit that made a measurement worse.
 
-    BAD is a later one that is worse. Each commit on the way is built by the command that follows --, in a working tree
-    of its own, and run with the rigs and suites of this folder: hiltest bisect v1.2 HEAD --firmware build/app.elf --
-    make -j4. One that does not build is skipped.
+    BAD is a commit after GOOD, and worse. The command after -- builds each tested commit in a separate working tree,
+    and the rigs and suites of this folder test it: hiltest bisect v1.2 HEAD --firmware build/app.elf -- make -j4.
+    Commits that do not build are skipped.
     """
     from hiltest.campaigns.bisection import first_worse
-    from hiltest.rig.bench_files import rig_file
-    from hiltest.rig.rig_file import load_rig
 
     if jobs and seeds is None:
-        raise ConfigError("--jobs says who shares the work of several seeds: give --seeds A..B too")
-    named = {"--hil-rig": rig, "--hil-poses": poses, "--hil-suite": suite}
-    options = [f"{name}={value}" for name, value in named.items() if value is not None]
+        raise ConfigError("--jobs needs several seeds: add --seeds A..B")
+    options = pytest_options({"rig": rig, "poses": poses, "suite": suite})
     runs = [] if seeds is None else [f"--seeds={seeds[0]}..{seeds[-1]}", *([f"--jobs={jobs}"] if jobs else [])]
-    load_rig(rig_file(Path.cwd(), rig))  # checked first, since no commit is to blame for its faults
+    load_named_rig(rig)  # checked first, since no commit is to blame for its faults
     try:
         result = first_worse(
             good,
@@ -106,7 +106,7 @@ def bisect(
             measures=measures,
         )
     except KeyboardInterrupt:
-        click.echo(f"\nthe same command goes on: {out} keeps what was built and run", err=True)
+        click.echo(f"\n{out} keeps the finished builds and runs: repeat the command to continue", err=True)
         raise
     _print(result, measures)
     return int(result.exit_code), result
@@ -122,12 +122,12 @@ def _print(result: FirstWorse, measures: tuple[str, ...]) -> None:
     console = standard_output()
     newest = result.candidates[0]
     if len(result.candidates) == 1:
-        say(console, f"{newest.name} is the first commit that is worse")
+        say(console, f"{newest.name} is the first worse commit")
         say(console, f"  by {newest.author}, {newest.author_date}")
     else:
         say(
             console,
-            f"one of these {len(result.candidates)} is the first commit that is worse; the others could not be judged:",
+            f"one of these {len(result.candidates)} is the first worse commit; the others could not be judged:",
         )
         for candidate in result.candidates:
             say(console, f"  {candidate.name}")

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import checked, documented
+from hiltest.commands.options import documented, load_named_rig, setting_option
 from hiltest.errors import ConfigError
-from hiltest.rig.bench_files import rig_file
 from hiltest.session.operator_prompt import ask
-from hiltest.session.settings import file_name, seed
 from hiltest.text import format_number
 
 if TYPE_CHECKING:
@@ -27,7 +25,7 @@ _EXIT_CODES = """
 \b
 Exit codes:
   0   calibrated; the file and the header are written
-  1   the data supports no calibration; nothing was written
+  1   the data is not sufficient for a calibration; nothing was written
   2   interrupted; nothing was written
   4   usage: an option, a port, a rig file or a firmware file is wrong
   20  connection lost: link, cable, board, sensor or operator
@@ -37,31 +35,16 @@ Exit codes:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.imu-calibration/1")
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.",
-)
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the virtual board.  [default: the packaged one]",
-)
-@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@setting_option("rig")
+@setting_option("port")
+@setting_option("firmware")
+@setting_option("seed")
 @click.option(
     "--calibrator",
     metavar="NAME",
     default="corrected",
     show_default=True,
-    help="Magnetometer calibrator of the firmware; dpi also uses gravity.",
+    help="Use this magnetometer calibrator of the firmware; dpi also uses gravity.",
 )
 @click.option(
     "--out",
@@ -69,26 +52,23 @@ Exit codes:
     default=DEFAULT_FILE,
     show_default=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Calibration file; the C header beside it has the same name and ends in .h.",
+    help="Write the calibration to this file, and a C header beside it with the suffix .h.",
 )
 def calibrate(
-    rig: str | None, hil_port: str | None, firmware: str | None, seed: str | None, calibrator: str, out: Path
+    rig: str | None, port: str | None, firmware: Path | None, seed: int | None, calibrator: str, out: Path
 ) -> tuple[int, ImuCalibration]:
-    """Calibrate the IMU of a board step by step, and write one file.
+    """Calibrate the IMU of a board step by step.
 
-    A virtual board runs without questions. For a board that is turned by hand it says what to do next, shows progress,
-    and repeats a step that was refused. Then test the file: hiltest run --calibration FILE.
+    A virtual board needs no operator. If a board is turned by hand, the command asks for each step, shows progress
+    and repeats refused steps. Test the file with hiltest run --calibration FILE.
     """
     from hiltest.boards import open_board
     from hiltest.procedures import DPI
-    from hiltest.rig.rig_file import load_rig
 
     header = out.with_suffix(".h")
     _check_before_the_work(out, header)
-    described = load_rig(rig_file(Path.cwd(), rig))
-    with open_board(
-        described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
-    ) as board:
+    described = load_named_rig(rig)
+    with open_board(described, firmware=firmware, port=port, seed=seed) as board:
         available = (*board.identity.calibrators, DPI)
         if calibrator not in available:
             raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(available)}")
@@ -103,14 +83,13 @@ def _check_before_the_work(out: Path, header: Path) -> None:
     """Check that the file can be written, before an operator turns the board for minutes."""
     if out == header:
         raise ConfigError(
-            f"{out} is the name of the header: give the calibration file another name, such as "
-            f"{out.with_suffix('.json')}"
+            f"{out} would be the C header: give the calibration file another name, such as {out.with_suffix('.json')}"
         )
     folder = out.absolute().parent
     if not folder.is_dir():
-        raise ConfigError(f"cannot write {out}: there is no folder {folder}")
+        raise ConfigError(f"cannot write {out}: the folder {folder} does not exist")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ConfigError(f"cannot write {out}: nothing may be written to the folder {folder}")
+        raise ConfigError(f"cannot write {out}: the folder {folder} is read-only")
 
 
 def _calibrate_guided(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:

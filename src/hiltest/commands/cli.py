@@ -18,29 +18,54 @@ from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 _OUTPUT_ERRORS = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
-# Groups in the order of the help. Each command is a function in a module of the same name in hiltest.commands.
-_GROUPS = {
-    "Run and judge": ("run", "compare", "baseline", "bisect", "trend", "report", "export"),
-    "Firmware": ("profile", "worst", "timing"),
-    "Bench": ("ports", "doctor", "flash", "init", "device", "serve", "calibrate", "log"),
-    "Recordings": ("fit", "fit-imu", "allan", "decode", "play"),
-    "Papers": ("study",),
+# Commands under the headings of the help. "fit imu" is the function fit_imu in hiltest.commands.fit_imu.
+_HEADINGS = {
+    "Commands": ("run", "compare", "fit", "profile", "doctor", "flash", "init", "report"),
+    "Judge changes": ("baseline", "bisect", "report trend", "report export"),
+    "Count cycles": ("profile worst", "timing"),
+    "Work with a board": ("ports", "serve", "listen", "calibrate", "log"),
+    "Work with recordings": ("fit imu", "fit noise", "play", "decode"),
+    "Repeat published experiments": ("study",),
 }
-_COMMANDS = tuple(name for names in _GROUPS.values() for name in names)
+_COMMANDS = tuple(name for names in _HEADINGS.values() for name in names)
 _LONGEST_LINE = 70
+_OLD_COMMANDS = {
+    "allan": "fit noise",
+    "device try": "listen",
+    "export": "report export",
+    "fit-imu": "fit imu",
+    "trend": "report trend",
+    "worst": "profile worst",
+}
+_OLD_OPTIONS = {"--hil-port": "--port", "--for": "--seconds", "--pty": ""}
+"""New spelling of each option that had another one; empty for an option that is no longer needed."""
 
 
 class _Commands(click.Group):
-    """Subcommands by name: a command imports only its own module."""
+    """Commands of one word or two: a command imports only its own module."""
+
+    def parse_args(self, context: click.Context, words: list[str]) -> list[str]:
+        """Parse a command line, in which old spellings are replaced."""
+        return super().parse_args(context, _replace_old_spellings(words))
+
+    def resolve_command(
+        self, context: click.Context, words: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the name, the command and its arguments; a name of two words takes precedence."""
+        for count in (2, 1):
+            name = " ".join(words[:count])
+            if name in _COMMANDS:
+                return name, self.get_command(context, name), words[count:]
+        return super().resolve_command(context, words)
 
     def list_commands(self, _context: click.Context) -> list[str]:
-        return list(_COMMANDS)
+        return [name for name in _COMMANDS if " " not in name]
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands in groups, with the first sentence of their help."""
-        for title, names in _GROUPS.items():
+        """Write the commands under their headings, with the first sentence of their help."""
+        for heading, names in _HEADINGS.items():
             commands = {name: self.get_command(context, name) for name in names}
-            with formatter.section(title):
+            with formatter.section(heading):
                 formatter.write_dl(
                     [
                         (f"{name:<{len(max(_COMMANDS, key=len))}}", command.get_short_help_str(limit=_LONGEST_LINE))
@@ -52,9 +77,28 @@ class _Commands(click.Group):
     def get_command(self, _context: click.Context, name: str) -> click.Command | None:
         if name not in _COMMANDS:
             return None
-        place = name.replace("-", "_")
+        place = name.replace(" ", "_")
         command: click.Command = getattr(import_module(f"hiltest.commands.{place}"), place)
         return command
+
+
+def _replace_old_spellings(words: list[str]) -> list[str]:
+    """Return a command line with the new spelling of command and options, and print a hint for each old one."""
+    end = words.index("--") if "--" in words else len(words)
+    arguments, rest = words[:end], words[end:]
+    for old, new in _OLD_COMMANDS.items():
+        if " ".join(arguments[: len(old.split())]) == old:
+            click.echo(f"hint: hiltest {old} is now hiltest {new}", err=True)
+            arguments[: len(old.split())] = new.split()
+    renamed = []
+    for word in arguments:
+        option, equals, value = word.partition("=")
+        new = _OLD_OPTIONS.get(option, option)
+        if new != option:
+            click.echo(f"hint: {option} is now {new or 'the default: leave it out'}", err=True)
+        if new or not option:
+            renamed.append(new + equals + value)
+    return [*renamed, *rest]
 
 
 @click.group(
@@ -73,7 +117,7 @@ def every_command(command: click.Command = commands, name: str = "") -> Iterator
         yield name, command
         return
     context = click.Context(command)
-    for word in command.list_commands(context):
+    for word in _COMMANDS if command is commands else command.list_commands(context):
         if (subcommand := command.get_command(context, word)) is not None:
             yield from every_command(subcommand, f"{name} {word}".strip())
 

@@ -19,25 +19,27 @@ _EXIT_CODES = """
 \b
 Exit codes:
   0   may be merged: nothing got worse
-  1   not to be merged: NEW fails by itself, a limit or a test of its own
+  1   not to be merged: a limit or a test of NEW itself fails
   2   interrupted
-  4   usage: there is no NEW, or it cannot be read
-  21  not to be merged: something got worse, beyond its tolerance
-  22  cannot say: BASE is missing or cannot be compared with, a measurement is
-      gone, or a limit was not evaluated
+  4   usage: NEW is missing or cannot be read
+  21  not to be merged: a measurement is worse by more than its tolerance
+  22  unknown: BASE is missing or not comparable, a measurement is missing,
+      or a limit was not evaluated
 """
 
 
 @click.command(epilog=_EXIT_CODES)
 @json_option("hiltest.comparison/1")
-@click.option("--detect", metavar="SIZE", help="Say how many runs a side see a change of SIZE, such as 0.05deg.")
+@click.option(
+    "--detect", metavar="SIZE", help="Compute how many runs per side detect a change of SIZE, such as 0.05deg."
+)
 @click.argument("base", type=click.Path(path_type=Path))
 @click.argument("new", nargs=-1, type=click.Path(path_type=Path))
 def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None) -> int:
-    """Say what got better and what got worse between runs.
+    """Compare runs, and list improvements and regressions.
 
-    Each is a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline file. With
-    --detect there may be no NEW: BASE alone says how much its runs differ.
+    BASE and NEW are a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline
+    file. With --detect, NEW may be omitted.
     """
     from hiltest.report.comparison_text import Comparisons, print_comparison, say_how_to_keep
     from hiltest.run_record.exit_codes import ExitCode, comparison_code
@@ -70,7 +72,7 @@ def _plan_runs(base: Path, evidence: list[Evidence], size: str) -> Detection:
     from hiltest.verdict.evidence_reader import read_evidence
 
     if len(evidence) > 1:
-        raise click.BadParameter("takes one NEW at most", param_hint="--detect")
+        raise click.BadParameter("accepts one NEW at most", param_hint="--detect")
     try:
         return detection(size, read_evidence(base), evidence[0] if evidence else None)
     except ValueError as error:

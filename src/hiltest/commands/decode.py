@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import NumberRange, asked_to_end, checked, documented, opened
+from hiltest.commands.options import NumberRange, asked_to_end, documented, opened, parsed
 from hiltest.errors import BenchError, ConfigError
 from hiltest.session.settings import file_name
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   decoded; a port: for as long as was asked, or until Ctrl-C
-  1   no packet came
+  0   decoded
+  1   no packet arrived
   2   interrupted
   4   usage: an option, a file or a port is wrong
-  20  connection lost; what came before is printed and written
+  20  connection lost; earlier packets are printed and written
 """
 # Half a day at the line's 11.5 kB/s.
 _LARGEST_BYTES = 512 << 20
@@ -65,19 +65,19 @@ class Decoded:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.decode/1")
-@click.argument("source", metavar="FILE|PORT", callback=checked(file_name))
+@click.argument("source", metavar="FILE|PORT", callback=parsed(file_name))
 @click.option(
     "--csv",
     "csv_file",
     metavar="FILE",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write a CSV file with a row a packet.",
+    help="Write a CSV file with one row per packet.",
 )
 @click.option(
     "--seconds",
     metavar="N",
     type=NumberRange(min=0.0, max=1e9, min_open=True),
-    help="Of a port: how long to listen.  [default: until Ctrl-C]",
+    help="Stop listening to a port after this time.  [default: at Ctrl-C]",
 )
 @click.option(
     "--baud",
@@ -85,13 +85,13 @@ class Decoded:
     type=click.IntRange(min=1),
     default=115_200,
     show_default=True,
-    help="Of a port: speed of the line.",
+    help="Open a port at this baud rate.",
 )
 def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> tuple[int, Decoded]:
-    """Show the packets of NXP's sensor fusion in a recording.
+    """Decode the packets of NXP's Sensor Fusion.
 
-    FILE holds the bytes as they came, PORT is a serial device or a pyserial URL. Packets of releases 4.22, 5.00 and 7
-    are known: see docs/decode.md.
+    FILE has the received bytes; PORT is a serial device or a pyserial URL. Packets of releases 4.22, 5.00 and 7 are
+    decoded: see docs/decode.md.
     """
     summary = _listen(source, csv_file, seconds, baud) if _is_port(source) else _read(source, csv_file)
     return 0 if summary.kinds else 1, Decoded(
@@ -114,7 +114,7 @@ def _read(source: str, csv_file: Path | None) -> StreamSummary:
     from hiltest.interfaces.packet_summary import summary_of
     from hiltest.json_files import read_bounded
 
-    data = read_bounded(Path(source), largest_bytes=_LARGEST_BYTES, otherwise="give a recording of the packets")
+    data = read_bounded(Path(source), largest_bytes=_LARGEST_BYTES, otherwise="name a recording of packets")
     summary, release = summary_of(data)
     if csv_file is not None:
         _write(csv_file, summary.kinds, batches(data, release))
@@ -199,7 +199,7 @@ def _is_port(source: str) -> bool:
     path = Path(source)
     if not path.exists():
         raise ConfigError(
-            f"{source}: no such file, and no serial port; ports on this machine: {', '.join(list_ports()) or 'none'}"
+            f"{source} is neither a file nor a serial port; ports on this machine: {', '.join(list_ports()) or 'none'}"
         )
     if not path.is_char_device():
         return False

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import checked, documented
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name
+from hiltest.commands.options import documented, load_named_rig, setting_option
 from hiltest.text import legible
 
 if TYPE_CHECKING:
@@ -21,9 +18,10 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   nothing failed; there may be warnings
-  4   usage: an option, a port or a rig file is wrong, or several boards are plugged in and none is named
-  20  connection lost: something failed
+  0   no check failed; there may be warnings
+  4   usage: an option, a port or a rig file is wrong, or several boards are
+      plugged in and none is named
+  20  connection lost: a check failed
   23  wrong firmware, or another protocol version
 """
 _COLOURS = {"ok": "green", "warning": "yellow", "FAILED": "red"}
@@ -53,32 +51,20 @@ class Examined:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.doctor/1")
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: frdm-k64f]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's, or the one board "
-    "that is plugged in]",
-)
-def doctor(rig: str | None, hil_port: str | None) -> tuple[int, Examined]:
-    """Look what is wrong with a bench, and say what to do about it.
+@setting_option("rig", fallback="frdm-k64f")
+@setting_option("port", fallback="the rig's, or the only board that is plugged in")
+def doctor(rig: str | None, port: str | None) -> tuple[int, Examined]:
+    """Diagnose a bench and suggest remedies.
 
-    Board, DAPLink, permission, other programs, the port of a motor table, baud rate, firmware, sensors, clock, cycle
-    counter, noise at rest, and the field beside the World Magnetic Model. Leave the board alone while it looks; it
-    takes 5 s, and turns nothing. What fails leaves out what needs it, and no more.
+    The command checks board, DAPLink, permissions, other programs, the port of a motor table, baud rate, firmware,
+    sensors, clock, cycle counter, noise at rest, and the field against the World Magnetic Model. Do not move the board
+    meanwhile; it takes 5 s. If a check fails, only the checks that depend on it are skipped.
     """
     from hiltest.doctor.check import exit_code
     from hiltest.doctor.examination import examine
-    from hiltest.rig.rig_file import load_rig
 
-    described = load_rig(rig_file(Path.cwd(), rig or "frdm-k64f"))
-    checks = [*_print_checks(examine(described, port=hil_port, today=datetime.now(UTC).date()))]
+    described = load_named_rig(rig or "frdm-k64f")
+    checks = [*_print_checks(examine(described, port=port, today=datetime.now(UTC).date()))]
     code = exit_code(checks)
     results = [ExaminedCheck(check.name, check.health.value, check.finding, check.remedy or None) for check in checks]
     return code, Examined(described.name, code, results)

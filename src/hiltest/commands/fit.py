@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from hiltest.commands.options import ErrorOutput, checked, json_option
-from hiltest.session.settings import file_name
+from hiltest.commands.options import ErrorOutput, json_option, setting_option
 
 if TYPE_CHECKING:
     from hiltest.log_fitting import Samples, Unit
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   the best verdict is at least poor, or what --at-least says
-  1   it is worse
+  0   the best verdict is at least poor, or the one of --at-least
+  1   the best verdict is worse
   2   interrupted
   4   usage: an option, the log or a firmware file is wrong
   20  the firmware on the virtual board faults or hangs
@@ -38,81 +37,76 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option(
     "--columns",
     metavar="A,B,C",
-    help="Columns of x, y, z: names of the header or numbers from 1; a minus negates one.  "
+    help="Read x, y, z from these columns: names of the header or numbers from 1; a minus negates one.  "
     "[default: the magnetometer's]",
 )
 @click.option(
     "--accelerometer-columns",
     metavar="A,B,C",
-    help="Columns of the accelerometer, for gravity.  [default: acc..., a...]",
+    help="Read the accelerometer from these columns, for gravity.  [default: acc..., a...]",
 )
 @click.option(
     "--unit",
     type=click.Choice(["uT", "gauss", "counts"]),
-    help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]",
+    help="Set the unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]",
 )
 @click.option(
     "--calibrator",
     metavar="NAME",
     default="board",
     show_default=True,
-    help="Calibrator to run. board: the firmware's. all: the float64 references of the literature's as well.",
+    help="Run this calibrator. board: all of the firmware. all: also float64 references from the literature.",
 )
 @click.option(
     "--shape",
     type=click.Choice([*_ELLIPSOIDS, "sphere", "ridge", "circle", "ellipse"]),
     default="auto",
     show_default=True,
-    help="auto: the calibrators' ellipsoid, or what the samples allow. ridge: part of a sphere. circle, "
-    "ellipse: a turn in a plane, for headings alone.",
+    help="Fit this shape. auto: the calibrators' ellipsoid, or the shape that the samples allow. ridge: part of a "
+    "sphere. circle, ellipse: a turn in a plane, for headings only.",
 )
 @click.option(
     "--field",
     "field_ut",
     metavar="UT",
     type=click.FloatRange(1.0, 1e5),
-    help="Strength of the field where it is known; of its part in the plane for circle and ellipse.",
+    help="Set the known strength of the field; for circle and ellipse, of its part in the plane.",
 )
 @click.option(
     "--from",
     "first",
     metavar="T",
     type=float,
-    help="First instant to take: seconds from the first reading, or its number where no column has times.",
+    help="Begin at this time: seconds after the first reading, or a reading's number if no column has times.",
 )
-@click.option("--to", "last", metavar="T", type=float, help="First instant not to take, likewise.")
-@click.option("--steady", is_flag=True, help="Take the longest part in which the field does not change.")
+@click.option("--to", "last", metavar="T", type=float, help="End before this time.")
+@click.option("--steady", is_flag=True, help="Use the longest part with a constant field.")
 @click.option(
     "--robust",
     type=click.Choice(["tukey", "none"]),
     default="tukey",
     show_default=True,
-    help="tukey: leave out repeats and what is far from the ellipsoid of the others. none: take all.",
+    help="Weight the samples. tukey: omit repeats and outliers of the ellipsoid. none: use all samples.",
 )
 @click.option(
     "--on",
     type=click.Choice(["virtual", "host"]),
     default="virtual",
     show_default=True,
-    help="virtual: the firmware's calibrators, cycles counted. host: their float64 references.",
+    help="Run the firmware's calibrators and count cycles (virtual), or their float64 references (host).",
 )
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the virtual board.  [default: the packaged one]",
-)
+@setting_option("firmware")
 @json_option("hiltest.fit/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
-@click.option("--force", is_flag=True, help="Export a refused calibration as well; it says so itself.")
-@click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the samples before and after.")
+@click.option("--force", is_flag=True, help="Export even a refused calibration, which is marked as refused.")
+@click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the samples before and after.")
 @click.option(
     "--at-least",
     type=click.Choice(["good", "fair", "poor"]),
     default="poor",
     show_default=True,
-    help="Verdict that the best calibration needs for exit code 0.",
+    help="Require this verdict of the best calibration for exit code 0.",
 )
 def fit(
     log: Path,
@@ -127,7 +121,7 @@ def fit(
     steady: bool,
     robust: str,
     on: str,
-    firmware: str | None,
+    firmware: Path | None,
     as_json: bool,
     export_json: Path | None,
     export_header: Path | None,
@@ -135,12 +129,14 @@ def fit(
     html: Path | None,
     at_least: str,
 ) -> int:
-    """Calibrate from a magnetometer log, and say how good it is.
+    """Fit a magnetometer calibration to a log, and rate it.
 
     LOG is a table with or without a header, a capture of a serial monitor or for MotionCal, or lines of JSON;
     - is standard input. A refused calibration is not exported without --force.
 
-    LOG may be a folder: a row for each log in it, by the float64 references, with how well parts of it agree.
+    If LOG is a folder, print one row per log: the fit by the float64 references and the agreement between its parts.
+
+    Other logs: hiltest fit imu for accelerometer and gyroscope, hiltest fit noise for a gyroscope at rest.
     """
     from hiltest.log_fitting import Unit
     from hiltest.log_fitting.signed_columns import read_signed_samples
@@ -178,7 +174,7 @@ def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust:
     for name in set(context.params) - {"log", "columns", "unit", "robust", "at_least"}:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             option = next(parameter.opts[0] for parameter in context.command.params if parameter.name == name)
-            raise click.UsageError(f"{option} is for one log: {folder} is a folder")
+            raise click.UsageError(f"{option} is for a single log, and {folder} is a folder: leave it out")
     from hiltest.errors import ConfigError
     from hiltest.log_fitting.log_folder import fit_folder
     from hiltest.log_fitting.log_folder_table import print_folder
@@ -191,7 +187,7 @@ def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust:
     print_folder(logs, standard_output())
     fits = [log.fit for log in logs if log.fit is not None]
     if not fits:
-        raise ConfigError(f"{folder}: no file in it is a log of a magnetometer; hiltest fit FILE says why of one")
+        raise ConfigError(f"{folder} has no log of a magnetometer; hiltest fit FILE prints the reason for a file")
     return int(any(_is_worse(fit, at_least) for fit in fits))
 
 
@@ -200,7 +196,7 @@ def _part(samples: Samples, first: float | None, last: float | None, *, steady: 
 
     if steady:
         if first is not None or last is not None:
-            raise click.UsageError("--steady chooses the part itself: leave out --from and --to")
+            raise click.UsageError("--steady selects the part: leave out --from and --to")
         first, last = span.steady(samples)
         click.echo(f"steady from {first:g} to {'the end' if last == math.inf else format(last, 'g')}", err=True)
     return span.between(samples, first, last)
@@ -211,7 +207,7 @@ def _fit(
     calibrator: str,
     shape: str,
     on: str,
-    firmware: str | None,
+    firmware: Path | None,
     *,
     robust: bool,
     field_ut: float | None,
@@ -220,7 +216,9 @@ def _fit(
 
     if shape not in _ELLIPSOIDS:
         if calibrator != "board" or firmware is not None:
-            raise click.UsageError(f"--shape {shape} is no calibrator's: leave out --calibrator and --firmware")
+            raise click.UsageError(
+                f"--shape {shape} is not fitted by calibrators: leave out --calibrator and --firmware"
+            )
         from hiltest.calibration.shapes import Shape
 
         return fit_by_shape(samples, Shape(shape), robust=robust, field_ut=field_ut)
@@ -235,7 +233,7 @@ def _fit(
 
     # The packaged rig is used even if this folder has another: recorded samples do not depend on its world.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
-    with open_board(rig, firmware=Path(firmware) if firmware else None) as board:
+    with open_board(rig, firmware=firmware) as board:
         return fit_on_board(board, samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)
 
 
@@ -259,12 +257,12 @@ def _export(fitted: SampleFit, as_json: Path | None, as_header: Path | None, *, 
 
     if fitted.best.verdict is Acceptance.REFUSED:
         if fitted.best.hard_iron is None:
-            click.echo("refused: there is no calibration to export", err=True)
+            click.echo("refused: no calibration exists to export", err=True)
             return
         if not force:
-            click.echo("refused: no calibration was exported; --force exports it all the same", err=True)
+            click.echo("refused: the calibration was not exported; --force exports it anyway", err=True)
             return
-        click.echo("refused: exported all the same, marked so", err=True)
+        click.echo("refused: exported anyway, and marked as refused", err=True)
     if as_json is not None:
         export_json(fitted, as_json)
     if as_header is not None:

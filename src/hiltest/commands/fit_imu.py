@@ -1,4 +1,4 @@
-"""``hiltest fit-imu``: calibrate accelerometer and gyroscope from the log of an IMU that was turned by hand."""
+"""``hiltest fit imu``: calibrate accelerometer and gyroscope from the log of an IMU that was turned by hand."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   the accelerometer is calibrated, and of the gyroscope at least the bias;
+  0   the accelerometer is calibrated, and at least the gyroscope's bias;
       with --rate-rpm: the scale of an axis of the gyroscope
-  1   it is not: the log does not support it
+  1   not calibrated: the log is not sufficient
   2   interrupted
   4   usage: an option or a file is wrong
 """
@@ -51,34 +51,50 @@ class _Options:
     export_header: Path | None
 
 
-@click.command(name="fit-imu", epilog=_EXIT_CODES)
+@click.command(epilog=_EXIT_CODES)
 @click.argument("log", metavar="LOG", type=_FILE)
-@click.option("--gyroscope-log", metavar="FILE", type=_FILE, help="The gyroscope's own log, row by row with LOG.")
-@click.option("--accelerometer-columns", metavar="A,B,C", help="Names, or numbers from 1.  [default: acc..., a...]")
-@click.option("--gyroscope-columns", metavar="A,B,C", help="Names, or numbers from 1.  [default: gyr..., g...]")
+@click.option(
+    "--gyroscope-log",
+    metavar="FILE",
+    type=_FILE,
+    help="Read the gyroscope from this log, whose rows match those of LOG.",
+)
+@click.option(
+    "--accelerometer-columns",
+    metavar="A,B,C",
+    help="Read the accelerometer from these columns: names, or numbers from 1.  [default: acc..., a...]",
+)
+@click.option(
+    "--gyroscope-columns", metavar="A,B,C", help="Read the gyroscope from these columns.  [default: gyr..., g...]"
+)
 @click.option(
     "--accelerometer-unit",
     type=click.Choice(["g", "mg", "m/s2", "counts"]),
-    help="Counts: zero and scale unknown.  [default: the header's, else counts]",
+    help="Set the unit of accelerations; zero and scale of counts are unknown.  [default: the header's, else counts]",
 )
 @click.option(
     "--gyroscope-unit",
     type=click.Choice(RATE_UNITS),
-    help="Counts: scale unknown.  [default: the header's, else counts]",
+    help="Set the unit of rates; the scale of counts is unknown.  [default: the header's, else counts]",
 )
 @click.option(
-    "--rate", metavar="HZ", type=NumberRange(1.0, 100_000.0), help="Samples a second.  [default: by the column of time]"
+    "--rate",
+    metavar="HZ",
+    type=NumberRange(1.0, 100_000.0),
+    help="Set the sample rate.  [default: from the column of time]",
 )
-@click.option("--time", metavar="COLUMN", help="The column of time.  [default: time, t, timestamp]")
+@click.option("--time", metavar="COLUMN", help="Read the time from this column.  [default: time, t, timestamp]")
 @click.option(
-    "--intervals", metavar="FILE|COLUMN", help="Rests and turns: a JSON list, or a column of labels.  [default: found]"
+    "--intervals",
+    metavar="FILE|COLUMN",
+    help="Take rests and turns from a JSON list, or a column of labels.  [default: detect them]",
 )
 @click.option(
     "--method",
     type=click.Choice(["auto", "six-position", "ellipsoid", "moving"]),
     default="auto",
     show_default=True,
-    help="Method for the accelerometer: rests on six faces or in nine poses, or motion.",
+    help="Calibrate the accelerometer from rests on six faces or in nine poses, or from motion.",
 )
 @click.option(
     "--turn",
@@ -87,28 +103,28 @@ class _Options:
     type=NumberRange(90.0, 36_000.0),
     default=360.0,
     show_default=True,
-    help="Angle of each turn.",
+    help="Set the angle of each turn.",
 )
 @click.option(
     "--rate-rpm",
     metavar="RPM",
     type=NumberRange(0.1, 10_000.0),
-    help="Rate of a turntable (33.333, 45), wherever the log turns steadily: scale of that axis.",
+    help="Compute the scale of each axis that turned steadily at this rate of a turntable (33.333, 45).",
 )
 @click.option(
     "--bias-from",
     metavar="FILE",
     type=_FILE,
-    help="A log of the gyroscope at rest: its mean is the bias.  [default: of the rests in LOG]",
+    help="Take the bias from this log of the gyroscope at rest.  [default: from the rests in LOG]",
 )
 @json_option("hiltest.fit-imu/1")
-@click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")
+@click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to this file.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the calibration as a C header.")
 def fit_imu(**arguments: Any) -> int:
     """Calibrate accelerometer and gyroscope from a log.
 
-    LOG is a text table, also packed (.gz): comma, semicolon, tab or blanks between cells, with or without a header.
-    Rests, six faces and whole turns about the vertical are detected.
+    LOG is a text table, optionally compressed (.gz), with commas, semicolons, tabs or blanks between cells, with or
+    without a header. Rests, six faces and whole turns about the vertical are detected.
     """
     from hiltest.log_fitting import AccelerationUnit, LogColumns, read_imu_log
     from hiltest.log_fitting.imu_fit import SCHEMA, fit_imu_log, imu_fit_document, print_fit
@@ -151,7 +167,7 @@ def _export(fitted: ImuLogFit, options: _Options) -> int:
 
     if not (fitted.accelerometer.fit is not None if options.rate_rpm is None else fitted.scales):
         if options.export_json or options.export_header:
-            click.echo("refused: no calibration was exported", err=True)
+            click.echo("refused: the calibration was not exported", err=True)
         return 1
     if options.export_json is not None:
         write_asked_for(options.export_json, json_text(imu_fit_document(fitted), SCHEMA) + "\n")

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import click
 
-from hiltest.commands.options import ErrorOutput, checked, documented
+from hiltest.commands.options import ErrorOutput, documented, load_named_rig, parsed, setting_option
 from hiltest.session.settings import file_name
 
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   flashed; what was flashed answers, or cannot be asked, which is said
+  0   flashed; the new firmware answers, or the output says why it cannot
   4   usage: the image is not for this chip or would lock it; an option, a
       port or a rig file is wrong
-  20  no board, another process has it, it was not programmed (FAIL.TXT is
-      shown), or nothing answers afterwards
-  23  other firmware answers afterwards
+  20  no board, a board in use by another process, a failed write (the
+      output shows FAIL.TXT), or no answer afterwards
+  23  another firmware answers afterwards
 """
 
 
@@ -47,51 +47,39 @@ class Flashed:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.flash/1")
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs: its board.  [default: the board that is plugged in]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of the board: a device, usb://SERIAL or another pyserial URL.  [default: the rig's]",
-)
+@setting_option("rig", fallback="the board that is plugged in")
+@setting_option("port")
 @click.option(
     "--volume",
     metavar="DIR",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Where the drive of its DAPLink is mounted.  [default: looked for]",
+    help="Write to the DAPLink drive mounted at this folder.  [default: search for it]",
 )
 @click.option(
     "--probe", type=click.Choice(["pyocd"]), help="Write with a debug probe instead of the drive; needs hiltest[bench]."
 )
-@click.argument("elf", required=False, callback=checked(file_name))
+@click.argument("elf", required=False, callback=parsed(file_name))
 def flash(
-    elf: str | None, rig: str | None, hil_port: str | None, volume: Path | None, probe: str | None
+    elf: str | None, rig: str | None, port: str | None, volume: Path | None, probe: str | None
 ) -> tuple[int, Flashed]:
-    """Put firmware onto an FRDM-K64F, and check that it runs.
+    """Write firmware to an FRDM-K64F and check that it runs.
 
-    ELF may be Intel HEX or a raw binary (.bin) too; without it, hiltest's own firmware is flashed. What is for another
-    chip, or would lock this one, is refused before anything is written.
+    ELF may also be Intel HEX or a raw binary (.bin); without it, hiltest's own firmware is flashed. Images for another
+    chip, and images that would lock this one, are rejected before anything is written.
     """
     from hiltest.boards import default_firmware
     from hiltest.boards.flashing.flash_image import load_flash_image
     from hiltest.boards.flashing.flashing import find_target
     from hiltest.boards.flashing.flashing import flash as put_on
-    from hiltest.rig.bench_files import rig_file
-    from hiltest.rig.rig_file import load_rig
     from hiltest.session.progress_line import ProgressLine
 
     if probe and volume:
-        raise click.UsageError("--probe writes without the drive: leave out --volume")
-    described = load_rig(rig_file(Path.cwd(), rig)) if rig else None
+        raise click.UsageError("--probe does not use the drive: leave out --volume")
+    described = load_named_rig(rig) if rig else None
     if elf is None and described is not None and not described.answers_requests:
         raise click.UsageError(f"name the ELF: the firmware of rig {described.name} is not hiltest's own")
     image = load_flash_image(Path(elf) if elf else default_firmware())
-    target = find_target(rig=described, port=hil_port, volume=volume, by_probe=bool(probe))
+    target = find_target(rig=described, port=port, volume=volume, by_probe=bool(probe))
     line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
     try:
         done = put_on(image, target, by_probe=bool(probe), progress=line)

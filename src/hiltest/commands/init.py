@@ -12,9 +12,8 @@ from pathlib import Path
 
 import click
 
-from hiltest.commands.options import checked, documented
+from hiltest.commands.options import documented, parsed
 from hiltest.errors import ConfigError
-from hiltest.rig.bench_files import shipped
 from hiltest.session.operator_prompt import ask
 from hiltest.session.settings import file_name
 
@@ -47,22 +46,24 @@ class Copied:
 @click.option(
     "--firmware",
     metavar="ELF",
-    callback=checked(file_name),
-    help="Also write a rig for this firmware: what its names and texts tell of headings.",
+    callback=parsed(file_name),
+    help="Propose a rig for this firmware, from its names and texts.",
 )
 def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
-    """Copy suites, rigs, benchmarks and a baseline to DIR/hil.
+    """Set up a bench: copy suites, rigs, benchmarks and a baseline.
 
-    The baseline holds the numbers of the packaged firmware on the default rig.
+    The files go to DIR/hil. The baseline has the numbers of the packaged firmware on the default rig.
 
-    With --firmware a rig of DIR's name is added: an ELF is looked through for lines, packets and variables that tell a
-    heading, a field or a calibration, and for functions to count. At a terminal it asks which is meant, and Enter takes
-    the first; elsewhere the rig has all that was found, what is only guessed as a comment.
+    With --firmware, the command also writes a rig with the name of DIR. It searches the ELF for lines, packets and
+    variables with a heading, a field or a calibration, and for functions to count. At a terminal it asks which ones to
+    use; otherwise the rig has all of them, uncertain ones as comments.
     """
+    from hiltest.rig.bench_files import shipped
+
     source, target = shipped(), folder / "hil"
     present = [target / name for name in (*_FOLDERS, _BASELINE.parent) if (target / name).exists()]
     if present:
-        raise ConfigError(f"{present[0]} is already there; nothing was copied. Choose another folder, or move it away")
+        raise ConfigError(f"{present[0]} already exists; nothing was copied. Choose another folder, or move it away")
     proposed = _proposed_rig(folder, Path(firmware)) if firmware is not None else None
     try:
         for name in _FOLDERS:
@@ -75,7 +76,7 @@ def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
             (target / "rigs" / f"{proposed[0]}.toml").write_text(proposed[1], encoding="utf-8")
     except (OSError, shutil.Error, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ConfigError(f"cannot copy to {target}: {reason}. Choose a folder that can be written to") from error
+        raise ConfigError(f"cannot copy to {target}: {reason}. Choose a writable folder") from error
     click.echo(f"suites, rigs, benchmarks and the baseline of the packaged firmware are in {target}. Next:")
     options = ["--rig", proposed[0]] if proposed else ["--baseline", str("hil" / _BASELINE)]
     click.echo(f"cd {folder} && hiltest run {' '.join(options)}")
@@ -86,6 +87,7 @@ def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     """Return name and text of the rig for a firmware."""
     from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
+    from hiltest.rig.bench_files import shipped
     from hiltest.virtual.program.elf import load_image
 
     proposals = look_at(load_image(firmware))
@@ -109,8 +111,8 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
         firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file),
         choose=choose,
     )
-    summary = f'kind = "{kind}"' if "\n[device]\n" in text else "nothing in it is surely a heading: fill in [device]"
-    click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Look through hil/rigs/{name}.toml")
+    summary = f'kind = "{kind}"' if "\n[device]\n" in text else "none of them is certainly a heading: fill in [device]"
+    click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Check hil/rigs/{name}.toml")
     return name, text
 
 

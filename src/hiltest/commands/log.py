@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from hiltest.commands.options import ErrorOutput, NumberRange, asked_to_end, checked, documented, opened
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name, seed
+from hiltest.commands.options import (
+    ErrorOutput,
+    NumberRange,
+    asked_to_end,
+    documented,
+    load_named_rig,
+    opened,
+    setting_option,
+)
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -23,11 +29,11 @@ _INTERRUPTED = 2
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   logged for as long as was asked
-  2   ended by Ctrl-C; the file is whole up to there
+  0   logged for the requested time
+  2   ended by Ctrl-C; the file has all samples until then
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  connection lost: link, cable, board or sensor; the file is whole up
-      to there
+  20  connection lost: link, cable, board or sensor; the file has all
+      samples until then
   23  wrong firmware, or another protocol version
 """
 
@@ -53,10 +59,10 @@ class Logged:
     metavar="N",
     type=NumberRange(min=0.0, max=1e9, min_open=True),
     required=True,
-    help="Duration by the board's clock.",
+    help="Record for this time by the board's clock.",
 )
 @click.option(
-    "--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path), help="CSV file to write."
+    "--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Write this CSV file."
 )
 @click.option(
     "--sensor",
@@ -65,53 +71,35 @@ class Logged:
     default=["gyroscope"],
     show_default=True,
     type=click.Choice(["gyroscope", "accelerometer", "magnetometer"]),
-    help="Sensor to log; may be given more than once.",
+    help="Log this sensor; repeat the option for several.",
 )
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.",
-)
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the virtual board.  [default: the packaged one]",
-)
-@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@setting_option("rig")
+@setting_option("port")
+@setting_option("firmware")
+@setting_option("seed")
 def log(
     seconds: float,
     out: Path,
     sensors: Sequence[str],
     rig: str | None,
-    hil_port: str | None,
-    firmware: str | None,
-    seed: str | None,
+    port: str | None,
+    firmware: Path | None,
+    seed: int | None,
 ) -> tuple[int, Logged]:
-    """Record sensor samples of a board to a CSV file.
+    """Record the sensors of a board to a CSV file.
 
-    Every sample of the gyroscope is written, with the board's time. Samples of accelerometer and magnetometer between
-    two requests are missing. Ctrl-C ends the log. hiltest allan reads it.
+    The file has every sample of the gyroscope, with the board's time. Samples of accelerometer and magnetometer between
+    two requests are missing. Ctrl-C ends the log. Read it with hiltest fit noise.
     """
     from hiltest.boards import open_board
     from hiltest.link.replies import SensorKind
     from hiltest.procedures.sensor_log import log_sensors
-    from hiltest.rig.rig_file import load_rig
 
     kinds = [SensorKind[name.upper()] for name in dict.fromkeys(sensors)]
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     with (
         asked_to_end() as ending,
-        open_board(
-            described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
-        ) as board,
+        open_board(described, firmware=firmware, port=port, seed=seed) as board,
         opened(out) as file,
     ):
         counts = _write(file, board, kinds, log_sensors(board, kinds, seconds=seconds), seconds, ending)

@@ -9,16 +9,19 @@ import io
 import math
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
 from hiltest.errors import ConfigError
 from hiltest.json_files import json_text
-from hiltest.session.settings import jobs, seed
+from hiltest.session.settings import file_path, jobs, seed, setting
+
+if TYPE_CHECKING:
+    from hiltest.rig import Rig
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -62,26 +65,64 @@ class NumberRange(click.FloatRange):
         """Return the number."""
         number = float(super().convert(value, param, ctx))
         if math.isnan(number):
-            self.fail(f"{value} is no number.", param, ctx)
+            self.fail(f"{value} is not a number.", param, ctx)
         return number
 
 
-Given = TypeVar("Given", bound=str | tuple[str, ...] | None)
+def parsed(parse: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Return a callback that parses a value, or each of several values."""
 
-
-def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, Given], Given]:
-    """Return a callback that rejects the same values as the plugin's option of the same name."""
-
-    def callback(_context: click.Context, _parameter: click.Parameter, value: Given) -> Given:
-        """Return the value unchanged; a value that the check rejects is a wrong parameter of the command."""
-        for text in value if isinstance(value, tuple) else () if value is None else (value,):
-            try:
-                check(text)
-            except argparse.ArgumentTypeError as error:
-                raise click.BadParameter(str(error)) from error
-        return value
+    def callback(_context: click.Context, _parameter: click.Parameter, value: Any) -> Any:
+        """Return the parsed value; a value that is refused is a wrong parameter of the command."""
+        try:
+            if isinstance(value, tuple):
+                return tuple(map(parse, value))
+            return None if value is None else parse(value)
+        except argparse.ArgumentTypeError as error:
+            raise click.BadParameter(str(error)) from error
 
     return callback
+
+
+def setting_option(
+    name: str, *parameter: str, help: str | None = None, fallback: str | None = None, **attributes: Any
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option of a command for a row of `hiltest.session.settings.OPTIONS`.
+
+    Parameters
+    ----------
+    parameter
+        Name of the command's parameter, if it is not that of the option.
+    help, fallback
+        Help and description of the default, if they are not those of the row.
+    attributes
+        Further arguments of `click.option`.
+    """
+    option = setting(name)
+    unset = option.default or option.fallback if fallback is None else fallback
+    text = help or option.help
+    return click.option(
+        f"--{name}",
+        *parameter,
+        metavar=option.metavar,
+        type=click.Path() if option.parse is file_path else str,
+        callback=parsed(option.parse),
+        help=text if attributes.get("required") or not unset else f"{text}  [default: {unset}]",
+        **attributes,
+    )
+
+
+def load_named_rig(name: str | None) -> Rig:
+    """Return the rig that ``--rig`` names; None stands for the default rig."""
+    from hiltest.rig.bench_files import rig_file
+    from hiltest.rig.rig_file import load_rig
+
+    return load_rig(rig_file(Path.cwd(), name))
+
+
+def pytest_options(values: Mapping[str, object]) -> list[str]:
+    """Return options of pytest from the values of settings by name; None stands for a setting without value."""
+    return [f"{setting(name).flag}={value}" for name, value in values.items() if value is not None]
 
 
 def seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
@@ -99,21 +140,14 @@ def seed_range(_context: click.Context, _parameter: click.Parameter, text: str |
     return seeds
 
 
-def jobs_option(begins: str = "Processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def jobs_option(begins: str = "Use this many processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return the option ``--jobs``, whose value is a number or a scheduler's address; `begins` its help."""
     return click.option(
         "--jobs",
         metavar="J",
-        callback=_jobs,
-        help=f"{begins}, or the address of a dask scheduler, tcp://HOST:PORT.  [default: one a core]",
+        callback=parsed(jobs),
+        help=f"{begins}, or a dask scheduler, tcp://HOST:PORT.  [default: one per core]",
     )
-
-
-def _jobs(_context: click.Context, _parameter: click.Parameter, text: str | None) -> int | str | None:
-    try:
-        return None if text is None else jobs(text)
-    except argparse.ArgumentTypeError as error:
-        raise click.BadParameter(str(error)) from error
 
 
 def json_option(schema: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

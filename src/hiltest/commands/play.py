@@ -10,10 +10,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import ErrorOutput, NumberRange, checked, json_option, print_document
+from hiltest.commands.options import (
+    ErrorOutput,
+    NumberRange,
+    json_option,
+    load_named_rig,
+    print_document,
+    setting_option,
+)
 from hiltest.errors import ConfigError
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,7 +30,7 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   played; what was found is shown, and not judged
+  0   played; the results are shown without a verdict
   2   interrupted
   4   usage: an option, a rig file, a recording or a firmware file is wrong
   20  the firmware does not answer
@@ -66,58 +71,45 @@ class Played:
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.option(
-    "--rig",
-    metavar="R",
-    required=True,
-    callback=checked(file_name),
-    help="Rig file with a recording under [world] playback, or name of one in hil/rigs.",
-)
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the rig's board.  [default: the rig's, else the packaged one]",
-)
+@setting_option("rig", required=True)
+@setting_option("firmware", fallback="the rig's, else the packaged one")
 @click.option(
     "--every",
     "every_s",
     metavar="SECONDS",
     type=NumberRange(min=0.1, max=3600.0),
-    help="Time between two headings.  [default: twelve over the recording]",
+    help="Compute a heading at this interval.  [default: twelve over the recording]",
 )
 @json_option("hiltest.play/1")
-def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -> int:
-    """Play a recording to firmware, and show what it finds from it.
+def play(rig: str, firmware: Path | None, every_s: float | None, as_json: bool) -> int:
+    """Play a recording to firmware, and compare its results.
 
-    That is hard iron, field, error of its fit, headings. Sensors of a virtual board measure the recording. If the rig's
-    firmware does not speak hiltest's protocol, hiltest's own gets the same recording, and its calibrators stand beside.
-    Nothing is judged: see docs/playback.md.
+    The results are hard iron, field, fit error and headings. The sensors of a virtual board measure the recorded
+    motion. If the rig's firmware does not speak hiltest's protocol, hiltest's firmware gets the same recording, and the
+    results of its calibrators are shown beside. There is no verdict: see docs/playback.md.
     """
     from hiltest.interfaces.sensor_files.recorded_motion import load_playback
     from hiltest.procedures.recorded_motion import play_back
-    from hiltest.rig.rig_file import load_rig
     from hiltest.session.progress_line import ProgressLine
     from hiltest.world.recorded_motion import Sensed
 
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     playback = load_playback(described)
     if playback is None:
         raise ConfigError(
-            f'{described.where("world")}: the rig plays no recording: name one under [world], playback = "field.csv"'
+            f'{described.where("world")}: the rig has no recording: name one under [world], playback = "field.csv"'
         )
     magnetometer = playback.tracks.get(Sensed.MAGNETOMETER)
     if magnetometer is None:
         raise ConfigError(
-            f"{described.where('world', 'playback')}: world.playback: no magnetometer in {playback.name} "
-            "to calibrate from: play it with hiltest log, hiltest device try or serve"
+            f"{described.where('world', 'playback')}: world.playback: {playback.name} has no magnetometer "
+            "to calibrate: use it with hiltest log, hiltest listen or hiltest serve"
         )
     moments_s = _moments_s(playback, every_s)
     if not as_json:
         click.echo(playback.described())
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
-    elf = Path(firmware) if firmware else None
-    played = play_back(described, magnetometer.times_s, moments_s, firmware=elf, progress=progress)
+    played = play_back(described, magnetometer.times_s, moments_s, firmware=firmware, progress=progress)
     if as_json:
         print_document("hiltest.play/1", _document(played, playback))
         return 0

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 _NONE_FOUND = """\
 no FRDM-K64F is plugged in. Check that
   - the cable is in the connector next to the reset button (J26, OpenSDA), not in the K64F's own (J22);
-  - it carries data: many cables only charge. `lsusb -d 0d28:` shows the board, with any driver;
-  - the board's interface chip runs DAPLink (https://daplink.io): one that is not taken below may be it."""
+  - the cable carries data: many cables only charge. `lsusb -d 0d28:` shows the board, with any driver;
+  - the board's interface chip runs DAPLink (https://daplink.io): an unused port below may be the board."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +56,10 @@ class Ports:
 @click.command()
 @documented("hiltest.ports/1")
 def ports() -> tuple[int, Ports]:
-    """List the boards that are plugged in, and the other serial ports.
+    """List serial ports and the boards that are plugged in.
 
-    A board is found by the USB identity of its DAPLink, 0d28:0204, and a serial number that begins with 0240, DAPLink's
-    id of the FRDM-K64F. Name one with --hil-port usb://SERIAL; the beginning of it is enough.
+    A board is recognised by the USB id of its DAPLink, 0d28:0204, and a serial number that begins with 0240, DAPLink's
+    id of the FRDM-K64F. Select a board with --port usb://SERIAL; the first digits of SERIAL are enough.
     """
     from hiltest.boards.daplink import plugged_in
 
@@ -104,7 +104,7 @@ def _print_boards(boards: Sequence[UsbBoard]) -> None:
 
 
 def _print_others(others: Sequence[OtherPort]) -> None:
-    click.echo("\nnot taken:")
+    click.echo("\nnot used:")
     rows = [(str(port.port or "none"), port.device.product if port.device else "", port.not_taken) for port in others]
     _print_rows(("port", "device", "why"), rows)
 

@@ -22,9 +22,9 @@ Arguments of the function:
   2.5  1e-3           a float
   int16:1,-2,3        numbers by address (int8 to uint64, float32, float64)
   float32:@data.csv   the numbers in a text file, row by row
-  zeros:64            64 zero bytes for the function to fill
+  zeros:64            64 zero bytes that the function fills
   zeros:float32:12    12 zeros of a type
-  text:hello          characters, with a zero behind them
+  text:hello          characters, followed by a zero
   @data.bin           the bytes of a file
   A+B                 buffers A and B as the members of a C struct
   ptr:A               as such a member: the address of buffer A
@@ -46,7 +46,7 @@ Exit codes:
     type=click.IntRange(min=0),
     default=12,
     show_default=True,
-    help="How many source lines to show.",
+    help="Show this many source lines.",
 )
 @click.option(
     "--instructions",
@@ -54,14 +54,14 @@ Exit codes:
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="How many instructions to show.",
+    help="Show this many instructions.",
 )
 @json_option("hiltest.profile/1")
 @click.option(
     "--folded",
     metavar="FILE",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the stacks as flame graph tools read them.",
+    help="Write the call stacks for flame graph tools.",
 )
 @click.option(
     "--flame-graph", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False), help="Write a flame graph (SVG)."
@@ -70,14 +70,16 @@ Exit codes:
     "--profile",
     "timing",
     metavar="NAME|FILE",
-    help="Timing profile, or a file of your own.  [default: cortex-m4-trm/2]",
+    help="Count cycles by this timing profile, a name or a file.  [default: cortex-m4-trm/2]",
 )
 @click.option(
     "--memory",
     metavar="MAP",
-    help="Memories of another part: flash=0x08000000:512K,ram=0x20000000:128K.  [default: as the ELF needs]",
+    help="Set the memories of another part: flash=0x08000000:512K,ram=0x20000000:128K.  [default: as the ELF needs]",
 )
-@click.option("--clock", metavar="HZ", help="Core clock of the part, as 48MHz or 48_000_000.  [default: 120 MHz]")
+@click.option(
+    "--clock", metavar="HZ", help="Set the core clock of the part, as 48MHz or 48_000_000.  [default: 120 MHz]"
+)
 @click.option(
     "--timeout",
     "timeout_s",
@@ -85,7 +87,7 @@ Exit codes:
     type=click.IntRange(1, 100),
     default=1,
     show_default=True,
-    help="Virtual seconds after which the function is taken to hang.",
+    help="Stop a function that runs longer than this virtual time, in seconds.",
 )
 @click.argument("elf")
 @click.argument("function")
@@ -102,9 +104,9 @@ def profile(
     timeout_s: int,
     **counted: str | None,
 ) -> int:
-    """Call a function of any ELF and show where its cycles go.
+    """Count the cycles of a function, by function and source line.
 
-    ELF is any program for a Cortex-M4; "shipped" is the firmware that comes with hiltest.
+    ELF is any program for a Cortex-M4; "shipped" is the packaged firmware.
     """
     from hiltest.boards import default_firmware
     from hiltest.json_files import json_text

@@ -20,7 +20,7 @@ _EXIT_CODES = """
 Exit codes:
   0   written, whatever the verdict
   2   interrupted
-  4   there is no record, it cannot be read, or nothing can be written
+  4   usage: the record is missing or unreadable, or the folder is read-only
 """
 # A run can begin or finish while this command reads its folder.
 _TRIES = 3
@@ -33,13 +33,13 @@ _TRIES = 3
     "--out",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder for run.json and the reports.  [default: where the record is]",
+    help="Write run.json and the reports to this folder.  [default: the record's]",
 )
 def report(record: Path, out: Path | None) -> tuple[int, Reported]:
-    """Write the reports of a run again, and print the verdict.
+    """Write the reports of a run again and print its verdict.
 
     DIR is the folder of a run, FILE a run.json. If the run was cut short or is still running, the reports say so and
-    hold every test that has finished.
+    show the finished tests.
     """
     from hiltest.report.render import Reported
     from hiltest.run_record.reader import read_record

@@ -14,14 +14,17 @@ import click
 from hiltest.commands.options import (
     EXIT_CODES,
     CapturedErrors,
-    checked,
     jobs_option,
     json_option,
+    load_named_rig,
+    parsed,
     print_error,
+    pytest_options,
     seed_range,
+    setting_option,
 )
 from hiltest.errors import ConfigError
-from hiltest.session.settings import DEFAULT_OUT, address, check_environment, file_name, label, seed
+from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name
 
 
 class _Run(click.Command):
@@ -32,117 +35,55 @@ class _Run(click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
-            hint = "pytest's own options stand behind --: hiltest run -- -k heading"
+            hint = "Options of pytest follow --: hiltest run -- -k heading"
             raise click.UsageError(f"{error.format_message()} {hint}", ctx) from error
 
 
 @click.command(cls=_Run, epilog=EXIT_CODES)
-@click.option(
-    "--rig",
+@setting_option(
+    "rig",
     "rigs",
-    metavar="R",
     multiple=True,
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs; given more than once, several boards run at once.  "
-    "[default: virtual-k64f]",
+    help="Use this rig: a file, or the name of a rig in hil/rigs. Name several rigs to run their boards at once.",
 )
-@click.option(
-    "--firmware",
-    metavar="FILE",
-    callback=checked(file_name),
-    help="Firmware for the virtual board: ELF, Intel HEX or raw binary.  [default: the packaged one]",
-)
-@click.option(
-    "--base",
-    metavar="ADDRESS",
-    callback=checked(address),
-    help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]",
-)
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.",
-)
-@click.option(
-    "--out",
-    metavar="DIR",
-    default=DEFAULT_OUT,
-    show_default=True,
-    callback=checked(file_name),
-    help="Folder for the record and reports.",
-)
-@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
-@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed, and sum up.")
+@setting_option("firmware")
+@setting_option("base")
+@setting_option("port")
+@setting_option("out", default=DEFAULT_OUT)
+@setting_option("seed")
+@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed, and summarise the runs.")
 @click.option(
     "--may-fail",
     metavar="N",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="With --seeds: how many seeds may miss a limit.",
+    help="Tolerate this many of --seeds that miss a limit.",
 )
-@jobs_option("With --seeds: processes")
-@click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
-@click.option(
-    "--suite",
-    type=click.Choice(["gate", "full"]),
-    help="Set of tests: gate leaves out what takes longest.  [default: gate]",
-)
-@click.option(
-    "--calibration",
-    metavar="FILE",
-    callback=checked(file_name),
-    help="Calibration file of this board (hiltest calibrate), tested beside the others.",
-)
-@click.option(
-    "--label",
-    metavar="TEXT",
-    callback=checked(label),
-    help="Name of this run in reports and trends, such as a version or a commit.",
-)
-@click.option(
-    "--baseline",
-    metavar="FILE",
-    callback=checked(file_name),
-    help="Baseline, or record of a run, that this one must not be worse than.",
-)
+@jobs_option("Run --seeds in this many processes")
+@setting_option("poses")
+@setting_option("suite")
+@setting_option("calibration")
+@setting_option("label")
+@setting_option("baseline")
 @click.option(
     "--against",
     metavar="ELF",
-    callback=checked(file_name),
-    help="Older firmware that this one must not be worse than; it is run first, on the same bench.",
+    callback=parsed(file_name),
+    help="Run this older firmware first, and fail if the firmware is worse.",
 )
-@click.option("--flash", is_flag=True, help="First put the firmware onto the board: see hiltest flash.")
-@click.option(
-    "--coverage",
-    metavar="FILE",
-    type=click.Path(),
-    callback=checked(file_name),
-    help="Write the coverage of the firmware as the virtual board executes it, for LCOV's genhtml.",
-)
-@click.option(
-    "--record",
-    metavar="FILE",
-    type=click.Path(),
-    callback=checked(file_name),
-    help="Record all that the run asks of its bench, with the answers; FILE.gz is compressed.",
-)
-@click.option(
-    "--replay",
-    metavar="FILE",
-    type=click.Path(),
-    callback=checked(file_name),
-    help="Take the answers from such a recording: no board, no firmware, in a few seconds.",
-)
-@json_option("hiltest.run/1, with --seeds hiltest.seeds/1, of several boards hiltest.boards/1")
+@click.option("--flash", is_flag=True, help="Flash the firmware onto the board first, as hiltest flash does.")
+@setting_option("coverage")
+@setting_option("record")
+@setting_option("replay")
+@json_option("hiltest.run/1, with --seeds hiltest.seeds/1, with several rigs hiltest.boards/1")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(*, as_json: bool, **arguments: Any) -> int:
-    """Run the suites and end with a verdict.
+    """Run the suites and print a verdict.
 
-    The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
-    -- goes to pytest: hiltest run -- -k heading
+    The suites are those in hil/suites of this folder, or the packaged ones if there are none. Arguments
+    after -- go to pytest: hiltest run -- -k heading
     """
     if not as_json:
         return _run(**arguments)[0]
@@ -161,7 +102,7 @@ def run(*, as_json: bool, **arguments: Any) -> int:
 
 def _run(
     *,
-    out: str,
+    out: Path,
     rigs: tuple[str, ...],
     seeds: range | None,
     may_fail: int,
@@ -170,7 +111,7 @@ def _run(
     flash: bool,
     verbose: bool,
     pytest_args: Sequence[str],
-    **arguments: str | None,
+    **arguments: Any,
 ) -> tuple[int, Path | None]:
     """Run the suites, and return the exit code and the file with the record; None without one."""
     from hiltest.campaigns.folders import sole_command
@@ -179,72 +120,61 @@ def _run(
     from hiltest.run_record.files import BOARDS_FILE, OLDER_FOLDER, SEEDS_FILE
 
     check_environment()
-    names = {
-        "rig": "--hil-rig",
-        "firmware": "--hil-firmware",
-        "base": "--hil-base",
-        "hil_port": "--hil-port",
-        "seed": "--hil-seed",
-        "poses": "--hil-poses",
-        "suite": "--hil-suite",
-        "calibration": "--hil-calibration",
-        "label": "--hil-label",
-    }
     arguments["rig"] = rigs[0] if len(rigs) == 1 else None
-    of_this_run = {f"--hil-{name}": arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
-    base = of_this_run["--hil-baseline"] or base_of_environment()
-    coverage = of_this_run["--hil-coverage"]
-    options = [f"{names[name]}={value}" for name, value in arguments.items() if value is not None]
-    options += [*_verbosity(pytest_args, verbose=verbose), *pytest_args]
+    own = {name: arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
+    base = own["baseline"] or base_of_environment()
+    options = [*pytest_options(arguments), *_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
-        raise ConfigError("--may-fail says how many of several seeds may miss a limit: give --seeds A..B too")
+        raise ConfigError("--may-fail needs several seeds: add --seeds A..B")
     if jobs and seeds is None:
-        raise ConfigError("--jobs says who shares the work of several seeds: give --seeds A..B too")
+        raise ConfigError("--jobs needs several seeds: add --seeds A..B")
     if flash and (seeds is not None or against is not None):
-        raise ConfigError("--flash is for a real board, --seeds and --against are for the virtual one: leave one out")
+        raise ConfigError(
+            "--flash is for a real board, and --seeds and --against are for the virtual board: leave one of them out"
+        )
     if against is not None:
-        check_against(base and f"the baseline {base}", arguments["hil_port"])
-    taped = next((name for name in ("record", "replay") if of_this_run[f"--hil-{name}"]), None)
+        check_against(base and f"the baseline {base}", arguments["port"])
+    taped = next((name for name in ("record", "replay") if own[name]), None)
     if taped and (seeds is not None or against is not None):
-        raise ConfigError(f"--{taped} is of one run: it goes neither with --seeds nor with --against")
+        raise ConfigError(f"--{taped} is for a single run: leave out --seeds and --against")
     if len(rigs) > 1:
-        of_one = {
-            "--seeds": seeds is not None,
-            "--against": against,
-            "--hil-port": arguments["hil_port"],
-            "--coverage": coverage,
-            "--calibration": arguments["calibration"],
-            f"--{taped}": taped,
+        for_one_board = {
+            "seeds": seeds,
+            "against": against,
+            "port": arguments["port"],
+            "coverage": own["coverage"],
+            "calibration": arguments["calibration"],
+            "record": own["record"],
+            "replay": own["replay"],
         }
-        if named := [name for name, is_given in of_one.items() if is_given]:
-            raise ConfigError(f"{named[0]} is of one board, and {len(rigs)} rigs are named: leave one of them out")
+        if name := next((name for name, value in for_one_board.items() if value is not None), None):
+            raise ConfigError(f"--{name} is for one board, and {len(rigs)} rigs are named: leave one of them out")
         from hiltest.campaigns.several_boards import run_boards
 
-        options += [] if base is None else [f"--hil-baseline={base}"]
-        with sole_command(Path(out)):
-            return run_boards(rigs, options, Path(out), flashes=flash), Path(out) / BOARDS_FILE
+        options += pytest_options({"baseline": base})
+        with sole_command(out):
+            return run_boards(rigs, options, out, flashes=flash), out / BOARDS_FILE
     if seeds is not None:
-        if arguments["seed"] or arguments["hil_port"]:
-            raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
+        if arguments["seed"] is not None or arguments["port"]:
+            raise ConfigError("--seeds runs many simulated worlds: leave out --seed and --port")
         from hiltest.campaigns.campaign import run_seeds
 
         if against is not None:
             _check_firmwares(against, arguments["firmware"], arguments["rig"], arguments["base"])
-        with sole_command(Path(out)):
+        with sole_command(out):
             code = run_seeds(
                 seeds,
                 options,
-                Path(out),
+                out,
                 may_fail=may_fail,
                 baseline=base,
                 against=against,
                 jobs=jobs,
-                coverage=coverage or os.environ.get("HIL_COVERAGE"),
+                coverage=own["coverage"] or os.environ.get("HIL_COVERAGE"),
             )
-        return code, Path(out) / SEEDS_FILE
-    older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
-    options += [f"{name}={value}" for name, value in of_this_run.items() if value is not None]
-    return run_suites(options, Path(out), older=older, flashes=flash)
+        return code, out / SEEDS_FILE
+    older = None if against is None else OlderFirmware(against, tuple(options), out / OLDER_FOLDER)
+    return run_suites([*options, *pytest_options(own)], out, older=older, flashes=flash)
 
 
 def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:
@@ -254,7 +184,7 @@ def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:
     return [] if any(re.fullmatch(r"-[vq]+|--verbose|--quiet", argument) for argument in pytest_args) else ["-q"]
 
 
-def _check_firmwares(older: str, newer: str | None, rig: str | None, base: str | None) -> None:
+def _check_firmwares(older: str, newer: Path | None, rig: str | None, base: int | None) -> None:
     """Check both firmwares before the older one runs on every seed.
 
     Raises
@@ -263,10 +193,7 @@ def _check_firmwares(older: str, newer: str | None, rig: str | None, base: str |
         If an ELF cannot be loaded, or the newer one does not answer as it must.
     """
     from hiltest.boards import VirtualBench, open_board
-    from hiltest.rig.bench_files import rig_file
-    from hiltest.rig.rig_file import load_rig
 
-    bench = load_rig(rig_file(Path.cwd(), rig))
+    bench = load_named_rig(rig)
     VirtualBench(bench, firmware=Path(older))
-    at = None if base is None else address(base)
-    open_board(bench, firmware=None if newer is None else Path(newer), base=at).close()
+    open_board(bench, firmware=newer, base=base).close()

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import NumberRange, checked, json_option
+from hiltest.commands.options import NumberRange, json_option, load_named_rig, parsed, setting_option
 from hiltest.errors import BenchError, ConfigError
 from hiltest.json_files import json_line
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import address, file_name, seed
+from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards.bench import VirtualBench
@@ -29,8 +28,8 @@ _EXIT_CODES = """
 Exit codes:
   0   ended by Ctrl-C, another signal, --until, or the end of a recording
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  the firmware faulted, or hung where no interrupt could end it; a recorded line broke, or a program sent other
-      bytes than were recorded
+  20  the firmware faulted, or hung in a state that no interrupt ends; a
+      recorded line broke, or a program sent other bytes than recorded
 """
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LOOK_EVERY_S = 0.2
@@ -60,67 +59,53 @@ class Served:
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.option("--pty", is_flag=True, help="Serve on pseudo-terminals; this is the default.")
-@click.option("--tcp", type=_PORTS, metavar="PORT", help="Serve on a TCP port instead; 0 takes any free one.")
 @click.option(
-    "--turntable-tcp", type=_PORTS, metavar="PORT", help="With --tcp: the turntable's port.  [default: PORT+1]"
+    "--tcp", type=_PORTS, metavar="PORT", help="Serve on a TCP port instead of pseudo-terminals; 0 selects a free port."
+)
+@click.option(
+    "--turntable-tcp", type=_PORTS, metavar="PORT", help="Serve the turntable on this TCP port.  [default: PORT+1]"
 )
 @click.option(
     "--host",
     metavar="ADDRESS",
     default="127.0.0.1",
     show_default=True,
-    help="With --tcp: address to listen on. Anybody who reaches it can use the board.",
+    help="Listen on this address for TCP. Anyone who can reach it can use the board.",
 )
 @click.option(
     "--link",
     metavar="PATH",
-    callback=checked(file_name),
-    help="With --pty: make PATH a symbolic link to the board's port, PATH-turntable to the turntable's.",
+    callback=parsed(file_name),
+    help="Make PATH a symbolic link to the board's pseudo-terminal, and PATH-turntable to the turntable's.",
 )
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs, of a virtual board.  [default: virtual-k64f]",
-)
-@click.option(
-    "--firmware",
-    metavar="FILE",
-    callback=checked(file_name),
-    help="Any firmware for the MK64FN1M0: ELF, Intel HEX or raw binary.  [default: the packaged one]",
-)
-@click.option(
-    "--base",
-    metavar="ADDRESS",
-    callback=checked(address),
-    help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]",
-)
-@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@setting_option("rig")
+@setting_option("firmware")
+@setting_option("base")
+@setting_option("seed")
 @click.option(
     "--baud",
     metavar="N",
     type=click.IntRange(min=1),
-    help="Baud rate at the far end of the board's UART.  [default: the rig's]",
+    help="Set the baud rate of the line at the board's UART.  [default: the rig's]",
 )
 @click.option(
     "--uart",
     "uarts",
     metavar="N[=WHERE]",
     multiple=True,
-    help="Serve UART1 to UART5 too: 3 on a pseudo-terminal, 3=PATH with a symbolic link to it, "
-    "3=tcp:PORT on a TCP port. May be given several times.",
+    help="Serve also UART1 to UART5: 3 on a pseudo-terminal, 3=PATH with a symbolic link to it, "
+    "3=tcp:PORT on a TCP port. Repeat the option for several.",
 )
 @click.option(
     "--flash-file",
     metavar="FILE",
-    callback=checked(file_name),
-    help="Keep the flash in FILE from run to run, but for the sectors that the firmware is loaded into.",
+    callback=parsed(file_name),
+    help="Keep the flash in FILE between runs, except the sectors of the firmware image.",
 )
 @click.option(
     "--no-wait",
     is_flag=True,
-    help="Start the board at once.  [default: it stays in reset until a program opens one of its ports]",
+    help="Start the board at once.  [default: hold it in reset until a program opens a port]",
 )
 @click.option(
     "--until",
@@ -133,17 +118,16 @@ class Served:
     "--replay",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Serve the line of a recorded run in place of a board: see docs/replay.md.",
+    help="Serve the serial line of a recorded run instead of a board: see docs/replay.md.",
 )
-@json_option("hiltest.serve/1, in one line when the ports are open")
+@json_option("hiltest.serve/1, in one line as soon as the ports are open")
 @click.option(
     "--gdb",
     type=_PORTS,
     metavar="PORT",
-    help="Let GDB debug the firmware on this TCP port; 0 takes any free one. See docs/debug.md.",
+    help="Accept GDB on this TCP port; 0 selects a free port. See docs/debug.md.",
 )
 def serve(
-    pty: bool,
     tcp: int | None,
     turntable_tcp: int | None,
     host: str,
@@ -156,20 +140,26 @@ def serve(
     as_json: bool,
     **described: Any,
 ) -> int:
-    """Put the virtual board and its turntable on real ports.
+    """Serve the virtual board and its turntable on serial ports.
 
-    It prints the name of each port for a serial program to open. The board runs by itself, never ahead of
-    wall time. The turntable speaks Grbl, and its M8 resets the board: see docs/serve.md.
+    The command prints the name of each port, which any serial program can open. The board runs by itself, never ahead
+    of wall time. The turntable speaks Grbl, and its M8 resets the board: see docs/serve.md.
     """
     if tcp is None and (turntable_tcp is not None or (host != "127.0.0.1" and gdb is None)):
-        raise ConfigError("--turntable-tcp and --host go with --tcp PORT")
-    if tcp is not None and (pty or link):
-        raise ConfigError("--tcp goes neither with --pty nor with --link")
+        raise ConfigError("--turntable-tcp and --host need --tcp PORT")
+    if tcp is not None and link:
+        raise ConfigError("--link is for pseudo-terminals: leave out --tcp or --link")
     if tcp == _LAST_PORT and turntable_tcp is None:
-        raise ConfigError(f"--tcp {tcp} leaves no port above it for the turntable: name one with --turntable-tcp")
+        raise ConfigError(f"there is no TCP port after {tcp} for the turntable: name one with --turntable-tcp")
     if replay is not None:
-        if turntable_tcp is not None or uarts or no_wait or gdb is not None or any(described.values()):
-            raise ConfigError("--replay serves a recorded line: it goes with --pty, --tcp, --host, --link and --until")
+        if (
+            turntable_tcp is not None
+            or uarts
+            or no_wait
+            or gdb is not None
+            or any(value is not None for value in described.values())
+        ):
+            raise ConfigError("--replay serves a recorded line, and accepts only --tcp, --host, --link and --until")
         return _serve_recording(replay, tcp, host, link, until, as_json=as_json)
     from hiltest.boards.gdb_server import GdbServer
     from hiltest.boards.paced import PacedBench, SerialPortOfBoard
@@ -208,9 +198,11 @@ def serve(
                 click.echo("\n".join(f"{name}: {url}" for name, url in urls_by_name.items() if url))
             faults = bench.rig.faults
             if faults is not None and faults.of_board:
-                _tell(f"faults on purpose: {'; '.join(map(str, faults.of_board))}")
+                _tell(f"injected faults: {'; '.join(map(str, faults.of_board))}")
             if faults is not None and faults.of_line:
-                _tell(f"without the faults of the line of {bench.rig.path}: they are for the rig of who opens the port")
+                _tell(
+                    f"the line faults of {bench.rig.path} are not simulated: declare them in the rig of the port's user"
+                )
             if bench.playback:
                 _tell(bench.playback.described())
             waits = ", in reset until a program opens a port" if held else ""
@@ -265,26 +257,25 @@ def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:
 
 def _bench(
     rig: str | None,
-    firmware: str | None,
-    base: str | None,
-    seed: str | None,
+    firmware: Path | None,
+    base: int | None,
+    seed: int | None,
     baud: int | None,
     flash_file: str | None,
 ) -> VirtualBench:
     from hiltest.boards.bench import VirtualBench
-    from hiltest.rig.rig_file import load_rig
 
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     if described.world is None:
         raise ConfigError(
-            f"rig {described.name} ({described.path}) is of a {described.board.kind} board: there is nothing to serve. "
-            "Choose a rig of a virtual board with --rig"
+            f"rig {described.name} ({described.path}) has a {described.board.kind} board, which cannot be served. "
+            "Choose a rig with a virtual board by --rig"
         )
     bench = VirtualBench(
         described,
-        firmware=Path(firmware) if firmware else None,
-        seed=int(seed) if seed else None,
-        base=None if base is None else address(base),
+        firmware=firmware,
+        seed=seed,
+        base=base,
         flash_file=Path(flash_file) if flash_file else None,
     )
     bench.machine.tell(_tell)
@@ -352,13 +343,13 @@ def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> 
                 connected[name] = line.connected
                 _tell(f"{name}: client {'connected' if connected[name] else 'gone'}")
             if line.queue.lost > reported_lost[name]:
-                _tell(f"{name}: {line.queue.lost - reported_lost[name]} bytes that a client had sent were lost")
+                _tell(f"{name}: {line.queue.lost - reported_lost[name]} bytes from a client were lost")
                 reported_lost[name] = line.queue.lost
         pace(paced.behind_s)
         if not paced.running:
             if paced.fault is None and not paced.over:
-                raise BenchError("the virtual board ended by itself; the lines above say why")
-            _tell("its time is over" if paced.over else "the firmware has ended: the ports are closed")
+                raise BenchError("the virtual board ended unexpectedly; the lines above have the reason")
+            _tell("the time of --until is over" if paced.over else "the firmware has ended: the ports are closed")
             return
 
 
@@ -370,7 +361,7 @@ def _pace() -> Callable[[float], None]:
         """Report the pace if it changed."""
         nonlocal tell_at_s
         if behind_s >= tell_at_s:
-            _tell(f"board: {behind_s:.0f} s behind wall time; this machine is too slow or too busy for it")
+            _tell(f"board: {behind_s:.0f} s behind wall time: this machine is too slow or too busy")
             tell_at_s = 2.0 * behind_s
         elif behind_s < _BEHIND_S / 2.0 and tell_at_s > _BEHIND_S:
             _tell("board: in time again")

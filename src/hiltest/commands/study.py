@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from hiltest.commands.options import checked, documented, jobs_option
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import DEFAULT_OUT, file_name, seed
+from hiltest.commands.options import documented, jobs_option, load_named_rig, parsed, setting_option
+from hiltest.session.settings import DEFAULT_OUT, file_name
 from hiltest.studies import NAMES
 
 if TYPE_CHECKING:
@@ -23,10 +22,10 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   finished, whatever was reproduced
+  0   finished, whether figures were reproduced or not
   1   a worker's process died
-  2   interrupted; the same command goes on from what is done
-  4   usage: an option is wrong, or the folder is in use or of another study
+  2   interrupted; repeat the command to continue
+  4   usage: an option is wrong, or the folder is in use or has another study
   20  the scheduler does not answer, has no workers, or lost them
 """
 _FEWEST_POINTS = 10  # one more than the unknowns: a quadric passes exactly through nine points
@@ -41,10 +40,9 @@ def _plan_choice(
     cycles: int | None,
 ) -> Plan:
     """Return a plan with the conditions of the options or, for options that are not set, of the rig."""
-    from hiltest.rig.rig_file import load_rig
     from hiltest.studies.study import Conditions
 
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     noise_ut = noise_ut or described.sensors.magnetometer_noise_ut
     conditions = Conditions(described.field.strength_ut, noise_ut, coverage_percent, cycles)
     return replace(plan, points=points or described.procedure.calibration_points, given=conditions)
@@ -61,26 +59,21 @@ def _is_given(option: str) -> bool:
     "--instances",
     metavar="N",
     type=click.IntRange(1, 1_000_000_000),
-    help="Instances of each condition, such as a noise level.  [default: as in the paper]",
+    help="Run this many instances of each condition, such as a noise level.  [default: as in the paper]",
 )
 @click.option(
     "--points",
     metavar="N",
     type=click.IntRange(_FEWEST_POINTS, 100_000),
-    help="Points of each instance.  [default: the study's]",
+    help="Use this many points in each instance.  [default: the study's]",
 )
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="choose: rig with field, noise and points: a file, or a name in hil/rigs.  [default: virtual-k64f]",
-)
+@setting_option("rig", help="Take field, noise and points for choose from this rig.")
 @click.option(
     "--noise",
     "noise_ut",
     metavar="UT",
     type=click.FloatRange(1e-3, 50.0),
-    help="choose: standard deviation of a point on each axis.  [default: the rig's]",
+    help="Set the standard deviation of points per axis for choose.  [default: the rig's]",
 )
 @click.option(
     "--coverage",
@@ -89,24 +82,21 @@ def _is_given(option: str) -> bool:
     type=click.FloatRange(10.0, 100.0),
     default=50.0,
     show_default=True,
-    help="choose: least share of the sphere that the points cover.",
+    help="Set the smallest covered share of the sphere for choose.",
 )
-@click.option("--cycles", metavar="N", type=click.IntRange(1), help="choose: most cycles of a calibration.")
 @click.option(
-    "--seed",
-    "seed_text",
-    metavar="S",
-    default="1",
-    show_default=True,
-    callback=checked(seed),
-    help="Seed: the same gives the same numbers, whatever the jobs.",
+    "--cycles",
+    metavar="N",
+    type=click.IntRange(1),
+    help="Set the largest number of cycles of a calibration for choose.",
 )
+@setting_option("seed", default="1", fallback="1", help="Set the seed; the same seed gives the same numbers.")
 @jobs_option()
 @click.option(
     "--out",
     metavar="DIR",
-    callback=checked(file_name),
-    help=f"Folder for run.json and study.html.  [default: {DEFAULT_OUT}/study-NAME]",
+    callback=parsed(file_name),
+    help=f"Write run.json and study.html to this folder.  [default: {DEFAULT_OUT}/study-NAME]",
 )
 def study(
     name: str,
@@ -116,22 +106,22 @@ def study(
     noise_ut: float | None,
     coverage_percent: float,
     cycles: int | None,
-    seed_text: str,
+    seed: int,
     jobs: int | str | None,
     out: str | None,
 ) -> tuple[int, Studied]:
-    """Run an experiment of a paper again, and compare.
+    """Repeat an experiment of a paper and compare its figures.
 
     \b
-    budget        error against clock cycles, of every calibrator on the board
-    choose        which calibrator of the board for one's own conditions
-    compensation  how much offset and sensitivity error the direct fit takes out
-    constraints   whether fits kept to ellipsoids leave better ellipsoids
-    dpi           what gravity adds to ellipsoid fits, in heading, pitch and roll
-    ellipsoids    how often the direct fit is no ellipsoid, as noise grows
-    estimators    how far directions err after each calibrator
-    float32       which calibrators stay stable in it as hard iron grows
-    imu           what calibrations leave of an IMU's errors
+    budget        error against clock cycles of each calibrator on the board
+    choose        the best calibrator on the board for your conditions
+    compensation  offset and sensitivity errors that the direct fit removes
+    constraints   effect of ellipsoid constraints on the fitted ellipsoid
+    dpi           effect of gravity on heading, pitch and roll of the fits
+    ellipsoids    how often the direct fit is not an ellipsoid, over noise
+    estimators    direction errors after each calibrator
+    float32       stability of the calibrators in float32, over hard iron
+    imu           errors of an IMU that remain after its calibrations
     """
     from hiltest.commands.options import ErrorOutput, asked_to_end
     from hiltest.session.progress_line import ProgressLine
@@ -141,15 +131,17 @@ def study(
     from hiltest.studies.study_page import PAGE_FILE, Studied, StudiedFigure, printed_rows
 
     chosen = study_of(name)
-    plan = Plan(name, seed(seed_text), instances or chosen.instances, points or chosen.points)
+    plan = Plan(name, seed, instances or chosen.instances, points or chosen.points)
     if name == "choose":
         plan = _plan_choice(plan, points, rig, noise_ut, coverage_percent, cycles)
     elif any(_is_given(option) for option in ("rig", "noise_ut", "coverage_percent", "cycles")):
         raise click.UsageError("--rig, --noise, --coverage and --cycles are for the study choose")
     if points is not None and not chosen.points:
-        raise click.UsageError(f"{name} has numbers of points of its own: leave out --points")
+        raise click.UsageError(f"the study {name} has fixed numbers of points: leave out --points")
     if plan.points > chosen.most_points:
-        raise click.UsageError(f"{name} takes at most {chosen.most_points} points: more have no room on the board")
+        raise click.UsageError(
+            f"the study {name} accepts at most {chosen.most_points} points, the capacity of the board"
+        )
     folder = Path(out or f"{DEFAULT_OUT}/study-{name}")
     make_folder(folder)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))
@@ -160,7 +152,7 @@ def study(
             )
         except KeyboardInterrupt:
             progress.clear()
-            click.echo(f"what is done is kept in {folder}: the same command goes on from there", err=True)
+            click.echo(f"{folder} keeps the finished parts: repeat the command to continue", err=True)
             raise
     rows = list(printed_rows(chosen, run))
     for figure, paper, printed, measured, reproduced, why in rows:

@@ -11,10 +11,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import ErrorOutput, checked, documented, json_option, print_document
+from hiltest.commands.options import (
+    ErrorOutput,
+    documented,
+    json_option,
+    load_named_rig,
+    print_document,
+    setting_option,
+)
 from hiltest.errors import ConfigError
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -24,13 +29,13 @@ _EXIT_CODES = """
 \b
 Exit codes:
   0   shown
-  4   usage: no such profile, or the file is no timing profile
+  4   usage: the profile does not exist, or the file is not a timing profile
 """
 _MEASURE_EXIT_CODES = """
 \b
 Exit codes:
   0   measured, and written
-  1   the firmware knows no such sequences, or its core counts no cycles
+  1   the firmware has no timing sequences, or its core counts no cycles
   2   interrupted
   4   usage: an option, a port or a rig file is wrong, or the file cannot be
       written
@@ -40,9 +45,9 @@ Exit codes:
 _CHECK_EXIT_CODES = """
 \b
 Exit codes:
-  0   complete, and its rows are those of its clocks
-  1   something is missing or does not fit; each has a line
-  4   usage: the file is no timing profile
+  0   complete, and its rows follow from its clocks
+  1   a part is missing or inconsistent; the output lists each
+  4   usage: the file is not a timing profile
 """
 
 
@@ -75,7 +80,7 @@ class ProfileChecked:
 
 @click.group()
 def timing() -> None:
-    """Show the costs that cycles are counted by, or measure them."""
+    """Show, measure or check the cycle costs of instructions."""
 
 
 @timing.command(epilog=_EXIT_CODES)
@@ -83,7 +88,7 @@ def timing() -> None:
     "--profile",
     "named",
     metavar="NAME|FILE",
-    help="Timing profile, or a file of your own (.toml).  [default: cortex-m4-trm/2]",
+    help="Show this timing profile, a name or a file (.toml).  [default: cortex-m4-trm/2]",
 )
 @json_option("hiltest.timing/1")
 def show(named: str | None, as_json: bool) -> int:
@@ -104,36 +109,25 @@ def show(named: str | None, as_json: bool) -> int:
 
 @timing.command(epilog=_MEASURE_EXIT_CODES)
 @documented("hiltest.timing-measure/1")
-@click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's virtual board]",
-)
-@click.option(
-    "--rig",
-    metavar="R",
-    callback=checked(file_name),
-    help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]",
-)
+@setting_option("port")
+@setting_option("rig")
 @click.option(
     "--out",
     metavar="FILE",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Profile to write; one of this board is replaced.  "
-    "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]",
+    help="Write the profile to this file; an earlier profile of this board is replaced.  "
+    "[default: silicon-<board id>.toml, for a virtual board virtual-<board id>.toml]",
 )
-def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[int, Measured]:
+def measure(port: str | None, rig: str | None, out: Path | None) -> tuple[int, Measured]:
     """Time instructions on a board and write its timing profile.
 
-    The firmware runs sequences of one kind of instruction each, from SRAM and from flash, with nothing but its cycle
-    counter; no sensor and no turntable is needed. It takes some seconds.
+    The firmware runs sequences of one kind of instruction, from SRAM and from flash, and needs only its cycle counter,
+    neither sensors nor a turntable. The measurement takes some seconds.
     """
     from hiltest.boards import open_board
     from hiltest.boards.bench import default_firmware
     from hiltest.procedures.sequences import measure_sequences
     from hiltest.report.console import standard_output
-    from hiltest.rig.rig_file import load_rig
     from hiltest.run_record.files import write_asked_for
     from hiltest.session.progress_line import ProgressLine
     from hiltest.virtual.profiling.timing_table import print_judgements, print_measured, print_places
@@ -141,7 +135,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
     from hiltest.virtual.silicon.contributed_profile import about, board_lines
     from hiltest.virtual.silicon.measured_profile import profile_text, solve
 
-    with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:
+    with open_board(load_named_rig(rig), port=port) as board:
         name = _name(board)
         file = out or Path(f"{name}.toml")
         measured_on = _measured_on(board, _manual_fields(file, name))
@@ -162,8 +156,8 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> tuple[in
 def check(file: Path) -> tuple[int, ProfileChecked]:
     """Check a measured profile before it is sent in.
 
-    FILE is what measure wrote of a real board, with the board's name and revision and your signature filled in. Its
-    rows are solved again from its clocks.
+    FILE is the output of measure for a real board, completed with the board's name and revision and your signature.
+    Its rows are solved again from its clocks.
     """
     from hiltest.boards.bench import default_firmware
     from hiltest.link.sequences import SEQUENCES
@@ -178,7 +172,7 @@ def check(file: Path) -> tuple[int, ProfileChecked]:
     if not result.objections and result.board:
         click.echo(
             f"{file}: {result.board.name} {result.board.revision}, signed off by {result.board.signed_off_by}: "
-            "complete, and its rows are those of its clocks"
+            "complete, and its rows follow from its clocks"
         )
     return int(bool(result.objections)), ProfileChecked(str(file), result.name, result.objections, result.remarks)
 
@@ -218,7 +212,7 @@ def _manual_fields(file: Path, name: str) -> dict[str, str]:
         content, stored_name = {}, ""
     if "measured" not in content or stored_name != name:
         raise ConfigError(
-            f"{file}: what is there is no measured profile {name}, and is not overwritten; remove it, or name another "
+            f"{file} exists, is not a measured profile {name}, and is not overwritten; remove it, or name another "
             "file with --out"
         )
     return filled_in(content)

@@ -39,7 +39,7 @@ _TIMED_POINTS = 100
 # Standard deviation of rounding to whole counts; the accelerometer's 14 bits come in steps of four.
 _ROUNDING_COUNTS, _ACCELEROMETER_STEP = math.sqrt(1.0 / 12.0), 4.0
 
-_SHIELD = "put the shield FRDM-FXS-MULTI-B on, with its jumpers as shipped"
+_SHIELD = "attach the shield FRDM-FXS-MULTI-B, with its jumpers as shipped"
 
 
 def see_identity(board: Board, _rig: Rig, flash: str = "hiltest flash") -> Check:
@@ -52,8 +52,9 @@ def see_identity(board: Board, _rig: Rig, flash: str = "hiltest flash") -> Check
     if identity.build_id != shipped:
         return warning(
             "identity",
-            f"{finding}; this hiltest comes with build {shipped}",
-            f"{flash if is_chip else 'end its hiltest serve, and start this one'}, unless the firmware is yours",
+            f"{finding}; the firmware of this hiltest is build {shipped}",
+            f"{flash if is_chip else 'end that hiltest serve, and start it from this hiltest'}, unless the firmware "
+            "is yours",
         )
     return ok("identity", finding)
 
@@ -76,11 +77,13 @@ def see_sensors(board: Board, rig: Rig) -> Check:
             absent.append(f"{place}: {mismatch if sensor.seen_who_am_i else 'no answer'}")
     if absent:
         others = [sensor.name for sensor in board.sensors if sensor.present]
-        instead = f"; or name those that answer under [sensors] in the rig: {', '.join(others)}" if others else ""
+        instead = f"; or name the sensors that answer under [sensors] in the rig: {', '.join(others)}" if others else ""
         return failed("sensors", "; ".join(absent), _SHIELD + instead)
     if not present:
         present = [sensor.name for sensor in board.sensors if sensor.present]
-    return ok("sensors", ", ".join(present)) if present else failed("sensors", "none answers on either bus", _SHIELD)
+    return (
+        ok("sensors", ", ".join(present)) if present else failed("sensors", "no sensor answers on either bus", _SHIELD)
+    )
 
 
 def see_clock(board: Board, _rig: Rig) -> Check:
@@ -88,7 +91,7 @@ def see_clock(board: Board, _rig: Rig) -> Check:
     core = f"core at {board.core_clock_hz / 1e6:g} MHz"
     sensor = next((sensor for sensor in board.sensors if sensor.present), None)
     if sensor is None:
-        return not_looked_at("clock", f"{core}, it says; its time comes with samples, and no sensor answers")
+        return not_looked_at("clock", f"{core} by its own statement; without a sensor its clock cannot be checked")
 
     def read() -> tuple[float, float, float]:
         """Return the host's time of a request, the board's time of its sample, and the host's time of the reply [s]."""
@@ -106,12 +109,12 @@ def see_clock(board: Board, _rig: Rig) -> Check:
         is_off = abs(board_s - host_s) > _CLOCK_OFF_MOST * host_s
         if not is_off:
             break
-    finding = f"{core}; {board_s:.3f} s of its time in {least_s:.3f} to {most_s:.3f} s of the host's"
+    finding = f"{core}; {board_s:.3f} s of board time in {least_s:.3f} to {most_s:.3f} s of the host's"
     if is_off:
         remedy = (
-            "let the firmware run from the crystal: times, and angles of the gyroscope, are off by as much"
+            "let the firmware run from the crystal: times and gyroscope angles have the same relative error"
             if is_silicon(board.identity.unique_id)
-            else "end what else runs on the machine that serves it, which is too busy to keep pace"
+            else "end other programs on the machine that serves the board, which is too busy"
         )
         return warning("clock", finding, remedy)
     return ok("clock", finding)
@@ -120,21 +123,21 @@ def see_clock(board: Board, _rig: Rig) -> Check:
 def see_cycle_counter(board: Board, _rig: Rig) -> Check:
     """Let the board count the same work twice; its stored points are replaced and lost."""
     name = "cycle counter"
-    remedy = "take limits on cycles out of the rig: this board cannot measure them, and all else it can"
+    remedy = "remove limits on cycles from the rig: this board can measure everything but cycles"
     if board.identity.cycle_source is CycleSource.NONE:
-        return warning(name, "the core has none, as under an emulator without it", remedy)
+        return warning(name, "the core has no cycle counter, as in some emulators", remedy)
     board.session.request(ClearPoints())
     upload_points(board, golden_points(_TIMED_POINTS))
     costs = [board.session.request(TimeRange(_TIMED_POINTS)) for _ in range(2)]
     board.session.request(ClearPoints())
     counted = [cost.cycles if cost else 0 for cost in costs]
     if not all(counted):
-        return warning(name, "it stands still", remedy)
+        return warning(name, "the counter does not move", remedy)
     if counted[0] != counted[1]:
         return warning(
             name,
             f"the same work takes {counted[0]} cycles, then {counted[1]}",
-            "detach the debugger and press the reset button: one disturbs the count",
+            "detach the debugger and press the reset button: debuggers disturb the count",
         )
     return ok(name, f"{board.cycle_model}: {counted[0]} cycles for the same work, twice")
 
@@ -203,21 +206,21 @@ def _judge_noise(
     if still and expected > scale * step:
         return failed(
             name,
-            f"axis {' and '.join(still)} gives the same reading {READINGS} times and more",
-            "switch the board off and on: a sensor that hangs gives its last reading for ever",
+            f"axis {' and '.join(still)} gives the same reading at least {READINGS} times",
+            "switch the board off and on: a sensor that hangs repeats its last reading",
         )
     if measured > MOST_NOISE_RATIO * expected:
-        still_noisy = f"; where it does, correct {key} under [sensors] in the rig" if key else ""
+        still_noisy = f"; if that is the noise of the part, correct {key} under [sensors] in the rig" if key else ""
         return warning(
-            name, finding, f"let the board lie still, away from motors, mains leads and power supplies{still_noisy}"
+            name, finding, f"keep the board still, away from motors, mains leads and power supplies{still_noisy}"
         )
     if measured < expected / MOST_NOISE_RATIO:
         return warning(
             name,
             finding,
-            f"correct {key} under [sensors] in the rig: it is more than this part has"
+            f"correct {key} under [sensors] in the rig: this part has less noise"
             if key
-            else "take filters of readings out of the firmware: it says less noise than the part has",
+            else "remove filters of readings from the firmware: the noise is below that of the part",
         )
     return ok(name, finding)
 

@@ -56,9 +56,9 @@ def not_looked_at(name: str, because: str) -> Check:
 def check_from_error(name: str, error: HiltestError, port: str | None = None) -> Check:
     """Return the check of an error at a port; the message has the finding and then the remedy."""
     finding, _, remedy = str(error).partition(". ")
-    unknown = "run again; if it comes back, try another cable and another USB port"
+    unknown = "run again; if the fault returns, try another cable and another USB port"
     if port is not None and "://" in port:
-        unknown = "see that what serves it runs, and that this machine reaches it"
+        unknown = "check that its server runs, and that this machine can reach it"
     code = ExitCode.WRONG_FIRMWARE if isinstance(error, ProtocolError) else ExitCode.CONNECTION_LOST
     return failed(name, finding, remedy or unknown, code)
 

@@ -61,7 +61,7 @@ def examine(rig: Rig, *, port: str | None = None, root: Path | None = None, toda
     url = port or rig.board.port
     host: HostPort | NoBoardError | str
     if rig.board.kind == "virtual" and (url is None or url.startswith("hil:")):
-        host, url = "the board is a virtual one in this process", None
+        host, url = "the board is virtual, in this process", None
     else:
         host, url = _locate_board(url, root or machine_root())
     usable = not isinstance(host, NoBoardError)
@@ -72,10 +72,10 @@ def examine(rig: Rig, *, port: str | None = None, root: Path | None = None, toda
         elif isinstance(host, NoBoardError) and name == "board":
             check = check_from_error(name, host)
         else:
-            check = not_looked_at(name, host if isinstance(host, str) else "there is no board")
+            check = not_looked_at(name, host if isinstance(host, str) else "no board is present")
         yield check
     yield see_turntable(rig, root or machine_root())
-    flash = flash_command(host) if isinstance(host, HostPort) else "where it is plugged in: hiltest flash"
+    flash = flash_command(host) if isinstance(host, HostPort) else "on the machine with the board: hiltest flash"
     yield from _board_checks(rig, url, today, flash, usable=usable)
 
 
@@ -102,7 +102,9 @@ def _board_checks(rig: Rig, url: str | None, today: date, flash: str, *, usable:
     if not usable:
         yield from _omitted_checks(("answer", *looks), "the port cannot be used")
     elif not rig.answers_requests:
-        yield from _omitted_checks(("answer", *looks), "the firmware answers no requests: see `hiltest device try`")
+        yield from _omitted_checks(
+            ("answer", *looks), "the firmware does not speak hiltest's protocol: see `hiltest listen`"
+        )
     else:
         yield from _checks_when_open(rig, url, looks, flash)
     yield see_declared_field(rig, model)
@@ -137,15 +139,17 @@ def _checks_when_unopened(
 ) -> Iterator[Check]:
     """Yield checks of the opening's progress, and another baud rate at which a board answers."""
     if isinstance(error, SyncError) and url is not None and (baud := _answering_baud(url, rig.link.baud)):
-        finding = f"nothing at {rig.link.baud} baud; something answers at {baud}"
-        yield failed("answer", finding, f"write baud = {baud} under [link] in the rig, if that is the firmware meant")
+        finding = f"no answer at {rig.link.baud} baud, but at {baud} baud"
+        yield failed(
+            "answer", finding, f"write baud = {baud} under [link] in the rig, if that is the intended firmware"
+        )
     elif isinstance(error, SyncError):
         finding = str(error).partition(". ")[0]
         yield failed("answer", finding, flash)
     elif isinstance(error, BenchError):
         yield check_from_error("answer", error, url)
     else:
-        yield ok("answer", f"something answers at {rig.link.baud} baud")
+        yield ok("answer", f"an answer at {rig.link.baud} baud")
     names = [*looks]
     if isinstance(error, OtherFirmwareError):
         yield ok(names.pop(0), "hiltest's")
@@ -155,7 +159,7 @@ def _checks_when_unopened(
     elif isinstance(error, ProtocolError):
         yield check_from_error(names.pop(0), error)
     yield from _omitted_checks(
-        names, "nothing answers" if isinstance(error, BenchError) else "another firmware answers"
+        names, "no firmware answers" if isinstance(error, BenchError) else "another firmware answers"
     )
 
 

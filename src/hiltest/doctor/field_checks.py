@@ -43,7 +43,7 @@ def model_field(rig: Rig, today: date) -> ModelField | str:
 
     place = rig.field
     if place.latitude_deg is None or place.longitude_deg is None:
-        return "the rig does not say where it is: write latitude_deg and longitude_deg under [field]"
+        return "the rig has no place: write latitude_deg and longitude_deg under [field]"
     model = GeoMag()
     try:
         result = model.calculate(
@@ -54,7 +54,7 @@ def model_field(rig: Rig, today: date) -> ModelField | str:
         )
     except ValueError:
         begin, end = model.life_span
-        return f"{model.model} is of {begin:.0f} to {end:.0f}, and today is {today}: a later pygeomag has the next"
+        return f"{model.model} is valid from {begin:.0f} to {end:.0f}, and today is {today}: install a newer pygeomag"
     return ModelField(1e-3 * result.f, result.i, result.d, model.model)
 
 
@@ -73,7 +73,7 @@ def see_declared_field(rig: Rig, model: ModelField | str) -> Check:
     return warning(
         name,
         finding,
-        "if it was not measured there, write the model's under [field]; if it was, iron is nearby: keep "
+        "if the field of the rig was not measured, write the model's under [field]; otherwise iron is nearby: keep "
         "steel, magnets and loudspeakers a metre away",
     )
 
@@ -88,8 +88,8 @@ def see_measured_field(board: Board, rig: Rig, model: ModelField | str) -> Check
     if held is None:
         return not_looked_at(
             name,
-            "the board holds no calibration, and its own iron is as strong as the field: after `hiltest "
-            "calibrate` or a run, while it stays on, this can be told",
+            "the board has no calibration, and its own iron is as strong as the field: repeat this check after "
+            "`hiltest calibrate` or a run, without switching the board off",
         )
     board.sensor(SensorKind.MAGNETOMETER)
     board.sensor(SensorKind.ACCELEROMETER)

@@ -55,10 +55,10 @@ def host_port(path: Path, root: Path) -> HostPort:
 def see_board(port: HostPort) -> Check:
     """Check which board the port belongs to."""
     if port.device is None:
-        return not_looked_at("board", f"{port.path} is not on USB, where boards are found")
+        return not_looked_at("board", f"{port.path} is not a USB port, so its board is unknown")
     if port.device.not_taken:
         finding = f"{port.path}: {port.device.not_taken}"
-        return warning("board", finding, "name a board of `hiltest ports` with --hil-port")
+        return warning("board", finding, "name a board of `hiltest ports` with --port")
     if port.path is None:
         return failed("board", f"FRDM-K64F {port.device.serial_number} has no serial port", NO_PORT)
     return ok("board", f"FRDM-K64F {port.device.serial_number} on {port.path}")
@@ -69,10 +69,10 @@ def see_daplink(port: HostPort) -> Check:
     if port.daplink is None:
         return not_looked_at("DAPLink", _no_daplink_reason(port))
     if port.daplink.volume is None:
-        return not_looked_at("DAPLink", "its volume, which says its version, is not mounted")
+        return not_looked_at("DAPLink", "its drive, which has the version, is not mounted")
     version = port.daplink.volume.interface_version
     if not version:
-        finding = f"{port.daplink.volume.path} does not say its version: older than DAPLink, or no DAPLink's"
+        finding = f"{port.daplink.volume.path} has no version: it is older than DAPLink, or not a DAPLink"
     elif version.isdecimal() and int(version) < _SOUND_DAPLINK:
         finding = f"firmware {version}: before 0244 the serial port may get stuck, and in 0244 the drive"
     else:
@@ -91,25 +91,25 @@ def see_volume(port: HostPort) -> Check:
         return not_looked_at("volume", _no_daplink_reason(port))
     volume, disks = port.daplink.volume, port.daplink.disks
     if not disks:
-        return warning("volume", "DAPLink shows no drive", "hiltest flash --probe pyocd needs none")
+        return warning("volume", "DAPLink has no drive", "use hiltest flash --probe pyocd, which needs no drive")
     if volume is None:
         return warning("volume", f"{disks[0]} is not mounted", f"udisksctl mount -b /dev/{disks[0]}")
     if volume.read_only:
-        return warning("volume", f"{volume.path} is mounted to be read only", "plug the board in again")
+        return warning("volume", f"{volume.path} is mounted read-only", "plug the board in again")
     return ok("volume", f"{volume.path}")
 
 
 def see_permission(port: HostPort) -> Check:
     """Check that this user may use the port."""
     if port.path is None:
-        return not_looked_at("permission", "there is no port")
+        return not_looked_at("permission", "no serial port is present")
     try:
         status = port.path.stat()
     except OSError as error:
-        return failed("permission", f"{port.path}: {error.strerror}", "name one that `hiltest ports` lists")
+        return failed("permission", f"{port.path}: {error.strerror}", "name a port that `hiltest ports` lists")
     if os.access(port.path, os.R_OK | os.W_OK, effective_ids=True):
         return ok("permission", f"{port.path} can be read and written")
-    return failed("permission", f"{port.path} may not be read and written by this user", _access_remedy(port, status))
+    return failed("permission", f"{port.path} is not readable and writable for this user", _access_remedy(port, status))
 
 
 def _access_remedy(port: HostPort, status: os.stat_result) -> str:
@@ -122,7 +122,7 @@ def _access_remedy(port: HostPort, status: os.stat_result) -> str:
     except KeyError:
         return rules
     if user in group.gr_mem:
-        return f"log in again: you have joined the group {group.gr_name} since"
+        return f"log in again, since you joined the group {group.gr_name} after this login"
     return f"sudo usermod -aG {group.gr_name} $USER, then log in again"
 
 
@@ -136,7 +136,7 @@ def see_rules(port: HostPort) -> Check:
         with contextlib.suppress(OSError):
             if file.read_bytes() == ours:
                 return ok("udev rules", f"installed as {file}")
-            return warning("udev rules", f"{file} is of another version of hiltest", install_rules())
+            return warning("udev rules", f"{file} belongs to another version of hiltest", install_rules())
     return warning("udev rules", f"{RULES} is not installed", install_rules())
 
 
@@ -151,8 +151,8 @@ def install_rules() -> str:
 def flash_command(port: HostPort) -> str:
     """Return the command that flashes hiltest's firmware onto the board on a port."""
     if port.device and not port.device.not_taken:
-        return f"hiltest flash --hil-port usb://{port.device.serial_number}"
-    return f"hiltest flash --hil-port {port.path} --probe pyocd"
+        return f"hiltest flash --port usb://{port.device.serial_number}"
+    return f"hiltest flash --port {port.path} --probe pyocd"
 
 
 def see_modem_manager(port: HostPort) -> Check:
@@ -165,8 +165,8 @@ def see_modem_manager(port: HostPort) -> Check:
     number = _text(port.root / "sys/class/tty" / Path(os.path.realpath(port.path)).name / "dev")
     udev_lines = _text(port.root / "run/udev/data" / f"c{number}").splitlines()
     if any(line.removeprefix("E:") in _LOOKED_UP for line in udev_lines):
-        return ok(name, "runs, and leaves this port alone")
-    return warning(name, "runs, and writes to the board for half a minute after it is plugged in", install_rules())
+        return ok(name, "runs, and does not use this port")
+    return warning(name, "runs, and writes to each board for half a minute after it is plugged in", install_rules())
 
 
 def see_holders(port: HostPort) -> Check:
@@ -187,7 +187,9 @@ def see_holders(port: HostPort) -> Check:
     if holders:
         finding = f"{port.path} is held by {join_words([*holders.values()], 3)}"
         return failed("port", finding, f"close that program, or: kill {' '.join(holders)}")
-    return ok("port", f"no program has {port.path} open" + (", of those that this user sees" if unseen else ""))
+    return ok(
+        "port", f"no program has {port.path} open" + (", among the programs that this user can see" if unseen else "")
+    )
 
 
 HOST_CHECKS: dict[str, Callable[[HostPort], Check]] = {
@@ -202,7 +204,7 @@ HOST_CHECKS: dict[str, Callable[[HostPort], Check]] = {
 
 
 def _no_daplink_reason(port: HostPort) -> str:
-    return f"{port.path} is no DAPLink's" if port.path else "there is no port"
+    return f"{port.path} does not belong to a DAPLink" if port.path else "no serial port is present"
 
 
 def _processes(root: Path) -> Iterator[Path]:

@@ -18,7 +18,7 @@ def see_turntable(rig: Rig, root: Path) -> Check:
     """Check that the motors' port is present and free, and that Grbl answers on it."""
     name, url = "turntable", rig.turntable.port
     if rig.turntable.kind != "grbl" or url is None:
-        return not_looked_at(name, f"of kind {rig.turntable.kind}: it has no port")
+        return not_looked_at(name, f"kind {rig.turntable.kind}, which has no port")
     if "://" not in url:
         port = host_port(Path(url), root)
         for check in (see_permission(port), see_holders(port)):

@@ -40,7 +40,7 @@ def _collect_candidates(image: FirmwareImage, candidates: list[Candidate]) -> st
     if section is None:
         return "it has no debug information: compile with -g for the types of its variables"
     if section.size > _MOST_DEBUG_BYTES:
-        return f"its debug information has {section.size >> 20} MiB: only the names of its symbols were looked at"
+        return f"its debug information has {section.size >> 20} MiB: only the names of its symbols were searched"
     places = [
         (path, read_type(variable.type_entry), 0)
         for path, variable in VariableIndex(dwarf, image.objects).listed()
@@ -57,7 +57,7 @@ def _collect_candidates(image: FirmwareImage, candidates: list[Candidate]) -> st
                 for member in kind.members
                 if _NAME.fullmatch(member.name)
             ]
-    return f"it has more than {_MOST_PLACES} variables and members: the others were not looked at" if places else ""
+    return f"it has more than {_MOST_PLACES} variables and members: the others were not searched" if places else ""
 
 
 def _value_candidates(path: str, kind: CType) -> Iterator[Candidate]:

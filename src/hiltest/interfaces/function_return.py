@@ -44,8 +44,8 @@ def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
     called = client.registers()
     if called.lr >= _EXCEPTION_RETURN:
         raise ConfigError(
-            f"the function at 0x{entry:08x} is an exception handler, which returns to no address; name a "
-            "function that it calls"
+            f"the function at 0x{entry:08x} is an exception handler without a return address; name a function that "
+            "it calls"
         )
     back, end_s = called.lr & ~1, client.now() + within_s
     for _ in range(_MOST_OTHER_HALTS):
@@ -55,7 +55,7 @@ def halt_at_return(client: GdbClient, entry: int, within_s: float) -> bool:
         if client.registers().sp == called.sp:
             return True
         client.step()  # the return of a call within the call
-    raise DebugServerError(client.name, f"the call at 0x{entry:08x} never returns with the stack pointer that it had")
+    raise DebugServerError(client.name, f"the call at 0x{entry:08x} never returns with its stack pointer")
 
 
 @contextmanager
@@ -80,6 +80,6 @@ def _run_to(client: GdbClient, address: int, within_s: float) -> bool:
             return True
     raise DebugServerError(
         client.name,
-        f"the processor halts at 0x{client.registers().pc:08x} again and again, where hiltest has set no "
-        "breakpoint; clear those of other debuggers, and see whether the firmware faults",
+        f"the processor halts at 0x{client.registers().pc:08x} repeatedly, without a breakpoint of hiltest; clear "
+        "those of other debuggers, and check the firmware for faults",
     )

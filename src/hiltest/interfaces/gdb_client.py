@@ -126,8 +126,8 @@ class GdbClient:
             answer = self._next(deadline_s)
             if answer is None:
                 raise self._error(
-                    f"does not answer {_display_text(content)} within {self._answer_s:g} s; is its probe "
-                    "connected and the board powered?"
+                    f"does not answer {_display_text(content)} within {self._answer_s:g} s; check that its probe is "
+                    "connected and the board powered"
                 )
             if answer == AGAIN and again < _TRIES:
                 again += 1
@@ -144,7 +144,7 @@ class GdbClient:
                 if content is None:
                     damaged += 1
                     if not self._acknowledges or damaged > _TRIES:
-                        raise self._error("sends damaged packets; is it a GDB server, and the port the right one?")
+                        raise self._error("sends damaged packets; check that it is a GDB server, and the port")
                     self._wire.send(AGAIN)
                 elif content == AGAIN:
                     return content
@@ -171,12 +171,12 @@ class GdbClient:
         return True
 
     def _error(self, reason: str) -> DebugServerError:
-        console = f" (it says: {self.console.strip()[-200:]})" if self.console.strip() else ""
+        console = f" (output: {self.console.strip()[-200:]})" if self.console.strip() else ""
         return DebugServerError(self.name, reason + console)
 
     def _nonsense(self, content: bytes, answer: bytes) -> DebugServerError:
         if _REFUSAL.fullmatch(answer):
-            return self._error(f"refuses {_display_text(content)} ({_display_text(answer)}); see what it printed")
+            return self._error(f"refuses {_display_text(content)} ({_display_text(answer)}); check its output")
         return self._error(
             f"answers {_display_text(content)} with {_display_text(answer)}; is it a GDB server, and the port "
             "the right one?"
@@ -201,7 +201,7 @@ class GdbClient:
             answer = self.ask(command)
             if _REFUSAL.fullmatch(answer):
                 raise MemoryRefusedError(
-                    self.name, f"refuses to read {size_left} bytes at 0x{at:08x}; is this ELF what runs on the board?"
+                    self.name, f"refuses to read {size_left} bytes at 0x{at:08x}; check that this ELF runs on the board"
                 )
             part = _bytes(answer)
             if not part or len(part) > size_left:
@@ -222,7 +222,7 @@ class GdbClient:
         if values is None or len(values) < 4 * _CORE_REGISTERS:
             raise self._nonsense(b"g", answer)
         if b"x" in answer[8 * _SP : 8 * _CORE_REGISTERS].lower():
-            raise self._error("does not know the registers SP, LR and PC; is the processor halted?")
+            raise self._error("does not know the registers SP, LR and PC; check that the processor is halted")
         words = [int.from_bytes(values[4 * n : 4 * n + 4], "little") for n in range(_CORE_REGISTERS)]
         return Registers(words[_SP], words[_LR], words[_PC])
 
@@ -241,8 +241,8 @@ class GdbClient:
             answer = self.ask(b"Z0,%x,2" % (address & ~1))
         if answer != b"OK":
             raise self._error(
-                f"sets no breakpoint at 0x{address & ~1:08x} ({_display_text(answer)}); free one of the "
-                "processor's, which other debuggers may hold"
+                f"sets no breakpoint at 0x{address & ~1:08x} ({_display_text(answer)}); free a breakpoint of the "
+                "processor, which other debuggers may use"
             )
 
     def clear_breakpoint(self, address: int) -> None:
@@ -265,7 +265,7 @@ class GdbClient:
         """Wait until the processor halts; return the signal of the halt, or None on a timeout."""
         answer = self._next(self.now() + timeout_s)
         if answer == AGAIN:
-            raise self._error("did not understand c or s; is it a GDB server, and the port the right one?")
+            raise self._error("did not understand c or s; check that it is a GDB server, and the port")
         return None if answer is None else self._signal(answer)
 
     def halt(self) -> None:
@@ -273,7 +273,9 @@ class GdbClient:
         if self.running:
             self._wire.send(INTERRUPT)
             if self.wait_for_halt(self._answer_s) is None:
-                raise self._error(f"does not halt the processor within {self._answer_s:g} s; is the board powered?")
+                raise self._error(
+                    f"does not halt the processor within {self._answer_s:g} s; check that the board is powered"
+                )
 
     def run_for(self, seconds: float) -> None:
         """Let the processor run for a time, and halt it."""

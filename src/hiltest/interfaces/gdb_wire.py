@@ -114,4 +114,4 @@ class TcpWire:
         self._lock.release()
 
     def _gone(self, reason: str) -> DebugServerError:
-        return DebugServerError(self.name, f"is gone: {reason}. See what it printed, start it again, then run again")
+        return DebugServerError(self.name, f"is gone: {reason}. Check its output, start it again, then run again")

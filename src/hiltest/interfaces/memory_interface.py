@@ -176,14 +176,14 @@ class MemoryInterface:
     def remarks(self) -> tuple[str, ...]:
         """Return remarks on how the values were read; empty without any."""
         remarks = [
-            f"{quantity.key} never stood still in {count} of {self.reads} readings: it is that of one halt, beside the "
-            "others; name the function that writes it under at_return_of"
+            f"{quantity.key} changed during {count} of {self.reads} readings, which may be inconsistent; name the "
+            "function that writes it under at_return_of"
             for quantity, count in self.moving.items()
         ]
         if self.not_called:
             remarks.append(
                 f"in {self.not_called} of {self.reads} readings the function of at_return_of was not called "
-                f"within {self._call_within_s:g} s: what it writes was read without it"
+                f"within {self._call_within_s:g} s: its variables were read without it"
             )
         return (*remarks, *(f"{quantity.key} has no value: {reason}" for quantity, reason in self.absent.items()))
 
@@ -229,7 +229,7 @@ class MemoryInterface:
             except MemoryRefusedError as refused:
                 if not any(place.beyond for place in reading.places):
                     raise
-                absent[quantity] = f"a pointer leads nowhere: {refused.reason}"
+                absent[quantity] = f"a pointer is invalid: {refused.reason}"
         return _Snapshot(contents, absent)
 
 
@@ -254,7 +254,7 @@ def read_descriptions(
             readings[Quantity.named(name)] = read_description(Quantity.named(name), described, variables)
         except KeyError:
             hint = nearest_names(name, [quantity.key for quantity in Quantity])
-            raise ConfigError(f"{where(name)}: there is no quantity {name!r}; {hint}") from None
+            raise ConfigError(f"{where(name)}: no quantity {name!r}; {hint}") from None
         except ConfigError as error:
             raise ConfigError(f"{where(name)}: {error}") from error
     return readings

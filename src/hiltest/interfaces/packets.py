@@ -369,5 +369,5 @@ def decode(data: bytes) -> Packet:
     body = unstuff(data.removeprefix(b"\x7e").removesuffix(b"\x7e"))
     kind = KIND_OF.get((body[0] if body else 0, len(body)))
     if kind is None:
-        raise FrameError(f"{len(body)} bytes with type {body[:1].hex() or 'none'} are no packet of any release")
+        raise FrameError(f"{len(body)} bytes with type {body[:1].hex() or 'none'} are not a packet of any release")
     return unpack(kind, body)

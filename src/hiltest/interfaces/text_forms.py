@@ -47,7 +47,7 @@ class PatternForm:
             for name, text in match.groupdict().items() if match else ():
                 if text is not None:
                     fields.setdefault(name, _split_numbers(text))
-        return Found(fields, "a pattern matches, and holds no quantity whole" if fields else "no pattern matches")
+        return Found(fields, "a pattern matches, but without a complete quantity" if fields else "no pattern matches")
 
 
 class JsonForm:
@@ -124,7 +124,7 @@ class ColumnForm:
             self._take_header(cells)
             return Found(remark="names of the columns", is_header=True)
         if self._places is None:
-            return Found(remark=f"no line with the names {', '.join(sorted(self._names))} came yet")
+            return Found(remark=f"no line with the names {', '.join(sorted(self._names))} has arrived")
         if self._width and len(cells) != self._width:
             return Found(remark=f"{len(cells)} columns, not {self._width}")
         fields = {name: _split_numbers(cells[place]) for name, place in self._places.items() if cells[place:]}

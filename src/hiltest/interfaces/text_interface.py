@@ -16,7 +16,7 @@ from hiltest.interfaces.text_values import ValueSource
 from hiltest.text import format_count, legible
 
 _LONGEST_ERROR = 200
-_DAMAGED = "a line has another check sum than it says"
+_DAMAGED = "a line has a wrong check sum"
 _READY = np.ones(1)
 
 
@@ -93,9 +93,9 @@ class TextInterface:
 
     def remarks(self) -> tuple[str, ...]:
         """Return remarks on the values; empty without any."""
-        slow = (f"given up, since it took more than a second in a line: {text}" for text in self.given_up)
+        slow = (f"disabled, since it took more than a second on a line: {text}" for text in self.given_up)
         refused = (
-            f"{quantity.key} not taken {format_count(times, 'time')}: {self._why_refused[quantity]}"
+            f"{quantity.key} ignored {format_count(times, 'time')}: {self._why_refused[quantity]}"
             for quantity, times in self._refused.most_common()
         )
         return (*slow, *refused)

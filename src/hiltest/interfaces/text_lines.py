@@ -89,7 +89,7 @@ class Pattern:
         try:
             self._compiled = regex.compile(text)
         except (regex.error, OverflowError, RecursionError) as error:
-            raise ValueError(f"'{text}' is no regular expression: {error}") from error
+            raise ValueError(f"'{text}' is not a regular expression: {error}") from error
         self.groups = frozenset(self._compiled.groupindex)
         self.given_up = False
 

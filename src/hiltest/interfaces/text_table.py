@@ -54,7 +54,7 @@ def _sources(table: TextDevice, groups: frozenset[str]) -> Iterator[ValueSource]
     """Yield the source of each quantity: from ``values``, and from groups named after quantities."""
     by_key = {quantity.key: quantity for quantity in Quantity}
     for key in table.values:
-        require(key in by_key, f"values.{key}", f"is no quantity; {nearest_hint(key, [*by_key])}")
+        require(key in by_key, f"values.{key}", f"is not a quantity; {nearest_hint(key, [*by_key])}")
     for quantity in Quantity:
         if quantity.key in table.values or groups & {quantity.key, *component_names(quantity)}:
             value = table.values.get(quantity.key, TextValue())
@@ -95,7 +95,7 @@ def _refuse_unknown_groups(pattern: Pattern, sources: Sequence[ValueSource]) -> 
     for unknown in sorted(pattern.groups - used):
         raise RigValueError(
             "patterns",
-            f"'{pattern.text}' has the group {unknown!r}, which is no quantity; "
+            f"'{pattern.text}' has the group {unknown!r}, which is not a quantity; "
             f"{nearest_hint(unknown, [*used, *names])}",
         )
 
@@ -115,5 +115,5 @@ def _conversion(quantity: Quantity, value: TextValue) -> Conversion:
     converter = conversion(value.unit, quantity.unit)
     if converter is None:
         units = ", ".join([*unit_words(quantity.unit), "count"])
-        raise RigValueError(f"values.{quantity.key}.unit", f"{value.unit!r} is no unit of it; known: {units}")
+        raise RigValueError(f"values.{quantity.key}.unit", f"{value.unit!r} is not a unit of it; known: {units}")
     return Conversion(scale * converter.factor, converter.offset)

@@ -71,8 +71,8 @@ class ValueSource:
         number = float(text) if _NUMBER.fullmatch(text) else math.nan
         converted = self.conversion.factor * number + self.conversion.offset
         if math.isnan(converted):
-            return f"{text[:20]!r} is no number"
+            return f"{text[:20]!r} is not a number"
         largest = _LARGEST[self.quantity.unit]
         if not abs(converted) <= largest:
-            return f"{converted:g} {self.quantity.unit} is beyond {largest:g}; look at its unit and scale"
+            return f"{converted:g} {self.quantity.unit} is beyond {largest:g}; check its unit and scale"
         return converted

@@ -85,7 +85,7 @@ class VariableIndex:
             files = sorted({file for _, file in entries})
             entries = [(entry, file) for entry, file in entries if _same_file(path.file, file)]
             if not entries:
-                raise ConfigError(f"{path.text}: {path.name} is not of {path.file}; it is in {', '.join(files)}")
+                raise ConfigError(f"{path.text}: {path.name} is not in {path.file}, but in {', '.join(files)}")
         variables: dict[int, FoundVariable] = {}
         reasons: list[str] = []
         for entry, file in entries:
@@ -98,8 +98,8 @@ class VariableIndex:
             places = sorted(f"{variable.file} (0x{variable.address:08x})" for variable in variables.values())
             example = PurePosixPath(min(variable.file for variable in variables.values())).name
             raise ConfigError(
-                f"{path.text}: {len(variables)} variables are called {path.name}: {', '.join(places)}; "
-                f"say which: {example}:{path.name}"
+                f"{path.text}: {len(variables)} variables are called {path.name}: {', '.join(places)}; select one: "
+                f"{example}:{path.name}"
             )
         if not variables and reasons:
             by_symbol = self._find_by_symbol(path.name, *entries[0])
@@ -178,8 +178,7 @@ class VariableIndex:
             listed = ", ".join(map(str, sorted(values)))
             raise ConfigError(f"{name} is an enumerator of several enums, with the values {listed}; write a number")
         raise ConfigError(
-            f"[{name}]: no enum has {name}; what #define makes, and an enum that no code uses, is not in the debug "
-            "information: write its number"
+            f"[{name}]: no enum has {name}; macros and unused enums are not in the debug information: write the number"
         )
 
     @cached_property
@@ -212,9 +211,9 @@ class VariableIndex:
         attributes = entry.attributes
         if "DW_AT_location" not in attributes:
             if "DW_AT_const_value" in attributes:
-                raise _NoPlaceError("is not in memory: the compiler has put its constant value into the code")
+                raise _NoPlaceError("is not in memory: the compiler uses its constant value in the code")
             if "DW_AT_declaration" in attributes:
-                raise _NoPlaceError("is declared, and nothing in this firmware defines it")
+                raise _NoPlaceError("is declared, but not defined in this firmware")
             raise _NoPlaceError(f"is not in memory: the compiler has optimised it away; {_VOLATILE}")
         if attributes["DW_AT_location"].form in _LISTS:
             raise _NoPlaceError(f"moves between registers and memory; {_VOLATILE}")
@@ -228,9 +227,9 @@ class VariableIndex:
             raise _NoPlaceError(f"is in a register only; {_VOLATILE}")
         address = _plain_address(operations)
         if address is None:
-            raise _NoPlaceError(f"is in pieces or computed, at no address of its own; {_VOLATILE}")
+            raise _NoPlaceError(f"is split or computed, without an address; {_VOLATILE}")
         if address in _REMOVED and all(variable.address != address for variable in self._objects):
-            raise _NoPlaceError("is not in this firmware: the linker has left it out, because nothing uses it")
+            raise _NoPlaceError("is not in this firmware: the linker removed it as unused")
         return address
 
 
@@ -285,6 +284,6 @@ def nearest_names(name: str, names: list[str]) -> str:
     if close:
         return f"nearest: {', '.join(close)}"
     if not names:
-        return "the file names none at all; give the ELF as the linker wrote it, with -g"
+        return "the file has no names; use the ELF of the linker, with -g"
     listed = ", ".join(sorted(names)[:_MOST_NAMED])
     return f"there are: {listed}" + (f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else "")

@@ -69,12 +69,12 @@ def read_path(text: str) -> VariablePath:
     stars = written[: len(written) - len(bare)].count("*")
     begin = _BEGIN.match(bare) if len(bare) <= _LONGEST else None
     if begin is None:
-        raise ConfigError(f"{text[:80]!r} is no path to a variable; write one as in C: {_EXAMPLES}")
+        raise ConfigError(f"{text[:80]!r} is not a path to a variable; write one as in C: {_EXAMPLES}")
     at, steps = begin.end(), []
     while at < len(bare):
         step = _STEP.match(bare, at)
         if step is None:
-            raise ConfigError(f"{text!r}: {bare[at:]!r} is not understood; write paths as in C: {_EXAMPLES}")
+            raise ConfigError(f"{text!r}: {bare[at:]!r} cannot be parsed; write paths as in C: {_EXAMPLES}")
         steps.append(_step(step))
         at = step.end()
     dereferences = [DereferenceStep()] * stars  # they bind weaker than the operators after a name

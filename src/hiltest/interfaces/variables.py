@@ -130,8 +130,8 @@ class Variables:
             )
         if symbols[0].size != size:
             raise ConfigError(
-                f"{path.text}: {kind.text} has {size} bytes, and the symbol {path.name} has {symbols[0].size}; "
-                "state the type of all of it"
+                f"{path.text}: {kind.text} has {size} bytes, and the symbol {path.name} has {symbols[0].size}; state "
+                "the type of the whole symbol"
             )
         return _Location(kind, path.name, symbols[0].address)
 
@@ -155,18 +155,18 @@ class Variables:
         if isinstance(at.kind, ArrayType):
             return at.moved(0, at.kind.element, "[0]")
         if not isinstance(at.kind, PointerType):
-            raise ConfigError(f"{at.written} is {at.kind.text}, no pointer; leave out the *")
+            raise ConfigError(f"{at.written} is {at.kind.text}, not a pointer; leave out the *")
         return replace(at.followed(0, self._target(at), ""), written=f"*{at.written}")
 
     def _target(self, at: _Location) -> CType:
         assert isinstance(at.kind, PointerType)
         if at.kind.target is None:
-            raise ConfigError(f"{at.written} is {at.kind.text}: what it points to is not said; it has no value")
+            raise ConfigError(f"{at.written} is {at.kind.text}: its target type is unknown, so it has no value")
         return self._read(at.kind.target)
 
     def _element(self, at: _Location, step: IndexStep) -> _Location:
         if not isinstance(at.kind, ArrayType | PointerType):
-            raise ConfigError(f"{at.written} is {at.kind.text}, no array; leave out [{step.index}]")
+            raise ConfigError(f"{at.written} is {at.kind.text}, not an array; leave out [{step.index}]")
         index = step.index if isinstance(step.index, int) else self._enumerator(step.index)
         element = at.kind.element if isinstance(at.kind, ArrayType) else self._target(at)
         size = size_of(element)
@@ -192,11 +192,11 @@ class Variables:
             raise ConfigError(f"{at.written} is {at.kind.text}, a pointer; write {at.written}->{step.name}")
         if step.by_pointer:
             if not isinstance(at.kind, PointerType):
-                raise ConfigError(f"{at.written} is {at.kind.text}, no pointer; write {at.written}.{step.name}")
+                raise ConfigError(f"{at.written} is {at.kind.text}, not a pointer; write {at.written}.{step.name}")
             at = at.followed(0, self._target(at), "")
         record = at.kind
         if not isinstance(record, RecordType):
-            raise ConfigError(f"{at.written} is {record.text}, no struct: it has no {step.name}")
+            raise ConfigError(f"{at.written} is {record.text}, not a struct: it has no {step.name}")
         if record.size is None:
             raise ConfigError(f"{at.written}: this firmware has no definition of {record.text}, only its name")
         members = dict(self._members_by_name(record, 0))
@@ -251,7 +251,7 @@ class Variables:
             raise ConfigError(f"{written} is {kind.text}: its length is not known; name its elements")
         first = list(self._numbers(kind.element, 0, f"{written}[0]"))
         if kind.count * len(first) > _MOST_NUMBERS:
-            raise ConfigError(f"{written} is {kind.count * len(first)} numbers; name the elements that are meant")
+            raise ConfigError(f"{written} is {kind.count * len(first)} numbers; name the intended elements")
         for number in range(kind.count):
             for part in first:
                 yield replace(part, offset=offset + number * size + part.offset)
@@ -277,11 +277,11 @@ def function_address(image: FirmwareImage, written: str) -> int:
     if files:
         places = ", ".join(f"{place or 'unknown file'} (0x{address:08x})" for address, place in files.items())
         example = next((place for place in files.values() if place), "file.c")
-        raise ConfigError(f"{image.name}: {written}: {name} is in {places}; say which: {example}:{name}")
+        raise ConfigError(f"{image.name}: {written}: {name} is in {places}; select one: {example}:{name}")
     names = [function.name for function in image.functions]
     raise ConfigError(
-        f"{image.name}: no function {written}; {nearest_names(name, names)}. One that the compiler has put into its "
-        "callers has no return of its own: declare it noinline"
+        f"{image.name}: no function {written}; {nearest_names(name, names)}. One that the compiler has inlined has "
+        "no return: declare it noinline"
     )
 
 
@@ -290,7 +290,7 @@ def _refusal(kind: CType, written: str) -> str:
         target = read_type(kind.target)
         inner = [member.name for member in target.members if member.name] if isinstance(target, RecordType) else []
         example = f"{written}->{inner[0]}" if inner else f"*{written} or {written}[0]"
-        return f"{kind.text}, a pointer: write what it points to, {example}"
+        return f"{kind.text}, a pointer: name its target, {example}"
     if isinstance(kind, RecordType):
         reason = "a union" if kind.is_union else "of unknown size"
         names = ", ".join(member.name for member in kind.members[:6] if member.name)

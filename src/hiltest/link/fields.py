@@ -43,7 +43,7 @@ class FieldReader:
         try:
             return kind(value)
         except ValueError:
-            raise self._error(field, at, f"{value} is no {kind.__name__}") from None
+            raise self._error(field, at, f"{value} is not a {kind.__name__}") from None
 
     def flag(self, field: str) -> bool:
         """Return the next byte as a truth value; only 0 and 1 are valid."""

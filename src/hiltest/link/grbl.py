@@ -27,10 +27,10 @@ _SETTING = re.compile(r"\$(\d+)=(-?\d+\.?\d*)")
 _MEANINGS = {
     "error:5": "homing is disabled in the controller ($22)",
     "error:8": "it is not idle",
-    "error:9": "it is locked after an alarm; home it with $H, or unlock it with $X where that is safe",
+    "error:9": "it is locked after an alarm; home it with $H, or unlock it with $X if that is safe",
     "error:15": "the angle is beyond the table's travel",
     "error:33": "the angle is beyond the table's travel",
-    "ALARM:1": "a limit switch has stopped it; look at it before you go on",
+    "ALARM:1": "a limit switch stopped it; check it before you continue",
     "ALARM:2": "the angle is beyond the table's travel ($130 to $132)",
 }
 
@@ -118,7 +118,9 @@ class GrblLine:
                 looked_s = time.monotonic()
                 self._write(b"?")
         where = f"; it is in state {last.state} at {last.position}" if last else ""
-        raise self._error(f"no answer to {line!r} within {patience_s:g} s{where}. Is it powered, and not held?")
+        raise self._error(
+            f"no answer to {line!r} within {patience_s:g} s{where}. Check its power, and that it is not on hold."
+        )
 
     def status(self) -> GrblStatus:
         """Query the table's position.
@@ -147,8 +149,8 @@ class GrblLine:
         """Wait for a controller, and let it finish commands of other programs."""
         if self._report(_START_S) is None:
             raise self._error(
-                f"nothing answered '?' as Grbl 1.1 does within {_START_S:g} s. Is it the turntable's port, "
-                "at 115200 baud, and is $10=1 set?"
+                f"nothing answered '?' as Grbl 1.1 does within {_START_S:g} s. Check that this is the turntable's "
+                "port, at 115200 baud, and that $10=1 is set."
             )
         # Terminates a line that another program left unfinished; the answer to it is ignored.
         self._write(b"\n")

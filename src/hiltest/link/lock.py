@@ -80,7 +80,7 @@ class Holder:
 
     def __str__(self) -> str:
         rig = f", rig {self.rig}" if self.rig else ""
-        return f"process {self.pid} of {self.user} has it since {self.since} ({self.command}{rig})"
+        return f"process {self.pid} of {self.user} uses it since {self.since} ({self.command}{rig})"
 
 
 class BoardLock:
@@ -146,7 +146,7 @@ class BoardLock:
                 raise PortRefusedError(
                     self._name,
                     f"it cannot be locked with {self._file}: {error.strerror or error}",
-                    "Make that folder one that you may write to.",
+                    "Make that folder writable.",
                 ) from error
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -207,4 +207,4 @@ def _holder_text(descriptor: int) -> str:
         if holder is not None and holder.is_running:
             return str(holder)
         time.sleep(_LOOK_EVERY_S)
-    return "another process has it, and does not say which it is"
+    return "an unknown process uses it"

@@ -115,7 +115,7 @@ def _closed_port(url: str, **settings: Any) -> Any:
     try:
         return serial.serial_for_url(url, do_not_open=True, **settings)
     except (ValueError, re.error) as error:
-        raise ConfigError(f"port {url!r}: {error}. Give a device, or a URL that pyserial knows.") from error
+        raise ConfigError(f"port {url!r}: {error}. Name a device, or a URL that pyserial supports.") from error
     except serial.SerialException as error:
         raise PortNotFoundError(url, list_ports()) from error
 
@@ -143,5 +143,5 @@ def _refusal(url: str, error: serial.SerialException) -> BenchError | PortNotFou
             "Join the group that owns it: sudo usermod -aG dialout $USER (uucp on Arch), then log in again.",
         )
     if error.errno in (errno.EAGAIN, errno.EBUSY):
-        return PortRefusedError(url, "another program has it open", "Close that program, then run again.")
+        return PortRefusedError(url, "another program uses it", "Close that program, then run again.")
     return BenchError(f"cannot open {url}: {error}")

@@ -18,9 +18,9 @@ REPLY_BIT = 0x80
 R = TypeVar("R")
 
 _HINTS = {
-    Status.UNKNOWN_COMMAND: "the firmware is older than this hiltest; put the packaged one on the board",
-    Status.SENSOR_ABSENT: "check that the FRDM-FXS-MULTI-B shield sits on the board",
-    Status.SENSOR_TIMEOUT: "the sensor answers but delivers no new samples in time",
+    Status.UNKNOWN_COMMAND: "the firmware is older than this hiltest; flash the packaged one (hiltest flash)",
+    Status.SENSOR_ABSENT: "check that the FRDM-FXS-MULTI-B shield is attached",
+    Status.SENSOR_TIMEOUT: "the sensor answers, but has no new sample in time",
     Status.BUS_ERROR: "the I2C bus failed; check shield and jumpers, then reset the board",
     Status.NO_CALIBRATION: "the slot is empty; run a calibrator or set a calibration first",
     Status.DEGENERATE_FIELD: "gravity and magnetic field are parallel or zero",

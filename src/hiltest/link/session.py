@@ -169,15 +169,15 @@ class Session:
             heard = bytes(self._heard)
             if is_text(heard):
                 raise VersionMismatchError(
-                    f"nothing on {self._port.name} answers in hiltest's protocol, but text comes: "
-                    f"{_whole_line(heard)!r}. Firmware that reports by itself is judged with a [device] table "
-                    "in the rig: docs/text-compass.md"
+                    f"nothing on {self._port.name} answers in hiltest's protocol, but it sends text: "
+                    f"{_whole_line(heard)!r}. Firmware with another protocol needs a [device] table in the rig: "
+                    "docs/text-compass.md"
                 )
             raise SyncError(self._port.name, heard, self._attempts_allowed)
         if self.protocol_version != PROTOCOL_VERSION:
             raise VersionMismatchError(
                 f"the firmware speaks protocol version {self.protocol_version}, hiltest {PROTOCOL_VERSION}. "
-                "Put the firmware of this hiltest on the board, or install the hiltest of that firmware."
+                "Flash the firmware of this hiltest (hiltest flash), or install the hiltest of that firmware."
             )
         self._sequence = 0
 

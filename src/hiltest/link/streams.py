@@ -131,7 +131,7 @@ class _StreamSteps(Request[StreamStepsReply]):
         if reply.taken > self.count or (reply.taken == self.count) != (reply.status is StreamStatus.OK):
             raise ProtocolError(
                 f"reply to {self.command}: {reply.status.name} after {reply.taken} of {self.count} points; "
-                "a board takes all of them or says why not. Is it this protocol's firmware?"
+                "the protocol requires all points or a reason. Check the firmware."
             )
         return reply
 

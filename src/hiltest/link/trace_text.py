@@ -84,7 +84,7 @@ def _reply(frame: Frame, asked: dict[int, Request[Any]]) -> str:
     name = command_of(code) or f"type 0x{frame.type:02x}"
     request = asked.get(frame.sequence)
     if request is None or request.code != code or not frame.type & REPLY_BIT:
-        return f"{name} answers no request of this trace; {_hex(frame.payload)}"
+        return f"{name} does not answer a request of this trace; {_hex(frame.payload)}"
     try:
         answer = decode_reply(request, frame.payload)
     except DeviceError as error:

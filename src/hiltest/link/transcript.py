@@ -110,7 +110,7 @@ class Transcript:
         ConfigError
             When the file is not a transcript; the message has file, line and reason.
         """
-        content = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a transcript (JSON lines)")
+        content = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a recording (JSON lines)")
         try:
             lines = _text(content, path).decode("utf-8").splitlines()
             header = parse_json(lines[0]) if lines else {}
@@ -240,9 +240,9 @@ def _text(content: bytes, path: Path) -> bytes:
     try:
         text = unzip.decompress(content, _LARGEST_BYTES)
     except zlib.error as error:
-        raise ConfigError(f"{path}: damaged: {error}; name a transcript (JSON lines)") from error
+        raise ConfigError(f"{path}: damaged: {error}; name a recording (JSON lines)") from error
     if unzip.unconsumed_tail:
-        raise ConfigError(f"{path}: larger than {_LARGEST_BYTES} bytes; name a transcript (JSON lines)")
+        raise ConfigError(f"{path}: larger than {_LARGEST_BYTES} bytes; name a recording (JSON lines)")
     return text if unzip.eof else text[: text.rfind(b"\n") + 1]
 
 
@@ -270,7 +270,7 @@ def _entry(item: dict[str, object]) -> TranscriptEntry:
         return TranscriptEntry(time_s, Direction.MARK, str(item["mark"]).encode())
     if "call" in item:
         if not isinstance(item["call"], str) or not isinstance(item.get("given", {}), dict):
-            raise ValueError("call is no name, or given no table")
+            raise ValueError("call is not a name, or its arguments are not a table")
         return call_entry(time_s, {key: value for key, value in item.items() if key != "t"})
     if item["dir"] == Direction.CLOCK:
         return TranscriptEntry(time_s, Direction.CLOCK, b"")

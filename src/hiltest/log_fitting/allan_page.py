@@ -129,7 +129,7 @@ def headline(log: RateLog) -> str:
 
 
 def allan_document(log: RateLog, curve: AllanCurve) -> Allan:
-    """Return the document of ``hiltest allan``; the curve is in deg/s, or in counts as the file's unit says."""
+    """Return the document of ``hiltest fit noise``; the curve is in deg/s, or in counts as the file's unit says."""
     curves = {
         "deviation": curve.deviation,
         "low": curve.low,

@@ -13,11 +13,11 @@ from hiltest.measurement.units import GRAVITIES, AccelerationUnit
 
 # Range of the earth's field at its surface [uT], with a margin for iron and scale, as in the rating of a fit.
 _EARTH_UT = (20.0, 70.0)
-_AS_COUNTS = "--unit counts takes them as they are, and checks no strength"
+_AS_COUNTS = "--unit counts uses them unchanged, without checking the strength"
 # Size of each unit [uT], and the remedy if readings are in it.
 _FIELDS = {
-    "uT": (1.0, "--unit uT says so"),
-    "gauss": (100.0, "--unit gauss says so"),
+    "uT": (1.0, "use --unit uT"),
+    "gauss": (100.0, "use --unit gauss"),
     "tenths of a microtesla (milligauss, or the counts of many sensors)": (0.1, _AS_COUNTS),
     "nT": (1e-3, _AS_COUNTS),
     "mT": (1e3, _AS_COUNTS),

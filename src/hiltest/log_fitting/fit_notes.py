@@ -17,8 +17,8 @@ _NAMED_RUNS = 8
 def notes(fit: SampleFit) -> Iterator[str]:
     """Yield notes on a fit, one sentence each."""
     if MICROTESLA[Unit(fit.unit)] is None:
-        why = "The header names no unit that is known: taken as counts" if fit.unit_from == "assumed" else "Counts"
-        yield f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
+        why = "The header has no known unit: the readings count as counts" if fit.unit_from == "assumed" else "Counts"
+        yield f"{why} of unknown scale, so the field strength is not checked; set the unit with --unit uT or gauss."
     # The radius of a shape other than an ellipsoid may differ from the field's strength.
     undetermined = fit.best.shape is not None or any(
         reason.figure == "condition" and reason.verdict is Acceptance.REFUSED for reason in fit.best.reasons
@@ -30,13 +30,13 @@ def notes(fit: SampleFit) -> Iterator[str]:
     if fit.change is not None:
         at = f"{fit.change.at:.4g}"
         yield (
-            f"The field changed {fit.change.when}: the hard iron steps by {fit.change.percent:.1f} % of the radius. "
-            f"--to {at} or --from {at} takes one part of the log, --steady the longest without a change."
+            f"The field changed {fit.change.when}: the hard iron changes by {fit.change.percent:.1f} % of the radius. "
+            f"--to {at} or --from {at} selects one part of the log, --steady the longest part without a change."
         )
     if not fit.in_order:
         yield (
-            "The rows are in no order of time: a reading is as far from the next as from any other. The predicted "
-            "direction error is that of independent noise, and a field that changed is not seen."
+            "The rows are not in order of time: a reading is as far from the next as from any other. The predicted "
+            "direction error assumes independent noise, and a changed field cannot be detected."
         )
     yield from _left_out_notes(fit)
     yield from _coverage_notes(fit)
@@ -45,14 +45,14 @@ def notes(fit: SampleFit) -> Iterator[str]:
     ratio = fit.best.axis_ratio
     if ratio is not None and ratio > LARGEST_AXIS_RATIO:
         yield (
-            f"The ellipsoid is {ratio:.1f} times as long as wide, more than a board's iron makes it: are these the "
-            "columns of one magnetometer, each with the same scale?"
+            f"The ellipsoid is {ratio:.1f} times as long as wide, more than the iron of a board can cause: check "
+            "that these are the columns of one magnetometer, with the same scale."
         )
     if fit.best.shape is not None:
         return
     used, n_left = fit.calibrators[0].n_used, fit.n_left
     if used != n_left:
-        yield f"The board got {used} of {n_left} points, as many as it takes, chosen evenly on the sphere."
+        yield f"The board got {used} of {n_left} points, its capacity, chosen evenly on the sphere."
     if fit.firmware is not None:
         shifted = " from the middle of their range" if any(fit.firmware.count_origin) else ""
         yield (
@@ -67,15 +67,15 @@ def _coverage_notes(fit: SampleFit) -> Iterator[str]:
     if best.turn is not None:
         yield (
             f"{best.name}: the sensor turned about an axis {best.turn.tilt_deg:.0f} deg off its {best.turn.axis}, by "
-            f"{best.turn.arc_deg:.0f} deg. Along that axis nothing is corrected."
+            f"{best.turn.arc_deg:.0f} deg. The calibration corrects nothing along that axis."
         )
     elif fit.hole is not None and {reason.figure for reason in best.reasons} & {"condition", "shape"}:
         yield (
-            f"The largest hole has a radius of {fit.hole.radius_deg:.0f} deg, about the sensor's {fit.hole.axes}: turn "
-            "that to where the field points, north and down (south of the equator north and up)."
+            f"The largest hole has a radius of {fit.hole.radius_deg:.0f} deg, about the sensor's {fit.hole.axes}: "
+            "turn it into the direction of the field, north and down (south of the equator north and up)."
         )
     if fit.field_ut is not None and best.radius is not None and (unit := MICROTESLA[Unit(fit.unit)]) is not None:
-        yield f"The radius is {best.radius * unit / fit.field_ut:.2f} of the field that was given."
+        yield f"The radius is {best.radius * unit / fit.field_ut:.2f} of the field of --field."
 
 
 def _left_out_notes(fit: SampleFit) -> Iterator[str]:
@@ -83,7 +83,7 @@ def _left_out_notes(fit: SampleFit) -> Iterator[str]:
         done = "were left out" if fit.robust != "none" else "count as independent"
         yield (
             f"{fit.n_repeated} of {fit.n_in} readings repeat the one before and {done}: the log is faster than the "
-            "sensor, or it lay still."
+            "sensor, or the sensor lay still."
         )
     if not fit.n_dropped:
         return
@@ -95,4 +95,4 @@ def _left_out_notes(fit: SampleFit) -> Iterator[str]:
         f"ellipsoid of the others: {kind} {', '.join(runs[:_NAMED_RUNS])}{more}."
     )
     if fit.n_dropped > MANY_LEFT_OUT * fit.n_in:
-        yield "So many may have misled the fit: look at --html, and keep the part of the log that is in order."
+        yield "So many may have affected the fit: check --html, and use the part of the log without them."

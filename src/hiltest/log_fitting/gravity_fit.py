@@ -124,7 +124,10 @@ def _check_spreads(
         return replace(log, unused=f"{len(points)} rows have readings of both sensors; {_FEWEST} are needed")
     norms = fit_norms(points, acceleration)
     if not norms.is_ellipsoid:
-        return replace(log, unused="the readings of one of the sensors make no ellipsoid; turn them all round")
+        return replace(
+            log,
+            unused="the readings of one of the sensors do not form an ellipsoid; turn the sensors in all directions",
+        )
     field, gravity = norms.magnetometer.corrected(points), norms.accelerometer.gravity_g(acceleration)
     turn = fit_constant_dip(field, gravity)
     spread = length_scatter(gravity)
@@ -141,7 +144,7 @@ def _check_spreads(
         log,
         unused=(
             f"its length varies by {100.0 * spread:.2g} % (at most {100.0 * _LARGEST_SPREAD:g}), the dip by "
-            f"{dip_spread:.2g} deg (at most {largest:.2g}); log attitudes all round at which the sensor stands still"
+            f"{dip_spread:.2g} deg (at most {largest:.2g}); log attitudes in all directions with the sensor at rest"
         ),
     )
 
@@ -170,8 +173,8 @@ def _axes_sentence(axes: Axes, turn: ConstantDip, columns: tuple[str, str, str])
     finding = str(axes).split(" (")[0].replace(" is ", " seems ").replace(" are ", " seem ")
     return (
         f"The magnetometer's axes are not the accelerometer's: {finding} (turned by {turn.angle_deg:.0f} deg the dip "
-        f"is constant). --columns {_columns(axes, columns)} puts that right, or, where headings are off by 180 deg "
-        f"then, --columns {_columns(_negate(axes), columns)}."
+        f"is constant). --columns {_columns(axes, columns)} corrects that; if headings are then off by 180 deg, use "
+        f"--columns {_columns(_negate(axes), columns)}."
     )
 
 

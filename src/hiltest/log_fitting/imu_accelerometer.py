@@ -41,12 +41,14 @@ _FACE_COSINE = float(np.cos(np.radians(8.0)))
 # turn.
 _MOST_FITTED = 2_000
 _REFUSALS = {
-    AccelerometerStatus.TOO_FEW_POSES: "fewer than 9 rests, and not the six faces: lay it down in more poses",
-    AccelerometerStatus.POOR_COVERAGE: "the rests show too little of the sphere: lay it down in more different poses",
-    AccelerometerStatus.NOT_AN_ELLIPSOID: "the rests lie on no ellipsoid: they were not still, or their unit changed",
+    AccelerometerStatus.TOO_FEW_POSES: "fewer than 9 rests, and not on the six faces: lay the board down in more poses",
+    AccelerometerStatus.POOR_COVERAGE: "the rests cover too little of the sphere: lay the board down in more "
+    "different poses",
+    AccelerometerStatus.NOT_AN_ELLIPSOID: "the rests do not lie on an ellipsoid: the board moved, or the unit changed",
 }
 _ONLY_FACES = (
-    "an ellipsoid has nine unknowns, and rests on the six faces determine six: lay it down on edges and corners too, "
+    "an ellipsoid has nine unknowns, and rests on the six faces determine six: lay the board down on edges and "
+    "corners too, "
     "in at least 9 poses, or use --method six-position"
 )
 
@@ -59,7 +61,7 @@ BOUNDS = (
         "",
         10.0,
         Acceptance.POOR,
-        "every ellipsoid through nine is exact, and shows nothing of its error; lay it down in more poses",
+        "an ellipsoid through nine rests is exact, without an estimate of its error; lay the board down in more poses",
         below=True,
     ),
     Bound(
@@ -67,7 +69,7 @@ BOUNDS = (
         "",
         18.0,
         Acceptance.FAIR,
-        "too few are left over to know the error well; lay it down in more poses",
+        "too few rests remain to estimate the error; lay the board down in more poses",
         below=True,
     ),
     Bound(
@@ -75,21 +77,21 @@ BOUNDS = (
         "",
         300.0,
         Acceptance.REFUSED,
-        "gravity was seen from too few sides to determine an ellipsoid; turn the sensor all round",
+        "too few directions of gravity to determine an ellipsoid; turn the sensor in all directions",
     ),
     Bound(
         "condition",
         "",
         WELL_CONDITIONED,
         Acceptance.FAIR,
-        "a large part of the sphere is missing; turn the sensor all round",
+        "a large part of the sphere is missing; turn the sensor in all directions",
     ),
     Bound(
         "spread_after_percent",
         "%",
         20.0,
         Acceptance.REFUSED,
-        "the readings do not lie on an ellipsoid: wrong columns, or nothing but shocks",
+        "the readings do not lie on an ellipsoid: wrong columns, or only shocks",
     ),
     # For single readings 5 % are 3 degrees. Rests of an intact part agree to 0.1 %.
     Bound(
@@ -97,49 +99,50 @@ BOUNDS = (
         "%",
         5.0,
         Acceptance.POOR,
-        "what the motion itself accelerates by is no noise beside gravity; turn it more slowly, or lay it down",
+        "the acceleration of the motion is too large beside gravity; turn the sensor more slowly, or lay it down",
     ),
     Bound(
         "spread_after_percent",
         "%",
         0.5,
         Acceptance.FAIR,
-        "motion, a drift or a touch adds to gravity; lay it down and leave it for three seconds in each pose",
+        "motion, drift or touch adds to gravity; leave the sensor alone for three seconds in each pose",
     ),
     Bound(
         "axis_ratio",
         "",
         1.5,
         Acceptance.REFUSED,
-        "the scales of one part are within some percent of each other; are these the columns of one accelerometer?",
+        "the scales of one part are within some percent of each other; check that these are the columns of one "
+        "accelerometer",
     ),
     Bound(
         "left_out_percent",
         "%",
         100.0 * MANY_LEFT_OUT,
         Acceptance.FAIR,
-        "so many are far from the ellipsoid of the others that it may be the wrong one; turn it without jerks",
+        "so many readings are far from the ellipsoid that it may be wrong; turn the sensor without jerks",
     ),
     Bound(
         "direction_error_deg",
         "deg",
         5.0,
         Acceptance.REFUSED,
-        "gravity would be off by more than without any calibration; lay it down in more poses, all round",
+        "gravity would be less accurate than without calibration; lay the board down in more poses, in all directions",
     ),
     Bound(
         "direction_error_deg",
         "deg",
         1.0,
         Acceptance.POOR,
-        "where the field dips by 62 deg a heading is off by twice that; lay it down in more poses, all round",
+        "at a dip of 62 deg the heading error is twice as large; lay the board down in more poses, in all directions",
     ),
     Bound(
         "direction_error_deg",
         "deg",
         0.25,
         Acceptance.FAIR,
-        "where the field dips by 62 deg a heading is off by twice that; lay it down more truly, or in more poses",
+        "at a dip of 62 deg the heading error is twice as large; align the board more precisely, or use more poses",
     ),
 )
 
@@ -196,7 +199,7 @@ def fit_accelerometer(log: ImuLog, rests: Sequence[Interval], method: str = AUTO
 
 def _fit_rests(log: ImuLog, rests: Sequence[Interval], method: str) -> AccelerometerResult:
     if not rests:
-        return _refused_result(ELLIPSOID if method == AUTO else method, 0, (), "no rest of a second was found")
+        return _refused_result(ELLIPSOID if method == AUTO else method, 0, (), "no rest of one second was detected")
     means = np.array([log.acceleration[rest.start : rest.end].mean(axis=0) for rest in rests])
     zero, per_g = _nominal_range(log, means)
     nominal = COUNTS_PER_G / per_g * (means - zero)
@@ -250,7 +253,7 @@ def _fit_moving(log: ImuLog, rests: int) -> AccelerometerResult:
     ]
     corrected = fit_corrected(used)
     if corrected.status is not FitStatus.ELLIPSOID:
-        return _refused_result(MOVING, rests, (), "in motion, too, the readings show too little of the sphere")
+        return _refused_result(MOVING, rests, (), "the readings in motion also cover too little of the sphere")
     fit = AccelerometerFit(corrected.soft_iron, corrected.hard_iron)
     zero, _ = _nominal_range(log, used)
     norms = np.linalg.norm(fit.gravity_g(used), axis=1)
@@ -349,7 +352,7 @@ def _pose(mean: Reals, face: Face) -> StillPose:
 def _refusal(solution: AccelerometerSolution) -> str:
     if solution.status is AccelerometerStatus.MISSING_FACE:
         names = ", ".join(face_name(face) for face in solution.faces)
-        return f"no rest on {names}: lay it down on all six faces, or use --method ellipsoid"
+        return f"no rest on {names}: lay the board down on all six faces, or use --method ellipsoid"
     return _REFUSALS.get(solution.status, solution.status.name.lower().replace("_", " "))
 
 

@@ -162,8 +162,8 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
             console.print(escape(f"  {_rate_sentence(rate, log.rate_unit)}"), soft_wrap=True)
         if fit.rates == ():
             console.print(
-                "  no scale: nothing turns steadily for a revolution beside a rest. Let it rest, then turn "
-                "for ten seconds or more, or give --bias-from",
+                "  no scale: the log has no steady revolution and a rest. Log a rest and at least ten seconds of "
+                "turning, or use --bias-from",
                 style="yellow",
                 soft_wrap=True,
             )
@@ -245,7 +245,7 @@ def _rate_sentence(rate: SteadyRate, unit: str) -> str:
 
 
 def imu_fit_document(fit: ImuLogFit) -> ImuFitDocument:
-    """Return the document of ``hiltest fit-imu``."""
+    """Return the document of ``hiltest fit imu``."""
     log, accelerometer, gyroscope = fit.log, fit.accelerometer, fit.gyroscope
     return ImuFitDocument(
         hiltest=__version__,

@@ -32,8 +32,8 @@ _LONGEST_GAP = 5.0  # largest gap in samples
 _REFUSALS = {
     TurnsStatus.TOO_FEW: "fewer than three whole turns about the vertical were found",
     TurnsStatus.TOO_SMALL: "a turn is smaller than 90 degrees",
-    TurnsStatus.NOT_SPANNING: "the turns are about axes in one plane: turn it lying on three different faces",
-    TurnsStatus.SINGULAR: "the readings of the turns lie in one plane: an axis of the gyroscope is dead",
+    TurnsStatus.NOT_SPANNING: "the axes of the turns lie in one plane: turn the board on three different faces",
+    TurnsStatus.SINGULAR: "the readings of the turns lie in one plane: an axis of the gyroscope does not respond",
 }
 
 # The limit for whole turns in the packaged rigs is 0.1 %; a hand that aligns with a table's edge is accurate to a
@@ -44,7 +44,7 @@ BOUNDS = (
         "",
         4.0,
         Acceptance.FAIR,
-        "three turns are met exactly: a fourth would show how good the matrix is",
+        "three turns determine the matrix exactly: add a fourth to estimate its error",
         below=True,
     ),
     Bound(
@@ -52,14 +52,15 @@ BOUNDS = (
         "%",
         1.0,
         Acceptance.POOR,
-        "the turns contradict each other: was each whole, on a level table, and no faster than the sensor reads?",
+        "the turns contradict each other: check that each turn was whole, on a level table, and within the sensor's "
+        "range",
     ),
     Bound(
         "left_percent",
         "%",
         0.5,
         Acceptance.FAIR,
-        "the turns contradict each other by more than a hand at an edge; turn until it is back there",
+        "the turns contradict each other by more than a turn by hand against an edge; turn back to the edge",
     ),
 )
 

@@ -134,7 +134,7 @@ def read_imu_log(
     acceleration, unit = readings[: len(readings) if places else 0, :3], unit or AccelerationUnit.COUNTS
     notes = [*first.notes, *(second.notes if second is not first else ())]
     if acceleration_unit is None and places:
-        notes += asked_of_gravity(acceleration, unit, "--accelerometer-unit {} says so")
+        notes += asked_of_gravity(acceleration, unit, "use --accelerometer-unit {}")
     return ImuLog(
         tuple(str(name) for name in (path, gyroscope_path) if name),
         time_s,
@@ -179,8 +179,8 @@ class _Table:
     def no_axes(self, sensor: str, option: str) -> ConfigError:
         columns = f"the columns are {', '.join(self.headers)}" if self.headers else f"no header, {self.width} columns"
         return ConfigError(
-            f"{self.path}: cannot tell which columns are the {sensor}: {columns}; say it with {option}, "
-            "by name or by number from 1"
+            f"{self.path}: cannot tell which columns are the {sensor}: {columns}; name them with {option}, by name "
+            "or by number from 1"
         )
 
     def read(self, time: str | None, rate_hz: float | None, places: list[int]) -> tuple[Reals, Reals]:
@@ -204,8 +204,8 @@ class _Table:
                 before = values[-len(columns)]
                 if numbers[0] < before or (numbers[0] == before and not one_a_row):
                     raise ConfigError(
-                        f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not behind "
-                        f"{before:g}; cut the log there, or give --rate"
+                        f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not after {before:g}; "
+                        "cut the log there, or give --rate"
                     )
             values.extend(numbers)
             if self._label is not None:
@@ -214,7 +214,7 @@ class _Table:
                 raise ConfigError(f"{self.path}: more than {MAX_ROWS} rows; cut the file")
         read = np.frombuffer(values, dtype=np.float64).reshape(-1, len(columns))
         if len(read) < 2:
-            raise ConfigError(f"{self.path}: {len(read)} rows of numbers: no log")
+            raise ConfigError(f"{self.path}: {len(read)} rows of numbers are too few for a log")
         if self._label is not None:
             self.labels = tuple(labels)
         if rate_hz is not None:
@@ -240,8 +240,8 @@ class _Table:
             value = number_in(self.path, row, at, name, quantity=quantity, largest=largest)
             if not math.isfinite(value) and at not in absent:
                 raise ConfigError(
-                    f"{self.path}:{row.line}: column {name}: no number; a turn cannot be summed over "
-                    "a gap: cut the log there"
+                    f"{self.path}:{row.line}: column {name}: a number is missing, and a turn cannot be integrated "
+                    "over a gap: cut the log there"
                 )
             numbers.append(value)
         return numbers
@@ -275,14 +275,14 @@ class _Table:
 def _check_pairs(path: Path, other: Path, time_s: Reals, other_time_s: Reals) -> None:
     if len(time_s) != len(other_time_s):
         raise ConfigError(
-            f"{path} has {len(time_s)} rows and {other} {len(other_time_s)}; both need one for each sample"
+            f"{path} has {len(time_s)} rows and {other} {len(other_time_s)}; both need one row per sample"
         )
     apart_s = np.abs(time_s - other_time_s)
     worst = int(apart_s.argmax())
     if apart_s[worst] > float(np.median(np.diff(time_s))):
         raise ConfigError(
             f"{path} and {other}: sample {worst + 1} was taken at {time_s[worst]:g} s and "
-            f"{other_time_s[worst]:g} s; both need a row for each sample"
+            f"{other_time_s[worst]:g} s; both need one row per sample"
         )
 
 

@@ -162,7 +162,7 @@ def _rate(log: ImuLog, part: Interval, rests: Sequence[Interval], bias: Reals, r
     if askew_deg > _ALONG_DEG:
         refused = f"it lay {askew_deg:.0f} deg off its {_AXES[axis]} axis: lay it flat on a face"
     elif (np.abs(samples[:, axis]) == farthest).mean() > _AT_THE_END:
-        refused = f"{_AXES[axis]} reads {farthest:.6g} and never more: the rate is beyond the sensor's range"
+        refused = f"{_AXES[axis]} reads {farthest:.6g} at most: the rate is beyond the sensor's range"
     elif nominal is not None and abs(scale / nominal - 1.0) > _SCALE:
         refused = f"it reads {length * nominal:.4g} deg/s where the table turns at {rate_dps:.4g}"
     x, y, z = reading.tolist()

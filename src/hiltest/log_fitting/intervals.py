@@ -76,7 +76,7 @@ def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals
     if len(log.time_s) < 3 * window:
         raise ConfigError(
             f"{log.files[0]}: {len(log.time_s)} samples, {log.time_s[-1] - log.time_s[0]:.1f} s: "
-            "too short for rests of a second"
+            "too short for rests of one second"
         )
     still = np.ones(len(log.time_s) - window + 1, dtype=np.bool_)
     if len(log.acceleration):

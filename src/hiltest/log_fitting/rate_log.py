@@ -121,7 +121,7 @@ def read_rate_log(
     time_s = np.arange(len(values)) / rate_hz if rate_hz else layout.seconds * (times - times[0])
     part, breaks = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
     if part.stop - part.start < 2:
-        raise CalibrationError(f"{path}: {part.stop - part.start} samples: no log of noise")
+        raise CalibrationError(f"{path}: {part.stop - part.start} samples: too few for a noise log")
     if rate_hz is None:
         _check_steps(path, time_s[part])
     found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
@@ -192,8 +192,8 @@ def check_rest(log: RateLog) -> None:
     unit = "deg/s" if log.in_degrees else "counts"
     raise CalibrationError(
         f"{log.path}: it moved {at_s:.1f} s after the first row: {log.columns[motion.axis]} changed by "
-        f"{motion.change:+.3g} {unit} within {motion.samples / log.rate_hz:.3g} s, {motion.times:.0f} times what noise "
-        f"does. Leave it alone and log again, or take its longest rest: --from {first_s:.1f} --to {last_s:.1f}"
+        f"{motion.change:+.3g} {unit} within {motion.samples / log.rate_hz:.3g} s, {motion.times:.0f} times the "
+        f"noise. Log again without touching the sensor, or use the longest rest: --from {first_s:.1f} --to {last_s:.1f}"
     )
 
 
@@ -216,7 +216,7 @@ def _guessed_columns(headers: Sequence[str]) -> tuple[int, ...]:
     triples = [places for stem, places in axis_triples(headers).items() if GYROSCOPE_STEM.search(stem)]
     if len(triples) != 1:
         shown = ", ".join(headers) or "without a header"
-        raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); say which: --columns 2,3,4")
+        raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); name them: --columns 2,3,4")
     return triples[0]
 
 
@@ -227,8 +227,7 @@ def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[
     times = [(at, seconds) for at, header in enumerate(headers) if (seconds := seconds_of(header)) is not None]
     if len(times) != 1:
         raise ConfigError(
-            "no column is called time, or more than one is; name it with --time, or say how fast it was sampled with "
-            "--rate HZ"
+            "not exactly one column is called time; name it with --time, or set the sample rate with --rate HZ"
         )
     return times[0]
 
@@ -239,7 +238,7 @@ def _header_unit(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
         return otherwise
     if len(units) != 1:
         problem = "no unit" if not units else "different units"
-        raise ConfigError(f"the columns {', '.join(names)} name {problem}; say it: --unit {' or '.join(RateUnit)}")
+        raise ConfigError(f"the columns {', '.join(names)} name {problem}; set it: --unit {' or '.join(RateUnit)}")
     return units.pop()
 
 

@@ -161,7 +161,7 @@ class _Log:
 
     def __init__(self, samples: Samples, robust: bool, field_ut: float | None) -> None:
         if field_ut is not None and samples.microtesla is None:
-            raise ConfigError(f"{samples.path}: a field in uT says nothing of counts; say what they are (--unit)")
+            raise ConfigError(f"{samples.path}: a field in uT cannot be compared with counts; set their unit (--unit)")
         self._samples, self._field_ut = samples, field_ut
         self._gone = left_out(samples, robust=robust)
         self._change = field_change(samples)

@@ -17,9 +17,9 @@ CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
 
 _AXES = "in the axes of the sensor; soft_iron is symmetric"
-_SYMMETRIC = "That says nothing of a rotation: fit error is not heading error."
-_TURN = "They are for headings of a turn about {axis} alone: what lies along it is not corrected."
-_REFUSED = "this magnetometer calibration was refused: hiltest fit says why"
+_SYMMETRIC = "That does not exclude a rotation: fit error is not heading error."
+_TURN = "They are for headings of a turn about {axis} only: the component along it is not corrected."
+_REFUSED = "this magnetometer calibration was refused: hiltest fit prints the reason"
 
 _HEADER = """\
 /*

@@ -48,7 +48,7 @@ class CycleRange:
         """Return the range in words, with the largest contribution, and the share of `of` that is doubt about fetch."""
         if not of or not self.about_fetch:
             return self._explain(model)
-        return f"{self._explain(model)}; {100 * self.about_fetch / of:.1f} % of the count is doubt about fetch"
+        return f"{self._explain(model)}; {100 * self.about_fetch / of:.1f} % of the count is uncertainty of fetch"
 
     def _explain(self, model: str) -> str:
         most = self.moved_most_by

@@ -37,23 +37,23 @@ class Section(StrEnum):
     OWN = "Other measurements"
 
 
-COSTS_TOO_MUCH = "See which lines the cycles go to: hiltest profile ELF FUNCTION."
+COSTS_TOO_MUCH = "List the cycles by source line: hiltest profile ELF FUNCTION."
 
 NEXT_STEP = {
-    Section.HEADING: "Compare the heading errors of all calibrators: what all share is of the accelerometer, the "
-    "mounting or the table, what one has alone is of its fit.",
+    Section.HEADING: "Compare the heading errors of all calibrators: a common error comes from the accelerometer, "
+    "the mounting or the table, a single one from its fit.",
     Section.CYCLES: COSTS_TOO_MUCH,
-    Section.STREAMS: "See in the report how accuracy goes with the points received, and which points were refused.",
-    Section.FIT: "Look at the calibrated samples in the report: points all round that the model fits leave a small "
-    "residual.",
+    Section.STREAMS: "Check in the report how accuracy depends on the received points, and which points were refused.",
+    Section.FIT: "Check the calibrated samples in the report: points in all directions that the model fits leave a "
+    "small residual.",
     Section.BUDGET: "Compare the cycles per point: cheaper points, or cheaper sweeps, buy more of them.",
-    Section.ACCELEROMETER: "Calibrate the accelerometer again on its six faces, and check how each face lies.",
+    Section.ACCELEROMETER: "Calibrate the accelerometer again on its six faces, and check the position of each face.",
     Section.GYROSCOPE: "Check the table's angle and the rate of the gyroscope's samples: a turn is their sum.",
-    Section.FUSION: "Look first at heading, accelerometer and gyroscope alone: the filter mixes their errors.",
-    Section.DRIVING: "See which disturbance the heading follows: a filter has to notice that the field is another one.",
-    Section.BOARD: "Look at the wire trace, then at cable, ground and baud rate.",
+    Section.FUSION: "Check heading, accelerometer and gyroscope separately first: the filter mixes their errors.",
+    Section.DRIVING: "Find the disturbance that the heading follows: a filter must detect that the field changed.",
+    Section.BOARD: "Check the wire trace, then cable, ground and baud rate.",
     Section.STUDIES: "Run the study again with the same seed: its numbers do not depend on the machine.",
-    Section.OWN: "For a measurement of your own, look at the line that measured it, which stands beside it.",
+    Section.OWN: "For your own measurement, check the line that measured it, which is shown beside it.",
 }
 """Next step for a measurement out of its limit with an unknown cause, if its kind does not name another."""
 

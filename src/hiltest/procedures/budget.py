@@ -112,7 +112,7 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
         if cheapest is None or tried.cycles < cheapest.cycles:
             cheapest = tried
     if cheapest is None:
-        raise CalibrationError(f"{calibrator} makes nothing of {points} points")
+        raise CalibrationError(f"{calibrator} fits no calibration to {points} points")
     raise CalibrationError(
         f"{calibrator} takes {cheapest.cycles} cycles with {cheapest.effort} {scale.kind}, "
         f"more than the budget of {cycles}"

@@ -82,7 +82,9 @@ class CycleCost:
         """Reason why there is no `per_iteration`; empty when there is one."""
         if self.per_iteration is not None:
             return ""
-        return f"it took {self.iterations or 'no'} iteration{'s' * (self.iterations != 1)}, and two show what one costs"
+        return (
+            f"it took {self.iterations or 'no'} iteration{'s' * (self.iterations != 1)}, but the cost of one needs two"
+        )
 
     @property
     def no_sweeps(self) -> str:
@@ -219,8 +221,8 @@ def no_cycle_counter() -> DeviceError:
     return DeviceError(
         "CALIBRATE",
         Status.NO_CYCLE_COUNTER.name,
-        "this core counts no cycles, so the cost of a calibrator is unknown; "
-        "run the other suites with: pytest hil/suites -k 'not cycles'",
+        "this core has no cycle counter, so the cost of a calibrator is unknown; run the other suites with: pytest "
+        "hil/suites -k 'not cycles'",
     )
 
 

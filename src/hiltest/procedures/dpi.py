@@ -143,8 +143,8 @@ def measure_dpi_cycles(
         cost = reply.cost
         if reply.fit is not FitStatus.ELLIPSOID:
             raise CalibrationError(
-                f"the board refuses {size} golden pairs against gravity: {reply.fit.name}. What a refusal costs is no "
-                "measure of the fit: does slot 0 hold a good calibration of the accelerometer?"
+                f"the board refuses {size} golden pairs against gravity: {reply.fit.name}. The cost of a refusal is "
+                "not the cost of the fit: check the calibration of the accelerometer in slot 0"
             )
         if cost is None:
             raise no_cycle_counter()

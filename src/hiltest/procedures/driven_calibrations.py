@@ -141,7 +141,7 @@ def is_disturbed(board: Board) -> bool:
     """Return whether the field of a virtual board is disturbed now."""
     table, now_s = board.stage, board.virtual_seconds
     if table is None or now_s is None:
-        raise BenchError("what disturbs the field is known of a virtual board only")
+        raise BenchError("disturbances of the field are known only for a virtual board")
     fields_ut = board.true_disturbances_ut(round(1e6 * (now_s - table.firmware_clock_began_s))) or {}
     return any(float(np.linalg.norm(field_ut)) > DISTURBED_UT for field_ut in fields_ut.values())
 

@@ -100,7 +100,7 @@ def measure_driving(
     rest_gyroscope(board, seconds=bias_s, store=True)
     now_s = board.virtual_seconds
     if now_s is None:
-        raise BenchError("what disturbs the field is known of a virtual board only")
+        raise BenchError("disturbances of the field are known only for a virtual board")
     wait_s = begins_s - _BEFORE_S - now_s
     if wait_s < 0.0:
         raise BenchError(

@@ -153,7 +153,7 @@ class GrblTurntable:
         settings = self._line.settings()
         fastest_dps, faster_dps2 = settings.get(110, 0.0) / 60.0, settings.get(120, 0.0)
         if fastest_dps <= 0.0:
-            raise TurntableError("the turntable names no rate of its heading axis ($110): is it Grbl 1.1?")
+            raise TurntableError("the turntable names no rate of its heading axis ($110): check that it runs Grbl 1.1")
         reached_dps = min(rate_dps, fastest_dps)
         ramp_s = reached_dps / faster_dps2 if faster_dps2 > 0.0 else 0.0
         self._line.begin(f"G4 P{BEFORE_TURN_S:g}", "G91", f"G1 X{degrees:.3f} F{60.0 * reached_dps:.3f}", "G90")
@@ -167,7 +167,7 @@ class GrblTurntable:
         """Estimate the duration of moves from pose to pose, from the controller's rates and accelerations."""
         settings = self._line.settings()
         if any(settings.get(110 + axis, 0.0) <= 0.0 for axis in range(3)):
-            raise TurntableError("the turntable names no rates ($110 to $112): is it Grbl 1.1?")
+            raise TurntableError("the turntable names no rates ($110 to $112): check that it runs Grbl 1.1")
         total_s = 0.0
         for begin, end in pairwise(poses):
             longest_s = 0.0

@@ -79,7 +79,7 @@ def log_gyroscope(board: Board, *, seconds: float, progress: Progress | None = N
         if chunk.lost:
             raise SamplesLostError(
                 f"samples of the gyroscope were lost {len(chunks) * CHUNK / SAMPLE_RATE_HZ:.1f} s into the log: the "
-                "host did not ask in time. Run again on a quieter machine"
+                "host was too slow. Run again on a machine with less load"
             )
         chunks.append(chunk)
         tell("gyroscope log", min(len(chunks) * CHUNK, samples), samples)

@@ -102,7 +102,7 @@ def check_link(board: Board) -> LinkCheck:
     same_answer, executed_once = repeated or (False, False)
     noise = board.session.noise(began)
     if line.healed:
-        noise = f"{line.healed} checks were right when they were made again" + (f", {noise}" if noise else "")
+        noise = f"{line.healed} checks passed when they were repeated" + (f", {noise}" if noise else "")
     return LinkCheck(
         echoed=heard.count(True),
         wrong=heard.count(False),

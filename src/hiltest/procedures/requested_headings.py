@@ -288,7 +288,7 @@ def _mistake(known_angles: RequestedAngles, name: str) -> str:
         added = wrap_180(known_angles.heading_deg[name][0] - right[0])
         mistakes: dict[str, Callable[[], Reals]] = {
             f"a constant {added:+.3g} degrees is added to each heading": lambda: right + added,
-            "each heading is counted the wrong way round": lambda: -right,
+            "each heading has the opposite sense of rotation": lambda: -right,
             **_mistaken_tilts(known_angles, name),
             **{
                 f"the calibration is stale, it is that of {other!r}": partial(

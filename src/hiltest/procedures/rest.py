@@ -129,8 +129,8 @@ def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
         return
     if stillness.kind is StillnessKind.NOT_TESTED:
         raise CalibrationError(
-            f"whether the board was still was not tested: a rest of {seconds:g} s is shorter than the {window_s:g} s "
-            "of one test of stillness; let it rest for longer"
+            f"stillness was not tested: a rest of {seconds:g} s is shorter than the {window_s:g} s "
+            "of one test of stillness; rest longer"
         )
     amount_dps = stillness.amount * DPS_PER_COUNT
     axis = stillness.axis.name.lower()
@@ -142,6 +142,6 @@ def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
         stillness.first / SAMPLE_RATE_HZ,
         stillness.axis,
         motion,
-        f"Leave it alone for {seconds:g} s and run again; where no one touched it, is the table shaken, or "
-        "sensors.gyroscope_noise_mdps_per_rthz in the rig too small?",
+        f"Leave the board alone for {seconds:g} s and run again; if it was not touched, check for vibration, and "
+        "sensors.gyroscope_noise_mdps_per_rthz in the rig",
     )

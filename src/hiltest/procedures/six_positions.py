@@ -233,8 +233,8 @@ def _check_residual(method: str, poses: Sequence[StillPose], solution: Accelerom
     if not abs(solution.residual_mg - computed_mg) <= _RESIDUAL_ROUNDING_MG:
         raise FirmwareContradictionError(
             f"the firmware contradicts itself: it answers a residual of {solution.residual_mg:.3f} mg for its "
-            f"{method} fit, and its own poses and calibration give {computed_mg:.3f} mg; does it apply the "
-            "calibration to the accelerometer as it answers it?"
+            f"{method} fit, and its own poses and calibration give {computed_mg:.3f} mg; check that it applies the "
+            "calibration that it reports"
         )
 
 
@@ -256,12 +256,13 @@ def true_accelerometer(board: Board) -> AccelerometerFit | None:
 
 _REMEDIES = {
     AccelerometerStatus.MISSING_FACE: "take all six",
-    AccelerometerStatus.REPEATED_FACE: "take each face once",
-    AccelerometerStatus.MISPLACED_FACE: "put the board on the faces that are asked for",
+    AccelerometerStatus.REPEATED_FACE: "use each face once",
+    AccelerometerStatus.MISPLACED_FACE: "put the board on the requested faces",
     AccelerometerStatus.MOVED: "leave the board alone for a second on each",
     AccelerometerStatus.TOO_FEW_POSES: "an ellipsoid needs at least 9",
     AccelerometerStatus.POOR_COVERAGE: "turn the board to more sides",
-    AccelerometerStatus.NOT_AN_ELLIPSOID: "the poses fit no ellipsoid: was the board still, and the part not shaken?",
+    AccelerometerStatus.NOT_AN_ELLIPSOID: "the poses do not lie on an ellipsoid: keep the board still, without "
+    "vibration",
 }
 
 
@@ -273,8 +274,8 @@ def _take(board: Board, face: Face) -> int:
     if not is_on_face(stored.mean, face):
         raise _MisplacedError(
             f"asked for {FACE_WORDS[face]}, and the board reads {_grams(stored.mean)}: "
-            f"it lies {_face_name(stored.mean)}; put it on the face that is asked for, or look at the accelerometer's "
-            "axes if it lies there",
+            f"it lies {_face_name(stored.mean)}; put it on the requested face, or check the accelerometer's axes if "
+            "it lies there",
             faces=[face],
         )
     moved = _movement(stored, after)
@@ -329,7 +330,8 @@ def _refuse_limits(run: AccelerometerRun, limits: Mapping[str, Limit], dip_deg: 
             raise FaceError(
                 f"the faces were askew by {askew_deg:.2f} deg rms, too much for limits.{name} of {limit.max:g} deg: "
                 f"what they leave of the accelerometer's axes turns it by up to {turned_deg:.2g} deg (99th percentile, "
-                f"at a dip of {dip_deg:g} deg); lay the board down more truly, in a block, or widen the limit",
+                f"at a dip of {dip_deg:g} deg); align the board more precisely, for example in a block, or widen the "
+                "limit",
                 faces=[int(face) for face in FACES],
             )
 

@@ -119,8 +119,8 @@ def collect_tumble(
         if not was_late:
             return tumble
     raise TurntableError(
-        f"in each of {_TUMBLES} tumbles a request or its answer was late: the points are not of the places that the "
-        "table went through. Check the line: cable, ground and baud rate"
+        f"in each of {_TUMBLES} tumbles a request or its answer was late, so the points do not match the positions "
+        "of the table. Check the line: cable, ground and baud rate"
     )
 
 
@@ -208,7 +208,7 @@ def _collect_by_position(
             return places
     raise TurntableError(
         f"only {collected.stored} of {collected.total} points in {_TUMBLES} tumbles of {takes_s:.0f} s: the table "
-        "does not follow its way, or this machine or the line is too slow to take one point at a time"
+        "does not follow its path, or this machine or the line is too slow for single points"
     )
 
 

@@ -206,7 +206,7 @@ def _refuse_unusable(axis: Axis, turning: IntegrateGyroscopeReply, bias: Reals, 
     limit = _EDGE_SIGMAS * noise / math.sqrt(EDGE_SAMPLES)
     for total, when in ((turning.begin, "it had begun before the first"), (turning.end, "it was not over at the last")):
         if (np.abs(total / EDGE_SAMPLES - bias) > limit).any():
-            raise TurnInvalidError(f"{invalid}: {when} sample. Begin when you are told, and be back in time")
+            raise TurnInvalidError(f"{invalid}: {when} sample. Begin at the prompt, and be back in time")
 
 
 def _refuse_wrong_turn(axis: Axis, turn: GyroscopeTurn) -> None:
@@ -216,8 +216,8 @@ def _refuse_wrong_turn(axis: Axis, turn: GyroscopeTurn) -> None:
         felt, name = ", ".join(f"{angle_deg:+.0f}" for angle_deg in felt_deg), axis.name.lower()
         raise TurnInvalidError(
             f"the turn about {name} is invalid: the gyroscope felt ({felt}) deg about x, y, z where {degrees:+g} about "
-            f"{name} were asked for. Is that axis down, was the table turned once and that way, and does the firmware "
-            "map the sensor's axes and signs to the board's?"
+            f"{name} were asked for. Check that this axis points down, that the table was turned once and in this "
+            "sense, and the firmware's mapping of the sensor's axes and signs"
         )
 
 

@@ -40,7 +40,7 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
         difference for difference in comparison.differences if difference.limit is not None and seen_from(difference)
     ]
     detectable = {difference.name: difference.seen for difference in limited if difference.seen is not None}
-    print_smallest_changes(console, "smallest change that this comparison sees in 4 of 5 cases", detectable)
+    print_smallest_changes(console, "smallest change that this comparison detects in 4 of 5 cases", detectable)
 
 
 def print_smallest_changes(console: Console, heading: str, detectable: Mapping[str, float]) -> None:
@@ -55,7 +55,7 @@ def print_changes(console: Console, comparison: Comparison, *, at_most: int | No
     if comparison.remark:
         say(console, comparison.remark, "yellow")
     if len(comparison.obstacles) > 1:
-        say(console, "why it is not evaluated", "bold red")
+        say(console, "reasons reasons why it is not evaluated", "bold red")
         _entries(console, comparison.obstacles)
     for change, differences in shown(comparison):
         say(console, f"{change} ({len(differences)})", _STYLES.get(change, "bold"))

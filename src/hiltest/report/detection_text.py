@@ -16,9 +16,8 @@ def print_detection(console: Console, detection: Detection) -> None:
     """Print the number of runs for each measurement, and the assumptions."""
     say(
         console,
-        f"To see a change of {detection.size:g} {detection.unit} in 4 of 5 comparisons, while of 100 "
-        "comparisons of unchanged firmware at most 1 calls any of "
-        f"{detection.sharing} measurements worse:",
+        f"To detect a change of {detection.size:g} {detection.unit} in 4 of 5 comparisons, with at most 1 of 100 "
+        f"comparisons of unchanged firmware that calls any of {detection.sharing} measurements worse:",
     )
     paired = detection.board != REAL
     grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
@@ -35,11 +34,14 @@ def print_detection(console: Console, detection: Detection) -> None:
     if not detection.of_base:
         say(
             console,
-            "BASE has too few runs to say how much they differ: the deviations are those of the default rig. "
-            "Save five runs or more of one firmware: hiltest baseline save RUN... FILE",
+            "BASE has too few runs to estimate their differences: the deviations are those of the default rig. Save "
+            "at least five runs of one firmware: hiltest baseline save RUN... FILE",
         )
     if paired:
-        say(console, "Runs a side are for a board with this noise; on a virtual board both firmwares read the same.")
+        say(
+            console,
+            "Runs per side are for a board with this noise; on a virtual board both firmwares read the same samples.",
+        )
 
 
 def _count(count: int | None) -> str:

@@ -69,7 +69,7 @@ def _append(file: int, name: str, page: str, whole_is: str) -> str:
     room = MOST_BYTES - existing - len(apart)
     shown = cut(page, room, whole_is)
     if not shown:
-        return f"no job summary: {name} holds {existing // 1024} KiB already, and at most {MOST_BYTES // 1024} are kept"
+        return f"no job summary: {name} has {existing // 1024} KiB already, and its limit is {MOST_BYTES // 1024} KiB"
     remaining = (apart + shown).encode("utf-8", errors="backslashreplace")
     try:
         while remaining:
@@ -78,7 +78,7 @@ def _append(file: int, name: str, page: str, whole_is: str) -> str:
         with contextlib.suppress(OSError):
             os.ftruncate(file, existing)  # half a table would spoil the existing content
         raise
-    return "" if shown == page else f"the job summary was cut to {MOST_BYTES // 1024} KiB; {whole_is} has all of it"
+    return "" if shown == page else f"the job summary was cut to {MOST_BYTES // 1024} KiB; {whole_is} is complete"
 
 
 def _write_warning(name: str, error: Exception) -> str:

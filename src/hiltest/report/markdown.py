@@ -38,7 +38,7 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         yield from table(["change", "measurement", "base", "new", "by", "tolerance", "limit", "outcome"], rows)
     yield from ("", f"{plain_text(counts(comparison))}.")
     both = ([*row] for row in sides(comparison))
-    yield from folded("What was compared", table(["", "base", "new"], both))
+    yield from folded("Compared runs", table(["", "base", "new"], both))
 
 
 def _lines(run: Run) -> Iterator[str]:
@@ -62,7 +62,7 @@ def _lines(run: Run) -> Iterator[str]:
         yield from folded(stream_overview.HEADING, table([*stream_overview.HEADINGS], rows))
     yield from folded("Every measurement", _measurements(run))
     yield from folded(
-        "What the numbers rest on",
+        "Basis of the numbers",
         (f"- {plain_text(name)}: {plain_text(text)}" for name, text in overview.provenance(run)),
     )
 
@@ -82,7 +82,7 @@ def _failures(summary: Summary) -> Iterator[str]:
     ]
     if rows:
         yield from ("", "## Failures", "")
-        heads = ["measurement", "value", "unit", "limit", "baseline", "likely cause, or why", "measured at"]
+        heads = ["measurement", "value", "unit", "limit", "baseline", "likely cause or reason", "measured at"]
         yield from table(heads, rows)
 
 

@@ -62,7 +62,7 @@ def cut(text: str, most_bytes: int, whole_is: str) -> str:
     """
     if len(_bytes(text)) <= most_bytes:
         return text
-    ending = f"\n**Cut short: it would have been too long. The whole is in {plain_text(whole_is)}.**\n"
+    ending = f"\n**Truncated to the size limit. The complete report is in {plain_text(whole_is)}.**\n"
     remaining = most_bytes - len(_bytes(ending)) - len(_bytes(f"\n{_CLOSED}\n"))
     fitting_lines, is_open = [], False
     for line in text.splitlines(keepends=True):

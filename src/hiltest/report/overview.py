@@ -206,7 +206,7 @@ def _provenance(run: Run) -> Iterator[tuple[str, str]]:
         yield "rig", f"{run.rig.name} ({run.rig.file})"
         yield "rig SHA-256", run.rig.sha256
         yield "mounting yaw", run.rig.mounting
-        yield "faults on purpose", run.rig.faults
+        yield "injected faults", run.rig.faults
     yield "seed", "none" if run.seed is None else str(run.seed)
     yield "suite", run.suite
     yield "poses", run.poses

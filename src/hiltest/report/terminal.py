@@ -42,7 +42,7 @@ _FOLDED = {
     WITHOUT_WAITS: "cycles without\nmemory waits\n(ranked)",
     WITH_WAITS: "cycles\nas it runs\nfrom flash",
 }
-CHANGE_SEEN = "smallest change that a comparison of such a run sees in 4 of 5 cases"
+CHANGE_SEEN = "smallest change that a comparison of such a run detects in 4 of 5 cases"
 _WITHIN_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 

@@ -59,13 +59,16 @@ class Device:
     """Table of a user's kind."""
 
     def __post_init__(self) -> None:
-        require(bool(self.kinds), "kind", 'names no kind; write kind = "fsflk" or another')
+        require(bool(self.kinds), "kind", 'has no kind; write kind = "fsflk" or another')
         require(
             "hiltest" not in self.kinds or self.kinds == ("hiltest",),
             "kind",
-            '"hiltest" goes with no other kind: firmware that speaks its protocol offers all by that',
+            '"hiltest" excludes other kinds: firmware that speaks its protocol offers all by that',
         )
-        for kind, table, says in (("text", self.text, "what its lines mean"), ("memory", self.memory, "its variables")):
+        for kind, table, says in (
+            ("text", self.text, "the meaning of its lines"),
+            ("memory", self.memory, "its variables"),
+        ):
             require(
                 kind not in self.kinds or table is not None,
                 "kind",
@@ -82,10 +85,10 @@ class Device:
         require(1.0 <= self.tumble_s <= 600.0, "tumble_s", "must be 1 to 600")
         require(0.1 <= self.window_s <= 60.0, "window_s", "must be 0.1 to 60")
         require(
-            2.0 * self.window_s <= self.settle_s <= 600.0, "settle_s", "must be two windows at least, and at most 600"
+            2.0 * self.window_s <= self.settle_s <= 600.0, "settle_s", "must be at least two windows, and at most 600"
         )
         strangers = sorted(set(self.sources.values()) - set(self.kinds))
-        require(not strangers, "sources", f"names {', '.join(strangers)}, which is not among kind")
+        require(not strangers, "sources", f"names {', '.join(strangers)}, which kind does not have")
 
     @property
     def kinds(self) -> tuple[str, ...]:

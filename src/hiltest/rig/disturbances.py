@@ -135,7 +135,7 @@ class PassingTable:
         require(
             1e-3 <= math.hypot(*self.velocity_mps) <= _FASTEST_MPS,
             "velocity_mps",
-            f"must be 0.001 to {_FASTEST_MPS:g} m/s: what never moves is part of [field]",
+            f"must be 0.001 to {_FASTEST_MPS:g} m/s: a static source is part of [field]",
         )
         require(0.0 <= self.at_s <= _LONGEST_S, "at_s", f"must be 0 to {_LONGEST_S:g}")
         require(
@@ -171,13 +171,13 @@ class PassingTable:
 
 
 def _check_times(key: str, rows: Sequence[Sequence[float]]) -> None:
-    require(1 <= len(rows) <= _MOST_ROWS, key, f"needs 1 to {_MOST_ROWS} rows, each of a time and what is then")
+    require(1 <= len(rows) <= _MOST_ROWS, key, f"needs 1 to {_MOST_ROWS} rows of a time and a value")
     times_s = [row[0] for row in rows]
     require(times_s[0] >= 0.0 and times_s[-1] <= _LONGEST_S, key, f"has times from 0 to {_LONGEST_S:g} s")
     require(
         all(before <= after for before, after in pairwise(times_s)),
         key,
-        "goes back in time: each row is at the time of the one before, a step, or later",
+        "goes back in time: each row needs the time of the row before, for a step, or a later one",
     )
 
 

@@ -113,17 +113,17 @@ class Faults:
         check_span(self.after_s)
         for key in ("lose", "double", "flip", "split"):
             require(0.0 <= getattr(self, key) <= 1.0, key, "is a probability, 0 to 1")
-        require(self.lose + self.double + self.flip <= 1.0, "lose", "and double and flip are more than 1 together")
+        require(self.lose + self.double + self.flip <= 1.0, "lose", "plus double plus flip exceed 1")
         require(
             self.of_line or bool(self.of_board),
             "seed",
-            "names no fault: write one of lose, double, flip, split, "
-            "late, stall, disappear, baud, full_output, sensor, held_line and reset beside it, or take it out",
+            "has no fault: write one of lose, double, flip, split, "
+            "late, stall, disappear, baud, full_output, sensor, held_line and reset beside it, or remove it",
         )
         require(
             self.full_output is None or self.direction != "to-host",
             "full_output",
-            'is of the way to the board: direction "to-host" has none',
+            'applies only to the direction to the board, not to "to-host"',
         )
 
     @property

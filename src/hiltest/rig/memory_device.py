@@ -74,7 +74,7 @@ class MemoryDevice:
         require(
             bool(self.values),
             "values",
-            'names no quantity; write hard_iron = { path = "sfg.MagCal.fV", '
+            'has no quantity; write hard_iron = { path = "sfg.MagCal.fV", '
             'unit = "uT" } or others under [device.memory.values]',
         )
         if self.server is not None:

@@ -33,7 +33,7 @@ class PlayedSensor:
         require(
             all(map(_AXIS.fullmatch, words)) and sorted(word[-1] for word in words) == ["x", "y", "z"],
             "axes",
-            f"{self.axes!r} must be each of x, y and z once, with a sign where it points the other way, such as "
+            f"{self.axes!r} must be x, y and z in any order, with a minus for the opposite direction, such as "
             "'-y -x -z'",
         )
 
@@ -64,10 +64,10 @@ class PlaybackFile:
     gyroscope: PlayedSensor = field(default_factory=PlayedSensor)
 
     def __post_init__(self) -> None:
-        require(bool(self.file), "file", "names no recording")
+        require(bool(self.file), "file", "has no recording")
         require(self.start_s is None or 0.0 <= self.start_s <= 3600.0, "start_s", "must be 0 to 3600")
         require(self.rate_hz is None or 0.01 <= self.rate_hz <= 1e5, "rate_hz", "must be 0.01 to 100000")
-        require(self.rate_hz is None or self.time is None, "rate_hz", "excludes time: one of them says the times")
+        require(self.rate_hz is None or self.time is None, "rate_hz", "excludes time: leave one of them out")
         for sensor, unit in UNITS.items():
             written_unit = self.sensor(sensor).unit
             require(

@@ -108,24 +108,24 @@ class Rig:
         require(
             (self.world is None) == (self.board.kind != "virtual"),
             "world",
-            'is the truth of a board of kind "virtual": there with it, absent with any other',
+            'is required for a board of kind "virtual", and not allowed for others',
         )
         simulated = self.turntable.kind == "simulated"
         require(
             simulated == (self.board.kind == "virtual"),
             "turntable",
-            'kind "simulated" goes with a board of kind "virtual", "operator" and "grbl" with others',
+            'kind "simulated" requires a board of kind "virtual", kinds "operator" and "grbl" another board',
         )
         require(
             self.procedure.accelerometer_calibration == "none" or self.faces is not None,
             "faces",
-            'is missing: procedure.accelerometer_calibration "six-position" needs to know how true they are',
+            'is missing: procedure.accelerometer_calibration "six-position" needs their accuracy',
         )
         of_board = self.faults.of_board if self.faults else ()
         require(
             self.world is not None or not of_board,
             "faults",
-            'sensor, held_line and reset happen to a board of kind "virtual" alone',
+            'sensor, held_line and reset require a board of kind "virtual"',
         )
         sensor = self.faults.sensor if self.faults else None
         require(
@@ -157,8 +157,8 @@ class Rig:
         require(
             agrees,
             "sensors",
-            f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: they may differ by a factor of "
-            f"{MOST_NOISE_RATIO:g}; the residual of a fit is compared with the declared one",
+            f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: the largest allowed ratio is "
+            f"{MOST_NOISE_RATIO:g}, since the residual of a fit is compared with the declared noise",
         )
 
     @property
@@ -181,9 +181,9 @@ class Rig:
         """
         if self.world is not None and self.world.playback is not None:
             raise ConfigError(
-                f"{self.where('world', 'playback')}: world.playback: {feature} is not offered while a recording is "
-                "played: no table turns what it shows, and no known angle judges it. hiltest play shows what firmware "
-                "finds from it; hiltest log, device try and serve let it be heard: see docs/playback.md"
+                f"{self.where('world', 'playback')}: world.playback: {feature} is not possible with a recording, "
+                "which has no turntable and no known angle. hiltest play shows the results of firmware; hiltest log, "
+                "listen and serve also play it: see docs/playback.md"
             )
 
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:

@@ -76,7 +76,7 @@ def parse_rig(path: Path, content: bytes) -> Rig:
         text = content.decode("utf-8")
         data = tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a rig is a TOML file") from error
+        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a rig must be a TOML file") from error
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(_not_toml(path, text, str(error))) from error
     source = _Source(path, text)
@@ -218,9 +218,9 @@ def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> No
     try:
         Limit(min=entry.min, max=entry.max)
         if key[0] == "limits" and is_error and max(abs(entry.min or 0.0), abs(entry.max or 0.0)) >= 180.0:
-            raise ValueError("no heading is off by more than 180 degrees: this limit says nothing")
+            raise ValueError("no heading error exceeds 180 degrees: this limit has no effect")
         if entry.suite and key[0] != "limits":
-            raise ValueError("suite says which tests must meet a limit; what is shown without a verdict has none")
+            raise ValueError("suite selects the tests that must meet a limit; a measurement without verdict has none")
     except ValueError as error:
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: {error}") from error
 
@@ -234,8 +234,9 @@ def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
             if bound is not None and abs(bound) < uncertainty_deg:
                 mounting = f"{rig.mounting.uncertainty_deg:g}" if rig.mounting else "not declared"
                 raise ConfigError(
-                    f"{source.where(('limits', name))}: limits.{name} of {bound:g} deg is tighter than the reference "
-                    f"itself is known, {uncertainty_deg:.3g} deg (turntable {rig.turntable.uncertainty_deg:g}, "
+                    f"{source.where(('limits', name))}: limits.{name} of {bound:g} deg is tighter than the "
+                    f"uncertainty of the reference, {uncertainty_deg:.3g} deg (turntable "
+                    f"{rig.turntable.uncertainty_deg:g}, "
                     f"mounting {mounting}); widen the limit, or measure the reference better"
                 )
 
@@ -248,8 +249,8 @@ def _refuse_tolerances_beyond_limits(rig: Rig, source: _Source) -> None:
         room = max(bounds) - min(bounds) if len(bounds) == 2 else max(map(abs, bounds), default=0.0)
         if room and (tolerance.absolute >= room or tolerance.relative >= 1.0):
             raise ConfigError(
-                f"{source.where(('tolerances', name))}: tolerances.{name} is wider than what its limit leaves "
-                f"({source.where(('limits', name))}: {limit}): a change as large as that would not be seen"
+                f"{source.where(('tolerances', name))}: tolerances.{name} is wider than its limit "
+                f"({source.where(('limits', name))}: {limit}): such a change would not be detected"
             )
 
 

@@ -31,7 +31,7 @@ class TextValue:
         require(
             self.scale is not None or str(self.unit).lower() not in COUNTS,
             "unit",
-            f"{self.unit!r} needs a scale: what one count is in the quantity's unit",
+            f"{self.unit!r} needs a scale: one count in the quantity's unit",
         )
 
     @property
@@ -57,7 +57,7 @@ class TextCommands:
             require(
                 all(ord(letter) < 0x100 for letter in getattr(self, field.name)),
                 field.name,
-                "has a character that is no byte: those up to U+00FF are",
+                "has a character above U+00FF, which is not a byte",
             )
 
 
@@ -85,8 +85,8 @@ class TextDevice:
     def __post_init__(self) -> None:
         is_csv = self.format == "csv"
         of_lines = self.format == "lines"
-        require(of_lines == bool(self.patterns), "patterns", 'go with format = "lines", and only with it')
+        require(of_lines == bool(self.patterns), "patterns", 'require format = "lines"')
         require(is_csv or not self.columns, "columns", 'belong to format = "csv"')
         require(is_csv or self.separator == ",", "separator", 'belongs to format = "csv"')
         require(len(self.separator) == 1, "separator", "must be one character")
-        require(bool(self.patterns or self.values), "values", "is missing: it says where each quantity is")
+        require(bool(self.patterns or self.values), "values", "is missing: it has the place of each quantity")

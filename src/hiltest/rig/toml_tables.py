@@ -111,12 +111,12 @@ class LocalField:
         require(
             (self.latitude_deg is None) == (self.longitude_deg is None),
             "longitude_deg",
-            "and latitude_deg are a place together: write both, or none",
+            "and latitude_deg need each other: write both, or neither",
         )
         # Range of the World Magnetic Model.
         require(-1_000.0 <= self.altitude_m <= 850_000.0, "altitude_m", "must be within -1000 to 850000")
         require(self.strength_ut > 0.0, "strength_ut", "must be above 0")
-        require(abs(self.dip_deg) < 90.0, "dip_deg", "must be within -90 to 90: at a pole there is no heading")
+        require(abs(self.dip_deg) < 90.0, "dip_deg", "must be within -90 to 90, since headings are undefined at a pole")
         require(abs(self.declination_deg) <= 180.0, "declination_deg", "must be within -180 to 180")
 
 
@@ -167,7 +167,7 @@ class SensorChoice:
         require(
             0.0 < self.gyroscope_noise_mdps_per_rthz <= _NOISIEST_MDPS,
             "gyroscope_noise_mdps_per_rthz",
-            f"must be above 0 and at most {_NOISIEST_MDPS:g}: with more, a board in a hand would count as still",
+            f"must be above 0 and at most {_NOISIEST_MDPS:g}: more noise hides the motion of a hand",
         )
 
 
@@ -191,8 +191,8 @@ class CoveredPart:
     """Share of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it."""
 
     def __post_init__(self) -> None:
-        require(any(self.axis), "axis", "must not be zero: it is a direction")
-        require(0.0 < self.fraction <= 1.0, "fraction", "must be above 0 and at most 1, all of the sphere")
+        require(any(self.axis), "axis", "must not be zero, since it is a direction")
+        require(0.0 < self.fraction <= 1.0, "fraction", "must be above 0 and at most 1, the whole sphere")
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,12 +216,12 @@ class TurntableSettings:
         require(
             (self.kind == "grbl") == (self.port is not None),
             "port",
-            'names the serial port of a turntable of kind "grbl", and only of that',
+            'requires a turntable of kind "grbl"',
         )
         require(
             self.kind == "simulated" or self.covered is None,
             "covered",
-            'confines a tumble of kind "simulated"; another table is not simulated',
+            'requires a turntable of kind "simulated"',
         )
 
 
@@ -258,15 +258,15 @@ class Procedure:
     """Reference calibrator, of which costs are given as multiples; empty for none."""
 
     def __post_init__(self) -> None:
-        require(len(self.headings_deg) >= 4, "headings_deg", "needs at least 4 headings, or no worst sector is found")
+        require(len(self.headings_deg) >= 4, "headings_deg", "needs at least 4 headings for a worst sector")
         headings_deg = [heading % 360.0 for heading in self.headings_deg]
         for key, values in (("headings_deg", headings_deg), ("tilts_deg", self.tilts_deg)):
-            require(len(set(values)) == len(values), key, "has the same one twice: its errors would count twice")
+            require(len(set(values)) == len(values), key, "repeats a value, whose errors would count twice")
         require((0.0, 0.0) in self.tilts_deg, "tilts_deg", "must contain the level one, [0, 0]")
         require(
             all(abs(pitch) < 90.0 for pitch, _ in self.tilts_deg),
             "tilts_deg",
-            "must keep pitch within -90 to 90: beyond, heading turns round",
+            "must keep pitch within -90 to 90, where heading is unique",
         )
         require(1 <= self.readings_per_pose <= 512, "readings_per_pose", "must be 1 to 512, as the firmware averages")
         require(self.calibration_points >= 9, "calibration_points", "must be at least 9, the unknowns of an ellipsoid")
@@ -286,7 +286,7 @@ class Procedure:
         require(
             self.accelerometer_calibration != "none" or not self.untrimmed_calibrations,
             "untrimmed_calibrations",
-            "has nothing to leave out while accelerometer_calibration is none",
+            "requires an accelerometer_calibration other than none",
         )
         for written in self.further_calibrations:
             points = number_of_points(written)

@@ -101,7 +101,7 @@ class SimulatedWorld:
         require(
             all(self.accelerometer_cross_axis_percent[axis][axis] == 0.0 for axis in range(3)),
             "accelerometer_cross_axis_percent",
-            "has a number on its diagonal: that is accelerometer_gain_error_percent",
+            "has a number on its diagonal: use accelerometer_gain_error_percent for gains",
         )
         require(len(self.face_errors_deg) in (0, 6), "face_errors_deg", "needs a row for each of the six faces")
         self._check_temperature()
@@ -109,12 +109,12 @@ class SimulatedWorld:
         require(
             abs(volume) >= _SMALLEST_VOLUME,
             "soft_iron",
-            "is singular: it maps every field into a plane, and no calibration can undo that",
+            "is singular: it maps every field into a plane, which no calibration can correct",
         )
         require(
             volume > 0.0 or bool(self.mirrored),
             "soft_iron",
-            "mirrors the field: its determinant is negative; write mirrored = true beside it if it is meant to",
+            "mirrors the field: its determinant is negative; write mirrored = true beside it if that is intended",
         )
         strangers = [part for part in self.fitted if part not in PARTS]
         require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(PARTS)}")
@@ -128,12 +128,12 @@ class SimulatedWorld:
         require(
             (self.temperature_end_degc is None) == (not durations),
             "temperature_end_degc",
-            "goes with temperature_ramp_s or temperature_time_constant_s: how the temperature gets there",
+            "requires temperature_ramp_s or temperature_time_constant_s",
         )
         require(
             len(durations) < 2,
             "temperature_ramp_s",
-            "excludes temperature_time_constant_s: one of them says the course",
+            "excludes temperature_time_constant_s: leave one of them out",
         )
         for key, duration_s in durations.items():
             require(duration_s > 0.0, key, "must be above 0")

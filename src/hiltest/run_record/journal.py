@@ -60,7 +60,7 @@ class Journal:
             self._file.truncate(self._bytes_before)
         except OSError as error:
             reason = error.strerror or str(error)
-            raise ConfigError(f"cannot keep a record in {folder}: {reason}; name another one with --out") from error
+            raise ConfigError(f"cannot write a record to {folder}: {reason}; name another folder with --out") from error
         self._announced = self._begun = self._finished = False
 
     def earlier(self, kind: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:

@@ -84,7 +84,7 @@ def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
     if seeds := sorted(str(folder) for folder in place.glob(SEED_FOLDERS) if folder.is_dir()):
         named = join_words(seeds, _SEEDS_AT_MOST)
         raise ConfigError(f"{place}: a campaign, not one run: {_campaign_state(place)}; name one of {named}")
-    raise ConfigError(f"{place}: no record of a run: neither {RUN_FILE} nor a line in {JOURNAL_FILE}")
+    raise ConfigError(f"{place} has no record of a run: neither {RUN_FILE} nor a line in {JOURNAL_FILE}")
 
 
 def _campaign_state(place: Path) -> str:
@@ -113,7 +113,7 @@ def _parse_run(file: JsonFile) -> Run:
     for kind, names in _unique_names(run):
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
-            raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {OTHERWISE}")
+            raise ConfigError(f"{path}: {kind} {shown(twice)} appears twice; {OTHERWISE}")
     for table in run.tables:
         for number, row in enumerate(table.rows, 1):
             if len(row) != len(table.columns):
@@ -144,7 +144,7 @@ def _read_journal(path: Path) -> RecordFile:
     entries = [_entry(path, number, line) for number, line in enumerate(lines[:-1], 1)]
     starts = [index for index, entry in enumerate(entries) if entry.get("kind") == "start"]
     if not starts:
-        raise _NothingRecordedError(f"{path}: no run has written its first line; {OTHERWISE}")
+        raise _NothingRecordedError(f"{path}: it has no line; {OTHERWISE}")
     content = _join_entries(path, entries[starts[-1] :], first_line=starts[-1] + 1)
     run = _parse_run(JsonFile(path, json_line(content).encode(), content))
     ended = content["verdict"] is not _UNKNOWN
@@ -181,9 +181,9 @@ def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
     try:
         entry = parse_json(line)
     except ValueError as error:
-        raise ConfigError(f"{path}: line {number} is damaged: {error}; the lines before it are whole") from error
+        raise ConfigError(f"{path}: line {number} is damaged: {error}; earlier lines are complete") from error
     if not isinstance(entry, dict):
-        raise ConfigError(f"{path}: line {number} is no entry of a journal; {OTHERWISE}")
+        raise ConfigError(f"{path}: line {number} is not an entry of a journal; {OTHERWISE}")
     return entry
 
 
@@ -216,7 +216,7 @@ def _join_entries(path: Path, entries: list[dict[str, Any]], *, first_line: int)
                 other_attempts += entry.get("other_attempts", [])
                 content["finished_utc"] = entry["utc"]
         except (LookupError, TypeError) as error:
-            raise ConfigError(f"{path}: line {number} is no entry of a journal: {error}; {OTHERWISE}") from error
+            raise ConfigError(f"{path}: line {number} is not an entry of a journal: {error}; {OTHERWISE}") from error
     by_kind = {"measurements": measurements, "tables": tables}
     return (
         content

@@ -88,10 +88,12 @@ def read_rounds(
         raise ValueError("no round was counted, so there are no cycles to show")
     wrong = [one for one in rounds if not isinstance(one, Integral) or isinstance(one, bool) or one < 0]
     if wrong:
-        raise ValueError(f"{wrong[0]!r} is no number of cycles: give whole numbers, or what cycles(elf).call() returns")
+        raise ValueError(
+            f"{wrong[0]!r} is not a number of cycles: give whole numbers, or the result of cycles(elf).call()"
+        )
     if len(models) != 1:
-        named = f"these were counted by {' and '.join(sorted(models))}" if models else "nothing says what counted these"
-        raise ValueError(f"cycles need one cycle model, or they could be compared with another's; {named}")
+        named = f"these were counted by {' and '.join(sorted(models))}" if models else "their cycle model is unknown"
+        raise ValueError(f"cycles of different models are not comparable, so all need one cycle model; {named}")
     clocks = {one.clock_hz for one in costs if hasattr(one, "clock_hz")}
     if len(clocks) > 1:
         raise ValueError(f"these were called at clocks of {' and '.join(f'{hz / 1e6:g}' for hz in sorted(clocks))} MHz")
@@ -140,7 +142,7 @@ class BenchmarkCycles:
             already reported a kernel.
         """
         if self._called:
-            raise ValueError(f"{kernel}: a test shows one kernel, as pytest-benchmark has it; parametrize it for more")
+            raise ValueError(f"{kernel}: pytest-benchmark shows one kernel per test; parametrize the test for more")
         rounds, model, extra = read_rounds(cost, cycle_model)
         self._called = True
         if self._show is not None:
@@ -224,7 +226,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
             f"{name} {saved.get(name)}, now {value}" for name, value in board.items() if saved.get(name) != value
         ]
         if differs:
-            terminalreporter.write_line(f"the saved cycles are of another board: {'; '.join(differs)}", yellow=True)
+            terminalreporter.write_line(f"the saved cycles belong to another board: {'; '.join(differs)}", yellow=True)
 
 
 def _board_record(hil: HilSession) -> BoardRecord | None:

@@ -95,7 +95,7 @@ class Measure:
 
         if isinstance(value, Counted):
             if unit not in ("", "cycle") or cycle_model:
-                raise ValueError(f"{name}: a counted call brings its unit and its cycle model; leave both out")
+                raise ValueError(f"{name}: a counted call has its unit and its cycle model: leave both out")
             unit, cycle_model, band = "cycle", value.cycle_model, getattr(value, "band", None)
             value = value.cycles
         caller = sys._getframe(1)
@@ -143,7 +143,7 @@ class Measure:
 
         cells = tuple(tuple(row) for row in rows)
         if any(len(row) != len(columns) for row in cells):
-            raise ValueError(f"table {name!r}: every row needs {len(columns)} cells, as many as there are columns")
+            raise ValueError(f"table {name!r}: every row needs {len(columns)} cells, one per column")
         table = Table(name, tuple(Column(*column) for column in columns.items()), cells)
         self._item.stash.setdefault(FOUND, Found()).tables.append(table)
 

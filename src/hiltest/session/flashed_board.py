@@ -31,16 +31,16 @@ def open_flashed(hil: HilSession) -> list[str]:
     from hiltest.boards.flashing.flashing import find_target, flash
 
     if hil.hands_out or hil.is_worker:
-        raise pytest.UsageError("--flash: a board is flashed, and then used, by one process: leave out -n")
+        raise pytest.UsageError("--flash needs a single process: leave out -n")
     for name in ("coverage", "replay"):
         if getattr(hil.settings, name) is not None:
             other = hil.settings.sources[name]
-            raise pytest.UsageError(f"--flash is for a real board, and {other} has none: leave one out")
+            raise pytest.UsageError(f"--flash needs a real board, which {other} excludes: leave one of them out")
     actions = []
     try:
         file = hil.settings.firmware or firmware_of(hil.rig)
         if hil.settings.base is not None:
-            raise ConfigError("--flash: a raw binary is flashed to 0, or give an ELF or Intel HEX; leave out --base")
+            raise ConfigError("--flash writes a raw binary to address 0: leave out --base, or use ELF or Intel HEX")
         image = load_flash_image(file)
         target = find_target(rig=hil.rig, port=hil.settings.port)
         hil.open(with_board=False)

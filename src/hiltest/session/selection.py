@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import pytest
 
+from hiltest.session.settings import setting
+
 # Options of pytest that leave tests out.
 _CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
 _NOT_COLLECTED = ("ignore", "ignore_glob", "lf")
@@ -66,9 +68,6 @@ class Choice:
         return bool(named) and not any("::" not in argument and (start / argument).is_dir() for argument in named)
 
 
-RUN_COMMAND = "hiltest-run"
-"""Name of the plugin of ``hiltest run``."""
-
 MARKER = "full"
 
 
@@ -96,7 +95,7 @@ class LeftOut(NamedTuple):
             If `items` is empty.
         """
         if self.tests and not items:
-            raise pytest.UsageError(f"nothing to run in the {self.describe()[0]}")
+            raise pytest.UsageError(f"no test to run in the {self.describe()[0]}")
 
 
 def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: Sequence[pytest.Item]) -> LeftOut:
@@ -115,8 +114,7 @@ def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: 
         Tests that were deselected.
     """
     full = [item for item in candidates if item.get_closest_marker(MARKER) is not None]
-    how = "--suite full" if config.pluginmanager.has_plugin(RUN_COMMAND) else "--hil-suite=full"
-    left_out = LeftOut(tuple(item.nodeid for item in full), how)
+    left_out = LeftOut(tuple(item.nodeid for item in full), f"{setting('suite').flag_in(config)} full")
     if full:
         config.hook.pytest_deselected(items=full)
         items[:] = [item for item in items if item not in full]

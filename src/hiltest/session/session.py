@@ -20,7 +20,6 @@ from hiltest.campaigns.gate import SessionGate
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
-    RUN_COMMAND,
     Choice,
     id_in_record,
     only_looks,
@@ -29,7 +28,7 @@ from hiltest.session.selection import (
     uses_hiltest,
     uses_rig,
 )
-from hiltest.session.settings import Settings, check_environment
+from hiltest.session.settings import RUN_COMMAND, Settings, check_environment
 
 if TYPE_CHECKING:
     from hiltest.boards import Board, OnChip
@@ -232,9 +231,9 @@ class HilSession:
         if settings.record is None and settings.replay is None:
             return
         if self.is_worker or self.hands_out:
-            raise ConfigError(f"{option}: a run is recorded and replayed in one process; leave out -n and --dist")
+            raise ConfigError(f"{option} needs a single process: leave out -n and --dist")
         if settings.coverage is not None:
-            raise ConfigError(f"{option}: a recording has no coverage; leave out --hil-coverage")
+            raise ConfigError(f"{option}: a recording has no coverage: leave out {settings.sources['coverage']}")
 
     def claim_folder(self) -> Recorder:
         """Return the recorder of this session, which now owns its folder exclusively.
@@ -463,7 +462,9 @@ class HilSession:
             return check(name, value, unit=unit, limit=limit, could_offer=True, **more)
         unit_of_limit = rig.units.get(name, unit)
         if unit != unit_of_limit:
-            raise ValueError(f"{name} is measured in {unit!r}, and its limit in {rig.path} is in {unit_of_limit!r}")
+            raise ValueError(
+                f"{name} is measured in {unit!r}, but its limit in {rig.path} has the unit {unit_of_limit!r}"
+            )
         kind = self._board.origin if self._board else rig.board.kind
         return check(
             name,
@@ -551,7 +552,7 @@ class HilSession:
         """Return the header lines: the board, the conditions of its numbers, and the base of the comparison."""
         base = [*self.gate.describe(), *self._remarks]
         if (self.trouble or self._board) and self.rig.faults is not None:
-            base = [f"faults on purpose: {self.rig.faults}", *base]
+            base = [f"injected faults: {self.rig.faults}", *base]
         if self.trouble is not None:
             return [f"hiltest: {self.trouble}", f"rig {self._rig_line()}", *base]
         if self._board is None:

@@ -40,8 +40,8 @@ class Replay(NamedTuple):
         for name in _OF_THE_RECORDED_RUN:
             if getattr(requested, name) is not None:
                 raise ConfigError(
-                    f"{requested.sources[name]} goes not with --hil-replay: bench, firmware and seed are the recorded "
-                    "ones"
+                    f"{requested.sources[name]} does not go with {requested.sources['replay']}, which has the recorded "
+                    "bench, firmware and seed: leave it out"
                 )
         run = self.run
         return requested._replace(
@@ -65,8 +65,8 @@ class Replay(NamedTuple):
         rig = load_rig(named)
         if different := other_conditions(recorded, rig):
             raise ConfigError(
-                f"{named}: not the rig of the recording {self.record.file} ({recorded.path}): {different}. Leave "
-                "--hil-rig out for the recorded one"
+                f"{named}: not the rig of the recording {self.record.file} ({recorded.path}): {different}. "
+                "Leave the option out for the recorded rig"
             )
         return rig
 

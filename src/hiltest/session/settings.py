@@ -20,15 +20,14 @@ if TYPE_CHECKING:  # the import takes 0.15 s, and commands that run no test do n
     import pytest
 
 DEFAULT_OUT = "hil-out"
+RUN_COMMAND = "hiltest-run"
+"""Name of the pytest plugin of `hiltest run`, whose options have no prefix."""
 LONGEST_LABEL = 100
 MOST_JOBS = 1000
 LONGEST_NAME = 255
 """Longest name of a file in bytes: NAME_MAX of Linux' file systems."""
 _PREFIX = "HIL_"
 _SCHEDULER = re.compile(r"(?:tcp|tls)://(?:\[[0-9A-Fa-f:.]+\]|[^\s/?#@:\[\]]+):(?P<port>[0-9]{1,5})", re.ASCII)
-
-_POSES: Mapping[str, Literal["all", "level"]] = {"all": "all", "level": "level"}
-_SUITES: Mapping[str, Literal["gate", "full"]] = {"gate": "gate", "full": "full"}
 
 
 def seed(text: str) -> int:
@@ -51,7 +50,7 @@ def address(text: str) -> int:
     except ValueError:
         number = -1
     if not 0 <= number < 1 << 32:
-        raise argparse.ArgumentTypeError(f"{text!r} is no address: write it as 0x8000")
+        raise argparse.ArgumentTypeError(f"{text!r} is not an address: write it as 0x8000")
     return number
 
 
@@ -74,18 +73,15 @@ def jobs(text: str) -> int | str:
     )
 
 
-def poses(text: str) -> Literal["all", "level"]:
-    """Parse which known angles are measured: ``all`` or ``level``."""
-    if text not in _POSES:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither 'all' nor 'level'")
-    return _POSES[text]
+def choice(*words: str) -> Callable[[str], str]:
+    """Return a parser that accepts one of several words."""
 
+    def parse(text: str) -> str:
+        if text not in words:
+            raise argparse.ArgumentTypeError(f"{text!r} is not one of {', '.join(map(repr, words))}")
+        return text
 
-def suite(text: str) -> Literal["gate", "full"]:
-    """Parse which set of tests runs: ``gate`` or ``full``."""
-    if text not in _SUITES:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither 'gate' nor 'full'")
-    return _SUITES[text]
+    return parse
 
 
 def file_name(text: str) -> str:
@@ -94,14 +90,21 @@ def file_name(text: str) -> str:
         raise argparse.ArgumentTypeError("the name is empty")
     longest = max((len(os.fsencode(part)) for part in Path(text).parts), default=0)
     if longest > LONGEST_NAME:
-        raise argparse.ArgumentTypeError(f"a name of {longest} bytes is too long: a file's has at most {LONGEST_NAME}")
+        raise argparse.ArgumentTypeError(
+            f"a name of {longest} bytes is too long: file names have at most {LONGEST_NAME} bytes"
+        )
     return text
+
+
+def file_path(text: str) -> Path:
+    """Parse the name of a file or folder as a path."""
+    return Path(file_name(text))
 
 
 def label(text: str) -> str:
     """Parse the label of a run: one short line, or nothing."""
     if not text.isprintable() or len(text) > LONGEST_LABEL:
-        raise argparse.ArgumentTypeError(f"{text!r} is no label: one line of at most {LONGEST_LABEL} characters")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a label: use one line of at most {LONGEST_LABEL} characters")
     return text
 
 
@@ -122,22 +125,43 @@ def make_folder(folder: Path) -> None:
     except OSError as error:
         file = next((parent for parent in (folder, *folder.parents) if parent.is_file()), None)
         reason = f"{file} is a file" if file else error.strerror or str(error)
-        raise ConfigError(f"cannot write to the folder {folder}: {reason}; name another one with --out") from error
+        raise ConfigError(f"cannot write to the folder {folder}: {reason}; name another folder with --out") from error
 
 
 class Option(NamedTuple):
-    """One setting: option ``--hil-<name>``, ini ``hil_<name>``, environment ``HIL_<NAME>``."""
+    """One setting, in four places.
+
+    It is ``--NAME`` of ``hiltest``, ``--hil-NAME`` of pytest, ``hil_NAME`` in the ini file and ``HIL_NAME`` in the
+    environment.
+    """
 
     name: str
     metavar: str
     parse: Callable[[str], Any]
     default: str | None
+    fallback: str
+    """Value of an option without default, described for the help; empty without one."""
     help: str
 
     @property
     def flag(self) -> str:
-        """Name on the command line."""
+        """Name on pytest's command line."""
         return f"--hil-{self.name}"
+
+    def flag_in(self, config: pytest.Config) -> str:
+        """Return its name on the command line that was typed: that of ``hiltest run``, or pytest's."""
+        return f"--{self.name}" if config.pluginmanager.has_plugin(RUN_COMMAND) else self.flag
+
+    def check(self, text: str) -> str:
+        """Return a text unchanged, which pytest can send to its workers.
+
+        Raises
+        ------
+        argparse.ArgumentTypeError
+            If it cannot be parsed.
+        """
+        self.parse(text)
+        return text
 
     @property
     def ini(self) -> str:
@@ -151,22 +175,66 @@ class Option(NamedTuple):
 
 
 OPTIONS = (
-    Option("rig", "FILE", file_name, None, "rig file or name (default: hil/rigs/virtual-k64f.toml, here or packaged)"),
-    Option("firmware", "FILE", file_name, None, "firmware for the virtual board (default: the packaged one)"),
+    Option("rig", "FILE", file_name, None, "virtual-k64f", "Use this rig: a file, or the name of a rig in hil/rigs."),
     Option(
-        "base", "ADDRESS", address, None, "the firmware is a raw binary that belongs there (default: 0, for a .bin)"
+        "firmware",
+        "FILE",
+        file_path,
+        None,
+        "the packaged one",
+        "Run this firmware on the virtual board: ELF, Intel HEX or raw binary.",
     ),
-    Option("port", "URL", file_name, None, "serial port of a real board: device or pyserial URL (default: the rig's)"),
-    Option("out", "DIR", file_name, DEFAULT_OUT, f"folder for run.json and the reports (default: {DEFAULT_OUT})"),
-    Option("seed", "N", seed, None, "seed of the simulated world (default: the rig's)"),
-    Option("poses", "all|level", poses, None, "known angles to measure: all, or the level ones (default: the rig's)"),
-    Option("suite", "gate|full", suite, "gate", "set of tests: gate leaves out those marked full (default: gate)"),
-    Option("calibration", "FILE", file_name, None, "calibration file of this board, to be tested too"),
-    Option("label", "TEXT", label, None, "name of this run in reports and trends, such as a version"),
-    Option("baseline", "FILE", file_name, None, "baseline or record of a run to compare this one with"),
-    Option("coverage", "FILE", file_name, None, "file of LCOV for the coverage of the virtual board's firmware"),
-    Option("record", "FILE", file_name, None, "record all that the run asks of its bench; .gz is compressed"),
-    Option("replay", "FILE", file_name, None, "take the answers from such a recording: no firmware runs"),
+    Option("base", "ADDRESS", address, None, "0, for a .bin", "Load a raw binary at this address."),
+    Option(
+        "port",
+        "URL",
+        file_name,
+        None,
+        "the rig's",
+        "Connect to a real board: a serial device, usb://SERIAL or another pyserial URL.",
+    ),
+    Option("out", "DIR", file_path, DEFAULT_OUT, "", "Write run.json and the reports to this folder."),
+    Option("seed", "N", seed, None, "the rig's", "Set the seed of the simulated world."),
+    Option(
+        "poses",
+        "all|level",
+        choice("all", "level"),
+        None,
+        "the rig's",
+        "Measure at all known angles, or only at the level ones.",
+    ),
+    Option(
+        "suite",
+        "gate|full",
+        choice("gate", "full"),
+        "gate",
+        "",
+        "Run the gate set of tests, or the full set.",
+    ),
+    Option(
+        "calibration", "FILE", file_path, None, "", "Test also this calibration file of the board (hiltest calibrate)."
+    ),
+    Option("label", "TEXT", label, None, "", "Name this run in reports and trends, for example by its version."),
+    Option("baseline", "FILE", file_path, None, "", "Fail if the run is worse than this baseline, or record of a run."),
+    Option(
+        "coverage",
+        "FILE",
+        file_path,
+        None,
+        "",
+        "Write the coverage of the virtual board's firmware, for LCOV's genhtml.",
+    ),
+    Option(
+        "record",
+        "FILE",
+        file_path,
+        None,
+        "",
+        "Record everything that the run asks of its bench, with the answers; compress FILE.gz.",
+    ),
+    Option(
+        "replay", "FILE", file_path, None, "", "Take the answers from such a recording, without board and firmware."
+    ),
 )
 _SAME_ON_ALL_SEEDS = ("rig", "firmware", "base", "poses", "suite", "calibration", "label")
 
@@ -230,7 +298,9 @@ def add_options(parser: pytest.Parser) -> None:
     """Add every option and its ini twin to pytest's parser."""
     group = parser.getgroup("hiltest", "hardware-in-the-loop (each also as ini hil_NAME and environment HIL_NAME)")
     for option in OPTIONS:
-        group.addoption(option.flag, metavar=option.metavar, type=option.parse, default=None, help=option.help)
+        default = option.default or option.fallback
+        text = f"{option.help}  (default: {default})" if default else option.help
+        group.addoption(option.flag, metavar=option.metavar, type=option.check, default=None, help=text)
         parser.addini(option.ini, type="string", default=None, help=f"same as {option.flag}")
 
 
@@ -246,31 +316,16 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
     sources: dict[str, str] = {}
     for option in OPTIONS:
         values[option.name], sources[option.name] = _resolve_one(option, config, environment)
-    out = Path(values["out"])
-    return Settings(
-        rig=values["rig"],
-        firmware=None if values["firmware"] is None else Path(values["firmware"]),
-        base=values["base"],
-        port=values["port"],
-        out=out if out.is_absolute() else config.invocation_params.dir / out,
-        seed=values["seed"],
-        poses=values["poses"],
-        suite=values["suite"],
-        calibration=None if values["calibration"] is None else Path(values["calibration"]),
-        label=values["label"],
-        baseline=None if values["baseline"] is None else Path(values["baseline"]),
-        **{
-            name: None if values[name] is None else config.invocation_params.dir / values[name]
-            for name in ("coverage", "record", "replay")
-        },
-        sources=sources,
-    )
+    for name in ("out", "coverage", "record", "replay"):
+        if values[name] is not None:
+            values[name] = config.invocation_params.dir / values[name]
+    return Settings(**values, sources=sources)
 
 
 def _resolve_one(option: Option, config: pytest.Config, environment: Mapping[str, str]) -> tuple[Any, str]:
     value = config.getoption(option.flag)
     if value is not None:
-        return value, option.flag
+        return option.parse(value), option.flag_in(config)
     for text, source in ((environment.get(option.variable), option.variable), (config.getini(option.ini), option.ini)):
         if text:
             try:
@@ -279,4 +334,9 @@ def _resolve_one(option: Option, config: pytest.Config, environment: Mapping[str
                 import pytest
 
                 raise pytest.UsageError(f"{source}: {error}") from None
-    return option.default, "default"
+    return None if option.default is None else option.parse(option.default), "default"
+
+
+def setting(name: str) -> Option:
+    """Return the option of a name."""
+    return next(option for option in OPTIONS if option.name == name)

@@ -162,7 +162,7 @@ def check_one_worker(config: pytest.Config, items: Sequence[pytest.Item]) -> Non
     distribution = distribution_of(config)
     if distribution not in (SPREAD, "loadgroup"):
         raise pytest.UsageError(
-            f"{workers} workers, and {ours[0].nodeid} uses hiltest: such tests share one board and one record, so they "
+            f"{workers} workers, and {ours[0].nodeid} uses hiltest: such tests share one board and one record, and "
             f"must run in one worker. Leave out --dist {distribution}, or -n"
         )
     strays = [item.nodeid for item in ours if not item.nodeid.endswith(f"@{GROUP}")]

@@ -156,9 +156,9 @@ class Player(Tape):
         if entry is not None:
             recorded = _describe(entry, beside=sent)
         elif self._is_whole:
-            recorded = "has come to its end"
+            recorded = "is at its end"
         else:
-            recorded = "ends without its mark of the end: it was cut short"
+            recorded = "has no end mark: it was cut short"
         self._divergence = self._other(asked, recorded)
         raise self._divergence
 
@@ -175,7 +175,7 @@ def _describe(entry: TranscriptEntry, *, beside: bytes = b"") -> str:
     if (call := _call(entry)) is not None:
         return f"asked {_question(str(call['call']), call.get('given', {}))}"
     if entry.direction is Direction.TO_HOST:
-        return f"read {len(entry.data)} bytes before it went on"
+        return f"read {len(entry.data)} bytes first"
     words, difference = frames_in_words(entry.data), ""
     if beside and frames_in_words(beside) == words:  # as with a difference in check value or sequence number only
         pairs = enumerate(zip_longest(beside, entry.data))

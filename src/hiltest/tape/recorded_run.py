@@ -39,7 +39,9 @@ def read_transcript(path: Path) -> tuple[RecordedRun, Transcript]:
     """
     transcript = Transcript.read(path)
     if transcript.recorded is None:
-        raise ConfigError(f"{path}: a wire trace, not a recording of a run: make one with --hil-record FILE")
+        raise ConfigError(
+            f"{path} is a wire trace, not a recording of a run: make a recording with hiltest run --record FILE"
+        )
     try:
         run: RecordedRun = restored(RecordedRun, transcript.recorded)
     except ValueError as error:

@@ -49,7 +49,7 @@ def member_of(interface: type, name: str) -> Member:
     """
     attribute = inspect.getattr_static(interface, name, None)
     if name.startswith("_") or (attribute is None and name not in get_type_hints(interface)):
-        raise AttributeError(f"{interface.__name__} has no {name!r}, by which it could be recorded")
+        raise AttributeError(f"{interface.__name__} has no {name!r}, which recording needs")
     if isinstance(attribute, property):
         return Member(is_method=False, hint=get_type_hints(attribute.fget)["return"])
     if inspect.isfunction(attribute):
@@ -88,8 +88,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, Sequence):
         return [plain(item) for item in value]
     raise TypeError(
-        f"{type(value).__name__} cannot be recorded: an interface that is recorded takes and gives plain "
-        "values, dataclasses, arrays, and other interfaces"
+        f"{type(value).__name__} cannot be recorded: recorded interfaces exchange plain values, dataclasses, arrays, "
+        "and other interfaces"
     )
 
 

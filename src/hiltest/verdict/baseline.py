@@ -13,6 +13,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
 from hiltest.run_record.comparison import FromBuild, Revision, Side
 from hiltest.run_record.outcomes import TestOutcome
+from hiltest.text import format_count
 from hiltest.verdict.evidence import REAL, Conditions, Evidence, Seed
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.statistics import mean_value
@@ -88,16 +89,16 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
     """
     if evidence.faults or evidence.conditions is None:
         reason = evidence.faults[0] if evidence.faults else f"{evidence.name}: no board answered"
-        raise ConfigError(f"{reason}; a baseline is a run that is whole")
+        raise ConfigError(f"{reason}; a baseline needs a complete run")
     if evidence.chosen:
         raise ConfigError(
-            f"{evidence.name}: only chosen tests ran; a baseline is a run that is whole: run all of them, without -k, "
-            "-m or names of tests"
+            f"{evidence.name}: only chosen tests ran; a baseline needs a complete run: run all tests, without -k, -m "
+            "or names of tests"
         )
     seeds = tuple(evidence.measurements)
     rows = rows_of(evidence, seeds)
     if not rows:
-        raise ConfigError(f"{evidence.name}: it has no number at all; a baseline is a run that measured something")
+        raise ConfigError(f"{evidence.name}: it has no number; a baseline needs measurements")
     return Baseline(
         SCHEMA,
         saved_utc,
@@ -252,7 +253,7 @@ def _replace_rows(
     """Return a baseline with the given rows, which are of one run or of several builds."""
     remaining = {name: row for name, row in sorted(rows.items()) if row is not None}
     if not remaining:
-        raise ConfigError(f"nothing is moved: no measurement would be left; {run.name} has none of these")
+        raise ConfigError(f"nothing changes: no measurement would remain, since {run.name} has none of the named ones")
     if run.conditions is not None and run_rows == {name: _as_in_run(row, run_rows) for name, row in remaining.items()}:
         side = replace(kept_side(run, baseline.saved_utc), seeds=baseline.side.seeds)
         return replace(baseline, side=side, conditions=run.conditions, measurements=tuple(run_rows.values()))
@@ -265,17 +266,18 @@ def _replace_rows(
 def _refuse_another_bench(baseline: Baseline, run: Evidence) -> None:
     reasons = obstacles(evidence_from(baseline, "the baseline", ""), run, None, together=False)
     if reasons:
-        raise ConfigError(f"nothing is moved: {reasons[0]}")
+        raise ConfigError(f"nothing changes: {reasons[0]}")
     missing = [str(seed) for seed in baseline.seeds if seed not in run.measurements]
     if missing and baseline.conditions.board == REAL:
         raise ConfigError(
-            f"{run.name} is of {len(run.measurements)}, and the baseline of {len(baseline.seeds)} runs; name as many, "
-            "or save it anew: hiltest baseline save RUN... FILE"
+            f"{run.name} has {format_count(len(run.measurements), 'run')}, and the baseline {len(baseline.seeds)}; "
+            "name as many, or "
+            "save a new one: hiltest baseline save RUN... FILE"
         )
     if missing:
         raise ConfigError(
-            f"{run.name} has no seed {', '.join(missing)}, which the baseline has: a mean over some old and some new "
-            "seeds says nothing; run with all of them (--seeds A..B)"
+            f"{run.name} has no seed {', '.join(missing)}, which the baseline has: means need the same seeds; run "
+            "with all of them (--seeds A..B)"
         )
 
 
@@ -284,8 +286,8 @@ def _refuse_unchosen(run: Evidence, missing: Sequence[str]) -> None:
     if run.chosen and missing:
         others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
         raise ConfigError(
-            f"nothing is moved: only chosen tests ran, and {run.name} has no {missing[0]}{others}; accept what it "
-            "measured, by names that nothing else has, or run all tests, without -k, -m or names of tests"
+            f"nothing changes: only chosen tests ran, and {run.name} has no {missing[0]}{others}; accept its "
+            "measurements by their full names, or run all tests, without -k, -m or names of tests"
         )
 
 
@@ -297,7 +299,9 @@ def _matching_names(patterns: Sequence[str], rows: dict[str, BaselineRow], run: 
         if not matches:
             nearest = get_close_matches(pattern, all_names, n=1)
             hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-            raise ConfigError(f"no measurement is called {pattern!r}, neither in the baseline nor in {run.name}{hint}")
+            raise ConfigError(
+                f"no measurement has the name {pattern!r}, neither in the baseline nor in {run.name}{hint}"
+            )
         named += matches
     return named
 

@@ -90,13 +90,13 @@ def baseline_in(file: JsonFile) -> Baseline:
 def _fault(baseline: Baseline) -> str:
     """Return a contradiction between rows that are each valid; empty without one."""
     if not baseline.seeds:
-        return "it is of no run at all: seeds is empty"
+        return "it has no run: seeds is empty"
     if not baseline.measurements:
-        return "there is nothing to compare with: measurements is empty"
+        return "it has nothing to compare: measurements is empty"
     for kind, values in (("seed", baseline.seeds), ("measurement", [row.name for row in baseline.measurements])):
         twice = [value for value, count in Counter[Seed | str](values).items() if count > 1]
         if twice:
-            return f"{kind} {shown(twice[0])} stands twice"
+            return f"{kind} {shown(twice[0])} appears twice"
     for row in baseline.measurements:
         if len(row.values) != len(baseline.seeds):
             return f"{shown(row.name)} has {len(row.values)} values for {len(baseline.seeds)} seeds"

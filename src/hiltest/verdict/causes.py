@@ -42,23 +42,25 @@ class Cause(StrEnum):
 
 
 ADVICE = {
-    Cause.AXES: "Compare the driver's axes with the data sheet's, and how the board lies with the rig's [mounting].",
-    Cause.ACCELEROMETER: "Calibrate the accelerometer first: a wrong one tilts every heading.",
-    Cause.CONSTANT_OFFSET: "Check the mounting yaw that the rig declares, a declination, and the firmware's axes.",
-    Cause.POOR_COVERAGE: "Collect points all round: what was seen of the sphere does not hold an ellipsoid.",
-    Cause.STALE: "Calibrate again: the calibration is not of the iron that is there now, or not of these points.",
-    Cause.HARD_IRON: "Compare the hard iron with the one that the same points give in float64.",
-    Cause.SCALE: "Compare the gain of each axis with the one that the same points give in float64.",
-    Cause.SOFT_IRON: "Compare the soft iron with the one that the same points give in float64.",
-    Cause.ROTATION: "Compare the rows and columns of the soft iron with those that the same points give in float64.",
-    Cause.GOOD_FIT_BAD_HEADING: "A fit of norms cannot see a rotated soft iron: calibrate against gravity (dpi).",
-    Cause.BAD_FIT: "Look at the calibrated samples in the report: the model does not fit them.",
+    Cause.AXES: "Compare the driver's axes with the data sheet, and the board's position with [mounting] in the rig.",
+    Cause.ACCELEROMETER: "Calibrate the accelerometer first: its error tilts every heading.",
+    Cause.CONSTANT_OFFSET: "Check the mounting yaw in the rig, a declination, and the firmware's axes.",
+    Cause.POOR_COVERAGE: "Collect points in all directions: the points cover too little of the sphere for an "
+    "ellipsoid.",
+    Cause.STALE: "Calibrate again: the calibration does not match the present iron, or these points.",
+    Cause.HARD_IRON: "Compare the hard iron with the float64 fit of the same points.",
+    Cause.SCALE: "Compare the gain of each axis with the float64 fit of the same points.",
+    Cause.SOFT_IRON: "Compare the soft iron with the float64 fit of the same points.",
+    Cause.ROTATION: "Compare the rows and columns of the soft iron with the float64 fit of the same points.",
+    Cause.GOOD_FIT_BAD_HEADING: "Calibrate against gravity (dpi): a fit of norms cannot detect a rotated soft iron.",
+    Cause.BAD_FIT: "Check the calibrated samples in the report: the model does not fit them.",
     Cause.FRAME: "Correct frame or heading under [device] in the rig, or the firmware's convention.",
-    Cause.NOT_TOGETHER: "Compare unit, order and axes of its vectors and its calibration with those in the rig.",
-    Cause.STILL: "Turn the board under hiltest device try: is it the heading, and its unit and scale right?",
-    Cause.NOT_SETTLED: "Let its filter converge: a longer converge_s or settle_s under [device], or a faster filter.",
-    Cause.FILTER: "Compare its heading with the one of its calibrated vectors: what differs is made by its filter.",
-    Cause.OWN_CALIBRATION: "Turn the board through more directions (tumbles, tumble_s), or look at its fit.",
+    Cause.NOT_TOGETHER: "Compare unit, order and axes of the firmware's vectors and calibration with the rig.",
+    Cause.STILL: "Turn the board while hiltest listen runs: check that this is the heading, its unit and its scale.",
+    Cause.NOT_SETTLED: "Let the filter converge: increase converge_s or settle_s under [device], or make the filter "
+    "faster.",
+    Cause.FILTER: "Compare the heading with that of the calibrated vectors: the difference comes from the filter.",
+    Cause.OWN_CALIBRATION: "Turn the board through more directions (tumbles, tumble_s), or check its fit.",
 }
 """The next step for each cause."""
 

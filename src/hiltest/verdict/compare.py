@@ -22,8 +22,8 @@ from hiltest.verdict.wording import entry, format_seeds, sentence
 _Measured = Mapping[Seed, Mapping[str, Measurement]]
 _MOVED = (Change.BETTER, Change.WORSE)
 _ASSUMED = (
-    "Too few runs to say how much they differ: this board is assumed to be as quiet as the default rig. Save five runs "
-    "or more of one firmware: hiltest baseline save RUN RUN ... FILE."
+    "Too few runs to estimate their differences: the noise of the default rig is assumed. Save at least five "
+    "runs of one firmware: hiltest baseline save RUN RUN ... FILE."
 )
 
 

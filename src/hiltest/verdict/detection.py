@@ -114,7 +114,7 @@ def _parse_size(written: str, units: Sequence[str]) -> tuple[float, str]:
         return size, unit
     shown = legible(written if len(written) <= _SHOWN_AT_MOST else f"{written[:_SHOWN_AT_MOST]}...")
     raise ValueError(
-        f"expected a number above 0 and a unit of what BASE measured, such as 0.05deg, not {shown!r}; its units are "
+        f"expected a number above 0 with a unit of BASE, such as 0.05deg, not {shown!r}; the units of BASE are "
         f"{', '.join(units) or 'none'}"
     )
 

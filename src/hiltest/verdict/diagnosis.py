@@ -39,8 +39,8 @@ NOTHING = Diagnosis(Cause.NONE, "")
 
 # Description of a calibration against gravity that is refused although axes and dip are right.
 _REFUSED = (
-    "dpi refuses as MIRRORED what the known angles show to be right: the firmware takes the dip or gravity with the "
-    "opposite sign there, or exchanges axes"
+    "dpi refuses points as MIRRORED although the known angles confirm their axes: its dip or gravity has the "
+    "opposite sign, or it exchanges axes"
 )
 
 

@@ -106,9 +106,9 @@ def _cannot_be_paired(pairs: Pairs) -> str:
         if was != now:
             return f"the {property_name} was {_join_quoted(was)}, and is {_join_quoted(now)}"
     if any(new.volatile for new in news):
-        return "it is volatile now, and no longer compared"
+        return "it is volatile now, and not compared"
     if any(abs(number) > LARGEST for side in (pairs.base, pairs.new) for number in values_of(side)):
-        return f"a number beyond {LARGEST:g} is none that can be compared"
+        return f"numbers beyond {LARGEST:g} cannot be compared"
     return ""
 
 
@@ -156,7 +156,7 @@ def _mean_change(base: Sequence[float], new: Sequence[float], better: Better, ch
     if _exceeds(base, new, tolerance) and not _may_be_chance(base, new, Better.NEITHER, chance):
         return Change.CHANGED, ""
     if tolerance == EXACT and chance.shared and any(_exceeds([a], [b], EXACT) for a, b in zip(base, new, strict=True)):
-        return Change.CHANGED, "the same in the mean, not on every seed"
+        return Change.CHANGED, "same mean, but not on every seed"
     return Change.UNCHANGED, ""
 
 
@@ -168,7 +168,7 @@ def _change_by_chance(
     if _may_be_chance(base, new, better, alone):
         return Change.UNCHANGED, f"within what {'these seeds differ' if chance.shared else 'runs differ'} by"
     many = round(FALSE_ALARMS / chance.share)
-    return Change.CHANGED, f"more than noise moves one measurement, not more than one of {many}: compare more runs"
+    return Change.CHANGED, f"beyond the noise of one measurement, but not of {many}: compare more runs"
 
 
 def _single_seed_change(

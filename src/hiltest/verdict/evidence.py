@@ -106,7 +106,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
     side = replace(side, rig=name_of_rig, seeds=() if run.seed is None else (run.seed,))
     name = file or "this run"
     of_rig = _tolerances("rig.tolerances", run.rig.tolerances if run.rig else {}, name)
-    fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
+    fault = f"{name}: the run is incomplete ({run.verdict.outcome}); repeat it"
     return Evidence(
         side,
         _conditions(run),
@@ -134,16 +134,16 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
     faults = [fault for run in runs for fault in run.faults]
     for run in runs[1:]:
         if run.conditions != first.conditions:
-            faults.append(f"{run.name}: under other conditions than {first.name}; run all seeds on one rig")
+            faults.append(f"{run.name}: other conditions than {first.name}; run all seeds on one rig")
         elif _build(run.side) != _build(first.side):
-            faults.append(f"{run.name}: of another firmware than {first.name}; run all seeds with one")
+            faults.append(f"{run.name}: another firmware than {first.name}; run all seeds with one firmware")
     numbered = len(runs) > 1 and first.conditions is not None and first.conditions.board == REAL
     measurements = _merge_by_seed([run.measurements for run in runs], numbered=numbered)
     tests = _merge_by_seed([run.tests for run in runs], numbered=numbered)
     if len(measurements) < sum(len(run.measurements) for run in runs):
-        faults.append(f"{file}: a seed stands there twice; run the campaign into an empty folder")
+        faults.append(f"{file}: a seed appears twice; run the campaign into an empty folder")
     if numbered and len({run.side.sha256 for run in runs}) < len(runs):
-        faults.append(f"{file}: one run stands there twice, which says nothing about noise; name each run once")
+        faults.append(f"{file}: a run appears twice, which hides noise; name each run once")
     digest = sha256_of("".join(run.side.sha256 for run in runs).encode()).hexdigest()
     side = replace(
         first.side,

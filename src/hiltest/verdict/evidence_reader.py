@@ -36,8 +36,8 @@ def read_evidence(place: Path) -> Evidence:
             return _campaign_evidence(place, seeds) if seeds else _run_evidence(place)
         if (place / SEEDS_FILE).exists():
             raise ConfigError(
-                f"{place}: holds both a single run and a campaign ({SEEDS_FILE}), one of them stale; name the run's "
-                f"{RUN_FILE}, or run again with an --out of its own"
+                f"{place}: has both a single run and a campaign ({SEEDS_FILE}); name the run's {RUN_FILE}, or run "
+                "again with another --out"
             )
         return _run_evidence(place)  # the run is newer than any seeds beside it: a campaign removes a single run first
     if place.name.endswith(".jsonl"):
@@ -81,7 +81,7 @@ def _run_evidence(place: Path) -> Evidence:
 def _campaign_evidence(folder: Path, seeds: Sequence[Path]) -> Evidence:
     runs, faults = [], []
     if not (folder / SEEDS_FILE).exists():
-        faults.append(f"{folder}: the campaign was cut short: it has no {SEEDS_FILE}; run all of it again")
+        faults.append(f"{folder}: the campaign was cut short: it has no {SEEDS_FILE}; repeat it")
     for seed in seeds:
         try:
             runs.append(_run_evidence(seed))

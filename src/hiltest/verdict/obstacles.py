@@ -49,7 +49,7 @@ def _side_differences(base: Evidence, new: Evidence, *, together: bool) -> Itera
         boardless = (side for side in (base, new) if side.conditions is None and side.measurements)
         yield from (f"{side.name}: no board answered; run it again" for side in boardless)
     elif was.board != now.board:
-        yield f"another kind of board: {was.board} before, {now.board} now; compare runs of one kind"
+        yield f"another kind of board: {was.board} before, {now.board} now; compare runs on one kind of board"
     else:
         yield from _condition_differences(base, new, was, now, _renew_advice(together=together))
         yield from _cycle_model_differences(base, new, _renew_advice(together=together))
@@ -64,12 +64,12 @@ def _condition_differences(
     yield from _rig_differences(base, new, was, now, renew)
     if set(was.sensors) != set(now.sensors):
         lost, added = _join_missing(was.sensors, now.sensors), _join_missing(now.sensors, was.sensors)
-        yield f"other sensors: {_describe_changes(lost, added)}; put them back{renew}"
+        yield f"other sensors: {_describe_changes(lost, added)}; restore them{renew}"
     if lost := _join_missing(was.calibrators, now.calibrators):
-        yield f"calibrator missing: the firmware has no {lost} any more; put it back{renew}"
+        yield f"calibrator missing: the firmware no longer has {lost}; restore it{renew}"
     if was.protocol_version != now.protocol_version:
         versions = f"version {was.protocol_version} before, {now.protocol_version} now"
-        yield f"another protocol: {versions}; build both of one{renew}"
+        yield f"another protocol: {versions}; build both firmwares with one version{renew}"
     if was.poses != now.poses:
         yield f"other poses: {was.poses!r} before, {now.poses!r} now; run with --poses {was.poses}"
     if now.suite != was.suite and (was.suite, now.suite) != _A_LARGER_SUITE:
@@ -84,7 +84,7 @@ def _rig_differences(base: Evidence, new: Evidence, was: Conditions, now: Condit
         return  # tests that need no board need no rig either, although it is read if there is one
     unknown = [side.name for side, conditions in ((base, was), (new, now)) if not conditions.rig_sha256]
     if unknown:
-        yield f"{' and '.join(unknown)}: the record does not say what rig it is of; run it again with this hiltest"
+        yield f"{' and '.join(unknown)}: the record has no rig; repeat the run with this hiltest"
     elif was.rig_sha256 != now.rig_sha256:
         yield (
             f"another rig: {base.side.rig} ({was.rig_sha256[:8]}) before, {new.side.rig} ({now.rig_sha256[:8]}) now; "
@@ -96,7 +96,7 @@ def _cycle_model_differences(base: Evidence, new: Evidence, renew: str) -> Itera
     if base.side.cycle_model != new.side.cycle_model:
         yield (
             f"another cycle model: {base.side.cycle_model} before, {new.side.cycle_model} now; cycles of different "
-            f"models are never compared; measure both with one{renew}"
+            f"models are not comparable; measure both with one model{renew}"
         )
 
 
@@ -108,7 +108,7 @@ def _build_differences(base: Evidence, new: Evidence, was: Conditions, now: Cond
     if not before or not after:
         unknown = base.name if after else new.name
         if before or after:
-            yield f"{unknown}: its compiler flags are unknown; build it with debugging information (-g)"
+            yield f"{unknown}: the compiler flags are unknown; build with debugging information (-g)"
     elif set(before) != set(after):
         lost, added = _join_missing(before, after), _join_missing(after, before)
         yield f"other compiler flags: {_describe_changes(lost, added)}; {advice}"
@@ -117,7 +117,7 @@ def _build_differences(base: Evidence, new: Evidence, was: Conditions, now: Cond
 def _choice_differences(base: Evidence, new: Evidence) -> Iterator[str]:
     # Measurements that the base lacks would be new, and new ones are no regression; the opposite case would be "gone".
     if base.chosen and not new.chosen:
-        yield f"{base.name}: only chosen tests ran before, and all now; run all of them for a base"
+        yield f"{base.name}: only chosen tests ran before, and all tests now; run all tests for a base"
 
 
 def _seed_differences(base: Evidence, new: Evidence) -> Iterator[str]:
@@ -139,7 +139,7 @@ def _missing_tests(base: Evidence, new: Evidence, *, together: bool) -> Iterator
     if not missing:
         return
     test, reason = next(iter(missing.items()))
-    more, pronoun = (f", and so {len(missing) - 1} more", "them") if len(missing) > 1 else ("", "it")
+    more, pronoun = (f", and {len(missing) - 1} more", "them") if len(missing) > 1 else ("", "it")
     otherwise = _remedy_for_test(test, base, new, together=together)
     yield f"test missing: {test} passed before and {reason} now{more}; let {pronoun} run, or {otherwise}"
 
@@ -147,7 +147,7 @@ def _missing_tests(base: Evidence, new: Evidence, *, together: bool) -> Iterator
 def _remedy_for_test(test: str, base: Evidence, new: Evidence, *, together: bool) -> str:
     """Return the remedy for a missing test."""
     if together:
-        return f"leave it out of both runs: -- -k {quote('not ' + test.rpartition('::')[2].partition('[')[0])}"
+        return f"omit it from both runs: -- -k {quote('not ' + test.rpartition('::')[2].partition('[')[0])}"
     run = quote(new.side.file or "RUN")
     if base.is_baseline:
         return f"renew the baseline with `hiltest baseline save {run} {quote(base.side.file)}`"
@@ -167,9 +167,9 @@ def _tests_broken_in_base(base: Evidence, new: Evidence, differences: Sequence[D
     if not lost:
         return
     name, test = next(iter(lost.items()))
-    more = f", and so {len(lost) - 1} more" if len(lost) > 1 else ""
-    why = f"{name} is new, for {test} failed in {base.name}{more}"
-    yield f"nothing to compare with: {why}; name a base in which it passes"
+    more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
+    why = f"{name} is new, since {test} failed in {base.name}{more}"
+    yield f"no base: {why}; name a base in which it passes"
 
 
 def _broken_test_of(name: str, new: Evidence, broken: Mapping[Seed, Set[str]]) -> str:
@@ -199,21 +199,19 @@ def _missing_measurements(base: Evidence, new: Evidence, differences: Sequence[D
     for difference in gone[:_NAMED_AT_MOST]:
         why = f" ({difference.note})" if difference.note else ""
         accept = _accept(base, new, difference.name)
-        yield f"measurement gone: {difference.name}{why}; bring it back, or {accept}"
+        yield f"measurement missing: {difference.name}{why}; restore it, or {accept}"
     if len(gone) > _NAMED_AT_MOST:
-        yield f"measurements gone: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
+        yield f"measurements missing: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
     not_taken = sum(difference.change is Change.NOT_TAKEN for difference in differences)
     if not_taken and not new.faults:
         measurements = f"{not_taken} measurement{'s' * (not_taken != 1)}"
         if new.failed:
-            yield f"{new.name}: {measurements} of {base.name} not made, since tests failed; mend those first"
+            yield f"{new.name}: {measurements} of {base.name} not made, since tests failed; correct those first"
         else:
-            yield (
-                f"{new.name}: only chosen tests ran, and {measurements} of {base.name} not among them; run all of them"
-            )
+            yield (f"{new.name}: only chosen tests ran, without {measurements} of {base.name}; run all tests")
     compared = any(difference.seeds for difference in differences)
     if not compared and not gone and not not_taken and set(base.measurements) & set(new.measurements):
-        yield f"nothing was compared: {base.name} and {new.name} have no number in common; name another base"
+        yield f"{base.name} and {new.name} have no number in common; name another base"
 
 
 def _accept(base: Evidence, new: Evidence, name: str) -> str:
@@ -221,7 +219,7 @@ def _accept(base: Evidence, new: Evidence, name: str) -> str:
     if base.chosen:
         tests = (measurement[name].test for measurement in base.measurements.values() if name in measurement)
         test = next((test_id.rpartition("::")[2].partition("[")[0] for test_id in tests if test_id), "")
-        return f"leave its test out of both runs: -- -k 'not {test or 'its name'}'"
+        return f"omit its test from both runs: -- -k 'not {test or 'its name'}'"
     file, run = quote(base.side.file), quote(new.side.file or "RUN")
     update = f"{run} --accept {quote(name)} --because TEXT`"
     if base.is_baseline:

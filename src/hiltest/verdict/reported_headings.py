@@ -18,7 +18,7 @@ _PARTS = {ECOMPASS: "without its filter", CALIBRATED: "by its calibration alone"
 _CONTRADICTIONS = "heading.contradictions"
 _TILT_ERROR = KINDS["accelerometer.tilt_error"]
 _OTHER_TILT = (
-    "Take pitch and roll so under [device] in the rig, what is negated with scale = -1, or correct the firmware."
+    "Declare pitch and roll so under [device] in the rig, negated ones with scale = -1, or correct the firmware."
 )
 
 

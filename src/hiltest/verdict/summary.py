@@ -28,11 +28,11 @@ CLOSE = 0.05
 """A measurement is close to its limit if it is nearer than this fraction of it."""
 CLOSE_AT_MOST = 5
 
-_OF_UNSET = "Run the tests that measure these limits, or take the limits out of the rig."
+_OF_UNSET = "Run the tests that measure these limits, or remove the limits from the rig."
 
 _OF_DOUBT = (
-    "Set and read the angles better, and write so into the rig (uncertainty_deg under [turntable] and [mounting]): "
-    "nearer to a limit than U nothing is proven."
+    "Set and read the angles more precisely, and update uncertainty_deg under [turntable] and [mounting] in "
+    "the rig: a value closer to its limit than U proves nothing."
 )
 
 _OF_CALIBRATORS = (Section.HEADING, Section.FIT)
@@ -179,7 +179,7 @@ def ratio_in_words(result: CalibratorResult, reference: CalibratorResult) -> str
     if result is reference:
         return ""
     if cannot_be_ranked(result.cycles, reference.cycles):
-        return f"within {100 * FLASH_TIE:g} % of the cycles of {reference.name}: code in flash ranks neither"
+        return f"within {100 * FLASH_TIE:g} % of the cycles of {reference.name}: code in flash cannot be ranked"
     band = ratio_range(result.cycles, reference.cycles)
     within = f" ({band[0]:.2f} to {band[1]:.2f})" if band else ""
     return f"{result.cycles.value / reference.cycles.value:.2f} x the cycles of {reference.name}{within}"

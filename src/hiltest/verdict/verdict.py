@@ -36,7 +36,7 @@ _UNTRIMMED = "-untrimmed"
 _OF_STILL_POSES = "dpi-poses"
 _OTHERWISE = {
     **dict.fromkeys(("dpi", _OF_STILL_POSES), 'procedure.dpi is "none", or its fit was refused'),
-    "calibration": "no calibration file was named with --calibration",
+    "calibration": "--calibration named no file",
 }
 
 
@@ -334,7 +334,7 @@ def _unmet_reason(name: str, calibrators: Sequence[str], gate_only: bool, place:
             return f"nothing measured it; {_OTHERWISE[calibrator]}"
         if calibrators and calibrator not in (*calibrators, UNCALIBRATED):
             asked = f"; the limit is in {place}" if place else ""
-            return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}{asked}"
+            return f"the board has no calibrator {calibrator!r}; it has {', '.join(calibrators)}{asked}"
     if points:
-        return f"nothing measured it; procedure.further_calibrations names no {calibrator}@{points}, or its fit failed"
+        return f"nothing measured it; procedure.further_calibrations has no {calibrator}@{points}, or its fit failed"
     return "nothing in the gate set measured it" if gate_only else "nothing measured it"

@@ -274,5 +274,5 @@ def _all_seeds(comparison: Comparison, run: str, options: str | None) -> tuple[s
     as_before, out = ("OPTIONS", "DIR") if options is None else (options, quote(str(PurePath(run) / "seeds")))
     command = " ".join(filter(None, ("hiltest run", as_before, f"--seeds {min(seeds)}..{max(seeds)} --out {out}")))
     action = "run its seeds"
-    action += f" with the OPTIONS that {quote(run)} was run with" if options is None else ""
+    action += f" with the OPTIONS of the run {quote(run)}" if options is None else ""
     return f"{action}, {command}, then ", out

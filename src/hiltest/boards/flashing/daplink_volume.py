@@ -105,20 +105,20 @@ def drop(
         time.sleep(_LOOK_EVERY_S)
     ended = f"writing {FILE_NAME} failed ({failed.strerror or failed})" if failed else f"{FILE_NAME} was written"
     raise FlashError(
-        f"{volume} did not come back within {back_within_s:g} s after {ended}: whether it was programmed is not known. "
-        "Mount the drive again and look for FAIL.TXT on it; or flash with --probe pyocd"
+        f"{volume} did not come back within {back_within_s:g} s after {ended}: the result is unknown. Mount the "
+        "drive again and look for FAIL.TXT on it, or flash with --probe pyocd"
     )
 
 
 def _refuse_drive(volume: Path, state: DriveState | None) -> None:
     if state is None:
         raise FlashError(
-            f"{volume} is not the drive of a DAPLink: it has no DETAILS.TXT. Name where it is mounted with --volume"
+            f"{volume} is not the drive of a DAPLink: it has no DETAILS.TXT. Name its mount point with --volume"
         )
     if _field(state.details, "Daplink Mode").lower() == "bootloader":
         raise FlashError(
-            f"{volume} is DAPLink's own bootloader, which takes new firmware for the interface chip: unplug the board, "
-            "and plug it in again without holding its reset button"
+            f"{volume} is the boot loader of DAPLink, for firmware of the interface chip: unplug the board, and plug "
+            "it in again without holding its reset button"
         )
 
 
@@ -135,7 +135,7 @@ def _write(file: Path, content: bytes, progress: Progress) -> OSError | None:
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError as error:
         raise FlashError(
-            f"cannot write {file}: {error.strerror or error}. The drive must be mounted for you to write to"
+            f"cannot write {file}: {error.strerror or error}. Mount the drive so that you can write to it"
         ) from error
     try:
         try:
@@ -155,14 +155,14 @@ def _write(file: Path, content: bytes, progress: Progress) -> OSError | None:
 def _refuse_failure(volume: Path, failed: OSError | None, stopped: str) -> None:
     text = _text(volume / "FAIL.TXT")
     if text or (volume / "FAIL.TXT").exists():
-        raise FlashError(f"{volume}: DAPLink did not program it; FAIL.TXT: {_join_lines(text) or 'is empty'}")
+        raise FlashError(f"{volume}: DAPLink did not program the board; FAIL.TXT: {_join_lines(text) or 'is empty'}")
     if stopped:
         raise FlashError(
-            f"{volume}: DAPLink stopped at an error of its own; ASSERT.TXT: {_join_lines(stopped)}. Delete that file, "
-            "or plug the board in again, and bring its DAPLink up to date (https://daplink.io)"
+            f"{volume}: DAPLink stopped at an internal error; ASSERT.TXT: {_join_lines(stopped)}. Delete that file, "
+            "or plug the board in again, and update its DAPLink (https://daplink.io)"
         )
     if failed is not None:
-        raise FlashError(f"cannot write to {volume}: {failed.strerror or failed}; DAPLink does not say why")
+        raise FlashError(f"cannot write to {volume}: {failed.strerror or failed}; DAPLink gives no reason")
 
 
 def _field(details: str, name: str) -> str:

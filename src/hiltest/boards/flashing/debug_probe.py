@@ -44,8 +44,8 @@ def program(image: FlashImage, serial_number: str = "", *, progress: Callable[[s
         from pyocd.flash.file_programmer import FileProgrammer
     except ImportError as error:
         raise ConfigError(
-            f"--probe pyocd needs pyOCD ({error}): pip install 'hiltest[bench]'; or leave it out, and the drive of the "
-            "board's DAPLink is used"
+            f"--probe pyocd needs pyOCD ({error}): pip install 'hiltest[bench]'; or leave it out to use the drive of "
+            "the board's DAPLink"
         ) from error
     try:
         # Not ConnectHelper.session_with_chosen_probe, because it waits for a probe, and asks on the terminal.

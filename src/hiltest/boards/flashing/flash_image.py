@@ -99,7 +99,7 @@ def _chunks(image: FirmwareImage) -> tuple[Chunk, ...]:
         first, end = segment.address, segment.address + len(segment.data)
         if first < base or end > base + size:
             raise ConfigError(
-                f"{image.name}: built for another chip, or for RAM: {len(segment.data)} bytes belong at 0x{first:08x}, "
+                f"{image.name}: built for another chip, or for RAM: {len(segment.data)} bytes load at 0x{first:08x}, "
                 f"and the MK64FN1M0 has {size >> 10} KiB of flash at {base}"
             )
         if not _is_in_memories(segment.run_address, segment.run_size):
@@ -109,7 +109,7 @@ def _chunks(image: FirmwareImage) -> tuple[Chunk, ...]:
             )
         last_end = joined[-1][0] + len(joined[-1][1]) if joined else -1
         if first < last_end:
-            raise ConfigError(f"{image.name}: two segments belong at 0x{first:08x}; correct the linker script")
+            raise ConfigError(f"{image.name}: two segments load at 0x{first:08x}; correct the linker script")
         if first == last_end:
             joined[-1][1].extend(segment.data)
         else:
@@ -135,7 +135,8 @@ def _refuse_lock(image: FirmwareImage, field: bytes) -> None:
     mend = f"link it as the board's start-up code has it, FSEC (0x{_FSEC:x}) = 0xFE"
     if not field:
         raise ConfigError(
-            f"{image.name}: {place} is not all in the file: erased, it secures the chip, and no debugger gets in; "
+            f"{image.name}: {place} is incomplete in the file: erased bytes would secure the chip against all "
+            "debuggers; "
             f"{mend}"
         )
     fsec = field[_FSEC - FIELD.start]
@@ -143,7 +144,7 @@ def _refuse_lock(image: FirmwareImage, field: bytes) -> None:
         return
     harm = []
     if fsec & _SEC != _UNSECURED:
-        harm.append("secures the chip, and no debugger gets in")
+        harm.append("secures the chip against all debuggers")
     if fsec & _MEEN == _NO_MASS_ERASE:
         harm.append("forbids the mass erase that would open a secured chip again")
     raise ConfigError(f"{image.name}: {place} {', and '.join(harm)} (FSEC 0x{fsec:02X}); {mend}")

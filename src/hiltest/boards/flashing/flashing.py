@@ -113,8 +113,8 @@ def find_target(
     if (url or "").startswith("hil:") or (rig is not None and url is None and rig.board.kind != "real"):
         kind = rig.board.kind if rig is not None and url is None else "virtual"
         raise ConfigError(
-            f"a {kind} board is not flashed: it runs the ELF that --firmware names. Name the port of a board with "
-            "--hil-port, or a rig of a real board with --rig"
+            f"a {kind} board cannot be flashed: it runs the ELF of --firmware. Name the port of a board with "
+            "--port, or a rig of a real board with --rig"
         )
     board: UsbBoard | None = None
     if url is not None and not url.startswith("usb:"):
@@ -172,22 +172,19 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
             return Flashed(
                 serial_number,
                 None,
-                "it answers no requests, so nothing can ask it for its build: see "
-                f"what it says with hiltest device try --rig {rig}",
+                "it does not speak hiltest's protocol, so its build is unknown: check its output with hiltest listen "
+                f"--rig {rig}",
             )
         if target.port is None:
             return Flashed(
                 serial_number,
                 None,
-                "no serial port of the board is known, so it was not asked for its "
-                "build: name the port with --hil-port",
+                "the serial port of the board is unknown, so its build was not checked: name the port with --port",
             )
         try:
             identity = _ask(target.port, target)
         except BenchError as error:
-            raise FlashError(
-                f"{image.image.name} was programmed, but does not say that it runs: {error}{hint}"
-            ) from error
+            raise FlashError(f"{image.image.name} was programmed, but does not answer: {error}{hint}") from error
         return Flashed(serial_number, identity, _identity_remark(identity, image, target.port))
 
 
@@ -196,13 +193,13 @@ def _find_volume(target: Target) -> Path:
         return target.volume
     if target.board is None:
         raise ConfigError(
-            f"no board on this machine is known to be the one on {target.port}: name where the drive of its DAPLink is "
-            "mounted with --volume, or use --probe pyocd"
+            f"the board on {target.port} is not among the boards on this machine: name the mount point of its "
+            "DAPLink drive with --volume, or use --probe pyocd"
         )
     disks = " or ".join(f"udisksctl mount -b /dev/{disk}" for disk in target.board.disks)
     raise FlashError(
         f"the drive of board {target.serial_number} is not mounted: "
-        + (f"mount it ({disks})" if disks else "it shows none; see that its DAPLink has one (MSD in its DETAILS.TXT)")
+        + (f"mount it ({disks})" if disks else "its DAPLink has no drive (see MSD in its DETAILS.TXT)")
         + ", or use hiltest flash --probe pyocd"
     )
 
@@ -226,10 +223,10 @@ def _identity_remark(identity: Identity, image: FlashImage, port: str) -> str:
     answers = f"{identity.name} {identity.version} build {identity.build_id} answers"
     build_id = image.image.build_id
     if not build_id:
-        return f"{answers}; the image says no build to compare it with"
+        return f"{answers}; the image has no build id to compare"
     if len(identity.build_id) < _ID_DIGITS or not build_id.startswith(identity.build_id.lower()):
         raise VersionMismatchError(
-            f"{image.image.name} is build {build_id[:16]}, and on {port} {answers}: it is another board's port, or the "
-            "chip still runs what it had"
+            f"{image.image.name} is build {build_id[:16]}, and on {port} {answers}: the port belongs to another "
+            "board, or the chip still runs its earlier firmware"
         )
-    return f"{answers}: what was flashed runs"
+    return f"{answers}: the flashed firmware runs"

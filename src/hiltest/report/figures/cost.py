@@ -142,8 +142,8 @@ def budget_group(run: Run) -> FigureGroup | None:
         "Error against cycle budget",
         "Each calibrator with more and more effort on the same points: a closed form with more of them, one that "
         "iterates with more sweeps, a streaming calibrator with more points received. Mean over the known angles. "
-        "Hollow: only a sphere was fitted, no ellipsoid. Upright lines: the cycles that the thesis counts for its own "
-        "calibrator and for the library's.",
+        "Hollow: only a sphere was fitted, no ellipsoid. Vertical lines: the cycles that the thesis counts for its "
+        "own calibrator and for the library's.",
         figures,
         short="Budget",
         numbers=[Sheet("Every effort", list(_CURVE_COLUMNS.values()), list(zip(*columns, strict=True)))],

@@ -29,7 +29,7 @@ def fusion_group(run: Run) -> FigureGroup | None:
     return FigureGroup(
         "fusion",
         "Fusion during a motion",
-        "Heading while the board was turned and tilted, less the true heading; all three began with the same attitude.",
+        "Heading minus true heading while the board was turned and tilted; all three started at the same attitude.",
         [drawn_figure for drawn_figure in (figure, limits) if drawn_figure],
         numbers=[Sheet("Heading, and the errors", headings, [written(row) for row in table.rows])],
         short="Fusion",

@@ -38,8 +38,7 @@ def heading_group(run: Run) -> FigureGroup | None:
         FigureGroup(
             "heading",
             "Heading error at known angles",
-            "The heading that the board answered, less the angle that the turntable was set to. Only the mounting that "
-            "the rig declares is subtracted.",
+            "The board's heading minus the angle of the turntable. Only the declared mounting is subtracted.",
             [
                 _panel(name, _poses(table, series), limits[name], top, panel_width(len(errors), _MOST))
                 for name, series in errors.items()

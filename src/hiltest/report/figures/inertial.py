@@ -21,8 +21,8 @@ def accelerometer_group(run: Run) -> FigureGroup | None:
     limits = limit_figure(run.measurements, Section.ACCELEROMETER, "Share of each accelerometer limit")
     return _group(
         "Accelerometer",
-        "Every heading rests on the direction of gravity. Tilt error: pitch and roll that the board answered at the "
-        "known angles, less what the turntable was set to.",
+        "Every heading depends on the direction of gravity. Tilt error: the board's pitch and roll at the known "
+        "angles, minus those of the turntable.",
         limits,
         _tilt_figure(run),
         _faces_figure(run),
@@ -34,7 +34,7 @@ def gyroscope_group(run: Run) -> FigureGroup | None:
     limits = limit_figure(run.measurements, Section.GYROSCOPE, "Share of each gyroscope limit")
     return _group(
         "Gyroscope",
-        "Bias from an earlier rest than the one it is checked on, scale and axes from whole turns of the table.",
+        "The bias comes from an earlier rest than the one of the check, scale and axes from whole turns of the table.",
         limits,
         _rest_figure(run),
         _noise_figure(run),

@@ -18,7 +18,7 @@ from hiltest.run_record.run import Run, Table
 POINTS_TABLE = "tumble.points"
 CALIBRATIONS_TABLE = "calibration.results"
 _MOST = 6
-_UNIT = KeyEntry("unit circle: where a calibrated sample belongs", "unit")
+_UNIT = KeyEntry("unit circle: ideal place of calibrated samples", "unit")
 
 Array = NDArray[np.float64]
 SAMPLE = KeyEntry("a sample", "", Mark.DOT, "level filled")
@@ -54,8 +54,8 @@ def samples_group(run: Run) -> FigureGroup | None:
     return FigureGroup(
         "samples",
         "Magnetometer samples",
-        "Samples that the board collected while it was tumbled: as the sensor gave them, and as each calibrator "
-        f"corrects them. Samples on a sphere do not say that the heading is right.{_coverage_in_words(run)}",
+        "Samples that the board collected while it was tumbled, raw and corrected by each calibrator. Samples on a "
+        f"sphere do not prove that the heading is right.{_coverage_in_words(run)}",
         panels,
         most=_MOST,
         caption="y over x: raw in counts, calibrated in units of the field's magnitude",
@@ -126,7 +126,7 @@ def coverage_map(corrected: Array, shown: Array, hole: Hole | None) -> Figure:
     words = "" if named is None else f"; largest hole about {named.axes}, radius {named.radius_deg:.0f}°"
     figure = _sphere_map(
         f"coverage: {100.0 * covered.mean():.0f} % of the sphere{words}",
-        "Directions of the calibrated samples on an equal-area map; marked where none is near",
+        "Directions of the calibrated samples on an equal-area map, with the largest hole marked",
         KeyEntry("no sample near", "uncovered"),
         SPHERE[~covered],
         shown,
@@ -153,7 +153,7 @@ def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
     return _sphere_map(
         f"largest uncovered cap: {radius_deg:.0f}° radius",
         f"Directions of {len(corrected)} calibrated samples on an equal-area map: sine of the elevation over azimuth; "
-        "the largest cap without one is marked",
+        "the largest uncovered cap is marked",
         KeyEntry("largest uncovered cap", "uncovered"),
         cap,
         corrected,

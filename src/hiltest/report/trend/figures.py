@@ -161,6 +161,6 @@ def _plot_description(measured: Measured) -> str:
     )
     words += f", limit {measured.limit}" if measured.limit else ""
     if len(measured.series) > 1:
-        words += f"; {len(measured.series)} conditions that are not compared"
+        words += f"; {len(measured.series)} conditions that are not comparable"
     steps = [f"run {step.after + 1} {step.difference.change}" for step in measured.change_points]
     return f"{words}. " + (f"Change points: {', '.join(steps)}." if steps else "No change point.")

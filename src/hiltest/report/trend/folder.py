@@ -52,7 +52,7 @@ def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
         If the folder does not exist.
     """
     if not folder.is_dir():
-        raise ConfigError(f"{folder}: no such folder; name one with records of runs in it")
+        raise ConfigError(f"{folder}: no such folder; name a folder with records of runs")
     entries: list[RunEntry] = []
     skipped: list[Skipped] = []
 
@@ -113,7 +113,7 @@ def _entries(path: Path, entry_name: str) -> Iterator[RunEntry]:
     elif family == RUN_SCHEMA.partition("/")[0]:
         yield _run_entry(record_in(file).run, path, entry_name)
     elif not family.startswith("hiltest."):
-        raise ConfigError(f"{path}: no record of hiltest's: schema is {shown(file.schema)}")
+        raise ConfigError(f"{path}: not a record of hiltest: schema is {shown(file.schema)}")
 
 
 def _run_entry(run: Run, path: Path, entry_name: str) -> RunEntry:
@@ -140,7 +140,7 @@ def _time(text: str, path: Path) -> str:
     try:
         return datetime.fromisoformat(text).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     except (ValueError, OverflowError) as error:
-        raise ConfigError(f"{path}: began at {shown(text)}, which is no time") from error
+        raise ConfigError(f"{path}: began at {shown(text)}, which is not a time") from error
 
 
 def _campaigns(entries: Sequence[RunEntry]) -> list[RunEntry]:

@@ -95,7 +95,7 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
     if remark := words.models(shown):
         console.print(escape(remark), soft_wrap=True)
     if len(shown) < len(trend.measured):
-        console.print(f"{len(trend.measured) - len(shown)} more without limit and change point: --all")
+        console.print(f"{len(trend.measured) - len(shown)} more without limit and change point (--all shows them)")
     for step in trend.change_points[:_STEPS_AT_MOST]:
         entry, difference = trend.entries[step.after], step.difference
         run = f"{words.run_name(trend, step.after)}, {entry.when_utc}"
@@ -103,7 +103,7 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
         console.print(escape(line), style=_STYLES.get(difference.change), soft_wrap=True)
         console.print(escape(f"    {words.between(trend, step)} ({entry.file})"), soft_wrap=True)
     if len(trend.change_points) > _STEPS_AT_MOST:
-        console.print(f"and {len(trend.change_points) - _STEPS_AT_MOST} change points before")
+        console.print(f"and {len(trend.change_points) - _STEPS_AT_MOST} earlier change points")
     console.print(escape(words.sentence(trend)), soft_wrap=True)
 
 
@@ -117,7 +117,7 @@ def _grid(trend: Trend, measured: list[Measured]) -> Table:
 
 
 def trend_document(trend: Trend, skipped: Sequence[Skipped]) -> TrendDocument:
-    """Return the document of ``hiltest trend``."""
+    """Return the document of ``hiltest report trend``."""
     entries = [_entry(entry) for entry in trend.entries]
     return TrendDocument(entries, trend.lines, [_measured(measured) for measured in trend.measured], skipped)
 

@@ -18,7 +18,7 @@ def sentence(trend: Trend) -> str:
     """Return the changes of all measurements, in one sentence."""
     runs, steps = len(trend.entries), trend.change_points
     span = f"{runs} run{'s' * (runs > 1)} from {trend.entries[0].when_utc} to {trend.entries[-1].when_utc}"
-    lines = f" under {len(trend.lines)} conditions that are not compared" if len(trend.lines) > 1 else ""
+    lines = f" under {len(trend.lines)} conditions that are not comparable" if len(trend.lines) > 1 else ""
     if not steps:
         return f"{span}{lines}: no change point in {len(trend.measured)} measurements."
     stepped = sum(bool(measured.change_points) for measured in trend.measured)

@@ -26,7 +26,7 @@ from hiltest.virtual.profiling.image import ProfiledImage
 SCHEMA: Literal["hiltest.worst-case/1"] = "hiltest.worst-case/1"
 
 _LARGEST_BYTES = 4_000_000  # four times the text of a hundred thousand numbers
-_OTHERWISE = "search again: hiltest worst"
+_OTHERWISE = "search again: hiltest profile worst"
 _LONGEST = 60  # characters of arguments that are shown
 _COUNTS = np.iinfo(np.int16)
 # A list of only numbers, which is written on one line.

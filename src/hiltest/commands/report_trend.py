@@ -1,4 +1,4 @@
-"""``hiltest trend``: each measurement over the runs of a folder."""
+"""``hiltest report trend``: each measurement over the runs of a folder."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   there is a run, and the trend was shown, whatever the numbers are
+  0   shown, whatever the numbers are
   2   interrupted
-  4   usage: no such folder, no run in it, or the page cannot be written
+  4   usage: the folder is missing or has no run, or the page cannot be
+      written
 """
 _NAMED_AT_MOST = 20
 
@@ -29,16 +30,16 @@ _NAMED_AT_MOST = 20
     "--html",
     metavar="FILE",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Page with a plot of each measurement.  [default: trend.html in DIR; with --json none]",
+    help="Write the plots to this page.  [default: trend.html in DIR; with --json none]",
 )
 @click.option("--all", "every", is_flag=True, help="Also show measurements without a limit or a change point.")
 @json_option("hiltest.trend/1")
-def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
-    """Show each measurement over all runs in a folder.
+def report_trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
+    """Plot each measurement over all runs in a folder.
 
-    DIR is searched with the folders under it for runs, campaigns and baselines. A change point is a run in which a
-    measurement moved by more than its tolerance; only runs of the same rig, cycle model and seeds are compared. Files
-    that are no records are named and skipped.
+    DIR and its subfolders are searched for runs, campaigns and baselines. A change point is a run in which a
+    measurement moved by more than its tolerance; only runs with the same rig, cycle model and seeds are compared. Other
+    files are listed and skipped.
     """
     from hiltest.report.trend import read_folder, trend_of
     from hiltest.report.trend.outputs import print_trend, trend_document, trend_page
@@ -46,7 +47,7 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
 
     entries, skipped = read_folder(folder)
     if not entries:
-        raise ConfigError("\n".join([f"{folder}: no run in it", *map(_skipped_line, skipped[:_NAMED_AT_MOST])]))
+        raise ConfigError("\n".join([f"{folder} has no run", *map(_skipped_line, skipped[:_NAMED_AT_MOST])]))
     trend_of_folder = trend_of(entries)
     if not as_json:
         from hiltest.report.console import standard_output
@@ -65,7 +66,7 @@ def _print_skipped(skipped: list[Skipped]) -> None:
     for entry in skipped[:_NAMED_AT_MOST]:
         click.echo(_skipped_line(entry), err=True)
     if len(skipped) > _NAMED_AT_MOST:
-        click.echo(f"and {len(skipped) - _NAMED_AT_MOST} more; all of them are on the page", err=True)
+        click.echo(f"and {len(skipped) - _NAMED_AT_MOST} more, which the page lists", err=True)
 
 
 def _skipped_line(skipped: Skipped) -> str:

@@ -1,4 +1,4 @@
-"""``hiltest device``: interpretation of firmware that does not speak hiltest's protocol."""
+"""``hiltest listen``: interpretation of firmware that does not speak hiltest's protocol."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import NumberRange, asked_to_end, checked, documented
+from hiltest.commands.options import NumberRange, asked_to_end, documented, load_named_rig, setting_option
 from hiltest.errors import ConfigError, LinkLostError
-from hiltest.rig.bench_files import rig_file
-from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import VirtualBench
@@ -25,13 +23,13 @@ if TYPE_CHECKING:
     from hiltest.rig import Rig
     from hiltest.rig.device import Device
 
-_TRY_EXIT_CODES = """
+_EXIT_CODES = """
 \b
 Exit codes:
-  0   values were understood, until --for or Ctrl-C
-  1   none was
+  0   at least one value was interpreted
+  1   no value was interpreted
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  connection lost; what came before is summed up
+  20  connection lost; the summary covers the time before
 """
 _LONGEST_SHOWN = 160
 _MEMORY = "memory"
@@ -61,55 +59,35 @@ class Understood:
     quantities: dict[str, QuantityRate]
 
 
-@click.group()
-def device() -> None:
-    """Show what is understood of what firmware says in its own words."""
-
-
-@device.command("try", epilog=_TRY_EXIT_CODES)
+@click.command(epilog=_EXIT_CODES)
 @documented("hiltest.device-try/1")
-@click.option(
-    "--rig",
-    metavar="R",
-    required=True,
-    callback=checked(file_name),
-    help="Rig file with a [device] table, or name of a rig in hil/rigs.",
+@setting_option("rig", required=True)
+@setting_option("port")
+@setting_option(
+    "firmware", help="Run this firmware on the virtual board, or read the variables of this ELF.", fallback="the rig's"
 )
 @click.option(
-    "--hil-port",
-    metavar="URL",
-    callback=checked(file_name),
-    help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's board]",
-)
-@click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Firmware for the virtual board, or the ELF that runs where variables are read.",
-)
-@click.option(
-    "--for",
-    "seconds",
-    metavar="SECONDS",
+    "--seconds",
+    metavar="N",
     type=NumberRange(min=0.0, max=1e9, min_open=True),
-    help="How long to listen, by the board's clock.  [default: until Ctrl-C]",
+    help="Stop after this time by the board's clock.  [default: at Ctrl-C]",
 )
-def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | None) -> tuple[int, Understood]:
-    """Show each line that the board sends, and what is understood of it; and variables, with what they hold.
+def listen(rig: str, port: str | None, firmware: Path | None, seconds: float | None) -> tuple[int, Understood]:
+    """Show how hiltest interprets the output of foreign firmware.
 
-    A line that means nothing has a question mark, and why. What the rig sends at the start is sent; nothing is turned,
-    and nothing is judged: see docs/text-compass.md. Variables are read once a second, over the virtual board or the
-    GDB server that the rig names, which needs --firmware.
+    Each line is shown with its interpretation; lines that could not be interpreted are marked with a question mark and
+    the reason. The rig's commands for the start are sent, the board is not turned, and there is no verdict: see
+    docs/text-compass.md. Variables are read once a second, from the virtual board or over the GDB server that the rig
+    names; they need --firmware.
     """
     from hiltest.interfaces.trial import Trial
-    from hiltest.rig.rig_file import load_rig
 
-    described = load_rig(rig_file(Path.cwd(), rig))
+    described = load_named_rig(rig)
     table = _table(described)
     interfaces = _interfaces(described, table)
-    opened = _open_connection(described, interfaces, hil_port or described.board.port, firmware)
+    opened = _open_connection(described, interfaces, port or described.board.port, firmware)
     if described.faults is not None and opened.port is not None:
-        click.echo(f"faults on purpose: {described.faults}", err=True)
+        click.echo(f"injected faults: {described.faults}", err=True)
     try:
         trial = Trial(
             interfaces,
@@ -131,10 +109,10 @@ def _table(rig: Rig) -> Device:
     lines = rig.path.read_text(encoding="utf-8").splitlines()
     if any(line.lstrip("# ").startswith("[device]") for line in lines if line.startswith("#")):
         raise ConfigError(
-            f"{rig.path}: its table [device] is a comment: take the # away from it, from its kind, and from each line "
-            "below them that is right, with its unit"
+            f"{rig.path}: its table [device] is a comment: remove the # from it, from its kind, and from each correct "
+            "line below, with its unit"
         )
-    raise ConfigError(f"{rig.path}: its firmware speaks hiltest's protocol; a table [device] says otherwise")
+    raise ConfigError(f"{rig.path}: its firmware speaks hiltest's protocol; for other firmware add a table [device]")
 
 
 def _interfaces(rig: Rig, table: Device) -> dict[str, StreamInterface]:
@@ -147,7 +125,7 @@ def _interfaces(rig: Rig, table: Device) -> dict[str, StreamInterface]:
     interfaces = open_interfaces(spoken) if spoken else {}
     opened = {kind: interface for kind, interface in interfaces.items() if isinstance(interface, StreamInterface)}
     if not opened and table.memory is None:
-        raise ConfigError(f"{rig.where('device', 'kind')}: device.kind: nothing of it comes over a line")
+        raise ConfigError(f"{rig.where('device', 'kind')}: device.kind: none of these kinds uses a serial line")
     return opened
 
 
@@ -173,7 +151,7 @@ class _Connection:
 
 
 def _open_connection(
-    rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, firmware: str | None
+    rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, firmware: Path | None
 ) -> _Connection:
     """Open a port, or a virtual board with its port, and the reader of variables if the rig has one."""
     from hiltest.boards import VirtualBench
@@ -188,22 +166,23 @@ def _open_connection(
     reads_memory = rig.device.memory is not None
     if port is None and rig.board.kind == "real" and interfaces:
         port = port_of()
-    elf = Path(firmware) if firmware else None
     if port is None and (rig.board.kind == "virtual" or interfaces):
-        virtual, bench = VirtualPort(), VirtualBench(rig, firmware=elf)
+        virtual, bench = VirtualPort(), VirtualBench(rig, firmware=firmware)
         memory = memory_kind(bench.machine.image, bench.machine)(rig) if reads_memory else None
         virtual.attach(bench.machine)
         virtual.open()
         virtual.timeout = READ_SLICE_S
         return _Connection(with_faults(virtual, rig.faults, baud=rig.link.baud), bench, memory)
-    if elf is not None and not reads_memory:
-        raise ConfigError(f"--firmware is for the virtual board, and this one is on {port}")
+    if firmware is not None and not reads_memory:
+        raise ConfigError(f"--firmware is for the virtual board, and this board is on {port}: leave it out")
     line: SerialPort | None = None
     if port is not None and interfaces:
         line = with_faults(open_port(port, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
     try:
-        is_read = reads_memory and (elf is not None or line is None)
-        return _Connection(line, None, memory_kind(load_image(elf) if elf else None, None)(rig) if is_read else None)
+        is_read = reads_memory and (firmware is not None or line is None)
+        return _Connection(
+            line, None, memory_kind(load_image(firmware) if firmware else None, None)(rig) if is_read else None
+        )
     except BaseException:
         if line is not None:
             line.close()

@@ -1,4 +1,4 @@
-"""``hiltest worst``: search for the input with the most cycles of a function."""
+"""``hiltest profile worst``: search for the input with the most cycles of a function."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import NumberRange, checked, documented
-from hiltest.session.settings import DEFAULT_OUT, file_name, make_folder, seed
+from hiltest.commands.options import NumberRange, documented, setting_option
+from hiltest.session.settings import DEFAULT_OUT, make_folder
 
 if TYPE_CHECKING:
     from hiltest.studies.worst_case.search import Budget, Found, Problem
@@ -21,17 +21,17 @@ _FEWEST_POINTS, _MOST_POINTS = 9, 512  # unknowns of an ellipsoid, and capacity 
 _SECONDS = 60.0
 _EPILOG = """
 \b
-Arguments are those of hiltest profile, with numbers left open:
+Arguments as for hiltest profile; the search varies ranges of numbers:
   0..100          a whole number from 0 to 100
   -1.0..2.5       a number
   int16:50:-9..9  fifty numbers by address (int8 to uint64, float32, float64)
 
 \b
 Exit codes:
-  0   searched; or replayed: the cycles that were kept, or another build
-  1   no call has succeeded; or the same build takes other cycles than kept
-  2   interrupted; the worst so far is kept
-  4   usage: an option, an argument, the ELF or a kept file is wrong
+  0   searched; or replayed with the saved cycles, or on another build
+  1   no call succeeded; or the same build takes other cycles than saved
+  2   interrupted; the worst input so far is saved
+  4   usage: an option, an argument, the ELF or a saved file is wrong
   20  the function faulted or hung
 """
 
@@ -61,68 +61,58 @@ class Worst:
 
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
 @documented("hiltest.worst/1")
+@setting_option("firmware", help="Take the function from this program for a Cortex-M4.")
 @click.option(
-    "--firmware",
-    metavar="ELF",
-    callback=checked(file_name),
-    help="Any program for a Cortex-M4.  [default: the packaged firmware]",
-)
-@click.option(
-    "--seconds", metavar="S", type=NumberRange(0.1, 1e6), help=f"How long to search.  [default: {_SECONDS:g}]"
+    "--seconds", metavar="S", type=NumberRange(0.1, 1e6), help=f"Search for this time.  [default: {_SECONDS:g}]"
 )
 @click.option(
     "--calls",
     metavar="N",
     type=click.IntRange(1, 1_000_000_000),
-    help="How many calls to search: the same seed then finds the same.",
+    help="Search with this many calls, reproducibly for the same seed.",
 )
-@click.option(
-    "--seed",
-    "seed_text",
-    metavar="S",
-    default="1",
-    show_default=True,
-    callback=checked(seed),
-    help="Seed of the search.",
-)
+@setting_option("seed", default="1", fallback="1", help="Set the seed of the search.")
 @click.option(
     "--points",
     metavar="N",
     type=click.IntRange(_FEWEST_POINTS, _MOST_POINTS),
     default=100,
     show_default=True,
-    help="Most points that a calibrator gets.",
+    help="Pass at most this many points to a calibrator.",
 )
-@click.option("--returns", metavar="LOW..HIGH", help="What a function returns that has succeeded.  [default: anything]")
+@click.option(
+    "--returns", metavar="LOW..HIGH", help="Count only calls that return a value in this range.  [default: any value]"
+)
 @click.option(
     "--out",
     metavar="FILE",
     type=click.Path(path_type=Path, dir_okay=False),
-    help=f"File to keep the input in.  [default: {DEFAULT_OUT}/worst-FUNCTION.json]",
+    help=f"Save the input to this file.  [default: {DEFAULT_OUT}/worst-FUNCTION.json]",
 )
 @click.option(
     "--replay",
     metavar="FILE",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Call a function again as it was kept, and compare.",
+    help="Repeat the call of a saved file, and compare the cycles.",
 )
 @click.argument("function", required=False)
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def worst(
+def profile_worst(
     function: str | None,
     arguments: tuple[str, ...],
-    firmware: str | None,
+    firmware: Path | None,
     seconds: float | None,
     calls: int | None,
-    seed_text: str,
+    seed: int,
     points: int,
     returns: str | None,
     out: Path | None,
     replay: Path | None,
 ) -> tuple[int, Worst]:
-    """Search for the input with the most cycles of a function.
+    """Search for the input that takes the most cycles.
 
-    FUNCTION is a calibrator of the firmware, which gets sets of points, or any function, which gets ARGUMENTS.
+    FUNCTION is a calibrator of the firmware, which is called with sets of points, or any function, which is called with
+    ARGUMENTS.
     """
     from hiltest.boards import default_firmware
     from hiltest.commands.options import asked_to_end
@@ -130,32 +120,32 @@ def worst(
     from hiltest.studies.worst_case.search import Budget
     from hiltest.studies.worst_case.worst_input import to_json
 
-    elf = Path(firmware) if firmware is not None else default_firmware()
+    elf = firmware or default_firmware()
     if replay is not None:
         if function is not None:
-            raise click.UsageError("--replay has the function and its input in its file; give neither")
+            raise click.UsageError("the file of --replay has function and input: leave out FUNCTION and ARGUMENTS")
         return _replay(replay, elf)
     if function is None:
-        raise click.UsageError("give a FUNCTION, or --replay FILE")
+        raise click.UsageError("name a FUNCTION, or --replay FILE")
     if seconds is not None and calls is not None:
-        raise click.UsageError("give --seconds or --calls, not both")
+        raise click.UsageError("--seconds and --calls exclude each other: leave one of them out")
     file = out or Path(DEFAULT_OUT) / f"worst-{function}.json"
     problem = _problem(elf, function, arguments, points, returns)
     if out is None:
         make_folder(file.parent)
     with asked_to_end() as came:
         budget = Budget(calls, None if calls else seconds or _SECONDS, lambda: bool(came))
-        result, case, summary = _run_search(problem, budget, seed(seed_text), elf, function)
+        result, case, summary = _run_search(problem, budget, seed, elf, function)
     click.echo(summary)
     if case is None:
         return 1, Worst(function, None, "", None, result.calls, result.refused_cycles)
     write_asked_for(file, to_json(case))
-    click.echo(f"kept in {file}; call it again: hiltest worst --replay {file}{_option(firmware)}")
+    click.echo(f"saved in {file}; repeat with: hiltest profile worst --replay {file}{_option(firmware)}")
     document = Worst(case.said, case.cycles, case.cycle_model, str(file), result.calls, result.refused_cycles)
     return 2 if came else 0, document
 
 
-def _option(firmware: str | None) -> str:
+def _option(firmware: Path | None) -> str:
     return "" if firmware is None else f" --firmware {firmware}"
 
 
@@ -191,9 +181,9 @@ def _run_search(
     result = search(problem, seed=seed_number, budget=budget, progress=progress)
     line.clear()
     searched = f"{format_number(result.calls)} calls, {result.elapsed_s:.0f} s, seed {seed_number}"
-    refused = "" if result.refused_cycles is None else f"; refused ones {format_number(result.refused_cycles)} at most"
+    refused = "" if result.refused_cycles is None else f"; refused calls at most {format_number(result.refused_cycles)}"
     if not result.call.counts:
-        return result, None, f"{function}: no call has succeeded of {searched}{refused}"
+        return result, None, f"{function}: none of {searched} succeeded{refused}"
     case = case_of(result, problem.kept(result.worst_input), elf, function, seed_number)
     summary = f"{case.said}: {format_number(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
     return result, case, summary
@@ -211,12 +201,12 @@ def _replay(file: Path, elf: Path) -> tuple[int, Worst]:
     is_same_build = digest(elf) == case.elf_sha256
     document = Worst(case.said, call.cycles, cycle_model, str(file), kept_cycles=case.cycles, same_build=is_same_build)
     if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
-        click.echo(f"{now}, as it was kept{'' if is_same_build else f', on another build than {case.elf}'}")
+        click.echo(f"{now}, the saved count{'' if is_same_build else f', on another build than {case.elf}'}")
         return 0, document
     saved = f"{format_number(case.cycles)} ({case.cycle_model})"
     if is_same_build and cycle_model == case.cycle_model:
-        click.echo(f"{now}, and {saved} were kept of the same build, by hiltest {case.hiltest}")
+        click.echo(f"{now}; saved were {saved} of the same build, by hiltest {case.hiltest}")
         return 1, document
     why = "the same build by another cycle model" if is_same_build else f"another build, {case.elf}"
-    click.echo(f"{now}; {saved} were kept of {why}")
+    click.echo(f"{now}; saved were {saved} of {why}")
     return 0, document

@@ -1,4 +1,4 @@
-"""``hiltest allan``: gyroscope noise from a long log."""
+"""``hiltest fit noise``: gyroscope noise from a long log."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _EXIT_CODES = """
 \b
 Exit codes:
   0   printed
-  1   the log cannot support it: too short, moved, or a column that does not change
+  1   the log is not sufficient: too short, moved, or a constant column
   2   interrupted
   4   usage: an option, or a row of the file is wrong
 """
@@ -25,16 +25,16 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option(
     "--columns",
     metavar="A,B,C",
-    help="Columns of the rates, one to three: names or numbers from 1.  [default: the gyroscope's]",
+    help="Read one to three rates from these columns: names or numbers from 1.  [default: the gyroscope's]",
 )
-@click.option("--unit", type=click.Choice(RATE_UNITS), help="Unit of the rates.  [default: the header's]")
+@click.option("--unit", type=click.Choice(RATE_UNITS), help="Set the unit of the rates.  [default: the header's]")
 @click.option(
     "--time",
     metavar="COLUMN",
-    help="Column of the time, in the unit its name ends with, else s.  [default: the one called time]",
+    help="Read the time from this column, in the unit at the end of its name, else s.  [default: time]",
 )
 @click.option(
-    "--rate", "rate_hz", metavar="HZ", type=NumberRange(1e-3, 1e6), help="Rate of sampling, for a file without time."
+    "--rate", "rate_hz", metavar="HZ", type=NumberRange(1e-3, 1e6), help="Set the sample rate of a file without time."
 )
 @click.option(
     "--from",
@@ -42,14 +42,12 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     metavar="S",
     type=NumberRange(0.0),
     default=0.0,
-    help="First instant to take, in seconds after the first row.",
+    help="Begin at this time, in seconds after the first row.",
 )
-@click.option(
-    "--to", "last", metavar="S", type=NumberRange(0.0), default=math.inf, help="First instant not to take, likewise."
-)
+@click.option("--to", "last", metavar="S", type=NumberRange(0.0), default=math.inf, help="End before this time.")
 @json_option("hiltest.allan/1")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the curve.")
-def allan(
+def fit_noise(
     log: Path,
     columns: str | None,
     unit: str | None,
@@ -60,10 +58,10 @@ def allan(
     as_json: bool,
     html: Path | None,
 ) -> None:
-    """Print random walk and bias instability of a gyroscope at rest.
+    """Compute random walk and bias instability of a gyroscope.
 
-    FILE.csv is what `hiltest log` writes, or any text table with a row a sample. Of a log with gaps the longest part
-    is used.
+    FILE.csv is a log of a gyroscope at rest, written by hiltest log, or any text table with one row per sample. If the
+    log has gaps, its longest part is used.
     """
     from hiltest.calibration.allan import allan_curve
     from hiltest.log_fitting.allan_page import HEADER, allan_document, headline, table, write_page

@@ -1,4 +1,4 @@
-"""``hiltest export``: write a run's numbers for other tools."""
+"""``hiltest report export``: write a run's numbers for other tools."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _EXIT_CODES = """
 Exit codes:
   0   written, whatever the verdict of the run
   2   interrupted
-  4   usage: there is no record, no number for this format, or the file
-      cannot be written
+  4   usage: the record is missing, has no number for this format, or the
+      file cannot be written
 """
 
 
@@ -43,26 +43,26 @@ class ExportedNumbers:
     "form",
     required=True,
     type=click.Choice(["bencher", "github-action-benchmark"]),
-    help="bencher: Bencher Metric Format. github-action-benchmark: the list for its custom tools.",
+    help="Write Bencher Metric Format, or the list for custom tools of github-action-benchmark.",
 )
 @click.option(
     "--better",
     type=click.Choice(["smaller", "larger"]),
-    help="For github-action-benchmark: smaller for customSmallerIsBetter, larger for customBiggerIsBetter."
+    help="Select the numbers for customSmallerIsBetter or customBiggerIsBetter of github-action-benchmark."
     "  [default: smaller]",
 )
 @click.option(
     "--out",
     metavar="FILE",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="File to write.  [default: standard output]",
+    help="Write to this file.  [default: standard output]",
 )
-def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[int, ExportedNumbers]:
+def report_export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[int, ExportedNumbers]:
     """Write the numbers of a run as JSON for dashboards.
 
     RUN is a run.json, its folder, the folder of a campaign or a baseline. Measurements that should be near zero are
-    exported as their magnitude; those without a better direction, such as a worst sector, are left out. Several seeds
-    give mean, smallest and largest.
+    exported as magnitudes; measurements without a better direction, such as a worst sector, are omitted. Several
+    seeds are exported as mean, smallest and largest value.
     """
     from hiltest.json_files import json_text
     from hiltest.report.exports import bencher_metrics, exported, github_action_entries
@@ -70,18 +70,22 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> tuple[
     from hiltest.verdict.evidence_reader import read_evidence
 
     if form == "bencher" and better is not None:
-        raise click.UsageError("--better is for github-action-benchmark: a file for Bencher holds both")
+        raise click.UsageError(
+            "--better is for github-action-benchmark, since a file for Bencher has both: leave it out"
+        )
     evidence = read_evidence(run)
     for fault in evidence.faults:
         click.echo(fault, err=True)
     numbers = exported(evidence.measurements)
     selected = [number for number in numbers if form == "bencher" or number.larger_is_better == (better == "larger")]
     if not selected:
-        way = f"better when {better or 'smaller'}" if form != "bencher" else "better one way than the other"
-        raise ConfigError(f"{run}: no number in it is {way}")
+        direction = f" that is better when {better or 'smaller'}" if form != "bencher" else " with a better direction"
+        raise ConfigError(f"{run}: the run has no number{direction}")
     if len(selected) < len(numbers):
         other = "smaller" if better == "larger" else "larger"
-        click.echo(f"{len(numbers) - len(selected)} others are better when {other}: --better {other}", err=True)
+        click.echo(
+            f"{len(numbers) - len(selected)} numbers are better when {other}: --better {other} exports them", err=True
+        )
     content = bencher_metrics(selected) if form == "bencher" else github_action_entries(selected)
     if out is None:
         click.echo(json_text(content))
