@@ -85,11 +85,11 @@ _ONLY_IN_CI = {
         "end_to_end/test_wrong_firmware",
         "firmware/test_calibrators_of_ones_own",
         "mutation/test_mutations",
-        "record/test_killed_at_every_step",
-        "runs/test_advice_for_a_campaign",
-        "runs/test_bisect",
-        "runs/test_campaign",
-        "runs/test_campaign_summary",
+        "run_record/test_killed_at_every_step",
+        "campaigns/test_advice_for_a_campaign",
+        "campaigns/test_bisect",
+        "campaigns/test_campaign",
+        "campaigns/test_campaign_summary",
         "serve/test_clients",
         "serve/test_ending",
         "serve/test_main_job",
@@ -110,6 +110,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     Of those that only CI runs, leave those out that are not of the part that the environment asks for, as ``2/4``.
     """
+    if moved := [str(path) for path in sorted(_ONLY_IN_CI) if not path.exists()]:
+        raise pytest.UsageError(f"tests/conftest.py: _ONLY_IN_CI names files that do not exist: {', '.join(moved)}")
     for item in items:
         if _FIXTURES_THAT_RUN.intersection(item.fixturenames) or _FOLDERS_OF_RUNS.intersection(item.path.parents):
             item.add_marker("slow")
