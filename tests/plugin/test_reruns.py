@@ -49,7 +49,7 @@ def test_it(measure):
     assert outcomes(record) == ["rerun", "rerun", "passed"]
     assert [each["reason"] for each in record["tests"]] == ["assert 1 > 2", "assert 2 > 2", ""]
     assert values(record) == {
-        "lamp.current": (5.0, "fail", "worst of several attempts"),
+        "lamp.current": (5.0, "fail", "worst of 3 attempts, 1 to 5"),
         "lamp.voltage": (12.0, "information", ""),
     }
     assert [each["value"] for each in record["other_attempts"]] == [2.0, 1.0]
@@ -71,7 +71,7 @@ def test_it(lamp):
 """,
     )
     assert code == 1
-    assert values(record)["lamp.life"] == (2.0, "fail", "worst of several attempts")
+    assert values(record)["lamp.life"] == (2.0, "fail", "worst of 2 attempts, 2 to 20")
 
 
 def test_a_test_that_passes_at_last_within_its_limits_passes(pytester: pytest.Pytester) -> None:

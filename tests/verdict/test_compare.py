@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from hiltest.measurement import (
     EXACT,
-    WORST_OF_SEVERAL,
     Better,
     Limit,
     Measurement,
@@ -426,7 +425,11 @@ def test_what_a_result_leaves_nothing_to_measure_of_is_changed_and_what_just_van
     assert {each.name: str(each.change) for each in comparison.differences} == {name: "changed", total: "better"}
     assert comparison.differences_with(Change.CHANGED)[0].note == "not offered: it took 1 iteration"
     assert comparison.evaluated
-    for why in ("", WORST_OF_SEVERAL):  # no reason at all, and the remark of one that was measured twice
+    for why in (
+        "",
+        "worst of 2 attempts",
+        "worst of several attempts",
+    ):  # no reason at all, and the remark of one that was measured twice
         comparison = compare(base, evidence([without(name, why), measurement(total, 12_000)]))
         assert comparison.obstacles[0].startswith(f"measurement gone: {name}")
 

@@ -17,7 +17,7 @@ from hiltest.errors import ConfigError
 from hiltest.run_record.failures import unfinished_verdict
 from hiltest.run_record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.run_record.journal import JOURNAL_FILE, is_going_on
-from hiltest.run_record.run import SCHEMA, Run, Verdict, marked, tolerances_in_force, volatile_places
+from hiltest.run_record.run import SCHEMA, Run, Verdict, mark_worst, tolerances_in_force, volatile_places
 from hiltest.strict_json import LARGEST_BYTES, JsonFile, parse_json, read_bounded, read_json, shown
 from hiltest.text import join_words
 
@@ -163,13 +163,10 @@ def _read_journal(path: Path) -> RecordFile:
     content = _join_entries(path, entries[starts[-1] :], first_line=starts[-1] + 1)
     run = _parse_run(content, path)
     ended = content["verdict"] is not _UNKNOWN
-    several = {other_attempt.name for other_attempt in run.other_attempts}
     run = replace(
         run,
         verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
-        measurements=tuple(
-            marked(measurement) if measurement.name in several else measurement for measurement in run.measurements
-        ),
+        measurements=mark_worst(run.measurements, run.other_attempts),
     )
     run = replace(run, volatile=volatile_places(run), tolerances=_tolerances(run, path))
     noted = [
