@@ -92,9 +92,9 @@ def test_by_hand(measure, question):
 """)
     result = pytester.runpytest_inprocess()
     assert result.ret == 20
-    said = " ".join(" ".join(result.outlines).split())
-    assert [said.count(f"this was asked: {asked}. Run it") for asked in ("lie still", "turn it")] == [1, 1]
-    assert "test_by_hand[turn it: 0] and 1 more: no one answers" in said
+    answer = " ".join(" ".join(result.outlines).split())
+    assert [answer.count(f"this was asked: {asked}. Run it") for asked in ("lie still", "turn it")] == [1, 1]
+    assert "test_by_hand[turn it: 0] and 1 more: no one answers" in answer
 
 
 def test_stopping_at_the_first_failure_keeps_the_code_of_a_lost_bench(pytester: pytest.Pytester) -> None:
@@ -204,8 +204,8 @@ def test_a_fixture_that_is_not_the_rigs_is_refused_in_a_sentence(
     pytester.makepyfile(f"def test_one({asked}): pass\n\ndef test_other({asked}): pass\n")
     result = pytester.runpytest_inprocess("--hil-rig", rig)
     assert result.ret == 1
-    said = " ".join(" ".join(result.outlines).split())
-    assert "::test_one and 1 more: " in said
-    assert sentence in said
-    assert "fixtures.py" not in said
-    assert "raise " not in said
+    answer = " ".join(" ".join(result.outlines).split())
+    assert "::test_one and 1 more: " in answer
+    assert sentence in answer
+    assert "fixtures.py" not in answer
+    assert "raise " not in answer
